@@ -1,0 +1,106 @@
+"""Every check of a caller's argument, in one place; kernels trust what passed here."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from lpvid.errors import InputError
+
+
+def frozen_array(values: object, name: str, *, ndim: int | None = None, dtype: type = float) -> np.ndarray:
+    """Copy `values` into a read-only C-ordered array of `dtype`; `ndim` is checked when given."""
+    try:
+        array = np.array(values, dtype=dtype, order="C")
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must hold numbers", got=type(values).__name__, why=str(error)) from None
+    if ndim is not None and array.ndim != ndim:
+        raise InputError(f"{name} must have {ndim} dimension(s)", got=f"shape {array.shape}")
+    array.setflags(write=False)
+    return array
+
+
+def finite(array: np.ndarray, name: str) -> np.ndarray:
+    """Refuse NaN and infinite entries."""
+    bad = np.argwhere(~np.isfinite(array))
+    if bad.size:
+        place = tuple(int(i) for i in bad[0])
+        raise InputError(f"{name} must be finite", got=f"{array[place]} at index {place}")
+    return array
+
+
+def shaped(array: np.ndarray, shape: Sequence[int | None], name: str) -> np.ndarray:
+    """Require `shape`; None stands for any length."""
+    if array.ndim != len(shape) or any(s is not None and s != a for s, a in zip(shape, array.shape, strict=True)):
+        wanted = "(" + ", ".join("any" if s is None else str(s) for s in shape) + ")"
+        raise InputError(f"{name} must have shape {wanted}", got=f"shape {array.shape}")
+    return array
+
+
+def positive(value: float, name: str, unit: str = "") -> float:
+    """A finite number above zero."""
+    number = real(value, name)
+    if not number > 0:
+        raise InputError(f"{name} must be positive", got=f"{value} {unit}".strip())
+    return number
+
+
+def real(value: object, name: str) -> float:
+    """A finite real number."""
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be a number", got=repr(value)) from None
+    if not np.isfinite(number):
+        raise InputError(f"{name} must be finite", got=value)
+    return number
+
+
+def count(value: object, name: str, *, at_least: int = 0) -> int:
+    """A whole number not below `at_least`."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < at_least:
+        raise InputError(f"{name} must be a whole number of at least {at_least}", got=repr(value))
+    return int(value)
+
+
+def counts(value: object, length: int, name: str, *, at_least: int = 0) -> tuple[int, ...]:
+    """One whole number for each of `length` channels; a single number stands for all."""
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        listed = tuple(count(v, name, at_least=at_least) for v in value)
+        if len(listed) != length:
+            raise InputError(f"{name} needs one number for each of {length} channel(s)", got=f"{len(listed)} numbers")
+        return listed
+    return (count(value, name, at_least=at_least),) * length
+
+
+def one_of(value: str, allowed: Sequence[str], name: str) -> str:
+    """A word from a list."""
+    if value not in allowed:
+        raise InputError(f"{name} must be one of {', '.join(allowed)}", got=repr(value), mend=_near(value, allowed))
+    return value
+
+
+def names(value: str | Sequence[str], name: str) -> tuple[str, ...]:
+    """A name, several names, or a comma-separated list; at least one, all different."""
+    parts = value.split(",") if isinstance(value, str) else list(value)
+    listed = tuple(p.strip() for p in parts if p.strip())
+    if not listed:
+        raise InputError(f"{name} needs at least one name", got=repr(value))
+    if len(set(listed)) != len(listed):
+        raise InputError(f"{name} names a channel twice", got=", ".join(listed))
+    return listed
+
+
+def known_name(wanted: str, available: Sequence[str], what: str, mend: str = "") -> str:
+    """`wanted` if it is in `available`; otherwise an error that lists what there is."""
+    if wanted not in available:
+        hint = ". ".join(part for part in (_near(wanted, available), mend) if part)
+        raise InputError(f"no {what} '{wanted}'", got=", ".join(available) or "none", mend=hint or None)
+    return wanted
+
+
+def _near(value: str, allowed: Sequence[str]) -> str | None:
+    close = difflib.get_close_matches(str(value), list(allowed), n=1)
+    return f"did you mean '{close[0]}'?" if close else None

@@ -1,0 +1,150 @@
+"""What a column of time stamps says: period, jitter, gaps, duplicates, backward steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+JITTER_LIMIT = 0.01
+"""rms deviation of the sampling intervals, in periods, above which a record is not uniform."""
+GAP_FACTOR = 1.5
+"""an interval longer than this many periods is a gap."""
+
+
+@dataclass(frozen=True)
+class TimeBase:
+    """Summary of a column of time stamps.
+
+    Attributes
+    ----------
+    n_samples : int
+    start : float
+        First time stamp [s].
+    period : float
+        Sampling period [s]: the mean over the gap-free intervals (nan for fewer than two samples).
+    jitter_rms, jitter_max : float
+        Deviation of the intervals from the period, in periods; gaps, duplicates and backward steps left out.
+    resolution : float
+        Step to which the time stamps were rounded when printed [s]; 0 if they were not.
+    rounded : bool
+        True when the deviations are no more than that rounding: the clock is uniform, the print is not.
+    gaps, duplicates, backward : tuple of int
+        Rows (0-based) *before* which the gap stands, or at which time repeats or runs backward.
+    invalid : tuple of int
+        Rows whose time stamp is not a finite number.
+    """
+
+    n_samples: int
+    start: float
+    period: float
+    jitter_rms: float
+    jitter_max: float
+    resolution: float
+    rounded: bool
+    gaps: tuple[int, ...]
+    duplicates: tuple[int, ...]
+    backward: tuple[int, ...]
+    invalid: tuple[int, ...]
+
+    @property
+    def orderly(self) -> bool:
+        """True when time increases at every sample."""
+        return not (self.duplicates or self.backward or self.invalid)
+
+    @property
+    def steady(self) -> bool:
+        """True when the intervals agree within `JITTER_LIMIT` or within the print's rounding."""
+        return self.jitter_rms <= JITTER_LIMIT or self.rounded
+
+    @property
+    def uniform(self) -> bool:
+        """True when one period describes every sample: orderly, steady, no gaps."""
+        return self.orderly and self.steady and not self.gaps and self.n_samples > 1
+
+
+def analyse_time(time: np.ndarray) -> TimeBase:
+    """Summarise time stamps.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Time stamps [s].
+
+    Returns
+    -------
+    TimeBase
+
+    Examples
+    --------
+    >>> base = analyse_time(np.array([0.0, 0.1, 0.2, 0.5, 0.6]))
+    >>> base.gaps, round(base.period, 6), base.uniform
+    ((3,), 0.1, False)
+    """
+    time = np.asarray(time, dtype=float)
+    n = time.size
+    finite = np.isfinite(time)
+    invalid = tuple(np.flatnonzero(~finite).tolist())
+    if invalid or n < 2:
+        return TimeBase(n, float(time[finite][0]) if finite.any() else 0.0, np.nan, np.nan, np.nan, 0.0, False,
+                        (), (), (), invalid)
+    steps = np.diff(time)
+    forward = steps[steps > 0]
+    coarse = float(np.median(forward)) if forward.size else np.nan
+    regular = (steps > 0) & (steps <= GAP_FACTOR * coarse)
+    gaps = np.flatnonzero(steps > GAP_FACTOR * coarse) + 1
+    duplicates = np.flatnonzero(steps == 0) + 1
+    backward = np.flatnonzero(steps < 0) + 1
+    resolution = _print_resolution(time)
+    rounded, period = False, float(np.mean(steps[regular])) if regular.any() else np.nan
+    if not backward.size and forward.size:
+        fitted = _rounded_period(time, resolution)
+        if fitted is not None:
+            rounded, period = True, fitted
+            gaps = duplicates = np.empty(0, dtype=int)
+    deviation = (steps[regular] - period) / period if regular.any() else np.array([np.nan])
+    return TimeBase(
+        n_samples=n, start=float(time[0]), period=period,
+        jitter_rms=float(np.sqrt(np.mean(deviation**2))), jitter_max=float(np.max(np.abs(deviation))),
+        resolution=float(resolution.max()), rounded=rounded,
+        gaps=tuple(gaps.tolist()), duplicates=tuple(duplicates.tolist()), backward=tuple(backward.tolist()),
+        invalid=invalid,
+    )
+
+
+def _print_resolution(time: np.ndarray) -> np.ndarray:
+    """Step to which each stamp was rounded, found decade by decade (six significant digits coarsen with time).
+
+    A decade with fewer than eight stamps says too little and takes its neighbour's step; 0 where no step was found.
+    """
+    magnitude = np.where(time != 0, np.floor(np.log10(np.maximum(np.abs(time), 1e-300))), -np.inf)
+    resolution = np.full(time.size, np.nan)
+    for decade in np.unique(magnitude[np.isfinite(magnitude)]):
+        members = magnitude == decade
+        values = time[members]
+        if values.size < 8:
+            continue
+        steps = (d for d in range(10)
+                 if np.all(np.abs(np.round(values, d) - values) <= 4 * np.spacing(np.abs(values).max())))
+        digits = next(steps, None)
+        resolution[members] = 0.0 if digits is None else 10.0**-digits
+    known = np.flatnonzero(np.isfinite(resolution))
+    if not known.size:
+        return np.zeros(time.size)
+    nearest = known[np.clip(np.searchsorted(known, np.arange(time.size)), 0, known.size - 1)]
+    return resolution[nearest]
+
+
+def _rounded_period(time: np.ndarray, resolution: np.ndarray) -> float | None:
+    """Period of the uniform clock whose rounded print these stamps are, or None if there is none."""
+    if not resolution.max() > 0 or resolution.min() <= 0:
+        return None
+    index = np.arange(time.size, dtype=float)
+    weight = 1.0 / np.maximum(resolution, 1e-12) ** 2
+    mean_index = np.average(index, weights=weight)
+    mean_time = np.average(time, weights=weight)
+    centred = index - mean_index
+    period = float(np.sum(weight * centred * (time - mean_time)) / np.sum(weight * centred**2))
+    residual = np.abs(time - mean_time - period * centred)
+    fits = bool(period > 0 and resolution.max() <= 2 * period and np.all(residual <= 0.55 * resolution + 1e-12))
+    return period if fits else None
