@@ -1,0 +1,194 @@
+"""Static input stages of an LPV-Hammerstein model: what the damper does to velocity before the filter."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.model.signals import Signal
+
+
+class InputStage(ABC):
+    """A memoryless map of measured inputs and scheduling to the inputs of an LPV filter.
+
+    Its free parameters are a vector so that an estimator can fit them without knowing the shape.
+    """
+
+    channel: int
+    variable: int
+
+    @property
+    @abstractmethod
+    def vector(self) -> np.ndarray:
+        """(k,) free parameters, in SI units."""
+
+    @abstractmethod
+    def with_vector(self, vector: np.ndarray) -> InputStage:
+        """The same stage with other parameters, projected onto their admissible range."""
+
+    @abstractmethod
+    def signals(self, inputs: tuple[Signal, ...]) -> tuple[Signal, ...]:
+        """The filter's inputs, given the measured ones."""
+
+    @abstractmethod
+    def apply(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """(n, m) filter inputs from measured inputs `u` (n, n_inputs) and scheduling `p` (n, n_scheduling)."""
+
+    @abstractmethod
+    def starts(self, u: np.ndarray, p: np.ndarray) -> list[InputStage]:
+        """A few starting points for a fit, from the data's own spread."""
+
+    @abstractmethod
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+
+
+@dataclass(frozen=True)
+class TanhStage(InputStage):
+    """Adds tanh(v/v0(p)) as a further filter input, v0(p) = v0 + slope·p (smooth yield of an MR damper).
+
+    The yield part of Guo 2006, F = A_1 tanh(A_3 v) + A_2 v, with the filter providing A_1(p) and A_2(p).
+
+    Parameters
+    ----------
+    v0 : float
+        Velocity scale of the yield [unit of the input].
+    slope : float
+        Change of v0 per unit of the scheduling variable.
+    channel, variable : int
+        Which measured input is shaped, and which scheduling variable widens the knee.
+
+    Examples
+    --------
+    >>> TanhStage(v0=0.1).apply(np.array([[0.1]]), np.zeros((1, 0))).round(4)
+    array([[0.1   , 0.7616]])
+    """
+
+    v0: float = 0.05
+    slope: float = 0.0
+    channel: int = 0
+    variable: int = 0
+
+    def __post_init__(self) -> None:
+        _checks.positive(self.v0, "v0 of a tanh stage")
+        _checks.real(self.slope, "slope of a tanh stage")
+
+    @property
+    def vector(self) -> np.ndarray:
+        return np.array([self.v0, self.slope])
+
+    def with_vector(self, vector: np.ndarray) -> TanhStage:
+        return replace(self, v0=max(float(vector[0]), 1e-9), slope=float(vector[1]))
+
+    def signals(self, inputs: tuple[Signal, ...]) -> tuple[Signal, ...]:
+        return (*inputs, Signal(f"tanh({inputs[self.channel].name})"))
+
+    def apply(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        moving = self.slope * p[:, self.variable] if self.slope and p.shape[1] else 0.0
+        scale = np.maximum(self.v0 + moving, 0.05 * self.v0)
+        return np.column_stack([u, np.tanh(u[:, self.channel] / scale)])
+
+    def starts(self, u: np.ndarray, p: np.ndarray) -> list[InputStage]:
+        spread = float(np.sqrt(np.mean(u[:, self.channel] ** 2))) or 1.0
+        return [replace(self, v0=factor * spread, slope=0.0) for factor in (0.05, 0.15, 0.4, 1.0)]
+
+    def to_dict(self) -> dict:
+        return {"kind": "tanh", "v0": self.v0, "slope": self.slope, "channel": self.channel, "variable": self.variable}
+
+
+@dataclass(frozen=True)
+class ThreeZoneStage(InputStage):
+    """The thesis's shaped input: three straight zones whose slopes and limits depend on current.
+
+    Díaz Salas 2011 (3.16)-(3.22), normalised to slope 1 in the middle zone and *continuous at the knees*
+    (c_3 = (m_2 − m_3)·v_high imposed; separate regressions break it)::
+
+        u = σ_I v − (1 − σ_I) v_high      v < −v_high
+        u = v                             |v| ≤ v_high
+        u = σ_III v + (1 − σ_III) v_high  v > v_high
+
+    with v_high(p) = limit + limit_slope·p and σ(p) = ratio + ratio_slope·p, each per zone.
+
+    Parameters
+    ----------
+    limit, limit_slope : float
+        v_high [unit of the input] and its change per unit of the scheduling variable.
+    upper, upper_slope, lower, lower_slope : float
+        Slope ratios m_3/m_2 (zone III) and m_1/m_2 (zone I), and their change.
+    channel, variable : int
+        Which measured input is shaped, and which scheduling variable moves the zones.
+
+    Examples
+    --------
+    >>> stage = ThreeZoneStage(limit=0.06, upper=0.075, lower=0.075)
+    >>> stage.apply(np.array([[-0.3], [0.03], [0.3]]), np.zeros((3, 1))).ravel().round(3)
+    array([-0.078,  0.03 ,  0.078])
+    """
+
+    limit: float = 0.05
+    limit_slope: float = 0.0
+    upper: float = 0.1
+    upper_slope: float = 0.0
+    lower: float = 0.1
+    lower_slope: float = 0.0
+    channel: int = 0
+    variable: int = 0
+
+    def __post_init__(self) -> None:
+        _checks.positive(self.limit, "limit of a three-zone stage")
+        for name in ("limit_slope", "upper", "upper_slope", "lower", "lower_slope"):
+            _checks.real(getattr(self, name), f"{name} of a three-zone stage")
+
+    @property
+    def vector(self) -> np.ndarray:
+        return np.array([self.limit, self.limit_slope, self.upper, self.upper_slope, self.lower, self.lower_slope])
+
+    def with_vector(self, vector: np.ndarray) -> ThreeZoneStage:
+        limit, limit_slope, upper, upper_slope, lower, lower_slope = (float(x) for x in vector)
+        return replace(self, limit=max(limit, 1e-9), limit_slope=limit_slope, upper=upper, upper_slope=upper_slope,
+                       lower=lower, lower_slope=lower_slope)
+
+    def signals(self, inputs: tuple[Signal, ...]) -> tuple[Signal, ...]:
+        shaped = list(inputs)
+        shaped[self.channel] = Signal(f"zones({inputs[self.channel].name})", inputs[self.channel].unit)
+        return tuple(shaped)
+
+    def apply(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        v = u[:, self.channel]
+        moving = p[:, self.variable] if p.shape[1] else np.zeros(v.size)
+        high = np.maximum(self.limit + self.limit_slope * moving, 0.02 * self.limit)
+        above = np.maximum(v - high, 0.0)
+        below = np.minimum(v + high, 0.0)
+        shaped = np.clip(v, -high, high) + (self.upper + self.upper_slope * moving) * above
+        shaped = shaped + (self.lower + self.lower_slope * moving) * below
+        out = np.array(u, dtype=float)
+        out[:, self.channel] = shaped
+        return out
+
+    def starts(self, u: np.ndarray, p: np.ndarray) -> list[InputStage]:
+        spread = float(np.sqrt(np.mean(u[:, self.channel] ** 2))) or 1.0
+        flat = {"limit_slope": 0.0, "upper_slope": 0.0, "lower_slope": 0.0}
+        return [replace(self, limit=factor * spread, upper=ratio, lower=ratio, **flat)
+                for factor in (0.1, 0.3, 0.8) for ratio in (0.1, 0.4)]
+
+    def to_dict(self) -> dict:
+        return {"kind": "three-zone", "limit": self.limit, "limit_slope": self.limit_slope, "upper": self.upper,
+                "upper_slope": self.upper_slope, "lower": self.lower, "lower_slope": self.lower_slope,
+                "channel": self.channel, "variable": self.variable}
+
+
+STAGES = {"tanh": TanhStage, "three-zone": ThreeZoneStage}
+
+
+def stage_from_dict(data: Mapping | None) -> InputStage | None:
+    """Rebuild an input stage from `InputStage.to_dict`; None stays None."""
+    if data is None:
+        return None
+    if data.get("kind") not in STAGES:
+        raise InputError("unknown input stage in a model file", got=data.get("kind"))
+    return STAGES[data["kind"]](**{k: v for k, v in data.items() if k != "kind"})

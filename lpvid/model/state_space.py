@@ -1,0 +1,216 @@
+"""LPVStateSpace: matrices linear in a basis of the scheduling variables (affine, polynomial or gridded)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.model.input_stage import InputStage, stage_from_dict
+from lpvid.model.signals import Signal
+from lpvid.model.transfer_function import _as_signals, _point
+from lpvid.scheduling import Basis, Scheduling, basis_from_dict
+
+if TYPE_CHECKING:
+    import control
+
+
+@dataclass(frozen=True, eq=False)
+class LPVStateSpace:
+    """State-space LPV model, discrete (``sample_time`` set) or continuous (None).
+
+    ::
+
+        x⁺ = A(p) x + B(p) u + f(p) + K(p) e        x⁺ = x(k+1), or ẋ in continuous time
+        y  = C(p) x + D(p) u + g(p) + e             A(p) = Σ_m A[m] φ_m(p), the others alike
+
+    An affine model has a first-degree polynomial basis, a polynomial one a higher degree, a gridded one a `Spline` of
+    order 1 (linear interpolation between grid points). f and g carry affine terms; K, where known, makes the model an
+    innovation form and gives `predict` its observer.
+
+    Parameters
+    ----------
+    A : (M, n, n) array
+    B : (M, n, m) array
+    C : (M, n_outputs, n) array
+    D : (M, n_outputs, m) array
+    basis : Basis
+        The M functions φ_m; it may read p at several times (`Stacked`, `Shifted`).
+    sample_time : float or None
+        Sampling period [s]; None for continuous time.
+    scheduling : Scheduling, optional
+        Names, box and rate bounds of p.
+    state_offset, output_offset : (M, n) and (M, n_outputs) arrays, optional
+        f and g.
+    observer_gain : (M, n, n_outputs) array, optional
+        K.
+    inputs, outputs, input_stage, noise_covariance, metadata
+        As in `LPVTransferFunction`.
+
+    Examples
+    --------
+    >>> from lpvid.scheduling import Polynomial
+    >>> model = LPVStateSpace([[[0.5]], [[0.2]]], [[[1.0]], [[0.0]]], [[[1.0]], [[0.0]]], [[[0.0]], [[0.0]]],
+    ...                       Polynomial("p", degree=1), sample_time=0.1)
+    >>> float(model.frozen([1.0])[0][0, 0])
+    0.7
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    basis: Basis
+    sample_time: float | None
+    scheduling: Scheduling | None = None
+    state_offset: np.ndarray | None = None
+    output_offset: np.ndarray | None = None
+    observer_gain: np.ndarray | None = None
+    inputs: tuple[Signal, ...] = ()
+    outputs: tuple[Signal, ...] = ()
+    input_stage: InputStage | None = None
+    noise_covariance: np.ndarray | None = None
+    metadata: Mapping = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        set_ = object.__setattr__
+        m = self.basis.size
+        a = _checks.frozen_array(self.A, "A", ndim=3)
+        c = _checks.frozen_array(self.C, "C", ndim=3)
+        d = _checks.frozen_array(self.D, "D", ndim=3)
+        n, ny, nu = a.shape[1], c.shape[1], d.shape[2]
+        arrays = {"A": (a, (m, n, n)), "C": (c, (m, ny, n)), "D": (d, (m, ny, nu)),
+                  "B": (_checks.frozen_array(self.B, "B", ndim=3), (m, n, nu))}
+        offset_f = np.zeros((m, n)) if self.state_offset is None else self.state_offset
+        offset_g = np.zeros((m, ny)) if self.output_offset is None else self.output_offset
+        arrays["state_offset"] = (_checks.frozen_array(offset_f, "state_offset"), (m, n))
+        arrays["output_offset"] = (_checks.frozen_array(offset_g, "output_offset"), (m, ny))
+        if self.observer_gain is not None:
+            arrays["observer_gain"] = (_checks.frozen_array(self.observer_gain, "observer_gain"), (m, n, ny))
+        noise = np.zeros((ny, ny)) if self.noise_covariance is None else self.noise_covariance
+        arrays["noise_covariance"] = (_checks.frozen_array(noise, "noise_covariance"), (ny, ny))
+        for name, (array, shape) in arrays.items():
+            set_(self, name, _checks.finite(_checks.shaped(array, shape, name), name))
+        if self.sample_time is not None:
+            set_(self, "sample_time", _checks.positive(self.sample_time, "sample_time", "s"))
+        names = self.basis.names
+        box = self.scheduling or Scheduling(names, (-1.0,) * len(names), (1.0,) * len(names))
+        if tuple(box.names) != tuple(names):
+            raise InputError("the basis and the scheduling name different variables", got=f"{names} and {box.names}")
+        set_(self, "scheduling", box)
+        set_(self, "outputs", _as_signals(self.outputs, "y", ny))
+        set_(self, "inputs", _as_signals(self.inputs, "u", nu if self.input_stage is None else 1))
+        if len(self.outputs) != ny or len(self.filter_inputs) != nu:
+            raise InputError("signals do not match the matrices",
+                             got=f"{len(self.outputs)} outputs and {len(self.filter_inputs)} filter inputs "
+                                 f"for D of shape {d.shape}")
+        set_(self, "metadata", dict(self.metadata))
+
+    @property
+    def order(self) -> int:
+        """Number of states."""
+        return self.A.shape[1]
+
+    @property
+    def n_outputs(self) -> int:
+        """Number of outputs."""
+        return self.C.shape[1]
+
+    @property
+    def n_filter_inputs(self) -> int:
+        """Number of inputs of the linear part, after the input stage."""
+        return self.D.shape[2]
+
+    @property
+    def is_discrete(self) -> bool:
+        """True for a discrete-time model."""
+        return self.sample_time is not None
+
+    @property
+    def filter_inputs(self) -> tuple[Signal, ...]:
+        """Inputs of the linear part."""
+        return self.inputs if self.input_stage is None else self.input_stage.signals(self.inputs)
+
+    @property
+    def box(self) -> Scheduling:
+        """The scheduling variables' names, box and rate bounds."""
+        assert self.scheduling is not None
+        return self.scheduling
+
+    @property
+    def start(self) -> int:
+        """Samples a free run from measured data would need to settle its state; 0 for a given state."""
+        return self.order
+
+    def frozen(self, p: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """A, B, C, D with the scheduling frozen at `p` of shape (n_scheduling,)."""
+        phi = self.basis.evaluate(_point(p, self.box))[0]
+        a, b, c, d = (np.tensordot(phi, x, axes=1) for x in (self.A, self.B, self.C, self.D))
+        return a, b, c, d
+
+    def companion(self, p: Sequence[float] | np.ndarray) -> np.ndarray:
+        """(n, n) state matrix whose eigenvalues are the frozen poles."""
+        return self.frozen(p)[0]
+
+    def frozen_poles(self, p: Sequence[float] | np.ndarray) -> np.ndarray:
+        """(n,) poles with the scheduling frozen at `p`."""
+        return np.linalg.eigvals(self.companion(p)) if self.order else np.empty(0)
+
+    def to_control(self, at: Sequence[float] | np.ndarray) -> control.StateSpace:
+        """The frozen model as a python-control `StateSpace` (its linear part, after any input stage)."""
+        from lpvid.export.python_control import frozen_state_space
+
+        return frozen_state_space(self, at)
+
+    def to_nonlinear_io_system(self) -> control.NonlinearIOSystem:
+        """The varying model as a python-control `NonlinearIOSystem` with inputs (u…, p…)."""
+        from lpvid.export.python_control import nonlinear_io_system
+
+        return nonlinear_io_system(self)
+
+    def replace(self, **changes) -> LPVStateSpace:
+        """A copy with some fields changed."""
+        return replace(self, **changes)
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        assert self.state_offset is not None and self.output_offset is not None and self.noise_covariance is not None
+        gain = None if self.observer_gain is None else self.observer_gain.tolist()
+        return {"kind": "lpv-state-space", "A": self.A.tolist(), "B": self.B.tolist(), "C": self.C.tolist(),
+                "D": self.D.tolist(), "state_offset": self.state_offset.tolist(),
+                "output_offset": self.output_offset.tolist(), "observer_gain": gain, "basis": self.basis.to_dict(),
+                "sample_time": self.sample_time, "scheduling": self.box.to_dict(), "order": self.order,
+                "inputs": [s.to_dict() for s in self.inputs], "outputs": [s.to_dict() for s in self.outputs],
+                "input_stage": None if self.input_stage is None else self.input_stage.to_dict(),
+                "noise_covariance": self.noise_covariance.tolist(), "metadata": dict(self.metadata)}
+
+    @classmethod
+    def from_dict(cls, data: Mapping) -> LPVStateSpace:
+        """Inverse of `to_dict`."""
+        basis = basis_from_dict(data["basis"])
+        m, n = basis.size, data["order"]
+        stage = stage_from_dict(data["input_stage"])
+        outputs = tuple(Signal.from_dict(s) for s in data["outputs"])
+        inputs = tuple(Signal.from_dict(s) for s in data["inputs"])
+        ny = len(outputs)
+        nu = len(inputs) if stage is None else len(stage.signals(inputs))
+
+        def array(name: str, *shape: int) -> np.ndarray:
+            return np.asarray(data[name], dtype=float).reshape(m, *shape)
+
+        gain = None if data["observer_gain"] is None else array("observer_gain", n, ny)
+        return cls(array("A", n, n), array("B", n, nu), array("C", ny, n), array("D", ny, nu), basis,
+                   data["sample_time"], Scheduling.from_dict(data["scheduling"]), array("state_offset", n),
+                   array("output_offset", ny), gain, inputs, outputs, stage,
+                   np.asarray(data["noise_covariance"], dtype=float), data["metadata"])
+
+    def __repr__(self) -> str:
+        inputs = ", ".join(map(str, self.inputs))
+        outputs = ", ".join(map(str, self.outputs))
+        clock = f"{1 / self.sample_time:.6g} Hz" if self.sample_time else "continuous"
+        return (f"LPVStateSpace {inputs} -> {outputs}: {self.order} states, "
+                f"basis {{{', '.join(self.basis.labels)}}}, {clock}")

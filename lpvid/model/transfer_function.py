@@ -1,0 +1,272 @@
+"""LPVTransferFunction: a discrete polynomial-scheduled input-output model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.model.input_stage import InputStage, stage_from_dict
+from lpvid.model.signals import Signal, signals
+from lpvid.scheduling import Basis, Scheduling, basis_from_dict
+
+if TYPE_CHECKING:
+    import control
+
+
+@dataclass(frozen=True, eq=False)
+class LPVTransferFunction:
+    r"""Discrete LPV input-output model with coefficients linear in a basis of the scheduling variables.
+
+    ::
+
+        y(k) + Σ_{i=1}^{na} a_i(p) y(k−i) = Σ_j b_j(p) u(k−j) + Σ_j c_j(p(k−j)) + e(k)
+
+        a_i(p) = Σ_m a[i−1, :, :, m] φ_m(p)        b_j(p) = Σ_m b[j, :, :, m] φ_m(p)
+
+    With ``lagged=False`` (Díaz Salas 2011 (3.5)-(3.7)) every a_i, b_j is taken at p(k), the time of the output; with
+    ``lagged=True`` a_i is taken at p(k−i) and b_j at p(k−j), the parametrisation of Tóth, Abbas & Werner 2012 whose
+    observer form is exact and causal. The affine terms c_j are always taken at p(k−j).
+
+    Parameters
+    ----------
+    a : (na, n_outputs, n_outputs, M) array
+        Output coefficients; the leading 1 is left out.
+    b : (n_lags, n_outputs, n_filter_inputs, M) array
+        Input coefficients from lag 0 on; zeros make a delay.
+    basis : Basis
+        The M functions φ_m, over ``scheduling.names``.
+    sample_time : float
+        Sampling period [s].
+    scheduling : Scheduling, optional
+        Names, box and rate bounds of p; left out, an open box around the basis's variables.
+    c : (n_affine, n_outputs, M) array, optional
+        Affine terms from lag 0 on.
+    lagged : bool
+        Coefficients at p(k−i) rather than p(k).
+    inputs, outputs : tuple of Signal or of str, optional
+        Measured inputs and outputs.
+    input_stage : InputStage, optional
+        Static map from the measured inputs to the filter's inputs.
+    noise_covariance : (n_outputs, n_outputs) array, optional
+        Covariance of the equation error e.
+    metadata : mapping
+        What else belongs to the model (training records, polarity, version); JSON values only.
+
+    Examples
+    --------
+    >>> from lpvid.scheduling import Polynomial
+    >>> model = LPVTransferFunction.siso(a=[[-1.2, 0.3], [0.5, -0.2]], b=[[0, 0], [0.4, 0.1], [0.1, -0.3]],
+    ...                                  basis=Polynomial("p", degree=1), sample_time=1.0)
+    >>> model.na, model.n_lags, model.frozen_poles([0.0]).round(4)
+    (2, 3, array([0.6+0.3742j, 0.6-0.3742j]))
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    basis: Basis
+    sample_time: float
+    scheduling: Scheduling | None = None
+    c: np.ndarray | None = None
+    lagged: bool = False
+    inputs: tuple[Signal, ...] = ()
+    outputs: tuple[Signal, ...] = ()
+    input_stage: InputStage | None = None
+    noise_covariance: np.ndarray | None = None
+    metadata: Mapping = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        set_ = object.__setattr__
+        m = self.basis.size
+        b = _checks.finite(_checks.frozen_array(self.b, "b", ndim=4), "b")
+        ny, nu = b.shape[1], b.shape[2]
+        a = np.asarray(self.a, dtype=float)
+        a = _checks.frozen_array(a.reshape(0, ny, ny, m) if a.size == 0 else a, "a")
+        c = np.zeros((0, ny, m)) if self.c is None else self.c
+        set_(self, "a", _checks.finite(_checks.shaped(a, (None, ny, ny, m), "a"), "a"))
+        set_(self, "b", _checks.shaped(b, (None, ny, nu, m), "b"))
+        set_(self, "c", _checks.finite(_checks.shaped(_checks.frozen_array(c, "c"), (None, ny, m), "c"), "c"))
+        set_(self, "sample_time", _checks.positive(self.sample_time, "sample_time", "s"))
+        box = self.scheduling
+        if box is None:
+            names = self.basis.names
+            box = Scheduling(names, (-1.0,) * len(names), (1.0,) * len(names))
+        if tuple(box.names) != tuple(self.basis.names):
+            raise InputError("the basis and the scheduling name different variables",
+                             got=f"{self.basis.names} and {box.names}")
+        set_(self, "scheduling", box)
+        set_(self, "outputs", _as_signals(self.outputs, "y", ny))
+        count = nu if self.input_stage is None else max(len(self.inputs), 1)
+        set_(self, "inputs", _as_signals(self.inputs, "u", count))
+        width = len(self.filter_inputs)
+        if len(self.outputs) != ny or width != nu:
+            raise InputError("signals do not match the coefficients",
+                             got=f"{len(self.outputs)} outputs and {width} filter inputs for b of shape {b.shape}")
+        noise = np.zeros((ny, ny)) if self.noise_covariance is None else self.noise_covariance
+        set_(self, "noise_covariance", _checks.shaped(_checks.frozen_array(noise, "noise_covariance"), (ny, ny),
+                                                      "noise_covariance"))
+        set_(self, "metadata", dict(self.metadata))
+
+    @classmethod
+    def siso(cls, a: Sequence, b: Sequence, basis: Basis, sample_time: float, *, c: Sequence = (),
+             lagged: bool = False, scheduling: Scheduling | None = None, **signal_names) -> LPVTransferFunction:
+        """Single-input single-output model from lists of coefficient rows over the basis.
+
+        Parameters
+        ----------
+        a : (na, M) nested sequence
+        b : (n_lags, M) nested sequence, from lag 0 on
+        c : (n_affine, M) nested sequence, from lag 0 on
+        """
+        m = basis.size
+        shaped = [np.asarray(x, dtype=float).reshape(-1, m) for x in (a, b, c)]
+        return cls(shaped[0][:, None, None, :], shaped[1][:, None, None, :], basis, sample_time, scheduling,
+                   shaped[2][:, None, :], lagged, **signal_names)
+
+    # -- sizes --------------------------------------------------------------------------------------------------
+    @property
+    def na(self) -> int:
+        """Number of output lags."""
+        return self.a.shape[0]
+
+    @property
+    def n_lags(self) -> int:
+        """Number of input lags, lag 0 included: max over channels of nb + nk."""
+        return self.b.shape[0]
+
+    @property
+    def n_affine(self) -> int:
+        """Number of affine lags, lag 0 included."""
+        assert self.c is not None
+        return self.c.shape[0]
+
+    @property
+    def n_outputs(self) -> int:
+        """Number of outputs."""
+        return self.b.shape[1]
+
+    @property
+    def n_filter_inputs(self) -> int:
+        """Number of inputs of the linear part, after the input stage."""
+        return self.b.shape[2]
+
+    @property
+    def order(self) -> int:
+        """Order of the input-output equation: max(na, highest input lag)."""
+        return max(self.na, self.n_lags - 1, 0)
+
+    @property
+    def start(self) -> int:
+        """Measured samples a free run starts from: max(na, nb + nk − 1), affine lags included."""
+        assert self.c is not None
+        back = [self.na, self.n_lags - 1, self.n_affine - 1]
+        reach = self.basis.lags[1]
+        return max([0, *back]) + (max(reach, 0))
+
+    @property
+    def filter_inputs(self) -> tuple[Signal, ...]:
+        """Inputs of the linear part."""
+        return self.inputs if self.input_stage is None else self.input_stage.signals(self.inputs)
+
+    @property
+    def box(self) -> Scheduling:
+        """The scheduling variables' names, box and rate bounds."""
+        assert self.scheduling is not None
+        return self.scheduling
+
+    # -- frozen behaviour ----------------------------------------------------------------------------------------
+    def coefficients(self, p: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Coefficients with the scheduling frozen at `p` of shape (n_scheduling,).
+
+        Returns
+        -------
+        a : (na, ny, ny) array
+        b : (n_lags, ny, nu) array
+        c : (n_affine, ny) array
+        """
+        phi = self.basis.evaluate(_point(p, self.box))[0]
+        assert self.c is not None
+        return self.a @ phi, self.b @ phi, self.c @ phi
+
+    def companion(self, p: Sequence[float] | np.ndarray) -> np.ndarray:
+        """(na·ny, na·ny) block companion matrix whose eigenvalues are the frozen poles."""
+        a, _, _ = self.coefficients(p)
+        return block_companion(a)
+
+    def frozen_poles(self, p: Sequence[float] | np.ndarray) -> np.ndarray:
+        """(na·ny,) poles with the scheduling frozen at `p`."""
+        return np.linalg.eigvals(self.companion(p)) if self.na else np.empty(0)
+
+    def to_control(self, at: Sequence[float] | np.ndarray) -> control.StateSpace:
+        """The frozen model as a python-control `StateSpace` (its linear part, after any input stage)."""
+        from lpvid.export.python_control import frozen_state_space
+
+        return frozen_state_space(self, at)
+
+    def to_nonlinear_io_system(self) -> control.NonlinearIOSystem:
+        """The varying model as a python-control `NonlinearIOSystem` with inputs (u…, p…)."""
+        from lpvid.export.python_control import nonlinear_io_system
+
+        return nonlinear_io_system(self)
+
+    # -- deriving -----------------------------------------------------------------------------------------------
+    def replace(self, **changes) -> LPVTransferFunction:
+        """A copy with some fields changed."""
+        return replace(self, **changes)
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        assert self.c is not None and self.noise_covariance is not None
+        return {"kind": "lpv-transfer-function", "a": self.a.tolist(), "b": self.b.tolist(), "c": self.c.tolist(),
+                "basis": self.basis.to_dict(), "sample_time": self.sample_time, "lagged": self.lagged,
+                "scheduling": self.box.to_dict(), "inputs": [s.to_dict() for s in self.inputs],
+                "outputs": [s.to_dict() for s in self.outputs],
+                "input_stage": None if self.input_stage is None else self.input_stage.to_dict(),
+                "noise_covariance": self.noise_covariance.tolist(), "metadata": dict(self.metadata)}
+
+    @classmethod
+    def from_dict(cls, data: Mapping) -> LPVTransferFunction:
+        """Inverse of `to_dict`."""
+        basis = basis_from_dict(data["basis"])
+        stage = stage_from_dict(data["input_stage"])
+        outputs = tuple(Signal.from_dict(s) for s in data["outputs"])
+        inputs = tuple(Signal.from_dict(s) for s in data["inputs"])
+        ny, m = len(outputs), basis.size
+        nu = len(inputs) if stage is None else len(stage.signals(inputs))
+        return cls(np.asarray(data["a"], dtype=float).reshape(-1, ny, ny, m),
+                   np.asarray(data["b"], dtype=float).reshape(-1, ny, nu, m), basis, data["sample_time"],
+                   Scheduling.from_dict(data["scheduling"]), np.asarray(data["c"], dtype=float).reshape(-1, ny, m),
+                   data["lagged"], inputs, outputs, stage, np.asarray(data["noise_covariance"]), data["metadata"])
+
+    def __repr__(self) -> str:
+        inputs = ", ".join(map(str, self.inputs))
+        outputs = ", ".join(map(str, self.outputs))
+        return (f"LPVTransferFunction {inputs} -> {outputs}: na={self.na}, input lags 0..{self.n_lags - 1}, "
+                f"basis {{{', '.join(self.basis.labels)}}}, {1 / self.sample_time:.6g} Hz"
+                + (", coefficients at p(k-i)" if self.lagged else ""))
+
+
+def _as_signals(given: Sequence, prefix: str, count: int) -> tuple[Signal, ...]:
+    listed = (given,) if isinstance(given, (str, Signal)) else tuple(given)
+    if listed:
+        return tuple(s if isinstance(s, Signal) else Signal(str(s)) for s in listed)
+    return signals((), prefix, count)
+
+
+def _point(p: Sequence[float] | np.ndarray, box: Scheduling) -> np.ndarray:
+    point = np.atleast_1d(np.asarray(p, dtype=float))
+    return _checks.finite(_checks.shaped(point, (len(box.names),), "a scheduling point"), "a scheduling point")[None, :]
+
+
+def block_companion(a: np.ndarray) -> np.ndarray:
+    """Block companion matrix of y(k) + Σ a_i y(k−i) = 0 for `a` of shape (na, ny, ny), in observer form."""
+    na, ny = a.shape[0], a.shape[1]
+    matrix = np.zeros((na * ny, na * ny))
+    if na:
+        matrix[:, :ny] = -a.reshape(na * ny, ny)
+        matrix[: (na - 1) * ny, ny:] = np.eye((na - 1) * ny)
+    return matrix
