@@ -1,0 +1,309 @@
+"""Free run, one-step and k-step prediction of LPV models, honest about divergence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.record import Record
+
+Model = LPVTransferFunction | LPVStateSpace
+RATE_TOLERANCE = 1e-3
+"""relative difference of sampling periods that still counts as the same rate."""
+DIVERGED = 1e9
+"""a free run whose output exceeds this many times the data's scale is reported as diverged."""
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """Output of a model along a record.
+
+    Attributes
+    ----------
+    output : (n, n_outputs) array
+        Model output, SI. The first `start` rows are the measured samples it started from; from `diverged_at` on NaN.
+    start : int
+        Samples taken from the data as the start, not predicted: leave them out of every figure.
+    horizon : int or None
+        Steps ahead, or None for a free run.
+    diverged_at : int or None
+        First sample at which the run left all bounds, or None.
+    initial : str
+        What the run started from.
+    names, units : tuple of str
+        Outputs.
+    sample_time : float
+        Period [s].
+    """
+
+    output: np.ndarray
+    start: int
+    horizon: int | None
+    diverged_at: int | None
+    initial: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    sample_time: float
+
+    @property
+    def kind(self) -> str:
+        """"free-run", "one-step" or "k-step"."""
+        return "free-run" if self.horizon is None else "one-step" if self.horizon == 1 else f"{self.horizon}-step"
+
+    def __repr__(self) -> str:
+        end = "" if self.diverged_at is None else f", DIVERGED at sample {self.diverged_at}"
+        return f"Simulation ({self.kind}, from {self.initial}): {self.output.shape[0]} samples of {self.names}{end}"
+
+
+def simulate(model: Model, record: Record, initial: str | np.ndarray = "measured") -> Simulation:
+    """Run a model freely along a record: its own past outputs, the record's inputs and scheduling.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        Discrete-time model.
+    record : Record
+        Uniform record at the model's rate with the model's inputs and scheduling (and outputs for "measured").
+    initial : {"measured", "zero", "estimate"} or array
+        Where to start. "measured": a transfer function from its first ``model.start`` measured samples, a state space
+        from the state that fits the measured output best over the record's beginning. "zero": zero past and state.
+        "estimate": the past or state that fits the measured output best (least squares over the record's beginning,
+        in which the free run is linear). An array gives the past outputs (start, n_outputs), or the state (n,).
+
+    Returns
+    -------
+    Simulation
+
+    Raises
+    ------
+    InputError
+        Missing or non-finite channels, another sampling rate, a continuous-time model.
+
+    Examples
+    --------
+    >>> from lpvid.scheduling import Polynomial
+    >>> model = LPVTransferFunction.siso([[-0.5, 0.0]], [[0, 0], [1.0, 0.5]], Polynomial("p", degree=1), 0.1)
+    >>> record = Record({"u1": [1.0, 1, 1], "p": [0.0, 1, 1]}, sample_time=0.1)
+    >>> simulate(model, record, "zero").output.ravel()
+    array([0.  , 1.5 , 2.25])
+    """
+    u, p = _signals(model, record)
+    needs_output = isinstance(initial, str) and initial != "zero"
+    y = _outputs(model, record) if needs_output else np.zeros((record.n_samples, model.n_outputs))
+    if isinstance(model, LPVTransferFunction):
+        return _simulate_io(model, u, p, y, initial)
+    return _simulate_ss(model, u, p, y, initial)
+
+
+def predict(model: Model, record: Record, horizon: int = 1) -> Simulation:
+    """Predict every sample `horizon` steps ahead from the measured past.
+
+    A transfer function predicts by its equation from measured outputs up to k−horizon. A state space with an observer
+    gain runs it as its observer; one without a gain has no noise model, and its predictor is the free run at any
+    horizon.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+    record : Record
+        As for `simulate`; the outputs must be measured.
+    horizon : int
+        Steps ahead, at least 1.
+
+    Returns
+    -------
+    Simulation
+    """
+    from lpvid import _kernels
+
+    horizon = _checks.count(horizon, "horizon", at_least=1)
+    u, p = _signals(model, record)
+    y = _outputs(model, record)
+    phi = np.ascontiguousarray(model.basis.evaluate(p))
+    out = y.copy()
+    if isinstance(model, LPVTransferFunction):
+        start = model.start
+        _kernels.predict_io(model.a, model.b, model.c, _first_lag(model), model.lagged, phi, u, y, start, horizon, out)
+        return _finish(model, out, start, horizon, None, "measured past")
+    if model.observer_gain is None:
+        free = _simulate_ss(model, u, p, y, "measured")
+        return _finish(model, free.output, free.start, horizon, free.diverged_at, "measured (no noise model)")
+    x0, _ = _estimate_state(model, phi, u, y)
+    _kernels.predict_ss(model.A, model.B, model.C, model.D, model.state_offset, model.output_offset,
+                        model.observer_gain, phi, u, x0, y, horizon, out)
+    finite = np.all(np.isfinite(out), axis=1)
+    diverged = None if finite.all() else int(np.argmin(finite))
+    return _finish(model, out, min(model.start, len(out)), horizon, diverged, "observer")
+
+
+# -- transfer function -----------------------------------------------------------------------------------------------
+def _simulate_io(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, y: np.ndarray,
+                 initial: str | np.ndarray) -> Simulation:
+    start = model.start
+    phi = np.ascontiguousarray(model.basis.evaluate(p))
+    if isinstance(initial, str):
+        _checks.one_of(initial, ("measured", "zero", "estimate"), "initial")
+    if not isinstance(initial, str):
+        given = _checks.frozen_array(initial, "initial", ndim=2)
+        past = _checks.finite(_checks.shaped(given, (start, model.n_outputs), "initial past outputs"), "initial")
+        out = np.zeros_like(y)
+        out[:start] = past
+        diverged = _run_io(model, phi, u, out, start, np.abs(past).max(initial=0.0))
+        return _finish(model, out, start, None, diverged, "given past")
+    if initial == "measured":
+        if len(y) <= start:
+            raise InputError(f"a free run of this model starts from {start} measured samples", got=f"{len(y)} samples",
+                             mend="give a longer record")
+        out = np.zeros_like(y)
+        out[:start] = y[:start]
+        diverged = _run_io(model, phi, u, out, start, _scale(y))
+        return _finish(model, out, start, None, diverged, "measured samples")
+    padded_u, padded_phi = _pad(u, start), _pad(phi, start, hold=True)
+    out = np.zeros((len(y) + start, model.n_outputs))
+    if initial == "zero":
+        diverged = _run_io(model, padded_phi, padded_u, out, start, 0.0)
+        return _finish(model, out[start:], 0, None, _earlier(diverged, start), "zero")
+    past = _estimate_past(model, padded_phi, padded_u, y, start)
+    out[:start] = past
+    diverged = _run_io(model, padded_phi, padded_u, out, start, _scale(y))
+    return _finish(model, out[start:], 0, None, _earlier(diverged, start), "estimated past")
+
+
+def _run_io(model: LPVTransferFunction, phi: np.ndarray, u: np.ndarray, out: np.ndarray, start: int,
+            scale: float) -> int | None:
+    from lpvid import _kernels
+
+    limit = DIVERGED * max(scale, 1.0)
+    code = _kernels.free_run_io(model.a, model.b, model.c, _first_lag(model), model.lagged, phi, u, out, start, limit)
+    return None if code < 0 else int(code)
+
+
+def _estimate_past(model: LPVTransferFunction, phi: np.ndarray, u: np.ndarray, y: np.ndarray, start: int) -> np.ndarray:
+    """Past outputs that fit the first samples best: the free run is affine in them."""
+    length = min(len(y), max(20 * max(model.order, 1), 200))
+    rows = slice(0, length + start)
+    unknown = start * model.n_outputs
+
+    def response(past: np.ndarray) -> np.ndarray:
+        out = np.zeros((length + start, model.n_outputs))
+        out[:start] = past.reshape(start, model.n_outputs)
+        _run_io(model, phi[rows], u[rows], out, start, _scale(y))
+        return out[start:].ravel()
+
+    forced = response(np.zeros(unknown))
+    scale = _scale(y)
+    influence = np.column_stack([response(scale * e) - forced for e in np.eye(unknown)]) if unknown else forced[:, :0]
+    solution = np.linalg.lstsq(influence, y[:length].ravel() - forced, rcond=1e-10)[0] if unknown else np.zeros(0)
+    return (scale * solution).reshape(start, model.n_outputs)
+
+
+def _first_lag(model: LPVTransferFunction) -> int:
+    """First input lag with a non-zero coefficient: the kernel skips the structural zeros before it."""
+    used = np.flatnonzero(np.any(model.b != 0, axis=(1, 2, 3)))
+    return int(used[0]) if used.size else model.n_lags
+
+
+# -- state space -----------------------------------------------------------------------------------------------------
+def _simulate_ss(model: LPVStateSpace, u: np.ndarray, p: np.ndarray, y: np.ndarray,
+                 initial: str | np.ndarray) -> Simulation:
+    phi = np.ascontiguousarray(model.basis.evaluate(p))
+    start = 0
+    if not isinstance(initial, str):
+        given = _checks.frozen_array(initial, "initial", ndim=1)
+        x0 = _checks.finite(_checks.shaped(given, (model.order,), "the initial state"), "the initial state")
+        said = "given state"
+    elif _checks.one_of(initial, ("measured", "zero", "estimate"), "initial") == "zero":
+        x0, said = np.zeros(model.order), "zero state"
+    else:
+        x0, start = _estimate_state(model, phi, u, y)
+        said = "estimated state"
+    out = np.zeros((len(u), model.n_outputs))
+    diverged = _run_ss(model, phi, u, x0, out, _scale(y))
+    return _finish(model, out, start if initial == "measured" else 0, None, diverged, said)
+
+
+def _run_ss(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, x0: np.ndarray, out: np.ndarray,
+            scale: float) -> int | None:
+    from lpvid import _kernels
+
+    code = _kernels.free_run_ss(model.A, model.B, model.C, model.D, model.state_offset, model.output_offset, phi, u,
+                                np.ascontiguousarray(x0), out, DIVERGED * max(scale, 1.0))
+    return None if code < 0 else int(code)
+
+
+def _estimate_state(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, int]:
+    """State that fits the first outputs best, and how many samples went into it."""
+    length = min(len(y), max(2 * model.order, 4))
+
+    def response(x0: np.ndarray, driven: np.ndarray) -> np.ndarray:
+        out = np.zeros((length, model.n_outputs))
+        _run_ss(model, phi[:length], driven[:length], x0, out, _scale(y))
+        return out.ravel()
+
+    forced = response(np.zeros(model.order), u)
+    columns = [response(e, u) - forced for e in np.eye(model.order)]
+    if not columns:
+        return np.zeros(0), length
+    x0 = np.linalg.lstsq(np.column_stack(columns), y[:length].ravel() - forced, rcond=1e-10)[0]
+    return x0, length
+
+
+# -- shared ----------------------------------------------------------------------------------------------------------
+def _signals(model: Model, record: Record) -> tuple[np.ndarray, np.ndarray]:
+    """Filter inputs and scheduling of a record that fits the model."""
+    if model.sample_time is None:
+        raise InputError("this model is continuous in time", why="a record is sampled",
+                         mend="discretise the model first")
+    if record.sample_time is None:
+        raise InputError(f"record '{record.name}' is not uniformly sampled", mend="resample it first")
+    if abs(record.sample_time / model.sample_time - 1) > RATE_TOLERANCE:
+        raise InputError(f"record '{record.name}' has another rate than the model",
+                         got=f"{1 / record.sample_time:.6g} Hz against {1 / model.sample_time:.6g} Hz",
+                         mend="resample the record to the model's rate")
+    measured = _columns(record, [s.name for s in model.inputs])
+    p = _columns(record, list(model.box.names))
+    u = measured if model.input_stage is None else model.input_stage.apply(measured, p)
+    return np.ascontiguousarray(u), p
+
+
+def _outputs(model: Model, record: Record) -> np.ndarray:
+    return np.ascontiguousarray(_columns(record, [s.name for s in model.outputs]))
+
+
+def _columns(record: Record, names: Sequence[str]) -> np.ndarray:
+    values = record.matrix(list(names))
+    if not np.isfinite(values).all():
+        row, column = (int(i) for i in np.argwhere(~np.isfinite(values))[0])
+        raise InputError(f"record '{record.name}', channel '{names[column]}', sample {row} is not finite",
+                         mend="cut the record with condition.segments")
+    return values
+
+
+def _pad(values: np.ndarray, rows: int, *, hold: bool = False) -> np.ndarray:
+    head = np.repeat(values[:1], rows, axis=0) if hold else np.zeros((rows, values.shape[1]))
+    return np.ascontiguousarray(np.vstack([head, values]))
+
+
+def _scale(y: np.ndarray) -> float:
+    return float(np.abs(y).max(initial=0.0)) or 1.0
+
+
+def _earlier(diverged: int | None, start: int) -> int | None:
+    return None if diverged is None else max(diverged - start, 0)
+
+
+def _finish(model: Model, out: np.ndarray, start: int, horizon: int | None, diverged: int | None,
+            initial: str) -> Simulation:
+    if diverged is not None:
+        out = out.copy()
+        out[diverged:] = np.nan
+    out.setflags(write=False)
+    assert model.sample_time is not None
+    return Simulation(out, start, horizon, diverged, initial, tuple(s.name for s in model.outputs),
+                      tuple(s.unit for s in model.outputs), model.sample_time)
