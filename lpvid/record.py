@@ -27,12 +27,16 @@ class Channel:
         Unit as the header gave it; None when the header gave none (SI was assumed).
     unit_known : bool
         False when the header's unit could not be understood: the values are then a pure number as read.
+    fault : str or None
+        Why this channel cannot be used, e.g. ``"text 'abc' in row 17 (line 18 of the file)"``; the rows at fault
+        are NaN, and whoever uses the channel must refuse it.
     """
 
     values: np.ndarray
     unit: str = ""
     source_unit: str | None = None
     unit_known: bool = True
+    fault: str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", _checks.frozen_array(self.values, "a channel", ndim=1))

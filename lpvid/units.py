@@ -1,0 +1,343 @@
+"""Units: header text to SI values with a readable SI unit; pint is loaded only for what the table lacks."""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lpvid.errors import InputError
+
+
+class InSI(NamedTuple):
+    """Values in SI, the SI unit as text, and whether the source unit was understood."""
+
+    values: np.ndarray
+    unit: str
+    known: bool
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """si = (numerator·value + offset) / denominator; a whole denominator keeps 25.4 mm at exactly 0.0254 m."""
+
+    unit: str
+    numerator: float = 1.0
+    denominator: float = 1.0
+    offset: float = 0.0
+
+    def to_si(self, value: Any) -> Any:
+        if self.numerator != 1.0 or self.offset != 0.0:
+            value = value * self.numerator + self.offset
+        return value / self.denominator if self.denominator != 1.0 else value
+
+    def from_si(self, value: Any) -> Any:
+        return (value * self.denominator - self.offset) / self.numerator
+
+
+_INCH, _FOOT, _POUND_FORCE, _GRAVITY = 0.0254, 0.3048, 4.4482216152605, 9.80665
+
+_SAME = (
+    "m", "s", "A", "V", "K", "N", "kg", "Hz", "rad", "Pa", "W", "J", "ohm", "H", "T", "C", "m/s", "m/s^2", "m/s^3",
+    "rad/s", "rad/s^2", "1/s", "N*s/m", "N/m", "N*m", "kg/s", "N/A", "A/s", "V/s", "N/s", "m^2", "m^3", "kg*m^2",
+    "Pa*s", "K/s",
+)
+_SCALES: dict[str, _Scale] = {text: _Scale(text) for text in _SAME} | {
+    "": _Scale(""), "1": _Scale(""), "-": _Scale(""), "%": _Scale("", 1, 100), "percent": _Scale("", 1, 100),
+    "km": _Scale("m", 1000), "dm": _Scale("m", 1, 10), "cm": _Scale("m", 1, 100), "mm": _Scale("m", 1, 1000),
+    "um": _Scale("m", 1, 1e6), "in": _Scale("m", _INCH), "inch": _Scale("m", _INCH), "ft": _Scale("m", _FOOT),
+    "mm/s": _Scale("m/s", 1, 1000), "cm/s": _Scale("m/s", 1, 100), "in/s": _Scale("m/s", _INCH),
+    "ft/s": _Scale("m/s", _FOOT), "km/h": _Scale("m/s", 10, 36), "mm/s^2": _Scale("m/s^2", 1, 1000),
+    "cm/s^2": _Scale("m/s^2", 1, 100), "g0": _Scale("m/s^2", _GRAVITY), "mN": _Scale("N", 1, 1000),
+    "kN": _Scale("N", 1000), "MN": _Scale("N", 1e6), "daN": _Scale("N", 10), "kgf": _Scale("N", _GRAVITY),
+    "lbf": _Scale("N", _POUND_FORCE), "mA": _Scale("A", 1, 1000), "uA": _Scale("A", 1, 1e6),
+    "mV": _Scale("V", 1, 1000), "kV": _Scale("V", 1000), "ms": _Scale("s", 1, 1000), "us": _Scale("s", 1, 1e6),
+    "ns": _Scale("s", 1, 1e9), "min": _Scale("s", 60), "h": _Scale("s", 3600), "kHz": _Scale("Hz", 1000),
+    "mrad": _Scale("rad", 1, 1000), "deg": _Scale("rad", math.pi, 180), "deg/s": _Scale("rad/s", math.pi, 180),
+    "rpm": _Scale("rad/s", math.pi, 30), "deg/s^2": _Scale("rad/s^2", math.pi, 180), "hPa": _Scale("Pa", 100),
+    "kPa": _Scale("Pa", 1000), "MPa": _Scale("Pa", 1e6), "mbar": _Scale("Pa", 100), "bar": _Scale("Pa", 1e5),
+    "psi": _Scale("Pa", _POUND_FORCE / _INCH**2), "degC": _Scale("K", 1, 1, 273.15),
+    "degF": _Scale("K", 5, 9, 5 * 459.67), "g": _Scale("kg", 1, 1000), "kW": _Scale("W", 1000),
+    "kJ": _Scale("J", 1000), "mH": _Scale("H", 1, 1000), "mT": _Scale("T", 1, 1000), "mohm": _Scale("ohm", 1, 1000),
+    "N/mm": _Scale("N/m", 1000), "kN/m": _Scale("N/m", 1000), "kN/mm": _Scale("N/m", 1e6),
+    "N*s/mm": _Scale("N*s/m", 1000), "kN*s/m": _Scale("N*s/m", 1000), "N/(m/s)": _Scale("N*s/m"),
+    "N/(mm/s)": _Scale("N*s/m", 1000), "kN*m": _Scale("N*m", 1000), "N*mm": _Scale("N*m", 1, 1000),
+    "kWh": _Scale("J", 3.6e6), "g/s": _Scale("kg/s", 1, 1000), "kg/min": _Scale("kg/s", 1, 60),
+    "kg/h": _Scale("kg/s", 1, 3600), "gauss": _Scale("T", 1, 10000),
+}
+"""Source unit to SI; each entry is checked against pint by a test."""
+
+_ALIASES = {"–": "-", "sec": "s", "C°": "degC", "F°": "degF"}
+_RUN_TOGETHER = re.compile(r"(?<![A-Za-z])([kMm]?N)(mm|m|s)(?![A-Za-z])")
+"""Nm and Ns: engineers mean newton metre and newton second; pint reads a yarn number, or nothing."""
+
+_NOT_UNITS = frozenset({"a.u.", "a.u", "a. u."})
+"""Arbitrary units, which pint would read as year times atomic mass."""
+
+_CHARACTERS = str.maketrans({
+    "·": "*", "⋅": "*", "∙": "*", "×": "*", "µ": "u", "μ": "u", "\u03a9": "ohm", "\u2126": "ohm", "℃": "degC",
+    "℉": "degF", "−": "-",
+})
+_SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+_ATOMS = {
+    "N": "kg*m/s^2", "Pa": "kg/(m*s^2)", "J": "kg*m^2/s^2", "W": "kg*m^2/s^3", "V": "kg*m^2/(s^3*A)",
+    "ohm": "kg*m^2/(s^3*A^2)", "H": "kg*m^2/(s^2*A^2)", "T": "kg/(s^2*A)", "Wb": "kg*m^2/(s^2*A)", "C": "s*A",
+    "F": "s^4*A^2/(kg*m^2)", "Hz": "1/s",
+}
+_READABLE = ("N", "N/m", "N*s/m", "N*m", "N/s", "W", "Pa", "Pa*s", "Pa/s", "V", "V/s", "ohm", "H", "T", "Wb", "C", "F",
+             "N/A", "N*s/(m*A)", "W/m^2", "N*s", "N*m*s")
+_ORDER = ("kg", "m", "s", "A", "K", "rad")
+_HEADER = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\[\]]*)\]$", re.DOTALL)
+_QUANTITY = re.compile(r"^\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>(?:\D.*)?)$", re.DOTALL)
+_TOWER = re.compile(r"\)\s*(\*\*|\^)|(\*\*|\^)\s*\(|(\*\*|\^)[^*/^]*(\*\*|\^)|\d{3}")
+
+
+def parse_header(text: str) -> tuple[str, str | None]:
+    """Split a column header ``name [unit]`` into its name and the unit's text.
+
+    Parameters
+    ----------
+    text : str
+        The header cell; spaces and quotes around it do not matter.
+
+    Returns
+    -------
+    name : str
+    unit : str or None
+        Text between the brackets, empty for ``[]``; None when there are no brackets.
+
+    Examples
+    --------
+    >>> parse_header('"motor current [mA]"'), parse_header("p1")
+    (('motor current', 'mA'), ('p1', None))
+    """
+    text = text.strip().strip("\"'").strip()
+    match = _HEADER.match(text)
+    return (match["name"].strip(), match["unit"].strip()) if match else (text, None)
+
+
+def to_si(values: Any, unit: str | None) -> InSI:
+    """Convert samples to SI.
+
+    Parameters
+    ----------
+    values : array
+        Samples in `unit`.
+    unit : str or None
+        Unit as the header gave it; None or "" leaves the values as they are.
+
+    Returns
+    -------
+    InSI
+        Values, readable SI unit (``""`` for a pure number) and True; for a unit that nobody knows, or a logarithmic
+        one, the values as they were, ``""`` and False.
+
+    Examples
+    --------
+    >>> to_si([250.0, 25.4], "mm/s")
+    InSI(values=array([0.25  , 0.0254]), unit='m/s', known=True)
+    >>> to_si([3.0], "kN·s/m").unit, to_si([1.0], "raw").known
+    ('N*s/m', False)
+    """
+    array = np.array(values, dtype=float)
+    scale = _scale(unit or "")
+    if scale is None:
+        return InSI(array, "", False)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return InSI(scale.to_si(array), scale.unit, True)
+
+
+def convert(value: Any, unit_from: str, unit_to: str) -> Any:
+    """Convert a number or an array from one unit to another of the same kind.
+
+    Parameters
+    ----------
+    value : float or array
+        Value in `unit_from`.
+    unit_from, unit_to : str
+        Units; hertz and rad/s are not of the same kind (a factor 2π stands between them).
+
+    Returns
+    -------
+    float or array
+        Value in `unit_to`.
+
+    Raises
+    ------
+    InputError
+        A unit is not known, or the two measure different things.
+
+    Examples
+    --------
+    >>> round(convert(1.0, "bar", "psi"), 4), round(convert(212.0, "degF", "degC"), 9)
+    (14.5038, 100.0)
+    """
+    source, target = _known_scale(unit_from), _known_scale(unit_to)
+    if not same_kind(source.unit, target.unit):
+        raise InputError(f"cannot convert '{unit_from}' to '{unit_to}'",
+                         got=f"{source.unit or 'a pure number'} against {target.unit or 'a pure number'}")
+    number = value if isinstance(value, (int, float)) else np.asarray(value, dtype=float)
+    return target.from_si(source.to_si(number))
+
+
+def quantity_to_si(value: object, unit: str | None = None) -> tuple[float, str]:
+    """Read a setting: a number in SI, or text with a unit such as ``"5 mm"``.
+
+    Parameters
+    ----------
+    value : float or str
+        The setting.
+    unit : str, optional
+        Unit of the kind that is wanted, e.g. ``"m/s"``; another kind is refused, a bare number is taken in its SI unit.
+
+    Returns
+    -------
+    value : float
+        In SI.
+    unit : str
+        SI unit; ``""`` for a pure number or a bare number of unstated kind.
+
+    Raises
+    ------
+    InputError
+        Not a finite number with a known unit of the kind wanted.
+
+    Examples
+    --------
+    >>> quantity_to_si("5 mm"), quantity_to_si(3, unit="N")
+    ((0.005, 'm'), (3.0, 'N'))
+    """
+    wanted = None if unit is None else _known_scale(unit).unit
+    match = _QUANTITY.match(value) if isinstance(value, str) else None
+    if isinstance(value, (int, float, np.number)) and not isinstance(value, bool):
+        number, text = float(value), ""
+    elif match:
+        number, text = float(match["number"]), match["unit"].strip()
+    else:
+        raise InputError("a setting must be a number (SI) or text with a unit", got=repr(value),
+                         mend='write e.g. "5 mm"')
+    if not math.isfinite(number):
+        raise InputError("a setting must be finite", got=repr(value))
+    if not text:
+        return number, wanted or ""
+    scale = _known_scale(text)
+    if wanted is not None and not same_kind(scale.unit, wanted):
+        raise InputError(f"a setting in {wanted or 'pure numbers'} is wanted", got=repr(value))
+    return float(scale.to_si(number)), scale.unit if wanted is None else wanted
+
+
+def is_known(unit: str) -> bool:
+    """True when the unit can be converted to SI."""
+    return _scale(unit) is not None
+
+
+def same_kind(si_unit: str, other: str) -> bool:
+    """True when two SI unit texts have the same dimension (radians count as one).
+
+    Examples
+    --------
+    >>> same_kind("N*s/m", "kg/s"), same_kind("1/s", "rad/s")
+    (True, False)
+    """
+    return _dimension(si_unit) == _dimension(other)
+
+
+def _known_scale(unit: str) -> _Scale:
+    scale = _scale(unit)
+    if scale is None:
+        raise InputError("unknown unit", got=repr(unit), mend="write it as in 'mm/s', 'N*s/m' or 'degC'")
+    return scale
+
+
+def _normal(unit: str) -> str:
+    text = " ".join(unit.translate(_CHARACTERS).split()).replace("**", "^").replace("°C", "degC").replace("°F", "degF")
+    text = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda run: "^" + run[0].translate(_SUPERSCRIPTS), text.replace("°", "deg"))
+    text = _RUN_TOGETHER.sub(r"\1*\2", re.sub(r"\s*([*/^])\s*", r"\1", text))
+    return _ALIASES.get(text, text)
+
+
+@functools.lru_cache(maxsize=512)
+def _scale(unit: str) -> _Scale | None:
+    text = _normal(unit)
+    if text in _SCALES:
+        return _SCALES[text]
+    if text in _NOT_UNITS or len(text) > 60 or _TOWER.search(text):
+        return None
+    return _pint_scale(text)
+
+
+@functools.lru_cache(maxsize=1)
+def _registry() -> Any:
+    import pint
+
+    return pint.UnitRegistry()
+
+
+def _pint_scale(text: str) -> _Scale | None:
+    """Scale of a unit that the table lacks; None when pint does not know it or it is not a straight line."""
+    registry = _registry()
+    try:
+        unit = registry.Unit(text)
+        points = [registry.Quantity(x, unit).to_base_units() for x in (0.0, 1.0, 2.0)]
+        low, middle, high = (float(p.magnitude) for p in points)
+        base = _dimension(format(points[0].units, "~C"))
+    except Exception:  # pint's tokenizer and evaluator raise half a dozen unrelated types on odd text
+        return None
+    slope = middle - low
+    if not (math.isfinite(slope) and slope != 0 and math.isclose(high - middle, slope, rel_tol=1e-9)):
+        return None
+    return _Scale(_readable(base), slope, 1.0, low)
+
+
+@functools.lru_cache(maxsize=512)
+def _dimension(si_unit: str) -> tuple[tuple[str, float], ...]:
+    """Exponents of the base units in a product such as ``N*s/(m*A)``, sorted by name."""
+    exponents: dict[str, float] = {}
+    sign, depth_sign = 1, 1
+    for token in re.findall(r"[*/()]|[^*/()]+", si_unit.replace(" ", "").replace("**", "^")):
+        if token in "*/":
+            sign = -1 if token == "/" else 1
+        elif token == "(":
+            depth_sign, sign = sign, 1
+        elif token == ")":
+            depth_sign = 1
+        elif token != "1":
+            symbol, _, power = token.partition("^")
+            times = depth_sign * sign * float(power or 1)
+            parts = _dimension(_ATOMS[symbol]) if symbol in _ATOMS else ((symbol, 1.0),)
+            for name, exponent in parts:
+                exponents[name] = exponents.get(name, 0.0) + times * exponent
+            sign = 1
+    return tuple(sorted((name, e) for name, e in exponents.items() if e))
+
+
+def _readable(dimension: tuple[tuple[str, float], ...]) -> str:
+    """Name a dimension: N rather than kg*m/s^2; angles, counts and temperatures stand behind."""
+    core = tuple(d for d in dimension if d[0] in ("kg", "m", "s", "A"))
+    rest = [d for d in dimension if d not in core]
+    named = next((text for text in _READABLE if _dimension(text) == core), None)
+    if named is None:
+        return _product(list(dimension))
+    if not rest:
+        return named
+    head, _, tail = named.partition("/")
+    below = [p for p in (tail.strip("()"), *(_power(n, -e) for n, e in rest if e < 0)) if p]
+    above = "*".join([head, *(_power(n, e) for n, e in rest if e > 0)])
+    return f"{above}/({'*'.join(below)})" if len(below) > 1 else f"{above}/{below[0]}" if below else above
+
+
+def _product(dimension: list[tuple[str, float]]) -> str:
+    ranked = sorted(dimension, key=lambda d: (_ORDER.index(d[0]) if d[0] in _ORDER else len(_ORDER), d[0]))
+    above = "*".join(_power(n, e) for n, e in ranked if e > 0)
+    below = [_power(n, -e) for n, e in ranked if e < 0]
+    if not below:
+        return above
+    return f"{above or '1'}/({'*'.join(below)})" if len(below) > 1 else f"{above or '1'}/{below[0]}"
+
+
+def _power(symbol: str, exponent: float) -> str:
+    return symbol if exponent == 1 else f"{symbol}^{exponent:g}"
