@@ -1,0 +1,69 @@
+"""Identification: `identify(records, structure) -> Identification`, one structure or estimator per file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lpvid.condition import segments, with_velocity
+from lpvid.errors import InputError
+from lpvid.identification.result import Identification
+from lpvid.identification.structure import Structure
+from lpvid.record import Record
+from lpvid.validation import figures, validate
+
+
+def identify(records: Record | Sequence[Record], structure: Structure, *, sample_rate: float | None = None,
+             held_out: Sequence[Record] | None = None) -> Identification:
+    """Fit a structure to measured records.
+
+    Parameters
+    ----------
+    records : Record or sequence of Record
+        Training data; cut at gaps and NaN of the channels in use, never interpolated.
+    structure : Structure
+        E.g. ``ARX(na=4, nb=4, input="velocity", output="force", basis=Polynomial("current", degree=1))``.
+    sample_rate : float, optional
+        Resample to this rate [Hz], anti-aliased; needed for jittered or mixed time bases.
+    held_out : sequence of Record, optional
+        Data the fit does not see; its figures are reported beside the training figures.
+
+    Returns
+    -------
+    Identification
+
+    Raises
+    ------
+    InputError
+        Missing or unusable channels, a scheduling variable that does not move, too few samples, parameters that
+        these data cannot tell apart.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lpvid.identification.arx import ARX
+    >>> from lpvid.scheduling import Polynomial
+    >>> rng = np.random.default_rng(0)
+    >>> u, p = rng.normal(size=400), rng.uniform(0, 2, 400)
+    >>> y = np.zeros(400)
+    >>> for k in range(1, 400):
+    ...     y[k] = (0.5 + 0.2 * p[k]) * y[k - 1] + u[k - 1]
+    >>> record = Record({"u": u, "p": p, "y": y}, sample_time=0.01)
+    >>> found = identify(record, ARX(na=1, nb=1, input="u", output="y", basis=Polynomial("p", degree=1)))
+    >>> found.model.frozen_poles([1.0]).round(6)
+    array([0.7])
+    """
+    listed = [records] if isinstance(records, Record) else list(records)
+    if not listed:
+        raise InputError("no records to identify from")
+    if "velocity" in structure.channels:
+        listed = [with_velocity(r) for r in listed]
+        held_out = None if held_out is None else [with_velocity(r) for r in held_out]
+    pieces = segments(listed, structure.channels, sample_rate=sample_rate, minimum=structure.start + 2)
+    found = structure.estimate(pieces)
+    notes = tuple(dict.fromkeys((*(n for r in pieces for n in r.notes), *found.notes)))
+    training = figures(found.model, pieces, "training")
+    kept = None if held_out is None else validate(found.model, held_out, label="held-out")
+    return found.replace(training=training, held_out=kept, notes=notes)
+
+
+__all__ = ["Identification", "Structure", "identify"]

@@ -44,6 +44,10 @@ class InputStage(ABC):
         """A few starting points for a fit, from the data's own spread."""
 
     @abstractmethod
+    def scales(self, reach: float) -> np.ndarray:
+        """(k,) search step of each parameter for a scheduling half range `reach`; 0 keeps a parameter fixed."""
+
+    @abstractmethod
     def to_dict(self) -> dict:
         """Plain data for JSON."""
 
@@ -96,6 +100,9 @@ class TanhStage(InputStage):
     def starts(self, u: np.ndarray, p: np.ndarray) -> list[InputStage]:
         spread = float(np.sqrt(np.mean(u[:, self.channel] ** 2))) or 1.0
         return [replace(self, v0=factor * spread, slope=0.0) for factor in (0.05, 0.15, 0.4, 1.0)]
+
+    def scales(self, reach: float) -> np.ndarray:
+        return np.array([self.v0, 0.5 * self.v0 / reach if reach else 0.0])
 
     def to_dict(self) -> dict:
         return {"kind": "tanh", "v0": self.v0, "slope": self.slope, "channel": self.channel, "variable": self.variable}
@@ -175,6 +182,10 @@ class ThreeZoneStage(InputStage):
         flat = {"limit_slope": 0.0, "upper_slope": 0.0, "lower_slope": 0.0}
         return [replace(self, limit=factor * spread, upper=ratio, lower=ratio, **flat)
                 for factor in (0.1, 0.3, 0.8) for ratio in (0.1, 0.4)]
+
+    def scales(self, reach: float) -> np.ndarray:
+        per_unit = 1.0 / reach if reach else 0.0
+        return np.array([self.limit, 0.5 * self.limit * per_unit, 0.3, 0.2 * per_unit, 0.3, 0.2 * per_unit])
 
     def to_dict(self) -> dict:
         return {"kind": "three-zone", "limit": self.limit, "limit_slope": self.limit_slope, "upper": self.upper,

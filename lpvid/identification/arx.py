@@ -1,0 +1,257 @@
+"""LPV-ARX: the equation-error structure, one linear least squares (Bamieh & Giarré 2002)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.identification.layout import Layout
+from lpvid.identification.regression import Columns, Factor, RegressionData, Solution, factorize
+from lpvid.identification.result import COVARIANCE_LIMIT, Identification
+from lpvid.identification.structure import Structure
+from lpvid.model.input_stage import STAGES, InputStage
+from lpvid.model.signals import Signal
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.record import Record
+from lpvid.scheduling import Basis, Polynomial, Scheduling
+
+
+@dataclass(frozen=True)
+class ARX(Structure):
+    """LPV-ARX structure, SISO, MISO or MIMO.
+
+    ::
+
+        y(k) = −Σ_{i=1}^{na} a_i(p) y(k−i) + Σ_{j=nk}^{nk+nb−1} b_j(p) u(k−j) + Σ_{j<affine} c_j(p(k−j)) + e(k)
+
+    Díaz Salas 2011 (3.5)-(3.7) for one input and one variable; Bamieh & Giarré 2002 for the regression. The estimate
+    is consistent only for white equation error e.
+
+    Parameters
+    ----------
+    na : int
+        Output lags (every output's past enters every output's equation).
+    nb, nk : int or one per input
+        Number of input lags, and the first of them; nk = 0 gives a direct term.
+    input, output : str or sequence of str
+        Channel (or role) names; a comma-separated list serves too.
+    basis : Basis
+        Dependence on the scheduling variables; normalised to the data's box. Left out: time-invariant.
+    affine : int
+        Number of affine terms c_0 … c_{affine−1}, each a function of p alone at lag j.
+    lagged : bool
+        Coefficients of lag i taken at p(k−i): exact in observer form.
+    stage : None, "tanh", "three-zone" or InputStage
+        Static input stage; a name is fitted to the data, an InputStage is taken as it is.
+    ridge : float
+        Penalty on the parameters in unit-column scaling; 0 for plain least squares.
+    weight : str, optional
+        Channel of non-negative weights per sample.
+
+    Examples
+    --------
+    >>> ARX(na=2, nb=2, input="velocity", output="force", basis=Polynomial("current", degree=1)).n_columns
+    8
+    """
+
+    na: int = 4
+    nb: int | tuple[int, ...] = 4
+    nk: int | tuple[int, ...] = 1
+    input: str | tuple[str, ...] = "velocity"
+    output: str | tuple[str, ...] = "force"
+    basis: Basis = field(default_factory=Polynomial)
+    affine: int = 0
+    lagged: bool = False
+    stage: InputStage | str | None = None
+    ridge: float = 0.0
+    weight: str | None = None
+
+    def __post_init__(self) -> None:
+        set_ = object.__setattr__
+        set_(self, "input", _checks.names(self.input, "input"))
+        set_(self, "output", _checks.names(self.output, "output"))
+        shared = set(self.input) & set(self.output)
+        if shared:
+            raise InputError("a channel cannot be input and output at once", got=", ".join(sorted(shared)))
+        _checks.count(self.na, "na")
+        _checks.count(self.affine, "affine")
+        set_(self, "nb", _checks.counts(self.nb, len(self.input), "nb", at_least=1))
+        set_(self, "nk", _checks.counts(self.nk, len(self.input), "nk"))
+        if isinstance(self.stage, str):
+            _checks.one_of(self.stage, tuple(STAGES), "stage")
+        if not _checks.real(self.ridge, "ridge") >= 0:
+            raise InputError("ridge must not be negative", got=self.ridge)
+
+    # -- sizes --------------------------------------------------------------------------------------------------
+    @property
+    def channels(self) -> tuple[str, ...]:
+        named = (*self.input, *self.output, *self.basis.names, *((self.weight,) if self.weight else ()))
+        return tuple(dict.fromkeys(named))
+
+    @property
+    def start(self) -> int:
+        back = [self.na, self.affine - 1, *(b + k - 1 for b, k in zip(self._nb(), self._nk(), strict=True))]
+        return max(0, *back) + max(self.basis.lags[1], 0)
+
+    @property
+    def n_columns(self) -> int:
+        """Columns of the regressor (parameters per output), with the stage's own inputs counted."""
+        return self._places(self._filter_width())[0].shape[0]
+
+    @property
+    def delay(self) -> tuple[int, ...]:
+        """First input lag of every input."""
+        return self._nk()
+
+    def _nb(self) -> tuple[int, ...]:
+        return self.nb  # type: ignore[return-value]
+
+    def _nk(self) -> tuple[int, ...]:
+        return self.nk  # type: ignore[return-value]
+
+    def _filter_width(self) -> int:
+        stage = STAGES[self.stage]() if isinstance(self.stage, str) else self.stage
+        inputs = tuple(Signal(n) for n in self.input)
+        return len(inputs) if stage is None else len(stage.signals(inputs))
+
+    def _places(self, width: int) -> tuple[np.ndarray, Columns]:
+        """Layout rows (without output) and regressor columns for `width` filter inputs."""
+        ny, m = len(self.output), self.basis.size
+        one = [label == "1" for label in self.basis.labels]
+        nb = self._nb() + (self._nb()[-1],) * (width - len(self.input))
+        nk = self._nk() + (self._nk()[-1],) * (width - len(self.input))
+        rows: list[tuple[int, int, int, int]] = []
+        columns: list[tuple[int, float, int, int, int]] = []
+
+        def add(part: int, index: int, signal: int, source: int, sign: float, lag: int, functions: list[int]) -> None:
+            phi_lag = lag if (self.lagged or part == 2) else 0
+            for f in functions:
+                rows.append((part, index, signal, f))
+                columns.append((source, sign, lag, -1 if one[f] else f, phi_lag))
+
+        everything = list(range(m))
+        for i in range(1, self.na + 1):
+            for q in range(ny):
+                add(0, i - 1, q, q, -1.0, i, everything)
+        for q in range(width):
+            for j in range(nk[q], nk[q] + nb[q]):
+                add(1, j, q, ny + q, 1.0, j, everything)
+        for j in range(self.affine):
+            add(2, j, 0, ny + width, 1.0, j,
+                everything if j == 0 or self.basis.redundant is None else
+                [f for f in everything if f != self.basis.redundant])
+        source, sign, lag, function, phi_lag = (np.array(x) for x in zip(*columns, strict=True))
+        return np.array(rows), Columns(source, sign.astype(float), lag, function, phi_lag)
+
+    def layout(self, width: int) -> Layout:
+        """Parameter layout, output by output."""
+        rows, _ = self._places(width)
+        part, index, signal, function = rows.T
+        tables = [np.column_stack([part, index, np.full(len(rows), o), signal, function])
+                  for o in range(len(self.output))]
+        return Layout(np.vstack(tables))
+
+    # -- estimate -----------------------------------------------------------------------------------------------
+    def estimate(self, records: Sequence[Record]) -> Identification:
+        box = scheduling_box(records, self.basis, check_basis=not self.ridge)
+        bound = replace(self, basis=self.basis.bound(box))
+        if isinstance(self.stage, str):
+            from lpvid.identification.stage_fit import fit_stage
+
+            return fit_stage(records, bound, box)
+        return bound.regress(records, box)
+
+    def regress(self, records: Sequence[Record], box: Scheduling) -> Identification:
+        """One least squares with the basis bound and the stage fixed."""
+        stage = self.stage if isinstance(self.stage, InputStage) else None
+        width = self._filter_width()
+        equations = sum(r.n_samples - self.start for r in records)
+        layout = self.layout(width)
+        per_output = layout.size // len(self.output)
+        if equations <= per_output:
+            raise InputError(f"{equations} equations cannot determine {per_output} parameters per output",
+                             mend="give longer records, or lower the orders or the degree")
+        _, columns = self._places(width)
+        data = RegressionData(self.input, self.output, box.names, self.basis, columns,  # type: ignore[arg-type]
+                              self.start, stage, self.weight)
+        factor = factorize(records, data)
+        model = self._empty_model(records[0], box, width)
+        names = [n.split(":")[-1] for n in layout.names(model)[:per_output]]
+        solution = factor.solve(self.ridge, names)
+        return self._package(records, model, layout, factor, solution)
+
+    def _empty_model(self, record: Record, box: Scheduling, width: int) -> LPVTransferFunction:
+        ny, m = len(self.output), self.basis.size
+        lags = max(b + k for b, k in zip(self._nb(), self._nk(), strict=True))
+        assert record.sample_time is not None
+        return LPVTransferFunction(
+            np.zeros((self.na, ny, ny, m)), np.zeros((lags, ny, width, m)), self.basis, record.sample_time, box,
+            np.zeros((self.affine, ny, m)), self.lagged, tuple(Signal(n, record.unit(n)) for n in self.input),
+            tuple(Signal(n, record.unit(n)) for n in self.output),
+            self.stage if isinstance(self.stage, InputStage) else None)
+
+    def _package(self, records: Sequence[Record], model: LPVTransferFunction, layout: Layout, factor: Factor,
+                 solution: Solution) -> Identification:
+        theta = solution.theta.T.ravel()
+        metadata: dict = {"structure": self.to_dict(),
+                          "training": {"records": [r.name for r in records], "n_samples": factor.rows}}
+        if layout.size <= COVARIANCE_LIMIT:
+            metadata["parameters"] = {"layout": layout.to_list(), "covariance": solution.covariance.tolist()}
+        model = layout.fill(model, theta).replace(noise_covariance=solution.noise, metadata=metadata)
+        return Identification(model, self, layout, solution.covariance, solution.condition, solution.scaled_condition,
+                              factor.rows)
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        stage = self.stage.to_dict() if isinstance(self.stage, InputStage) else self.stage
+        return {"kind": "arx", "na": self.na, "nb": list(self._nb()), "nk": list(self._nk()),
+                "input": list(self.input), "output": list(self.output), "basis": self.basis.to_dict(),
+                "affine": self.affine, "lagged": self.lagged, "stage": stage, "ridge": self.ridge,
+                "weight": self.weight}
+
+
+def scheduling_box(records: Sequence[Record], basis: Basis, *, check_basis: bool = True) -> Scheduling:
+    """The box around the data's scheduling, refused where these data cannot carry the basis.
+
+    Raises
+    ------
+    InputError
+        A variable that is constant over the whole data set, or fewer distinct levels than the basis needs.
+    """
+    names = basis.names
+    if not names:
+        return Scheduling((), (), ())
+    ranges = [(r.matrix(names).min(axis=0), r.matrix(names).max(axis=0)) for r in records]
+    low, high = np.min([a for a, _ in ranges], axis=0), np.max([b for _, b in ranges], axis=0)
+    for name, lo, hi in zip(names, low, high, strict=True):
+        if hi - lo <= 1e-9 * max(abs(lo), abs(hi)):
+            raise InputError(f"scheduling variable '{name}' is constant over the whole data set", got=f"{lo:.6g}",
+                             why="a dependence on it cannot be identified",
+                             mend="use degree 0, or add records at other levels")
+    units = tuple(records[0].unit(n) for n in names)
+    box = Scheduling(names, tuple(low.tolist()), tuple(high.tolist()), units=units)
+    if check_basis:
+        _enough_levels(records, basis.bound(box))
+    return box
+
+
+def _enough_levels(records: Sequence[Record], bound: Basis) -> None:
+    gram = np.zeros((bound.size, bound.size))
+    for record in records:
+        step = max(1, record.n_samples // 20_000)
+        phi = bound.evaluate(record.matrix(bound.names)[::step])
+        gram += phi.T @ phi
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+    if values[0] > 1e-12 * values[-1]:
+        return
+    levels = {n: len(np.unique(np.round(np.concatenate([r[n] for r in records]), 9))) for n in bound.names}
+    told = ", ".join(f"'{n}' takes {k} level{'s' if k > 1 else ''}" for n, k in levels.items())
+    mixed = [bound.labels[i] for i in np.argsort(-np.abs(vectors[:, 0])) if abs(vectors[i, 0]) > 0.05][:6]
+    raise InputError(f"a basis of {bound.size} functions cannot be identified from these data", got=told,
+                     why=f"there the functions {', '.join(mixed)} are linearly dependent",
+                     mend="lower the degree or the number of segments, add ridge, or add records at other levels")

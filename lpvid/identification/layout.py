@@ -1,0 +1,97 @@
+"""Where each parameter of a vector stands among a model's coefficients."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.model.transfer_function import LPVTransferFunction
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Parameters of an input-output model by place.
+
+    Attributes
+    ----------
+    table : (k, 5) int array
+        One row per parameter: part (0 a, 1 b, 2 c), lag index in that array, output, source signal, basis function.
+        The parameters of the first output come first, then those of the second, and so on.
+    """
+
+    table: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "table", _checks.frozen_array(self.table, "a parameter layout", ndim=2, dtype=int))
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return self.table.shape[0]
+
+    def fill(self, model: LPVTransferFunction, theta: np.ndarray) -> LPVTransferFunction:
+        """The model with these parameters in place of its own; all other coefficients stay."""
+        assert model.c is not None
+        a, b, c = model.a.copy(), model.b.copy(), model.c.copy()
+        part, lag, output, source, function = self.table.T
+        for code, array in ((0, a), (1, b)):
+            rows = part == code
+            array[lag[rows], output[rows], source[rows], function[rows]] = theta[rows]
+        rows = part == 2
+        c[lag[rows], output[rows], function[rows]] = theta[rows]
+        return model.replace(a=a, b=b, c=c)
+
+    def read(self, model: LPVTransferFunction) -> np.ndarray:
+        """(k,) parameters of a model of this layout."""
+        assert model.c is not None
+        arrays = (model.a, model.b, model.c)
+        return np.array([arrays[p][i, o, f] if p == 2 else arrays[p][i, o, q, f] for p, i, o, q, f in self.table])
+
+    def names(self, model: LPVTransferFunction) -> tuple[str, ...]:
+        """A readable name of every parameter, e.g. ``a1[current]``; signals are named where there are several."""
+        labels = model.basis.labels
+        listed = []
+        for part, lag, output, source, function in self.table:
+            number = lag + 1 if part == 0 else lag
+            signal = (model.outputs[source].name if part == 0 else model.filter_inputs[source].name) if part < 2 else ""
+            several = model.n_outputs > 1 if part == 0 else model.n_filter_inputs > 1
+            where = f"{{{signal}}}" if part < 2 and several else ""
+            to = f"{model.outputs[output].name}:" if model.n_outputs > 1 else ""
+            listed.append(f"{to}{'abc'[part]}{number}{where}[{labels[function]}]")
+        return tuple(listed)
+
+    def to_list(self) -> list[list[int]]:
+        """Plain data for JSON."""
+        return self.table.tolist()
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterCloud:
+    """Estimated parameters with their covariance: a model to draw from.
+
+    A model file carries it in ``metadata["parameters"]``, so that a stability report written later, elsewhere, still
+    knows how sure the poles are.
+    """
+
+    model: LPVTransferFunction
+    layout: Layout
+    covariance: np.ndarray
+
+    @classmethod
+    def of(cls, model: LPVTransferFunction) -> ParameterCloud | None:
+        """The cloud that a model's metadata describes, or None when it has none."""
+        data = model.metadata.get("parameters")
+        if not isinstance(data, Mapping) or "covariance" not in data:
+            return None
+        return cls(model, Layout(np.array(data["layout"])), np.array(data["covariance"], dtype=float))
+
+    def draw(self, rng: np.random.Generator, count: int) -> list[LPVTransferFunction]:
+        """`count` models with parameters drawn from the normal law of the estimate."""
+        theta = self.layout.read(self.model)
+        values, vectors = np.linalg.eigh(0.5 * (self.covariance + self.covariance.T))
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        normal = rng.standard_normal((count, theta.size))
+        return [self.layout.fill(self.model, theta + root @ z) for z in normal]

@@ -1,0 +1,182 @@
+"""Least squares on LPV regressors: chunks of [X y] folded into one triangular factor, memory independent of N."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.model.input_stage import InputStage
+from lpvid.record import Record
+from lpvid.scheduling import Basis
+
+SUPER_CHUNK = 32768
+"""samples for which the basis is evaluated at once."""
+CHUNK = 1024
+"""rows folded into R at once."""
+SINGULAR = 1e-13
+"""smallest over largest singular value, with unit columns, below which parameters cannot be told apart."""
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """What stands in each column of a regressor.
+
+    Column q is ``sign · signal[source](k − lag) · φ_function(p(k − phi_lag))``; function −1 stands for 1. Signals are
+    the outputs, then the filter inputs, then the constant 1.
+    """
+
+    source: np.ndarray
+    sign: np.ndarray
+    lag: np.ndarray
+    function: np.ndarray
+    phi_lag: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """Number of columns."""
+        return self.source.size
+
+
+@dataclass(frozen=True, eq=False)
+class RegressionData:
+    """Channels and maps that turn records into regressor rows."""
+
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    scheduling: tuple[str, ...]
+    basis: Basis
+    columns: Columns
+    start: int
+    stage: InputStage | None = None
+    weight: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Factor:
+    """R of [X Y] and the number of rows behind it.
+
+    Attributes
+    ----------
+    r : (columns + outputs, columns + outputs) array
+    rows : int
+    columns : int
+        Columns of X.
+    """
+
+    r: np.ndarray
+    rows: int
+    columns: int
+
+    def solve(self, ridge: float, names: Sequence[str]) -> Solution:
+        """Least squares, with `ridge` times the squared parameters in unit-column scaling added to the cost.
+
+        Parameters
+        ----------
+        ridge : float
+            0 for plain least squares; relative to a regressor column's own energy.
+        names : sequence of str
+            Parameter names, for the message when some cannot be told apart.
+        """
+        from scipy.linalg import solve_triangular
+
+        k = self.columns
+        r11, r12, r22 = self.r[:k, :k], self.r[:k, k:], self.r[k:, k:]
+        scale = np.linalg.norm(r11, axis=0)
+        if not np.all(scale > 0):
+            dead = ", ".join(names[i] for i in np.flatnonzero(scale == 0)[:4])
+            raise InputError(f"regressors are zero throughout: {dead}", why="their signals do not move",
+                             mend="leave these inputs out")
+        singular = np.linalg.svd(r11 / scale, compute_uv=False)
+        condition = np.linalg.cond(r11)
+        if singular[-1] < SINGULAR * singular[0] and ridge == 0:
+            _, _, vt = np.linalg.svd(r11 / scale)
+            mixed = ", ".join(names[i] for i in np.argsort(-np.abs(vt[-1]))[:4])
+            raise InputError("these data cannot tell some parameters apart", got=f"a dependence among {mixed}",
+                             why="their regressors are linearly dependent",
+                             mend="lower the orders or the degree, or add ridge")
+        if ridge:
+            stacked = np.linalg.qr(np.vstack([r11, np.diag(np.sqrt(ridge) * scale)]), mode="r")
+            theta = np.linalg.solve(stacked.T @ stacked, r11.T @ r12)
+        else:
+            stacked, theta = r11, solve_triangular(r11, r12)
+        inverse = solve_triangular(stacked, np.eye(k))
+        gram = inverse @ inverse.T
+        if ridge:
+            gram = gram @ (r11.T @ r11) @ gram
+        residual = np.vstack([r12 - r11 @ theta, r22])
+        noise = residual.T @ residual / max(self.rows - k, 1)
+        return Solution(theta, np.kron(noise, gram), noise, float(condition), float(singular[0] / singular[-1]))
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Estimate of Y ≈ X Θ.
+
+    Attributes
+    ----------
+    theta : (columns, outputs) array
+    covariance : (columns·outputs, columns·outputs) array
+        Of the parameters output by output.
+    noise : (outputs, outputs) array
+        Covariance of the equation error.
+    condition, scaled_condition : float
+        2-norm condition number of X, as it is and with unit columns.
+    """
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    noise: np.ndarray
+    condition: float
+    scaled_condition: float
+
+
+def factorize(records: Sequence[Record], data: RegressionData) -> Factor:
+    """Fold every record's regressor rows into one R; rows of different records never mix.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Uniform, finite, of one rate, each longer than ``data.start``.
+    data : RegressionData
+
+    Returns
+    -------
+    Factor
+    """
+    from threadpoolctl import threadpool_limits
+
+    from lpvid._kernels import ChunkedQR
+
+    qr = ChunkedQR(data.columns.size + len(data.outputs), CHUNK)
+    with threadpool_limits(1, user_api="blas"):  # small factorisations: threads cost ten times what they bring
+        for record in records:
+            for first in range(data.start, record.n_samples, SUPER_CHUNK):
+                _absorb(qr, record, data, first, min(first + SUPER_CHUNK, record.n_samples))
+    return Factor(qr.r, qr.rows_seen, data.columns.size)
+
+
+def _absorb(qr, record: Record, data: RegressionData, first: int, last: int) -> None:
+    """Rows `first` … `last`−1 of one record."""
+    from lpvid._kernels import fill_regressor
+
+    low = first - data.start
+    high = min(last + max(-data.basis.lags[0], 0), record.n_samples)
+    p = np.column_stack([record[n][low:high] for n in data.scheduling]) if data.scheduling else np.empty((high - low, 0))
+    phi = np.ascontiguousarray(data.basis.evaluate(p)[: last - low].T)
+    u = np.column_stack([record[n][low:last] for n in data.inputs]) if data.inputs else np.empty((last - low, 0))
+    if data.stage is not None:
+        u = data.stage.apply(u, p[: last - low])
+    signals = np.vstack([*(record[n][low:last] for n in data.outputs), u.T, np.ones(last - low)])
+    c, height = data.columns, qr.columns
+    for offset in range(data.start, last - low, CHUNK):
+        rows = min(CHUNK, last - low - offset)
+        fill_regressor(qr.block, height, offset, rows, signals, phi, c.source, c.sign, c.lag, c.function, c.phi_lag)
+        for i in range(len(data.outputs)):
+            qr.block[c.size + i, height: height + rows] = signals[i, offset: offset + rows]
+        if data.weight is not None:
+            weight = np.sqrt(record[data.weight][low + offset: low + offset + rows])
+            qr.block[:, height: height + rows] *= weight
+        qr.absorb(rows)

@@ -1,0 +1,115 @@
+"""What an estimate returns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from lpvid.identification.layout import Layout, ParameterCloud
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.validation import Validation
+
+COVARIANCE_LIMIT = 200
+"""models with more parameters than this do not carry their covariance in the file."""
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """An identified model, how sure its parameters are, and how well it does.
+
+    Attributes
+    ----------
+    model : LPVTransferFunction
+    structure : Structure
+        The settings that led to it.
+    layout : Layout
+        Where each parameter stands in the model.
+    covariance : (k, k) array
+        Covariance of the parameters, conditional on a fitted input stage; for equation noise that is white.
+    condition : float
+        2-norm condition number of the regressor as built; `scaled_condition` that with unit columns.
+    n_samples : int
+        Equations used.
+    training, held_out : Validation or None
+        Figures on the data used, and on the data kept back.
+    notes : tuple of str
+        What was done to the data and what to beware of.
+    """
+
+    model: LPVTransferFunction
+    structure: Any
+    layout: Layout
+    covariance: np.ndarray
+    condition: float
+    scaled_condition: float
+    n_samples: int
+    training: Validation | None = None
+    held_out: Validation | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def parameters(self) -> np.ndarray:
+        """(k,) estimated parameters, in normalised scheduling and SI units."""
+        return self.layout.read(self.model)
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of linear parameters plus those of a fitted input stage."""
+        stage = self.model.input_stage
+        return self.layout.size + (0 if stage is None else stage.vector.size)
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """A name for every parameter, ``a2[current]`` the slope of a_2 over normalised current."""
+        return self.layout.names(self.model)
+
+    @property
+    def standard_errors(self) -> np.ndarray:
+        """(k,) standard errors of the parameters."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def fit(self) -> float | None:
+        """Free-run fit in percent on the training data."""
+        return None if self.training is None else self.training.overall.free_run.fit_percent
+
+    def with_parameters(self, theta: Sequence[float] | np.ndarray) -> LPVTransferFunction:
+        """The model at other parameters."""
+        return self.layout.fill(self.model, np.asarray(theta, dtype=float))
+
+    def draw(self, rng: np.random.Generator, count: int) -> list[LPVTransferFunction]:
+        """Models drawn from the estimate's normal law."""
+        return ParameterCloud(self.model, self.layout, self.covariance).draw(rng, count)
+
+    def replace(self, **changes) -> Identification:
+        """A copy with some fields changed."""
+        return replace(self, **changes)
+
+    def to_dict(self) -> dict:
+        """identification.json."""
+        stage = self.model.input_stage
+        rows = zip(self.parameter_names, self.parameters.tolist(), self.standard_errors.tolist(), strict=True)
+        return {
+            "schema": "lpvid/identification/1",
+            "structure": self.structure.to_dict(),
+            "parameters": [{"name": n, "value": v, "std": s} for n, v, s in rows],
+            "normalisation": {"centre": self.model.box.centre.tolist(), "half_width": self.model.box.half_width.tolist(),
+                              "names": list(self.model.box.names), "units": list(self.model.box.units)},
+            "input_stage": None if stage is None else stage.to_dict(),
+            "n_parameters": self.n_parameters, "n_samples": self.n_samples,
+            "condition": self.condition, "scaled_condition": self.scaled_condition,
+            "training": None if self.training is None else self.training.to_dict(),
+            "held_out": None if self.held_out is None else self.held_out.to_dict(),
+            "notes": list(self.notes),
+        }
+
+    def __repr__(self) -> str:
+        lines = [f"Identification: {self.model!r}",
+                 f"  {self.n_parameters} parameters from {self.n_samples} equations, condition number "
+                 f"{self.condition:.1e} ({self.scaled_condition:.1e} with unit columns)"]
+        lines += [f"  {v.label}: {v.summary()}" for v in (self.training, self.held_out) if v is not None]
+        lines += [f"  note: {n}" for n in self.notes[:5]]
+        return "\n".join(lines)

@@ -1,0 +1,27 @@
+"""What every structure offers to `identify`: its channels, how much data it needs, and its estimate."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+from lpvid.identification.result import Identification
+from lpvid.record import Record
+
+
+class Structure(ABC):
+    """A model structure with its estimator's settings; subclasses are frozen dataclasses."""
+
+    @property
+    @abstractmethod
+    def channels(self) -> tuple[str, ...]:
+        """Inputs, outputs and scheduling variables that the estimate reads."""
+
+    @property
+    @abstractmethod
+    def start(self) -> int:
+        """Samples at the head of every record that only serve as a past."""
+
+    @abstractmethod
+    def estimate(self, records: Sequence[Record]) -> Identification:
+        """Fit to uniform, finite records of one rate (what `condition.segments` returns)."""
