@@ -1,0 +1,176 @@
+"""Reading measurements: one module per format, chosen by the file's extension."""
+
+from __future__ import annotations
+
+import glob
+import re
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.files import csv, mat, mdf4, parquet, tdms
+from lpvid.files._table import Table, to_record
+from lpvid.record import Record
+
+READERS: tuple[tuple[tuple[str, ...], Callable[[Path], Table]], ...] = (
+    (csv.EXTENSIONS, csv.read_table),
+    (parquet.EXTENSIONS, parquet.read_table),
+    (mat.EXTENSIONS, mat.read_table),
+    (mdf4.EXTENSIONS, mdf4.read_table),
+    (tdms.EXTENSIONS, tdms.read_table),
+)
+"""Extensions and the function that reads them, in the order in which they are tried."""
+_EXTENSIONS = tuple(e for extensions, _ in READERS for e in extensions)
+
+
+def read(paths: str | Path | Iterable[str | Path], *, roles: Mapping[str, str] | None = None, name: str | None = None,
+         sample_rate: float | None = None) -> list[Record]:
+    """Read measurements; one record per file, SI inside.
+
+    Parameters
+    ----------
+    paths : str, Path or several of them
+        Files, patterns such as ``"run*.csv"`` (in natural order: run2 before run10), or folders (every file in them
+        whose format is known).
+    roles : mapping of str to str, optional
+        Role name to channel name, for every record.
+    name : str, optional
+        Name of the record, when there is one file; otherwise the file's stem, with its folder where stems collide.
+    sample_rate : float, optional
+        Rate [Hz] of files that have no time column and state no rate; it changes nothing for those that do.
+
+    Returns
+    -------
+    list of Record
+        Samples and time stamps as they are: missing ones are NaN, nothing is interpolated. A channel that holds text
+        keeps its fault, and one whose unit is unknown is a pure number.
+
+    Raises
+    ------
+    InputError
+        No such file, a format that is not known, or a file that cannot be read; one line says what and how to mend it.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "run1.csv"
+    >>> _ = path.write_text("time [ms],velocity [mm/s]\\n0,10\\n2,12.5\\n4,15\\n")
+    >>> read(path)
+    [Record 'run1': 3 samples, 500 Hz, velocity [m/s]]
+    """
+    files = find(paths)
+    if name is not None and len(files) > 1:
+        raise InputError("one name for several files", got=f"'{name}' for {len(files)} files",
+                         mend="leave the name out: records are named after their files")
+    rate = None if sample_rate is None else _checks.positive(sample_rate, "sample_rate", "Hz")
+    names = [name] if name is not None else record_names(files)
+    return [_read_one(path, label, rate, roles) for path, label in zip(files, names, strict=True)]
+
+
+def find(paths: str | Path | Iterable[str | Path]) -> list[Path]:
+    """Files behind names, patterns and folders, in natural order within each.
+
+    Parameters
+    ----------
+    paths : str, Path or several of them
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    InputError
+        Nothing found, a format that is not known, or a file named twice.
+    """
+    given = [paths] if isinstance(paths, (str, Path)) else list(paths)
+    found = [path for item in given for path in _expand(item)]
+    if not found:
+        raise InputError("no files to read", mend="name at least one file")
+    seen: set[Path] = set()
+    for path in found:
+        real = path.resolve()
+        if real in seen:
+            raise InputError(f"{path}: the file is named twice", why="its samples would count twice",
+                             mend="name every file once")
+        seen.add(real)
+        _reader(path)
+    return found
+
+
+def _expand(item: str | Path) -> list[Path]:
+    if not isinstance(item, (str, Path)):
+        raise InputError("a path must be text", got=repr(item))
+    text, path = str(item), Path(item)
+    if not text.strip() or "\0" in text:
+        raise InputError("a path must not be empty", got=repr(text))
+    try:
+        if path.is_dir():
+            inside = [p for p in path.iterdir() if p.suffix.lower() in _EXTENSIONS and p.is_file()]
+            if not inside:
+                raise InputError(f"{path}: the folder holds no file that can be read",
+                                 mend=f"readable are {', '.join(_EXTENSIONS)}")
+            return sorted(inside, key=natural)
+        if path.exists():
+            if not path.is_file():
+                raise InputError(f"{path}: not a file or folder", mend="name a file")
+            return [path]
+    except OSError as error:
+        raise _no_access(path, error) from None
+    if re.search(r"[*?\[]", text):
+        matches = [Path(m) for m in glob.glob(text, recursive=True) if Path(m).is_file()]  # noqa: PTH207
+        if matches:
+            return sorted(matches, key=natural)
+        raise InputError(f"no file matches '{text}'", mend="check folder and extension")
+    raise InputError(f"{path}: there is no such file", mend="check folder and extension")
+
+
+def natural(path: Path) -> list[tuple[int, int, str]]:
+    """Sorting key in which run2 comes before run10."""
+    return [(0, int(part), "") if part.isdigit() else (1, 0, part.casefold())
+            for part in re.split(r"([0-9]+)", str(path)) if part]
+
+
+def record_names(files: Iterable[Path]) -> list[str]:
+    """Stems of the files; where stems collide, with as many parent folders as tell them apart, then the extension."""
+    listed = list(files)
+    resolved = [path.resolve() for path in listed]
+    names = [path.stem for path in listed]
+    depth = max((len(path.parts) for path in resolved), default=0)
+    for level in range(1, depth):
+        if len(set(names)) == len(names):
+            return names
+        clash = {n for n in names if names.count(n) > 1}
+        names = ["/".join((*path.parts[-1 - level:-1], path.stem)) if n in clash else n
+                 for n, path in zip(names, resolved, strict=True)]
+        if len({path.parent for path, n in zip(resolved, names, strict=True) if n in clash}) <= 1:
+            break
+    return [path.name if names.count(n) > 1 else n for n, path in zip(names, listed, strict=True)]
+
+
+def _reader(path: Path) -> Callable[[Path], Table]:
+    for extensions, reader in READERS:
+        if path.suffix.lower() in extensions:
+            return reader
+    raise InputError(f"{path}: the format '{path.suffix}' is not known", mend=f"readable are {', '.join(_EXTENSIONS)}")
+
+
+def _read_one(path: Path, name: str, sample_rate: float | None, roles: Mapping[str, str] | None) -> Record:
+    where = str(path)
+    try:
+        if path.stat().st_size == 0:
+            raise InputError(f"{where}: the file is empty (0 bytes)", mend="export the data again")
+        with path.open("rb"):
+            pass
+        table = _reader(path)(path)
+    except OSError as error:
+        raise _no_access(path, error) from None
+    except MemoryError:
+        raise InputError(f"{where}: the file does not fit into memory", mend="split it") from None
+    return to_record(table, where, name=name, sample_rate=sample_rate, roles=roles)
+
+
+def _no_access(path: Path, error: OSError) -> InputError:
+    return InputError(f"{path}: cannot be read", got=error.strerror or str(error),
+                      mend="check the path and its permissions")

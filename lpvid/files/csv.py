@@ -1,0 +1,229 @@
+"""Delimited text: comma, semicolon, tab or white space; one header row of ``name [unit]``."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+import warnings
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.files._table import Column, Table, fault_text, headed, is_number, parse_cells
+
+EXTENSIONS = (".csv", ".tsv", ".txt")
+_BLOCK = 50_000
+_CHUNK = 1 << 20
+_CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
+_WORDS = re.compile(r"[^\s\[\]]+(?:\s*\[[^\]]*\])?")
+_MEND_HEADER = "add a header row such as 'time [s],velocity [m/s],force [N]'"
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """How the text is laid out; `data_line` is the number of the first data line, from 1."""
+
+    encoding: str
+    delimiter: str | None
+    names: tuple[str, ...]
+    header_line: int
+    data_line: int
+
+    @property
+    def decimal_comma(self) -> bool:
+        return self.delimiter in (";", "\t")
+
+    def split(self, line: str) -> list[str]:
+        """Cells of one line; quotes protect a delimiter."""
+        if self.delimiter is None:
+            return line.split()
+        return next(csv.reader([line], delimiter=self.delimiter, skipinitialspace=True), [])
+
+
+def read_table(path: Path) -> Table:
+    """Read delimited text.
+
+    The delimiter is the one of tab, semicolon, comma and white space on which the header and the first data line
+    agree. Behind a semicolon or a tab a comma is a decimal comma. Lines that start with ``#`` are comments. Empty
+    cells, ``NaN`` and ``NA`` are missing samples; other text is a fault of its column.
+
+    Parameters
+    ----------
+    path : Path
+        UTF-8 (with or without byte order mark), UTF-16 with byte order mark, or Latin-1.
+
+    Returns
+    -------
+    Table
+
+    Raises
+    ------
+    InputError
+        Not text, empty, without header or data, or a row with another number of cells than the header.
+    """
+    where = str(path)
+    layout = _layout(path, where)
+    values = _read_numbers(path, layout)
+    if values is not None:
+        columns = [_column(header, values[:, i], None) for i, header in enumerate(layout.names)]
+    else:
+        columns = _read_cells(path, layout, where)
+    return Table(_without_trailing(columns))
+
+
+def _column(header: str, values: np.ndarray, fault: str | None) -> Column:
+    name, unit = headed(header)
+    return Column(name, values, unit, fault)
+
+
+def _without_trailing(columns: list[Column]) -> list[Column]:
+    """Drop the empty column that a delimiter at the end of every line leaves."""
+    last = columns[-1]
+    trailing = len(columns) > 1 and not last.name and not last.fault and bool(np.isnan(last.values).all())
+    return columns[:-1] if trailing else columns
+
+
+# -- layout ---------------------------------------------------------------------------------------------------------
+def _layout(path: Path, where: str) -> _Layout:
+    encoding = _encoding(path, where)
+    with path.open(encoding=encoding, newline=None) as stream:
+        lines = list(islice(_content(stream), 2))
+    if not lines:
+        raise InputError(f"{where}: the file is empty", mend=_MEND_HEADER)
+    (header_line, header), *data = lines
+    candidates = [_Layout(encoding, d, (), 0, 0) for d in ("\t", ";", ",", None)]
+    delimiter, names = _delimiter(candidates, header, data[0][1] if data else header)
+    if all(is_number(name) for name in names):
+        raise InputError(f"{where}: line {header_line} holds numbers only", why="the columns have no names",
+                         mend=_MEND_HEADER)
+    if not data:
+        raise InputError(f"{where}: there is a header but no data", got=", ".join(names), mend="export the data again")
+    return _Layout(encoding, delimiter, tuple(names), header_line, data[0][0])
+
+
+def _delimiter(candidates: list[_Layout], header: str, row: str) -> tuple[str | None, list[str]]:
+    """Delimiter on which header and first row agree, or the first that splits the header at all."""
+    options = []
+    for layout in candidates:
+        names = _WORDS.findall(header) if layout.delimiter is None else layout.split(header)
+        cells = layout.split(row)
+        options.append((layout.delimiter, names, len(names) == len(cells)))
+    agreed = [o for o in options if len(o[1]) > 1 and o[2]]
+    splits = [o for o in options[:3] if len(o[1]) > 1]
+    if agreed:
+        return agreed[0][:2]
+    if splits:
+        return splits[0][:2]
+    return ",", [header.strip()]
+
+
+def _encoding(path: Path, where: str) -> str:
+    """UTF-8 if every byte fits, UTF-16 by its mark, Latin-1 otherwise; refuse what is no text."""
+    with path.open("rb") as stream:
+        head = stream.read(4)
+        if head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+            return _checked_utf16(path, where)
+        decoder, encoding = codecs.getincrementaldecoder("utf-8")(), "utf-8-sig"
+        chunk = head + stream.read(_CHUNK)
+        while chunk:
+            found = _CONTROL.search(chunk)
+            if found:
+                raise _no_text(where, f"byte 0x{found[0].hex()}")
+            try:
+                if encoding == "utf-8-sig":
+                    decoder.decode(chunk)
+            except UnicodeDecodeError:
+                encoding = "latin-1"
+            chunk = stream.read(_CHUNK)
+    if encoding == "utf-8-sig":
+        try:
+            decoder.decode(b"", final=True)
+        except UnicodeDecodeError:
+            return "latin-1"
+    return encoding
+
+
+def _checked_utf16(path: Path, where: str) -> str:
+    try:
+        with path.open(encoding="utf-16") as stream:
+            while text := stream.read(_CHUNK):
+                if _CONTROL.search(text.encode("utf-8", "replace")):
+                    raise _no_text(where, "control characters")
+    except UnicodeError:
+        raise _no_text(where, "a broken UTF-16 sequence") from None
+    return "utf-16"
+
+
+def _no_text(where: str, got: str) -> InputError:
+    return InputError(f"{where}: the file is not text", got=got,
+                      mend="export comma-separated text, or use the extension of the file's real format")
+
+
+def _content(stream: Iterable[str], first_line: int = 1) -> Iterator[tuple[int, str]]:
+    """Lines that are neither blank nor comments, with their numbers."""
+    for number, line in enumerate(stream, first_line):
+        text = line.strip()
+        if text and not text.startswith("#"):
+            yield number, line.rstrip("\n")
+
+
+# -- numbers --------------------------------------------------------------------------------------------------------
+def _read_numbers(path: Path, layout: _Layout) -> np.ndarray | None:
+    """The fast way, for files that hold nothing but numbers; None sends the file the careful way."""
+    with path.open(encoding=layout.encoding, newline=None) as stream:
+        lines: Iterable[str] = islice(stream, layout.data_line - 1, None)
+        if layout.decimal_comma:
+            lines = (line.replace(",", ".") for line in lines)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                values = np.loadtxt(lines, delimiter=layout.delimiter, comments=None, ndmin=2)
+        except (ValueError, UserWarning):
+            return None
+    return values if values.shape[1] == len(layout.names) else None
+
+
+def _read_cells(path: Path, layout: _Layout, where: str) -> list[Column]:
+    """The careful way: cell by cell, with the line of everything that is amiss."""
+    parts: list[list[np.ndarray]] = [[] for _ in layout.names]
+    first: list[tuple[str, int, int] | None] = [None] * len(layout.names)  # text, row and line of the first fault
+    n_faults = [0] * len(layout.names)
+    n_rows = 0
+    with path.open(encoding=layout.encoding, newline=None) as stream:
+        rows = _rows(islice(stream, layout.data_line - 1, None), layout, where)
+        while block := list(islice(rows, _BLOCK)):
+            for i, cells in enumerate(zip(*(row for _, row in block), strict=True)):
+                values, at_fault = parse_cells(cells)
+                parts[i].append(values)
+                n_faults[i] += len(at_fault)
+                if at_fault and first[i] is None:
+                    k = at_fault[0]
+                    first[i] = (cells[k], n_rows + k + 1, block[k][0])
+            n_rows += len(block)
+    faults = [fault_text(f[0], f[1], n, f[2]) if f else None for f, n in zip(first, n_faults, strict=True)]
+    return [_column(header, np.concatenate(p), f) for header, p, f in zip(layout.names, parts, faults, strict=True)]
+
+
+def _rows(stream: Iterable[str], layout: _Layout, where: str) -> Iterator[tuple[int, list[str]]]:
+    wanted = len(layout.names)
+    for number, line in _content(stream, layout.data_line):
+        text = line.replace(",", ".") if layout.decimal_comma else line
+        try:
+            quoted = layout.delimiter is None or '"' in text
+            cells = layout.split(text) if quoted else text.split(layout.delimiter)
+        except csv.Error as error:
+            raise InputError(f"{where}: line {number} cannot be read", got=str(error)) from None
+        if len(cells) != wanted:
+            raise InputError(f"{where}: line {number} has {len(cells)} cells", got=_shown(text),
+                             why=f"the header names {wanted} columns",
+                             mend="export the data again, or repair that line")
+        yield number, cells
+
+
+def _shown(text: str) -> str:
+    return f"'{text[:40]}…'" if len(text) > 40 else f"'{text}'"

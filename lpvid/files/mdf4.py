@@ -1,0 +1,81 @@
+"""ASAM MDF 4, by asammdf: one raster per file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.files._table import Column, Table, check_claim, corrupt, without_library
+
+EXTENSIONS = (".mf4", ".mdf")
+
+
+def read_table(path: Path) -> Table:
+    """Read an MDF file whose channel groups share one raster.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    Table
+        The master channel as ``time`` [s], every numeric channel with its unit; the rest left out, with a note.
+
+    Raises
+    ------
+    InputError
+        Damaged, groups on different rasters, a size claim beyond all bounds, or asammdf is not installed.
+    """
+    where = str(path)
+    with path.open("rb") as stream:
+        if stream.read(3) != b"MDF":
+            raise corrupt(where, "MDF", ValueError("the file does not begin with MDF"))
+    try:
+        from asammdf import MDF
+    except ImportError:
+        raise without_library(where, "asammdf") from None
+    try:
+        with MDF(path) as file:
+            groups = [g for g in file.virtual_groups if file.groups[g].channel_group.cycles_nr]
+            claimed = sum(_claim(file.groups[g]) for g in groups)
+            check_claim(claimed, where, held=path.stat().st_size)
+            signals = [s for g in groups for s in _signals(file, g)]
+    except (InputError, PermissionError, FileNotFoundError, MemoryError):
+        raise
+    except Exception as error:  # asammdf raises its own and struct's, numpy's and Python's errors on damaged files
+        raise corrupt(where, "MDF", error) from None
+    return _table(signals, where)
+
+
+def _claim(group: Any) -> int:
+    return 8 * int(group.channel_group.cycles_nr) * max(len(group.channels), 1)
+
+
+def _signals(file: Any, group: int) -> list[Any]:
+    master = file.masters_db.get(group)
+    indices = [i for i in range(len(file.groups[group].channels)) if i != master]
+    return [file.get(group=group, index=i, ignore_invalidation_bits=True) for i in indices]
+
+
+def _table(signals: list[Any], where: str) -> Table:
+    if not signals:
+        raise InputError(f"{where}: there are no samples", mend="export the data again")
+    clock = np.asarray(signals[0].timestamps, dtype=float)
+    columns, notes = [Column("time", clock, "s")], []
+    for signal in signals:
+        if not np.array_equal(signal.timestamps, clock):
+            raise InputError(f"{where}: channels '{signals[0].name}' and '{signal.name}' have different time stamps",
+                             why="nothing is interpolated here", mend="export the channels on one raster")
+        values = np.asarray(signal.samples)
+        if values.ndim != 1 or values.dtype.kind not in "fiub":
+            notes.append(f"channel '{signal.name}' is left out: it holds no numbers")
+            continue
+        values = values.astype(float)
+        if signal.invalidation_bits is not None:
+            values[np.asarray(signal.invalidation_bits, dtype=bool)] = np.nan
+        columns.append(Column(signal.name.strip(), values, signal.unit.strip() or None))
+    return Table(columns, None, notes)
