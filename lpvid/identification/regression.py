@@ -164,9 +164,9 @@ def _absorb(qr, record: Record, data: RegressionData, first: int, last: int) -> 
 
     low = first - data.start
     high = min(last + max(-data.basis.lags[0], 0), record.n_samples)
-    p = np.column_stack([record[n][low:high] for n in data.scheduling]) if data.scheduling else np.empty((high - low, 0))
+    p = _stack(record, data.scheduling, low, high)
     phi = np.ascontiguousarray(data.basis.evaluate(p)[: last - low].T)
-    u = np.column_stack([record[n][low:last] for n in data.inputs]) if data.inputs else np.empty((last - low, 0))
+    u = _stack(record, data.inputs, low, last)
     if data.stage is not None:
         u = data.stage.apply(u, p[: last - low])
     signals = np.vstack([*(record[n][low:last] for n in data.outputs), u.T, np.ones(last - low)])
@@ -180,3 +180,7 @@ def _absorb(qr, record: Record, data: RegressionData, first: int, last: int) -> 
             weight = np.sqrt(record[data.weight][low + offset: low + offset + rows])
             qr.block[:, height: height + rows] *= weight
         qr.absorb(rows)
+
+
+def _stack(record: Record, names: Sequence[str], low: int, high: int) -> np.ndarray:
+    return np.column_stack([record[n][low:high] for n in names]) if names else np.empty((high - low, 0))

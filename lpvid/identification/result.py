@@ -91,13 +91,14 @@ class Identification:
     def to_dict(self) -> dict:
         """identification.json."""
         stage = self.model.input_stage
+        box = self.model.box
         rows = zip(self.parameter_names, self.parameters.tolist(), self.standard_errors.tolist(), strict=True)
         return {
             "schema": "lpvid/identification/1",
             "structure": self.structure.to_dict(),
             "parameters": [{"name": n, "value": v, "std": s} for n, v, s in rows],
-            "normalisation": {"centre": self.model.box.centre.tolist(), "half_width": self.model.box.half_width.tolist(),
-                              "names": list(self.model.box.names), "units": list(self.model.box.units)},
+            "normalisation": {"names": list(box.names), "units": list(box.units), "centre": box.centre.tolist(),
+                              "half_width": box.half_width.tolist()},
             "input_stage": None if stage is None else stage.to_dict(),
             "n_parameters": self.n_parameters, "n_samples": self.n_samples,
             "condition": self.condition, "scaled_condition": self.scaled_condition,

@@ -1,0 +1,46 @@
+"""The layers of the house, and how quickly its door opens."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+HEAVY = ("cvxpy", "control", "matplotlib", "pint", "scipy.signal", "scipy.optimize", "numba", "typer", "rich",
+         "jinja2", "pyarrow", "h5py")
+
+
+def test_import_contracts_hold() -> None:
+    pytest.importorskip("importlinter")
+    command = [sys.executable, "-c", "from importlinter.cli import lint_imports_command as c; c()",
+               "--config", str(ROOT / ".importlinter"), "--no-cache"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_import_is_lazy() -> None:
+    probe = ("import sys, lpvid, quartercar; lpvid.Record, lpvid.identify, lpvid.ARX, lpvid.simulate, lpvid.validate; "
+             f"print([m for m in {HEAVY!r} if m in sys.modules])")
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_every_export_exists() -> None:
+    import lpvid
+
+    for name in lpvid.__all__:
+        assert getattr(lpvid, name) is not None
+    assert set(lpvid.__all__) == set(lpvid._HOME)
+
+
+def test_nothing_else_at_top_level() -> None:
+    tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if tracked.returncode != 0:
+        pytest.skip("not a git checkout")
+    tops = {line.split("/")[0] for line in tracked.stdout.splitlines()}
+    allowed = {"pyproject.toml", "lpvid", "quartercar", "tests", "examples", "docs", "README.md", "LICENSE",
+               "CHANGELOG.md"}
+    assert {t for t in tops if not t.startswith(".")} <= allowed
