@@ -1,0 +1,230 @@
+"""A model with its scheduling held still: matrices along straight lines through the scheduling space."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Shifted, Spline, Stacked
+
+Model = LPVTransferFunction | LPVStateSpace
+
+CAVEAT = ("Frozen stability holds every scheduling value still: it does not cover a moving scheduling variable, "
+          "for which certify_stability is the test.")
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A straight line p(s) = origin + s·direction through the scheduling space.
+
+    Along one variable's axis s is that variable in its own unit, and ``low``…``high`` its box.
+    """
+
+    label: str
+    unit: str
+    origin: np.ndarray
+    direction: np.ndarray
+    low: float
+    high: float
+
+    def points(self, s: np.ndarray | float) -> np.ndarray:
+        """(n, n_scheduling) points for `s` of shape (n,)."""
+        return self.origin + np.atleast_1d(np.asarray(s, dtype=float))[:, None] * self.direction
+
+    @property
+    def centre(self) -> float:
+        """Middle of the range."""
+        return 0.5 * (self.low + self.high)
+
+    @property
+    def half_width(self) -> float:
+        """Half the range; 1 for a range without width."""
+        half = 0.5 * (self.high - self.low)
+        return half if half > 1e-12 * max(abs(self.low), abs(self.high), 1e-300) else max(abs(self.centre), 1.0)
+
+    def text(self, value: float) -> str:
+        """A value of s with its unit."""
+        return f"{value:.6g} {self.unit}".rstrip()
+
+
+def lines(model: Model, variable: str | Sequence[str] | None = None,
+          at: Mapping[str, float] | Sequence[float] | None = None,
+          direction: Mapping[str, float] | Sequence[float] | None = None) -> tuple[Line, ...]:
+    """The line along `direction` through `at`, or the axis of every variable (or of those named) through `at`.
+
+    `at` is a point or a mapping of names, by default the middle of the box; variables left out of a mapping stay there.
+    """
+    box = model.box
+    origin = _vector(at, box, "at", box.centre)
+    if direction is not None:
+        if variable is not None:
+            raise InputError("give either a variable or a direction", got=f"both '{variable}' and {direction}")
+        along = _vector(direction, box, "direction", np.zeros(len(box.names)))
+        if not np.any(along):
+            raise InputError("a direction needs a component other than zero", got=direction)
+        terms = [f"{x:+.4g}·{n}" for n, x in zip(box.names, along, strict=True) if x]
+        return (Line(f"s (along {' '.join(terms)})", "", origin, along, *_range(box, origin, along)),)
+    wanted = box.names if variable is None else _checks.names(variable, "variable")
+    return tuple(_axis(box, _checks.known_name(name, box.names, "scheduling variable"), origin) for name in wanted)
+
+
+def _axis(box: Scheduling, name: str, origin: np.ndarray) -> Line:
+    i = box.names.index(name)
+    along = np.zeros(len(box.names))
+    along[i] = 1.0
+    return Line(name, box.units[i], np.where(along > 0, 0.0, origin), along, box.lower[i], box.upper[i])
+
+
+def _vector(given: Mapping[str, float] | Sequence[float] | None, box: Scheduling, what: str,
+            otherwise: np.ndarray) -> np.ndarray:
+    if given is None:
+        return otherwise
+    if isinstance(given, Mapping):
+        vector = np.array(otherwise, dtype=float)
+        for name, value in given.items():
+            vector[box.names.index(_checks.known_name(name, box.names, "scheduling variable"))] = value
+        return _checks.finite(vector, what)
+    vector = np.atleast_1d(_checks.frozen_array(given, what))
+    return _checks.finite(_checks.shaped(vector, (len(box.names),), what), what)
+
+
+def _range(box: Scheduling, origin: np.ndarray, along: np.ndarray) -> tuple[float, float]:
+    """The part of the line inside the box; (−1, 1) where it misses the box."""
+    low, high = -np.inf, np.inf
+    for start, step, lower, upper in zip(origin, along, box.lower, box.upper, strict=True):
+        if step:
+            first, last = sorted(((lower - start) / step, (upper - start) / step))
+            low, high = max(low, first), min(high, last)
+        elif not lower <= start <= upper:
+            return -1.0, 1.0
+    return (low, high) if low < high else (-1.0, 1.0)
+
+
+# -- matrices ---------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class Affine:
+    """A matrix constant + Σ_m tensor[..., m, :, :] φ_m; leading axes of `tensor` stand for several models."""
+
+    constant: np.ndarray
+    tensor: np.ndarray
+
+    def at(self, phi: np.ndarray) -> np.ndarray:
+        """(..., n, N, N) matrices for basis values `phi` of shape (n, M)."""
+        return self.constant + np.einsum("pm,...mij->...pij", phi, self.tensor, optimize=True)
+
+    def size_at(self, phi: np.ndarray) -> np.ndarray:
+        """(n,) how large the terms are that are added up in `at`: the yardstick of its rounding error."""
+        terms = np.abs(self.constant) + np.einsum("pm,...mij->...pij", np.abs(phi), np.abs(self.tensor), optimize=True)
+        return terms.sum(axis=-1).max(axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """The frozen models as a matrix family whose eigenvalues are the poles.
+
+    ``plus`` and ``minus`` are singular exactly where a pole is +1 or −1 (discrete); ``plus`` where a pole is 0
+    (continuous). For a transfer function they are D(±1, p) itself, of the size of the output.
+    """
+
+    basis: Basis
+    matrix: Affine
+    plus: Affine
+    minus: Affine | None
+    sample_time: float | None
+
+    @property
+    def discrete(self) -> bool:
+        """True for discrete time."""
+        return self.sample_time is not None
+
+    @property
+    def order(self) -> int:
+        """Number of poles."""
+        return self.matrix.constant.shape[-1]
+
+    def matrices(self, p: np.ndarray) -> np.ndarray:
+        """(n, N, N) frozen state matrices at `p` of shape (n, n_scheduling)."""
+        return self.matrix.at(basis_values(self.basis, p))
+
+    def poles(self, p: np.ndarray) -> np.ndarray:
+        """(n, N) frozen poles at `p`."""
+        return np.linalg.eigvals(self.matrices(p)).astype(complex)
+
+
+def family(model: Model) -> Family:
+    """The frozen family of one model."""
+    if isinstance(model, LPVTransferFunction):
+        na, ny, m = model.na, model.n_outputs, model.basis.size
+        n = na * ny
+        tensor = np.zeros((m, n, n))
+        tensor[:, :, :ny] = -np.moveaxis(model.a, -1, 0).reshape(m, n, ny)
+        shift = np.zeros((n, n))
+        shift[: n - ny, ny:] = np.eye(n - ny) if n else 0.0
+        ends = []
+        for sign in (1.0, -1.0):
+            signs = sign ** np.arange(1, na + 1)
+            ends.append(Affine(np.eye(ny), np.einsum("i,ijkm->mjk", signs, model.a)))
+        return Family(still(model.basis), Affine(shift, tensor), ends[0], ends[1], model.sample_time)
+    eye, zero = np.eye(model.order), np.zeros((model.order, model.order))
+    matrix = Affine(zero, model.A)
+    if not model.is_discrete:
+        return Family(still(model.basis), matrix, matrix, None, None)
+    return Family(still(model.basis), matrix, Affine(-eye, model.A), Affine(eye, model.A), model.sample_time)
+
+
+def stability_margin(poles: np.ndarray, discrete: bool) -> np.ndarray:
+    """|λ| − 1 (discrete) or Re λ (continuous) of every pole: negative where it decays."""
+    return np.abs(poles) - 1.0 if discrete else poles.real
+
+
+# -- bases ------------------------------------------------------------------------------------------------------------
+def still(basis: Basis) -> Basis:
+    """The same functions without delays: with p held still p(k−i) is p."""
+    if isinstance(basis, Shifted):
+        return still(basis.basis)
+    if isinstance(basis, Stacked):
+        return Stacked(tuple(still(f) for f in basis.factors))
+    if isinstance(basis, Product):
+        return Product(still(basis.first), still(basis.second))
+    return basis
+
+
+def basis_values(basis: Basis, p: np.ndarray) -> np.ndarray:
+    """(n, M) values at unrelated points `p` (n, n_scheduling), not along a trajectory."""
+    if basis.lags == (0, 0):
+        return basis.evaluate(p)
+    return np.vstack([basis.evaluate(point[None, :]) for point in p])
+
+
+def piece_degree(basis: Basis, moving: Sequence[str]) -> int | None:
+    """Highest polynomial degree along a line between breakpoints, or None where there is none."""
+    if isinstance(basis, Spline):
+        return basis.order if basis.name in moving else 0
+    if isinstance(basis, Polynomial):
+        return basis.degree if any(n in moving for n in basis.names) else 0
+    if isinstance(basis, Product | Stacked):
+        degrees = [piece_degree(f, moving) for f in basis.factors]
+        known = [d for d in degrees if d is not None]
+        if len(known) < len(degrees):
+            return None
+        return sum(known) if isinstance(basis, Product) else max(known, default=0)
+    return basis.degree
+
+
+def breakpoints(basis: Basis, names: Sequence[str], line: Line) -> np.ndarray:
+    """Rising values of s at which a spline's next piece begins."""
+    if isinstance(basis, Spline):
+        i = list(names).index(basis.name)
+        if not line.direction[i]:
+            return np.empty(0)
+        return np.sort((np.array(basis.knots) - line.origin[i]) / line.direction[i])
+    if isinstance(basis, Product | Stacked):
+        parts = [breakpoints(f, names, line) for f in basis.factors]
+        return np.unique(np.concatenate(parts)) if parts else np.empty(0)
+    return np.empty(0)
