@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
@@ -133,20 +134,17 @@ def natural(path: Path) -> list[tuple[int, int, str]]:
 
 
 def record_names(files: Iterable[Path]) -> list[str]:
-    """Stems of the files; where stems collide, with as many parent folders as tell them apart, then the extension."""
-    listed = list(files)
-    resolved = [path.resolve() for path in listed]
-    names = [path.stem for path in listed]
-    depth = max((len(path.parts) for path in resolved), default=0)
-    for level in range(1, depth):
-        if len(set(names)) == len(names):
-            return names
-        clash = {n for n in names if names.count(n) > 1}
-        names = ["/".join((*path.parts[-1 - level:-1], path.stem)) if n in clash else n
-                 for n, path in zip(names, resolved, strict=True)]
-        if len({path.parent for path, n in zip(resolved, names, strict=True) if n in clash}) <= 1:
+    """Stems of the files, with the extension and as many parent folders as it takes to tell them apart."""
+    resolved = [path.resolve() for path in files]
+    bare = [path.with_suffix("") for path in resolved]
+    tails = [path if bare.count(stem) > 1 else stem for path, stem in zip(resolved, bare, strict=True)]
+    names = [path.name for path in tails]
+    for level in range(2, max((len(path.parts) for path in tails), default=0) + 1):
+        count = Counter(names)
+        if max(count.values()) == 1:
             break
-    return [path.name if names.count(n) > 1 else n for n, path in zip(names, listed, strict=True)]
+        names = [n if count[n] == 1 else "/".join(path.parts[-level:]) for n, path in zip(names, tails, strict=True)]
+    return names
 
 
 def _reader(path: Path) -> Callable[[Path], Table]:

@@ -120,7 +120,7 @@ def stated_period(metadata: Mapping[str, object], where: str) -> float | None:
         if key in metadata:
             number, _ = units.quantity_to_si(metadata[key], unit=unit)
             if not number > 0:
-                raise InputError(f"{where}: {key} must be positive", got=metadata[key])
+                raise InputError(f"{where}: {key} must be positive", got=metadata[key], mend="state the true one")
             return number if key == "sample_time" else 1.0 / number
     return None
 
@@ -159,7 +159,8 @@ def to_record(table: Table, where: str, *, name: str, sample_rate: float | None,
     clock = _time_column(table.columns)
     signals = [c for c in table.columns if c is not clock]
     if not signals:
-        raise InputError(f"{where}: there is no channel beside '{table.columns[0].name}'")
+        raise InputError(f"{where}: there is no channel beside '{table.columns[0].name}'",
+                         mend="export at least one channel")
     channels: dict[str, Channel] = {}
     notes = list(table.notes)
     for column in signals:

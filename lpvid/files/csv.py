@@ -97,7 +97,10 @@ def _layout(path: Path, where: str) -> _Layout:
         raise InputError(f"{where}: the file is empty", mend=_MEND_HEADER)
     (header_line, header), *data = lines
     candidates = [_Layout(encoding, d, (), 0, 0) for d in ("\t", ";", ",", None)]
-    delimiter, names = _delimiter(candidates, header, data[0][1] if data else header)
+    try:
+        delimiter, names = _delimiter(candidates, header, data[0][1] if data else header)
+    except csv.Error as error:
+        raise _broken_line(where, data[0][0] if data else header_line, error) from None
     if all(is_number(name) for name in names):
         raise InputError(f"{where}: line {header_line} holds numbers only", why="the columns have no names",
                          mend=_MEND_HEADER)
@@ -217,12 +220,16 @@ def _rows(stream: Iterable[str], layout: _Layout, where: str) -> Iterator[tuple[
             quoted = layout.delimiter is None or '"' in text
             cells = layout.split(text) if quoted else text.split(layout.delimiter)
         except csv.Error as error:
-            raise InputError(f"{where}: line {number} cannot be read", got=str(error)) from None
+            raise _broken_line(where, number, error) from None
         if len(cells) != wanted:
             raise InputError(f"{where}: line {number} has {len(cells)} cells", got=_shown(text),
                              why=f"the header names {wanted} columns",
                              mend="export the data again, or repair that line")
         yield number, cells
+
+
+def _broken_line(where: str, number: int, error: Exception) -> InputError:
+    return InputError(f"{where}: line {number} cannot be read", got=str(error), mend="check its quotes")
 
 
 def _shown(text: str) -> str:

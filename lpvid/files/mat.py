@@ -103,8 +103,8 @@ def _read_hdf5(path: Path, where: str) -> Tree:
         return _group(file, _DEPTH)
 
 
-def _group(group: Any, depth: int) -> Tree:
-    """Variables of one group; links that lead elsewhere are not followed."""
+def _group(group: Any, depth: int, above: tuple[Any, ...] = ()) -> Tree:
+    """Variables of one group; links that lead elsewhere, or back, are not followed."""
     import h5py
 
     tree: Tree = {}
@@ -116,7 +116,8 @@ def _group(group: Any, depth: int) -> Tree:
             continue
         item = group[name]
         if isinstance(item, h5py.Group):
-            tree[name] = None if depth == 0 or "MATLAB_sparse" in item.attrs else _group(item, depth - 1)
+            closed = depth == 0 or item in (*above, group) or "MATLAB_sparse" in item.attrs
+            tree[name] = None if closed else _group(item, depth - 1, (*above, group))
         elif isinstance(item, h5py.Dataset):
             tree[name] = _dataset(item)
     return tree
@@ -159,8 +160,8 @@ def _unit(tree: Tree, place: tuple[str, ...]) -> str | None:
 
 def _table(tree: Tree, where: str) -> Table:
     leaves = list(_leaves(tree))
-    last = [place[-1] for place, _ in leaves]
-    named = {place: place[-1] if last.count(place[-1]) == 1 else ".".join(place) for place, _ in leaves}
+    last = [place[-1] for place, value in leaves if _is_numeric(value)]
+    named = {place: place[-1] if last.count(place[-1]) <= 1 else ".".join(place) for place, _ in leaves}
     stated = {p[-1]: float(v) for p, v in leaves if p[-1] in _STATED and _is_numeric(v) and np.size(v) == 1}
     arrays = {p: np.asarray(v) for p, v in leaves if _is_numeric(v) and p[-1] not in stated}
     n = _length([a for p, a in arrays.items() if is_time_name(named[p])], list(arrays.values()), where)

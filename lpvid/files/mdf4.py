@@ -39,7 +39,7 @@ def read_table(path: Path) -> Table:
     except ImportError:
         raise without_library(where, "asammdf") from None
     try:
-        with MDF(path) as file:
+        with path.open("rb") as stream, MDF(stream) as file:
             groups = [g for g in file.virtual_groups if file.groups[g].channel_group.cycles_nr]
             claimed = sum(_claim(file.groups[g]) for g in groups)
             check_claim(claimed, where, held=path.stat().st_size)

@@ -37,7 +37,8 @@ def read_table(path: Path) -> Table:
     except ImportError:
         raise without_library(where, "npTDMS") from None
     try:
-        with TdmsFile.open(path) as file:
+        # npTDMS leaves a stream of its own open when the file is damaged
+        with path.open("rb") as stream, TdmsFile.open(stream) as file:
             channels = [c for group in file.groups() for c in group.channels() if len(c)]
             check_claim(sum(8 * len(c) for c in channels), where, held=path.stat().st_size)
             loaded = [(c, np.asarray(c[:])) for c in channels]
