@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -58,6 +59,8 @@ class Counter:
 
     def __init__(self, models: Family, line: Line, always: list[tuple[float, float, tuple[str, ...]]]) -> None:
         self.models, self.line, self.always = models, line, always
+        box = models.poles(line.points(line.centre + line.half_width * np.linspace(-1, 1, 11)))
+        self.size = max(1e-3 * float(np.abs(box).max()), 1e-300)
 
     def fixed(self, s: np.ndarray) -> np.ndarray:
         """Whether a pole is known to lie on the boundary there."""
@@ -67,7 +70,7 @@ class Counter:
     def margins(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(n, N) poles at `s` and their relative distance to the boundary."""
         poles = self.models.poles(self.line.points(s))
-        scale = np.ones(s.size) if self.models.discrete else np.maximum(np.abs(poles).max(axis=1), 1e-300)
+        scale = np.ones(s.size) if self.models.discrete else np.maximum(np.abs(poles).max(axis=1), self.size)
         return poles, stability_margin(poles, self.models.discrete) / scale[:, None]
 
     def __call__(self, s: np.ndarray) -> np.ndarray:
@@ -86,20 +89,17 @@ def search(models: Family, names: tuple[str, ...], line: Line) -> LineSearch:
         return LineSearch(stable_intervals=[(-np.inf, np.inf)])
     result = LineSearch()
     listed = pieces(models, names, line)
-    if listed is None:
-        result.exact, result.why_grid = False, "the basis is not piecewise polynomial"
-    else:
-        solved = [candidates(piece) for piece in listed]
-        if any(c is None for c in solved):
-            result.exact, result.why_grid = False, "the eigenvalue problem is too large"
-    found: list[Crossing] = []
-    if result.exact and listed is not None:
-        result.always = [(p.low, p.high, p.always) for p in listed if p.always]
-        found = _merged([c for piece, t in zip(listed, solved, strict=True) for c in _polished(piece, t or [], models)])
-    else:
-        half = line.half_width
-        result.window = (line.centre - 3 * half, line.centre + 3 * half)
-    edges = {x for p in listed or [] if p.always for x in (p.low, p.high) if np.isfinite(x)}
+    solved = [candidates(piece) for piece in listed or []]
+    if listed is None or any(c is None for c in solved):
+        result.exact = False
+        result.why_grid = ("the basis is not piecewise polynomial" if listed is None
+                           else "the eigenvalue problem is too large")
+        result.window = (line.centre - 3 * line.half_width, line.centre + 3 * line.half_width)
+        solved = []
+    listed = listed or []
+    result.always = [(p.low, p.high, p.always) for p in listed if p.always]
+    found = _merged([c for p, t in zip(listed, solved, strict=False) for c in _polished(p, t or [], models)])
+    edges = {x for p in listed if p.always for x in (p.low, p.high) if np.isfinite(x)}
     counter = Counter(models, line, result.always)
     found, result.bisected = _completed(counter, line, found, edges, result)
     _classify(counter, line, found, edges, result)
@@ -149,7 +149,7 @@ def _completed(counter: Counter, line: Line, found: list[Crossing], edges: set[f
     added = 0
     for _ in range(8):
         stations = _stations(line, found, edges, result.window)
-        s = np.concatenate([_samples(a, b) for a, b in zip(stations[:-1], stations[1:], strict=True)]
+        s = np.concatenate([_samples(a, b) for a, b in itertools.pairwise(stations)]
                            + [line.centre + line.half_width * np.linspace(-1, 1, 41 if result.exact else 801)])
         s = np.unique(s[np.all(np.abs(s[:, None] - stations[None, 1:-1]) > 1e-9 * line.half_width, axis=1)])
         counts = counter(s)
@@ -202,7 +202,7 @@ def _bisected(counter: Counter, a: float, b: float, count: int) -> Crossing:
 def _classify(counter: Counter, line: Line, found: list[Crossing], edges: set[float], result: LineSearch) -> None:
     """Fill in groups, directions and stable intervals."""
     stations = _stations(line, found, edges, result.window)
-    counts = [_count_between(counter, a, b) for a, b in zip(stations[:-1], stations[1:], strict=True)]
+    counts = [_count_between(counter, a, b) for a, b in itertools.pairwise(stations)]
     middles = 0.5 * (stations[:-1] + stations[1:])
     stable = [c == 0 and not f for c, f in zip(counts, counter.fixed(middles), strict=True)]
     for i, s in enumerate(stations[1:-1]):

@@ -180,7 +180,7 @@ def family(model: Model) -> Family:
 
 def stability_margin(poles: np.ndarray, discrete: bool) -> np.ndarray:
     """|λ| − 1 (discrete) or Re λ (continuous) of every pole: negative where it decays."""
-    return np.abs(poles) - 1.0 if discrete else poles.real
+    return np.abs(poles) - 1.0 if discrete else np.real(poles)
 
 
 # -- bases ------------------------------------------------------------------------------------------------------------

@@ -1,8 +1,10 @@
-"""Guardian maps: polynomials in the scheduling value that vanish exactly where a pole sits on the stability boundary."""
+"""Guardian maps: polynomials in the scheduling value that vanish exactly where a pole is on the stability boundary."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -33,7 +35,7 @@ def bialternate(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """One polynomial piece of a frozen family: A(s) = Σ_k matrix[k] t^k with t = (s − centre)/half on low < s < high."""
+    """One polynomial piece of a frozen family: A(s) = Σ_k matrix[k] t^k, t = (s − centre)/half, for low < s < high."""
 
     low: float
     high: float
@@ -61,7 +63,7 @@ def pieces(models: Family, names: tuple[str, ...], line: Line) -> list[Piece] | 
     edges = np.concatenate([[-np.inf], knots, [np.inf]])
     middle = float(np.median(np.diff(knots))) / 2 if knots.size > 1 else line.half_width
     listed = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in itertools.pairwise(edges):
         half = middle if np.isinf(low) or np.isinf(high) else 0.5 * (high - low)
         centre = high - half if np.isinf(low) else low + half
         listed.append(_piece(models, line, degree, (float(low), float(high)), (float(centre), float(half))))
@@ -138,6 +140,11 @@ def polynomial_value(coefficients: np.ndarray, t: float) -> np.ndarray:
     return value
 
 
+def _terms(coefficients: np.ndarray, t: float) -> float:
+    sizes = np.abs(coefficients).sum(axis=2).max(axis=1)
+    return float(sizes @ np.abs(t) ** np.arange(sizes.size))
+
+
 def polynomial_eigenvalues(coefficients: np.ndarray) -> np.ndarray:
     """Finite t at which Σ_k coefficients[k] t^k, of shape (degree+1, m, m), is singular.
 
@@ -163,7 +170,8 @@ def polynomial_eigenvalues(coefficients: np.ndarray) -> np.ndarray:
     left, right = np.eye(degree * m, k=m), np.eye(degree * m)
     left[-m:] = -np.hstack(list(scaled[:-1]))
     right[-m:, -m:] = scaled[-1]
-    alpha, beta = eig(left, right, right=False, homogeneous_eigvals=True)
+    pairs: Any = eig(left, right, right=False, homogeneous_eigvals=True)
+    alpha, beta = pairs
     finite = np.abs(beta) > np.abs(alpha) * max(1.0, scale) / (FARTHEST * 1e3)
     return alpha[finite] / beta[finite] * scale
 
@@ -177,11 +185,12 @@ def candidates(piece: Piece) -> list[tuple[str, float]] | None:
         if (coefficients.shape[0] - 1) * coefficients.shape[1] > LARGEST_PENCIL:
             return None
         t = polynomial_eigenvalues(coefficients)
-        near = (np.abs(t.imag) <= 1e-3 * (1 + np.abs(t.real))) & (np.abs(t) < FARTHEST)
-        s = piece.centre + piece.half * t.real
+        real = np.real(t)
+        near = (np.abs(np.imag(t)) <= 1e-3 * (1 + np.abs(real))) & (np.abs(t) < FARTHEST)
+        s = piece.centre + piece.half * real
         slack = 1e-3 * piece.half
         inside = (s >= piece.low - slack) & (s <= piece.high + slack)
-        found += [(kind, float(x)) for x in np.unique(t.real[near & inside])]
+        found += [(kind, float(x)) for x in np.unique(real[near & inside])]
     return found
 
 
@@ -213,8 +222,9 @@ def _nearest_pole(matrix: np.ndarray, t: float, kind: str, discrete: bool) -> tu
     from scipy.linalg import eig
 
     a = polynomial_value(matrix, t)
-    values, left, right = eig(a, left=True, right=True)
-    scale = 1.0 if discrete else max(float(np.abs(values).max()), 1e-300)
+    solved: Any = eig(a, left=True, right=True)
+    values, left, right = solved
+    scale = 1.0 if discrete else max(float(np.abs(values).max()), 1e-3 * _terms(matrix, t), 1e-300)
     if kind in ("complex", "imaginary"):
         distance = np.where(values.imag > REAL_POLE * scale, np.abs(stability_margin(values, discrete)), np.inf)
     else:
@@ -239,7 +249,8 @@ def _always_on_boundary(piece: Piece, discrete: bool, scales: dict[str, float]) 
     norm = max(float(np.abs(polynomial_value(piece.matrix, t)).sum(axis=1).max(initial=0.0)) for t in at)
     for kind, coefficients in piece.guardians.items():
         scale = scales.get(kind, 1.0 + norm**2 if discrete else norm)
-        if all(_singular(polynomial_value(coefficients, t), scale) and _pole_there(piece, kind, t, discrete) for t in at):
+        singular = all(_singular(polynomial_value(coefficients, t), scale) for t in at)
+        if singular and all(_pole_there(piece, kind, t, discrete) for t in at):
             kinds.append(kind)
     return tuple(kinds)
 

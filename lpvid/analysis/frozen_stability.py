@@ -1,0 +1,99 @@
+"""Is every frozen model of the box stable, and where is it closest to losing stability?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.analysis.critical import CriticalScheduling, critical_scheduling
+from lpvid.analysis.frozen import CAVEAT, Family, Model, family, stability_margin
+
+
+@dataclass(frozen=True, eq=False)
+class FrozenStability:
+    """Whether the frozen model is stable over its box, and where it is closest to losing stability.
+
+    It says nothing about a scheduling variable that moves; see `certify_stability`.
+    """
+
+    stable: bool
+    max_modulus: float | None
+    max_real_part: float | None
+    at: dict[str, float]
+    points: int
+    critical: CriticalScheduling
+
+    def __str__(self) -> str:
+        where = ", ".join(f"{n} = {v:.6g}" for n, v in self.at.items()) or "every time"
+        size = (f"largest pole modulus {self.max_modulus:.6g}" if self.max_modulus is not None
+                else f"largest real part {self.max_real_part:.6g} 1/s")
+        rows = [f"frozen-{'stable' if self.stable else 'UNSTABLE'} over the box: {size} at {where}",
+                *(f"  {v}" for v in self.critical.values)]
+        if len(self.critical.lines) > 1:
+            rows.append(f"  judged at {self.points} points and exactly along each axis through the middle of the box")
+        return "\n".join([*rows, CAVEAT])
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"stable": self.stable, "max_modulus": self.max_modulus, "max_real_part": self.max_real_part,
+                "at": dict(self.at), "points": self.points, "caveat": CAVEAT}
+
+
+def frozen_stability(model: Model, points: int | None = None) -> FrozenStability:
+    """Whether every frozen model of the box is stable: exactly for one scheduling variable, on a grid for several.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+    points : int, optional
+        Grid points along each variable; by default about 20 000 in all, at most 401 each. The largest modulus is then
+        sharpened by zooming in around the best one.
+
+    Returns
+    -------
+    FrozenStability
+
+    Examples
+    --------
+    >>> from lpvid.model.transfer_function import LPVTransferFunction
+    >>> from lpvid.scheduling import Polynomial
+    >>> model = LPVTransferFunction.siso(a=[[-0.5, 0.25]], b=[[0, 0], [1, 0]], sample_time=0.1,
+    ...                                  basis=Polynomial("current", degree=1))
+    >>> result = frozen_stability(model)
+    >>> result.stable, result.max_modulus, result.at
+    (True, 0.75, {'current': -1.0})
+    """
+    models, box = family(model), model.box
+    count = len(box.names)
+    if points is None:
+        points = int(np.clip(20_000 ** (1 / max(count, 1)), 2, 401))
+    _checks.count(points, "points", at_least=2)
+    grid = box.grid(points)
+    if models.order == 0:
+        worst, at = (-1.0 if models.discrete else -np.inf), box.centre
+    else:
+        worst, at = _worst(models, grid)
+        for shrink in range(1, 13 if count <= 8 else 1):
+            reach = box.half_width * 2.0 / (points - 1) * 0.5 ** (shrink - 1)
+            local = np.clip(at + (_cube(count) * reach), box.lower, box.upper)
+            better, place = _worst(models, local)
+            if better > worst:
+                worst, at = better, place
+    critical = critical_scheduling(model)
+    stable = bool(worst < 0) and critical.stable
+    return FrozenStability(stable, 1.0 + worst if models.discrete else None, None if models.discrete else worst,
+                           dict(zip(box.names, at.tolist(), strict=True)), len(grid), critical)
+
+
+def _worst(models: Family, p: np.ndarray) -> tuple[float, np.ndarray]:
+    margin = stability_margin(models.poles(p), models.discrete).max(axis=1)
+    i = int(np.argmax(margin))
+    return float(margin[i]), p[i]
+
+
+def _cube(count: int) -> np.ndarray:
+    steps = np.linspace(-1.0, 1.0, 9 if count < 3 else 3)
+    return np.stack(np.meshgrid(*[steps] * count, indexing="ij"), axis=-1).reshape(-1, count) if count else np.zeros(
+        (1, 0))
