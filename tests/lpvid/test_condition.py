@@ -5,7 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lpvid.condition import resample, segments
+from lpvid.condition import (
+    align,
+    blocks,
+    delay,
+    differentiate,
+    folds,
+    leaks,
+    low_pass,
+    repetition_period,
+    resample,
+    segments,
+    split_tail,
+    with_velocity,
+)
 from lpvid.errors import InputError
 from lpvid.record import Channel, Record
 
@@ -146,3 +159,173 @@ def test_a_whole_ratio_keeps_the_grid_and_missing_samples_stay_missing() -> None
     assert slow.n_samples == 20
     assert np.flatnonzero(np.isnan(slow["x"])).tolist() == [10]
     assert any("60 Hz to 20 Hz" in note for note in slow.notes)
+
+
+# -- filter -----------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("damping", "numerator", "denominator"),
+    [  # equation (4.5) of the thesis at 20 Hz, 512 Hz sampling: both damping values worked out by hand
+        (np.sqrt(0.5), [0.02678571, 0.02385608], [1, -1.6560927, 0.70673449]),
+        (1.0, [0.02561669, 0.02174933], [1, -1.56472526, 0.61209128]),
+    ],
+)
+def test_the_causal_filter_has_the_published_difference_equation(
+    damping: float, numerator: list[float], denominator: list[float]
+) -> None:
+    impulse = np.zeros(60)
+    impulse[1] = 1.0
+    record = Record({"x": impulse}, sample_time=1 / 512)
+    h = low_pass(record, 20.0, damping=damping, zero_phase=False)["x"][1:]
+    expected = np.zeros(59)
+    for i in range(59):
+        expected[i] = sum(b for j, b in enumerate(numerator, start=1) if i == j)
+        expected[i] -= sum(denominator[j] * expected[i - j] for j in (1, 2) if i >= j)
+    np.testing.assert_allclose(h, expected, atol=1e-6)
+
+
+def test_butterworth_gain_and_phase() -> None:
+    t = np.arange(4096) / 512
+    tone = np.sin(2 * np.pi * 20 * t)
+    record = Record({"x": tone, "step": np.full(4096, 3.0)}, sample_time=1 / 512)
+    both_ways = low_pass(record, 20.0)
+    inner = slice(500, -500)
+    np.testing.assert_allclose(both_ways["x"][inner], 0.5 * tone[inner], atol=1e-4)
+    np.testing.assert_allclose(both_ways["step"], 3.0, rtol=1e-9)
+    once = low_pass(record, 20.0, zero_phase=False, channels=["x"])
+    assert np.sqrt(2 * np.mean(once["x"][inner] ** 2)) == pytest.approx(np.sqrt(0.5), rel=1e-3)
+    assert "on x" in once.notes[-1]
+    with pytest.raises(InputError, match="half the sampling rate"):
+        low_pass(record, 256.0)
+
+
+def test_filtering_leaves_missing_samples_missing() -> None:
+    x = np.sin(np.arange(200) / 10)
+    x[90:95] = NAN
+    out = low_pass(Record({"x": x}, sample_time=0.01), 5.0)["x"]
+    assert np.flatnonzero(np.isnan(out)).tolist() == [90, 91, 92, 93, 94]
+
+
+# -- differentiate ----------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("method", "error"), [("savitzky-golay", 1e-9), ("central", 2e-3), ("backward", 0.09)])
+def test_derivative_of_a_quartic(method: str, error: float) -> None:
+    t = np.arange(100) * 0.01
+    slope = differentiate(t**4, 0.01, method=method)
+    assert np.abs(slope - 4 * t**3).max() < error
+
+
+def test_a_backward_difference_lags_half_a_sample() -> None:
+    t = np.arange(1000) * 0.01
+    slope = differentiate(np.sin(t), 0.01, method="backward")
+    np.testing.assert_allclose(slope[1:], np.cos(t - 0.005)[1:], atol=1e-5)
+
+
+def test_velocity_is_derived_once_and_said_so() -> None:
+    t = np.concatenate((np.arange(60), np.arange(80, 120))) * 0.01
+    x = np.sin(3 * t)
+    x[20] = NAN
+    record = with_velocity(Record({"displacement": Channel(x, "m")}, time=t))
+    good = np.isfinite(record["velocity"])
+    assert np.flatnonzero(~good).tolist() == [20]
+    np.testing.assert_allclose(record["velocity"][good], 3 * np.cos(3 * t[good]), atol=3e-5)
+    assert record.unit("velocity") == "m/s"
+    assert "derived" in record.notes[-1]
+    assert with_velocity(record) is record
+
+
+# -- delay, align -----------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("true", [-0.0137, 0.0, 0.004, 0.0321])
+@pytest.mark.parametrize("gain", [2.0, -0.5])
+def test_delay_is_found_to_a_hundredth_of_a_sample(true: float, gain: float, rng: np.random.Generator) -> None:
+    t = np.arange(1500) * 0.01
+    tones = [(rng.uniform(0.2, 12), rng.uniform(0, 6)) for _ in range(12)]
+    x = sum(np.sin(2 * np.pi * f * t + p) for f, p in tones)
+    y = gain * sum(np.sin(2 * np.pi * f * (t - true) + p) for f, p in tones) + 4 + 0.01 * rng.normal(size=t.size)
+    assert delay(x, y, 0.01, 0.1) == pytest.approx(true, abs=1e-4)
+
+
+def test_delay_of_a_few_sine_periods_is_not_biased_by_the_ends() -> None:
+    t = np.arange(400) * 0.01
+    assert delay(np.sin(2 * np.pi * t), np.sin(2 * np.pi * (t - 0.033)), 0.01, 0.2) == pytest.approx(0.033, abs=1e-5)
+
+
+def test_align_takes_out_a_fraction_of_a_sample() -> None:
+    t = np.arange(800) * 0.01
+    record = Record({"a": np.sin(7 * t), "b": np.sin(7 * (t - 0.0264))}, sample_time=0.01)
+    mended = align(record, "b", 0.0264)
+    assert mended.n_samples == 797
+    np.testing.assert_allclose(mended["b"][30:-30], mended["a"][30:-30], atol=1e-4)
+    back = align(record, "a", -0.0264)
+    np.testing.assert_allclose(back["b"][30:-30], back["a"][30:-30], atol=1e-4)
+    assert back.start == pytest.approx(0.03)
+
+
+# -- split ------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("n", [3, 10, 36057, 36056, 2001])
+def test_the_last_third_starts_at_floor_two_thirds(n: int) -> None:
+    training, held_out = split_tail(Record({"x": np.arange(float(n))}, sample_time=0.1))
+    assert training.n_samples == (2 * n) // 3
+    assert training.n_samples + held_out.n_samples == n
+    assert held_out["x"][0] == (2 * n) // 3
+
+
+def test_blocks_stand_apart() -> None:
+    parts = blocks(Record({"x": np.arange(100.0)}, sample_time=0.1, name="r"), 2.0, gap=0.5)
+    assert [p["x"][0] for p in parts] == [0, 25, 50, 75]
+    assert {p.n_samples for p in parts} == {20}
+    assert parts[1].start == pytest.approx(2.5)
+
+
+def test_folds_hold_every_sample_out_once_and_keep_their_distance() -> None:
+    record = Record({"x": np.arange(97.0)}, sample_time=0.1)
+    held = []
+    for training, held_out in folds(record, 4, 0.3):
+        kept = np.concatenate([p["x"] for p in training])
+        out = np.concatenate([p["x"] for p in held_out])
+        assert np.abs(kept[:, None] - out[None, :]).min() == 4
+        held.append(out)
+    np.testing.assert_array_equal(np.sort(np.concatenate(held)), np.arange(97.0))
+
+
+def _road(rng: np.random.Generator, noise: float = 0.0) -> Record:
+    """A pattern of 5 s that comes back with changed sign: x(t + 5) = -x(t)."""
+    spectrum = np.zeros(251, dtype=complex)
+    spectrum[1:60] = rng.normal(size=59) + 1j * rng.normal(size=59)
+    pattern = np.fft.irfft(spectrum, 500) / 0.05
+    x = np.tile(np.concatenate((pattern, -pattern)), 3)
+    return Record({"x": x + noise * x.std() * rng.normal(size=x.size)}, sample_time=0.01, name="road")
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_repetition_is_found_with_its_sign(noise: float, rng: np.random.Generator) -> None:
+    found = repetition_period(_road(rng, noise)["x"], 0.01)
+    assert found is not None
+    assert found.sign == -1
+    assert found.seconds == pytest.approx(5.0, abs=2e-3)
+    assert found.residual == pytest.approx(noise, rel=0.1, abs=1e-6)
+
+
+def test_noise_and_filtered_noise_do_not_repeat(rng: np.random.Generator) -> None:
+    white = rng.normal(size=3000)
+    assert repetition_period(white, 0.01) is None
+    smooth = np.convolve(white, np.hanning(61), mode="valid")
+    assert repetition_period(smooth, 0.01) is None
+    assert repetition_period(np.linspace(0, 1, 500), 0.01) is None
+
+
+def test_a_period_between_two_samples_is_found() -> None:
+    t = np.arange(2000) * 0.01
+    found = repetition_period(np.sin(2 * np.pi * 1.37 * t), 0.01)
+    assert found is not None
+    assert found.seconds == pytest.approx(0.5 / 1.37, rel=2e-3)
+    assert found.sign == -1
+
+
+def test_time_blocks_of_a_repeating_road_leak_and_pattern_folds_do_not(rng: np.random.Generator) -> None:
+    record = _road(rng)
+    training, held_out = split_tail(record)
+    share = leaks(training, held_out, "x")
+    assert share == pytest.approx(1.0)
+    for inside, outside in folds(record, 4, period=5.0):
+        assert leaks(inside, outside, "x", window=0.5) is None
+    fresh = Record({"x": np.convolve(rng.normal(size=3000), np.hanning(21), mode="same")}, sample_time=0.01)
+    assert leaks(*split_tail(fresh), "x") is None
