@@ -1,0 +1,6 @@
+"""Transfer function to state space, in every form, with the gap each one makes."""
+
+from lpvid.realization.gap import Gap, RecordGap
+from lpvid.realization.noun import FORMS, Realization, realize
+
+__all__ = ["FORMS", "Gap", "Realization", "RecordGap", "realize"]
