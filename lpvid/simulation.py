@@ -225,7 +225,8 @@ def _simulate_ss(model: LPVStateSpace, u: np.ndarray, p: np.ndarray, y: np.ndarr
         said = "estimated state"
     out = np.zeros((len(u), model.n_outputs))
     diverged = _run_ss(model, phi, u, x0, out, _scale(y))
-    return _finish(model, out, start if initial == "measured" else 0, None, diverged, said)
+    measured = isinstance(initial, str) and initial == "measured"
+    return _finish(model, out, start if measured else 0, None, diverged, said)
 
 
 def _run_ss(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, x0: np.ndarray, out: np.ndarray,
@@ -268,6 +269,8 @@ def _signals(model: Model, record: Record) -> tuple[np.ndarray, np.ndarray]:
                          mend="resample the record to the model's rate")
     measured = _columns(record, [s.name for s in model.inputs])
     p = _columns(record, list(model.box.names))
+    if model.scheduling_stage is not None:
+        p = model.scheduling_stage.apply(p, model.sample_time)
     u = measured if model.input_stage is None else model.input_stage.apply(measured, p)
     return np.ascontiguousarray(u), p
 
