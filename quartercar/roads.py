@@ -51,6 +51,9 @@ WONG: dict[str, Roughness] = {
 ISO_CLASSES: dict[str, float] = {letter: 16e-6 * 4.0**k for k, letter in enumerate("ABCDEFGH")}
 """Geometric mean G_d(n_0) [m³] of each class of ISO 8608."""
 
+SURFACES: tuple[str, ...] = (*WONG, *(f"iso-{letter.lower()}" for letter in ISO_CLASSES))
+"""Names that `surface` knows."""
+
 
 def surface(name: str) -> Roughness:
     """A road by name: one of Wong's surfaces, or ``"iso-a"`` … ``"iso-h"`` (waviness 2).
@@ -60,8 +63,8 @@ def surface(name: str) -> Roughness:
     >>> surface("iso-b").psd(np.array([1.0]), 10.0)
     array([6.4e-06])
     """
-    known = {**WONG, **{f"iso-{k.lower()}": iso_roughness(k) for k in ISO_CLASSES}}
-    return known[_checks.known_name(name, list(known), "road surface")]
+    _checks.known_name(name, SURFACES, "road surface")
+    return WONG[name] if name in WONG else iso_roughness(name.removeprefix("iso-"))
 
 
 def iso_roughness(road_class: str, waviness: float = 2.0) -> Roughness:
