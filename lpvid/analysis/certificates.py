@@ -1,0 +1,377 @@
+"""Stability while the scheduling moves: certificates that anyone can re-check with numpy alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.analysis.divergence import Divergence, diverging_trajectory
+from lpvid.errors import InputError
+from lpvid.lmi.autonomous import Autonomous, Model, autonomous, reading_box
+from lpvid.lmi.certificate import Lyapunov, Recheck, grid, recheck
+from lpvid.lmi.search import Search, dependent, frozen_rates
+from lpvid.scheduling import Polynomial, Scheduling
+
+_range = range  # `range` is an argument of the public function
+
+Rate = float | Sequence[float | None] | Mapping[str, float | None] | None
+Range = Sequence[float] | Sequence[Sequence[float]] | Mapping[str, Sequence[float]] | None
+MAX_DEGREE = 3
+
+
+@dataclass(frozen=True, eq=False)
+class StabilityCertificate:
+    """A Lyapunov function V = xᵀP(p)x that decreases along every admissible trajectory, or the lack of one.
+
+    The state x is [y(k−1) … y(k−na)] for a transfer function with coefficients at p(k), the observer state for one
+    with coefficients at p(k−i), and the model's own state for a state space. Inputs and affine terms are zero.
+
+    Parameters
+    ----------
+    kind : str
+        "quadratic" (one P), "poly-quadratic" (P(p), arbitrary jumps), "parameter-dependent" (P(p), bounded rate),
+        or "none".
+    matrices : (K, n, n) array
+        P(p) = Σ_k matrices[k] ψ_k(p), with ψ_k the functions of `basis`.
+    basis : Polynomial
+    box : Scheduling
+        Range and rate bounds [units per second] asked for; a variable read at several times has an entry for each.
+    sample_time : float or None
+    model_hash : str
+        sha256 of the coefficients, the basis and the sampling time it was made for.
+    verified : bool
+        The inequality was re-checked with numpy and holds.
+    margin : float
+        Smallest eigenvalue of the inequality after the congruence that makes P at the centre the identity, less a
+        bound of the rounding errors (a pure number; 1/s in continuous time). Not a number where there is no P.
+    between_grid : bool
+        Proven on the whole box, not only on the points of a grid.
+    decay_rate : float
+        α [1/s]: sqrt(V) decreases at least as exp(−αt); 0 where nothing is known.
+    divergence : Divergence or None
+        Not certified: a trajectory along which the model grows, if one was found.
+    solver : str
+        What proposed the matrices.
+    """
+
+    kind: str
+    matrices: np.ndarray
+    basis: Polynomial
+    box: Scheduling
+    sample_time: float | None
+    model_hash: str
+    verified: bool
+    margin: float
+    between_grid: bool
+    decay_rate: float
+    divergence: Divergence | None = None
+    solver: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "matrices", _checks.frozen_array(self.matrices, "matrices", ndim=3))
+
+    @property
+    def decay(self) -> float | None:
+        """Factor per sample by which sqrt(V) decreases at least; None in continuous time or where nothing is known."""
+        known = self.sample_time is not None and self.decay_rate > 0
+        return math.exp(-self.decay_rate * self.sample_time) if known and self.sample_time else None
+
+    @property
+    def time_constant(self) -> float | None:
+        """1/α [s], or None where nothing is known."""
+        return 1 / self.decay_rate if self.decay_rate > 0 else None
+
+    @property
+    def verdict(self) -> str:
+        """"certified", "certified on a grid only" or "not certified"."""
+        if not self.verified:
+            return "not certified"
+        return "certified" if self.between_grid else "certified on a grid only"
+
+    @property
+    def claim(self) -> str:
+        """What the certificate says, in words."""
+        if not self.verified:
+            return "no statement about a moving scheduling variable"
+        where = ", ".join(_interval(*row) for row in zip(self.box.names, self.box.lower, self.box.upper,
+                                                         self.box.units, strict=True))
+        text = f"with zero input the state decays for every trajectory of {where}" if where else "the state decays"
+        if where and self.kind != "parameter-dependent":
+            text += ", however fast it moves"
+        elif where:
+            speeds = [f"|d {n}/dt| <= {r:.6g} {u or '1'}/s" if r is not None else f"{n} arbitrarily fast"
+                      for n, r, u in zip(self.box.names, self.box.rate, self.box.units, strict=True)]
+            text += " with " + ", ".join(speeds)
+        return text + ("" if self.between_grid else "; shown at the points of a grid only, not proven between them")
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON; `verify` needs nothing else but the model."""
+        return {"schema": "lpvid/stability-certificate/1", "verdict": self.verdict, "claim": self.claim,
+                "kind": self.kind, "verified": self.verified, "between_grid": self.between_grid,
+                "margin": self.margin if math.isfinite(self.margin) else None,
+                "rate_bound": dict(zip(self.box.names, self.box.rate, strict=True)),
+                "decay_rate": self.decay_rate, "decay_per_sample": self.decay, "time_constant": self.time_constant,
+                "matrices": self.matrices.tolist(), "order": self.matrices.shape[1], "basis": self.basis.to_dict(),
+                "box": self.box.to_dict(), "sample_time": self.sample_time, "model_hash": self.model_hash,
+                "divergence": None if self.divergence is None else self.divergence.to_dict(), "solver": self.solver}
+
+    @classmethod
+    def from_dict(cls, data: Mapping) -> StabilityCertificate:
+        """Inverse of `to_dict`."""
+        if data.get("schema") != "lpvid/stability-certificate/1":
+            raise InputError("not a stability certificate of this version", got=data.get("schema"))
+        basis, n, found = data["basis"], data["order"], data["divergence"]
+        return cls(data["kind"], np.asarray(data["matrices"], dtype=float).reshape(-1, n, n),
+                   Polynomial(tuple(basis["names"]), basis["degree"], tuple(basis["centre"]),
+                              tuple(basis["half_width"])),
+                   Scheduling.from_dict(data["box"]), data["sample_time"], data["model_hash"], data["verified"],
+                   math.nan if data["margin"] is None else data["margin"], data["between_grid"], data["decay_rate"],
+                   None if found is None else Divergence.from_dict(found), data["solver"])
+
+    def __repr__(self) -> str:
+        lines = [f"{self.verdict}: {self.claim}"]
+        if self.verified:
+            pace = f", {self.decay:.6g} per sample" if self.decay else ""
+            if self.time_constant:
+                lines.append(f"  at least as exp(-t/{self.time_constant:.4g} s){pace}")
+            degree = f", P of degree {self.basis.degree}" if self.basis.degree else ""
+            lines.append(f"  {self.kind} Lyapunov function{degree}; margin {self.margin:.3g}, re-checked with numpy")
+        elif self.divergence is not None:
+            lines.append(f"  the model {self.divergence}")
+        else:
+            lines.append("  no trajectory that grows was found either: stability is open here")
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Verification:
+    """Outcome of `verify`.
+
+    Parameters
+    ----------
+    holds : bool
+        The certificate is for this model and every number in it can be reproduced.
+    margin : float
+        Recomputed, as in `StabilityCertificate.margin`.
+    between_grid : bool
+        Proven on the whole box.
+    why : str
+        What failed, or how it was shown.
+    """
+
+    holds: bool
+    margin: float
+    between_grid: bool
+    why: str
+
+    def __str__(self) -> str:
+        return f"{'holds' if self.holds else 'does not hold'}: {self.why} (margin {self.margin:.3g})"
+
+
+def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> StabilityCertificate:
+    """Look for a Lyapunov function that proves a model stable while its scheduling variables move.
+
+    Quadratic first (V with one P), then P(p) of degree 1 to 3; the inequalities stand in `lpvid.lmi.certificate`.
+    Whatever a solver proposes counts only after a re-check with numpy, on the whole box and not only on a grid. Without
+    a certificate, an admissible trajectory along which the model grows is searched for; that is sufficient for
+    instability, and the lack of both leaves the question open.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+    rate : float, sequence or mapping of name to float, optional
+        Bound on |dp/dt| [units per second]; None, as a whole or for a variable, leaves the variation arbitrary.
+    range : (lower, upper), one pair for each variable, or mapping of name to pair, optional
+        Left out, the model's own box.
+
+    Returns
+    -------
+    StabilityCertificate
+
+    Raises
+    ------
+    InputError
+        For a rate or range that does not fit the model.
+
+    References
+    ----------
+    Daafouz & Bernussou, Systems & Control Letters 43 (2001) 355-359, for P(p) with arbitrary jumps.
+
+    Examples
+    --------
+    >>> from lpvid.model.transfer_function import LPVTransferFunction
+    >>> from lpvid.scheduling import Polynomial
+    >>> model = LPVTransferFunction.siso(a=[[-0.5, 0.2]], b=[[0, 0], [1, 0]], basis=Polynomial("p", degree=1),
+    ...                                  sample_time=0.1)
+    >>> certify_stability(model).verdict
+    'certified'
+    """
+    system = autonomous(model)
+    scheduling = _asked(model.box, rate, range)
+    box = reading_box(system, scheduling)
+    frozen = frozen_rates(system, grid(box, {0: 1, 1: 201, 2: 31, 3: 11}.get(len(box.names), 3)))
+    best = None if frozen.max() >= 0 else _best(system, box, float(frozen.max()))
+    if best is None:
+        n = system.order
+        return StabilityCertificate("none", np.zeros((0, n, n)), Polynomial((), 0), box, system.sample_time,
+                                    system.digest, False, math.nan, False, 0.0,
+                                    diverging_trajectory(system, scheduling))
+    lyapunov, outcome, solver, decay = best
+    return StabilityCertificate(_kind(lyapunov, box), lyapunov.matrices, lyapunov.basis, box, system.sample_time,
+                                system.digest, outcome.holds, outcome.margin, outcome.between_grid, decay, None, solver)
+
+
+def verify(certificate: StabilityCertificate, model: Model) -> Verification:
+    """Recompute a certificate from the model and its matrices, with numpy alone.
+
+    Parameters
+    ----------
+    certificate : StabilityCertificate
+    model : LPVTransferFunction or LPVStateSpace
+
+    Returns
+    -------
+    Verification
+    """
+    system, nothing = autonomous(model), (math.nan, False)
+    if not certificate.verified or certificate.kind == "none":
+        return Verification(False, *nothing, "the certificate makes no claim")
+    if certificate.model_hash != system.digest or certificate.sample_time != system.sample_time:
+        return Verification(False, *nothing, "the certificate was made for another model")
+    fault = _malformed(certificate, system)
+    if fault:
+        return Verification(False, *nothing, fault)
+    lyapunov = Lyapunov(certificate.matrices, certificate.basis)
+    found = recheck(system, lyapunov, certificate.box)
+    if not found.holds:
+        return Verification(False, found.margin, found.between_grid, found.why)
+    if certificate.kind != _kind(lyapunov, certificate.box):
+        return Verification(False, found.margin, found.between_grid, f"this is no {certificate.kind} certificate")
+    if certificate.between_grid and not found.between_grid:
+        return Verification(False, found.margin, False, "the claim between grid points cannot be reproduced")
+    if not certificate.margin <= found.margin * (1 + 1e-6) + 1e-12:
+        return Verification(False, found.margin, found.between_grid, f"a margin of {certificate.margin:.3g} is claimed")
+    if certificate.decay_rate:
+        pace = recheck(system, lyapunov, certificate.box, certificate.decay_rate)
+        if not pace.holds or pace.between_grid < certificate.between_grid:
+            return Verification(False, found.margin, found.between_grid, "the claimed decay cannot be reproduced")
+    return Verification(True, found.margin, found.between_grid, found.why)
+
+
+def _malformed(certificate: StabilityCertificate, system: Autonomous) -> str:
+    box, basis, matrices = certificate.box, certificate.basis, certificate.matrices
+    if box.names != tuple(r.label for r in system.readings):
+        return "the certificate names other scheduling variables than the model reads"
+    if not set(basis.names) <= set(box.names) or matrices.shape != (basis.size, system.order, system.order):
+        return "matrices and basis of the certificate do not fit the model"
+    if not np.all(np.isfinite(matrices)) or not np.array_equal(matrices, matrices.swapaxes(1, 2)):
+        return "the certificate's matrices are not finite and symmetric"
+    if not certificate.decay_rate >= 0 or any(r is not None and not r >= 0 for r in box.rate):
+        return "the certificate holds a negative rate"
+    return ""
+
+
+def _kind(lyapunov: Lyapunov, box: Scheduling) -> str:
+    if not lyapunov.degree:
+        return "quadratic"
+    bounded = any(box.rate[box.names.index(n)] is not None for n in lyapunov.basis.names)
+    return "parameter-dependent" if bounded else "poly-quadratic"
+
+
+def _candidates(system: Autonomous, box: Scheduling) -> Iterator[tuple[Lyapunov, str]]:
+    """Cheapest and strongest statements first."""
+    search = Search(system, box)
+    yield from ((candidate, "closed form") for candidate in search.closed_forms())
+    yield from search.solved(0)
+    if not dependent(system, box):
+        return
+    slow = any(rate is not None for rate in box.rate)
+    for degree in _range(1, MAX_DEGREE + 1):
+        fitted = search.fitted(degree) if slow else None
+        if fitted is not None:
+            yield fitted, "closed form"
+        yield from search.solved(degree)
+
+
+def _best(system: Autonomous, box: Scheduling, frozen: float) -> tuple[Lyapunov, Recheck, str, float] | None:
+    on_grid: tuple[Lyapunov, Recheck, str] | None = None
+    for lyapunov, solver in _candidates(system, box):
+        outcome = recheck(system, lyapunov, box)
+        if outcome.holds and outcome.between_grid:
+            return _sharpened(system, box, frozen, (lyapunov, outcome, solver))
+        if outcome.holds and (on_grid is None or outcome.margin > on_grid[1].margin):
+            on_grid = (lyapunov, outcome, solver)
+    return None if on_grid is None else (*on_grid, _decay(system, box, on_grid[0], frozen, on_grid[1]))
+
+
+def _sharpened(system: Autonomous, box: Scheduling, frozen: float, found: tuple[Lyapunov, Recheck, str]
+               ) -> tuple[Lyapunov, Recheck, str, float]:
+    """Ask the solver for faster decay where a certificate promises much less than the frozen poles."""
+    decay = _decay(system, box, found[0], frozen, found[1])
+    low, high = decay, -frozen
+    for _ in _range(3):
+        if low > 0.6 * high or system.order > 8:
+            break
+        target = 0.5 * (low + high)
+        better = next(Search(system, box).solved(found[0].degree, target), None)
+        pace = None if better is None else recheck(system, better[0], box, target)
+        if better is not None and pace is not None and pace.holds and pace.between_grid:
+            outcome = recheck(system, better[0], box)
+            if outcome.holds and outcome.between_grid:
+                found, low, decay = (better[0], outcome, better[1]), target, target
+                continue
+        high = target
+    return (*found, max(decay, _decay(system, box, found[0], frozen, found[1])))
+
+
+def _decay(system: Autonomous, box: Scheduling, lyapunov: Lyapunov, frozen: float, outcome: Recheck) -> float:
+    """The largest α [1/s], to 3 %, at which the re-check still holds as strongly; never more than the frozen rate."""
+    if not system.order:
+        return -math.log(1e-3) / system.sample_time if system.sample_time else 0.0
+    low, high = 0.0, -frozen
+    for _ in _range(12):
+        if high - low < 0.03 * high:
+            break
+        middle = 0.5 * (low + high) if low else 0.7 * high
+        pace = recheck(system, lyapunov, box, middle)
+        low, high = (middle, high) if pace.holds and pace.between_grid >= outcome.between_grid else (low, middle)
+    return low
+
+
+def _asked(box: Scheduling, rate: Rate, range: Range) -> Scheduling:
+    """The model's variables with the range and the rates asked for."""
+    rates = _per_variable(rate, box.names, "rate")
+    for name, bound in rates.items():
+        if bound is not None and not _checks.real(bound, f"the rate of '{name}'") >= 0:
+            raise InputError(f"the rate of '{name}' must not be negative", got=bound)
+    limits = dict(zip(box.names, zip(box.lower, box.upper, strict=True), strict=True))
+    if range is not None:
+        flat = not isinstance(range, Mapping) and len(box.names) == 1 and np.ndim(np.asarray(range)) == 1
+        given = {box.names[0]: range} if flat else _per_variable(range, box.names, "range")
+        for name, pair in given.items():
+            if np.shape(pair) != (2,):
+                raise InputError(f"the range of '{name}' needs a lower and an upper value", got=pair)
+            limits[name] = (_checks.real(pair[0], "a lower bound"), _checks.real(pair[1], "an upper bound"))
+    return replace(box, lower=tuple(x[0] for x in limits.values()), upper=tuple(x[1] for x in limits.values()),
+                   rate=tuple(None if rates.get(n) is None else float(rates[n]) for n in box.names))
+
+
+def _per_variable(value, names: tuple[str, ...], what: str) -> dict:
+    if isinstance(value, Mapping):
+        for name in value:
+            _checks.known_name(name, names, "scheduling variable")
+        return dict(value)
+    if value is None or isinstance(value, (int, float, np.number)):
+        return dict.fromkeys(names, value)
+    listed = list(value)
+    if len(listed) != len(names):
+        raise InputError(f"{what} needs one entry for each of {', '.join(names) or 'no variables'}", got=value)
+    return dict(zip(names, listed, strict=True))
+
+
+def _interval(name: str, low: float, high: float, unit: str) -> str:
+    return f"{name} in [{low:.6g}, {high:.6g}]" + (f" {unit}" if unit else "")

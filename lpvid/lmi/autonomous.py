@@ -1,0 +1,138 @@
+"""The autonomous part of a model: which matrix A(p) drives which state, and how A depends on p."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Shifted, Spline, Stacked
+
+Model = LPVTransferFunction | LPVStateSpace
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One scheduling variable as it is read: at p(k − lag), with what degree, and where its pieces meet."""
+
+    name: str
+    lag: int
+    degree: int
+    breaks: tuple[float, ...] = ()
+
+    @property
+    def label(self) -> str:
+        """Name, with the delay if there is one."""
+        return f"{self.name}(k{-self.lag:+d})" if self.lag else self.name
+
+
+@dataclass(frozen=True, eq=False)
+class Autonomous:
+    """x⁺ = A(p) x with A(p) = Σ_m coefficients[m] φ_m(p); the last coefficient belongs to the constant 1.
+
+    The zero-input equation y(k) = −Σ a_i(p_k) y(k−i) has the state [y(k−1) … y(k−n)] and the companion matrix with the
+    coefficients in its first block row; with a_i at p(k−i) the observer companion at p(k) is exact (Tóth, Abbas &
+    Werner 2012). Each has its own products A(p_k) A(p_{k−1})…, so a statement about one is not one about the other.
+
+    Parameters
+    ----------
+    coefficients : (M + 1, n, n) array
+    basis : Basis
+    readings : tuple of Reading
+        The variables that A depends on; p at another delay counts as a further variable.
+    sample_time : float or None
+    digest : str
+        sha256 of what the stability depends on.
+    """
+
+    coefficients: np.ndarray
+    basis: Basis
+    readings: tuple[Reading, ...]
+    sample_time: float | None
+    digest: str
+
+    @property
+    def order(self) -> int:
+        """Number of states."""
+        return self.coefficients.shape[1]
+
+    def weights(self, points: np.ndarray) -> np.ndarray:
+        """(K, M + 1) values of the basis, and 1, at `points` of shape (K, len(readings))."""
+        names = self.basis.names
+        lags = [r.lag for r in self.readings]
+        ahead, back = max([0, *(-lag for lag in lags)]), max([0, *lags])
+        path = np.zeros((len(points), back + 1 + ahead, len(names)))
+        for column, reading in enumerate(self.readings):
+            path[:, back - reading.lag, names.index(reading.name)] = points[:, column]
+        phi = self.basis.evaluate(path.reshape(-1, len(names)))[back :: back + 1 + ahead]
+        return np.hstack([phi, np.ones((len(points), 1))])
+
+    def matrices(self, points: np.ndarray) -> np.ndarray:
+        """(K, n, n) A at `points` of shape (K, len(readings))."""
+        return np.tensordot(self.weights(points), self.coefficients, axes=1)
+
+    def magnitudes(self, points: np.ndarray) -> np.ndarray:
+        """(K, n, n) Σ |coefficient| |φ|, which bounds the rounding errors of `matrices`."""
+        return np.tensordot(np.abs(self.weights(points)), np.abs(self.coefficients), axes=1)
+
+
+def autonomous(model: Model) -> Autonomous:
+    """The autonomous part of a model."""
+    if isinstance(model, LPVTransferFunction):
+        na, ny, size = model.na, model.n_outputs, model.basis.size
+        coefficients = np.zeros((size + 1, na * ny, na * ny))
+        if na and model.lagged:
+            coefficients[:size, :, :ny] = -model.a.transpose(3, 0, 1, 2).reshape(size, na * ny, ny)
+            coefficients[size, : (na - 1) * ny, ny:] = np.eye((na - 1) * ny)
+        elif na:
+            coefficients[:size, :ny, :] = -model.a.transpose(3, 1, 0, 2).reshape(size, ny, na * ny)
+            coefficients[size, ny:, : (na - 1) * ny] = np.eye((na - 1) * ny)
+    elif isinstance(model, LPVStateSpace):
+        coefficients = np.concatenate([model.A, np.zeros((1, model.order, model.order))])
+    else:
+        raise InputError("a stability certificate needs an LPV transfer function or state space",
+                         got=type(model).__name__)
+    readings = tuple(r for r in _readings(model.basis) if r.degree)
+    return Autonomous(coefficients, model.basis, readings, model.sample_time, _digest(model, coefficients))
+
+
+def reading_box(system: Autonomous, scheduling: Scheduling) -> Scheduling:
+    """Box and rate bounds of what is read, one entry for each reading; a delayed copy has those of its variable."""
+    index = [scheduling.names.index(r.name) for r in system.readings]
+    return Scheduling(tuple(r.label for r in system.readings), tuple(scheduling.lower[i] for i in index),
+                      tuple(scheduling.upper[i] for i in index), tuple(scheduling.rate[i] for i in index),
+                      tuple(scheduling.units[i] for i in index))
+
+
+def _digest(model: Model, coefficients: np.ndarray) -> str:
+    text = json.dumps([model.basis.to_dict(), model.sample_time, list(coefficients.shape)], sort_keys=True)
+    return hashlib.sha256(text.encode() + np.ascontiguousarray(coefficients, dtype="<f8").tobytes()).hexdigest()
+
+
+def _readings(basis: Basis, shift: int = 0) -> tuple[Reading, ...]:
+    if isinstance(basis, Polynomial):
+        highest = basis.exponents.max(axis=0, initial=0)
+        return tuple(Reading(name, shift, int(d)) for name, d in zip(basis.names, highest, strict=True))
+    if isinstance(basis, Spline):
+        return (Reading(basis.name, shift, basis.order, basis.knots),)
+    if isinstance(basis, Shifted):
+        return _readings(basis.basis, shift + basis.lag)
+    if isinstance(basis, Product):
+        return _merged([_readings(f, shift) for f in basis.factors], sum)
+    if isinstance(basis, Stacked):
+        return _merged([_readings(f, shift) for f in basis.factors], max)
+    raise InputError("a stability certificate needs a basis of polynomials or splines", got=type(basis).__name__,
+                     why="its polynomial pieces carry the statement between grid points")
+
+
+def _merged(parts: list[tuple[Reading, ...]], combine) -> tuple[Reading, ...]:
+    together: dict[tuple[str, int], list[Reading]] = {}
+    for reading in (r for part in parts for r in part):
+        together.setdefault((reading.name, reading.lag), []).append(reading)
+    return tuple(Reading(name, lag, combine(r.degree for r in same), tuple(sorted({b for r in same for b in r.breaks})))
+                 for (name, lag), same in together.items())
