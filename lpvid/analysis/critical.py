@@ -85,8 +85,9 @@ class CriticalLine:
     def __str__(self) -> str:
         line = self.line
         span = f"{line.label} from {line.low:.6g} to {line.text(line.high)}"
-        rows = [f"frozen-{'stable' if self.stable else 'UNSTABLE'} {'over' if self.stable else 'somewhere in'} {span}"]
-        rows += [f"  {value}" for value in self.values] or ["  no value changes the stability"]
+        rows = [f"{'frozen-stable over' if self.stable else 'NOT frozen-stable everywhere over'} {span}"]
+        rows += [f"  {v}{'' if line.low <= v.value <= line.high else ', outside the range'}"
+                 for v in self.values] or ["  no value changes the stability"]
         shown = ", ".join(f"({a:.6g}, {b:.6g})" for a, b in self.stable_intervals)
         rows.append(f"  frozen-stable: {shown or 'nowhere'} {line.unit}".rstrip())
         return "\n".join(rows + [f"  note: {n}" for n in self.notes])
@@ -150,7 +151,8 @@ class CriticalScheduling:
         return all(line.stable for line in self.lines)
 
     def __str__(self) -> str:
-        return "\n".join([*(str(line) for line in self.lines), CAVEAT])
+        rows = [str(line) for line in self.lines] or ["the model has no scheduling variables: nothing can be critical"]
+        return "\n".join([*rows, CAVEAT])
 
     def to_dict(self) -> dict:
         """Plain data for JSON; an unbounded end of an interval is null."""
@@ -228,11 +230,11 @@ def _notes(found: LineSearch, line: Line) -> tuple[str, ...]:
         notes.append(f"a pole stays on the stability boundary ({', '.join(kinds)}) at {where} of {line.label}: "
                      "the frozen model is not asymptotically stable there")
     if found.bisected:
-        notes.append(f"{found.bisected} crossing(s) found by bisection, where the eigenvalue problem was "
-                     "ill-conditioned")
+        why = "beside a pole that stays there" if found.always else "where the eigenvalue problem was ill-conditioned"
+        notes.append(f"{found.bisected} crossing(s) of the boundary found by bisection, {why}")
     if not found.exact:
         notes.append(f"searched on a grid from {found.window[0]:.6g} to {line.text(found.window[1])} only: "
                      f"{found.why_grid}")
-    touching = [c for group in found.groups for c in group.crossings if c.direction == "touching"]
-    notes += [f"a pole touches the boundary at {line.label} = {line.text(c.s)} without crossing it" for c in touching]
+    touching = [group.s for group in found.groups if group.crossings[0].direction == "touching"]
+    notes += [f"a pole touches the boundary at {line.label} = {line.text(s)} without crossing it" for s in touching]
     return tuple(notes)

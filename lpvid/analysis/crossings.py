@@ -126,7 +126,17 @@ def _merged(found: list[Crossing]) -> list[Crossing]:
             kept.append(crossing)
         elif crossing.residual < kept[twin].residual:
             kept[twin] = crossing
-    return sorted(kept, key=lambda c: c.s)
+    return _snapped(sorted(kept, key=lambda c: c.s))
+
+
+def _snapped(found: list[Crossing]) -> list[Crossing]:
+    """Different poles that cross within rounding of one value get the same value."""
+    snapped: list[Crossing] = []
+    for crossing in found:
+        last = snapped[-1].s if snapped else np.nan
+        close = abs(crossing.s - last) <= 1e-10 * max(abs(crossing.s), abs(last)) + 1e-13
+        snapped.append(replace(crossing, s=last) if close else crossing)
+    return snapped
 
 
 def _same(a: Crossing, b: Crossing) -> bool:
@@ -182,11 +192,10 @@ def _bisected(counter: Counter, a: float, b: float, count: int) -> Crossing:
             a = middle
         else:
             b = middle
-    poles, margin = counter.margins(np.array([b]))
-    distance = np.abs(margin[0])
     if counter.fixed(np.array([b]))[0]:
-        distance = np.where(margin[0] > LOOSE_BOUNDARY, distance, np.inf)
-    i = int(np.argmin(distance))
+        b = _extrapolated(counter, b)
+    poles, margin = counter.margins(np.array([b]))
+    i = int(np.argmin(np.abs(margin[0])))
     pole = complex(poles[0, i])
     size = 1.0 if counter.models.discrete else max(float(np.abs(poles).max()), 1e-300)
     if abs(pole.imag) > 1e2 * REAL_POLE * size:
@@ -197,6 +206,18 @@ def _bisected(counter: Counter, a: float, b: float, count: int) -> Crossing:
     else:
         kind = "zero"
     return Crossing(float(b), kind, pole, float(abs(margin[0, i])))
+
+
+def _extrapolated(counter: Counter, s: float) -> float:
+    """From a pole a little outside the boundary, beside one that stays on it, to where the first one crosses."""
+    step = 1e-6 * counter.line.half_width + 1e-6 * abs(s)
+    at = s + step * np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+    _, margin = counter.margins(at)
+    near = np.sort(margin, axis=1)
+    column = int(np.argmin(np.abs(near[2] - LOOSE_BOUNDARY)))
+    slope, value = np.polyfit(at - s, near[:, column], 1)
+    moved = s - value / slope if slope else s
+    return float(moved) if abs(moved - s) < 0.1 * counter.line.half_width + 0.1 * abs(s) else s
 
 
 def _classify(counter: Counter, line: Line, found: list[Crossing], edges: set[float], result: LineSearch) -> None:

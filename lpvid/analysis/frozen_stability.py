@@ -29,7 +29,7 @@ class FrozenStability:
         where = ", ".join(f"{n} = {v:.6g}" for n, v in self.at.items()) or "every time"
         size = (f"largest pole modulus {self.max_modulus:.6g}" if self.max_modulus is not None
                 else f"largest real part {self.max_real_part:.6g} 1/s")
-        rows = [f"frozen-{'stable' if self.stable else 'UNSTABLE'} over the box: {size} at {where}",
+        rows = [f"{'frozen-stable' if self.stable else 'NOT frozen-stable'} over the box: {size} at {where}",
                 *(f"  {v}" for v in self.critical.values)]
         if len(self.critical.lines) > 1:
             rows.append(f"  judged at {self.points} points and exactly along each axis through the middle of the box")

@@ -13,6 +13,7 @@ from lpvid.errors import InputError
 
 DEEPEST = 14
 FIXED = 1e-3
+REAL_POLE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +170,8 @@ def pole_locus(model: Model, variable: str | None = None, points: int = 201,
     fixed = _fixed(poles, models.sample_time)
     notes = [f.text(line.label) for f in fixed] + _ringing(poles, models.sample_time, fixed)
     notes += [f"two real poles {'become a complex pair' if m.becomes == 'pair' else 'come out of a complex pair'} "
-              f"at {line.label} = {line.text(m.value)}" for m in meetings]
+              f"at {line.label} = {line.text(m.value)}" for m in meetings[:4]]
+    notes += [f"{len(meetings) - 4} more meetings of real poles"] if len(meetings) > 4 else []
     away = [s for s in rough if not any(abs(s - m.value) <= 2 * (p[-1] - p[0]) / (points - 1) for m in meetings)]
     if away:
         notes.append(f"branches meet and may have swapped near {line.label} = "
@@ -243,15 +245,15 @@ def _tracked(models: Family, line: Line, p: np.ndarray) -> tuple[np.ndarray, lis
 
 def _meetings(models: Family, line: Line, p: np.ndarray, poles: np.ndarray) -> tuple[Meeting, ...]:
     """Where the number of real poles changes, by bisection to full precision."""
-    size = np.maximum(np.abs(poles).max(axis=1, initial=0.0), 1e-300)[:, None]
-    real = (np.abs(np.imag(poles)) <= 1e-9 * size).sum(axis=1)
+    size = 1.0 if models.discrete else max(float(np.abs(poles).max(initial=0.0)), 1e-300)
+    real = (np.abs(np.imag(poles)) <= REAL_POLE * size).sum(axis=1)
     listed = []
     for k in np.nonzero(np.diff(real))[0]:
         a, b = float(p[k]), float(p[k + 1])
         for _ in np.arange(50):
             middle = 0.5 * (a + b)
             here = models.poles(line.points(middle))[0]
-            count = int((np.abs(here.imag) <= 1e-9 * max(float(np.abs(here).max()), 1e-300)).sum())
+            count = int((np.abs(here.imag) <= REAL_POLE * size).sum())
             a, b = (middle, b) if count == real[k] else (a, middle)
         there = models.poles(line.points(b))[0]
         gap = np.abs(there[:, None] - there[None, :]) + np.diag(np.full(there.size, np.inf))
