@@ -12,7 +12,7 @@ from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.record import Channel, Record
-from lpvid.simulation import simulate
+from lpvid.simulation import _signals, simulate
 
 if TYPE_CHECKING:
     from lpvid.realization.noun import Realization
@@ -34,7 +34,7 @@ class RecordGap:
     esr : (n_outputs,) tuple of float
         Σ(y_ss − y_io)² / Σ(y_io − mean y_io)² for each output; 0 for equal outputs, inf beyond a constant one.
     largest_step : (n_scheduling,) tuple of float
-        max |p(k+1) − p(k)| relative to the variable's range.
+        max |p(k+1) − p(k)| relative to the variable's range, behind any scheduling filter.
     diverged_at : int or None
         Sample at which one of the two free runs left all bounds; the figures cover the samples before it.
     diverged : str
@@ -50,7 +50,7 @@ class RecordGap:
     @property
     def fit_percent(self) -> tuple[float, ...]:
         """100 (1 − √ESR) for each output."""
-        return tuple(100 * (1 - np.sqrt(e)) for e in self.esr)
+        return tuple(100 * (1 - float(np.sqrt(e))) for e in self.esr)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class Gap:
     @property
     def fit_percent(self) -> tuple[float, ...]:
         """100 (1 − √ESR) for each output, pooled."""
-        return tuple(100 * (1 - np.sqrt(e)) for e in self.esr)
+        return tuple(100 * (1 - float(np.sqrt(e))) for e in self.esr)
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""
@@ -130,19 +130,24 @@ def measure_gap(realization: Realization, records: Sequence[Record]) -> Gap:
     """
     if not records:
         raise InputError("a gap is measured on at least one record", got="none")
+    for record in records:
+        if record.n_samples < 2:
+            raise InputError(f"record '{record.name}' cannot show a gap", got=f"{record.n_samples} samples",
+                             mend="give a record of two samples or more")
     model, source = realization.model, realization.source
-    width = _range(realization, records)
+    trajectories = [_signals(source, record)[1] for record in records]
+    width = _range(realization, trajectories)
     measured = []
     numerator, denominator = np.zeros(model.n_outputs), np.zeros(model.n_outputs)
-    for record in records:
+    for record, p in zip(records, trajectories, strict=True):
         y_io, y_ss, diverged_at, diverged = _both_runs(realization, record)
         error = np.sum((y_ss - y_io) ** 2, axis=0)
         signal = np.sum((y_io - y_io.mean(axis=0)) ** 2, axis=0) if len(y_io) else np.zeros(model.n_outputs)
         numerator, denominator = numerator + error, denominator + signal
-        step = _largest_step(record, list(source.box.names), width)
+        step = np.abs(np.diff(p, axis=0)).max(axis=0, initial=0.0) / width
         measured.append(RecordGap(record.name, _ratio(error, signal), tuple(step.tolist()), diverged_at, diverged))
     esr = _ratio(numerator, denominator)
-    steps = tuple(np.max([r.largest_step for r in measured], axis=0).tolist())
+    steps = tuple(float(max(each)) for each in zip(*(r.largest_step for r in measured), strict=True))
     ran_away = any(r.diverged == "state space" for r in measured)
     return Gap(realization.form, realization.exact, realization.causal, tuple(measured), esr, steps,
                tuple(s.name for s in model.outputs), tuple(source.box.names),
@@ -152,10 +157,6 @@ def measure_gap(realization: Realization, records: Sequence[Record]) -> Gap:
 def _both_runs(realization: Realization, record: Record) -> tuple[np.ndarray, np.ndarray, int | None, str]:
     """Outputs of both models up to the first divergence, and which of them diverged where."""
     source, model, lead = realization.source, realization.model, realization.source.start
-    if record.sample_time is None or record.n_samples < 2:
-        raise InputError(f"record '{record.name}' cannot show a gap", got=f"{record.n_samples} samples, "
-                         f"{'uniform' if record.is_uniform else 'not uniform'}",
-                         mend="give a uniformly sampled record of two samples or more")
     names = list(source.box.names)
     at_rest = {s.name: 0.0 for s in source.inputs} | {n: float(record[n][0]) for n in names}
     rest, level = _rest(model, at_rest)
@@ -187,19 +188,10 @@ def _rest(model: LPVStateSpace, at_rest: Mapping[str, float]) -> tuple[np.ndarra
     return x, c @ x + level
 
 
-def _range(realization: Realization, records: Sequence[Record]) -> np.ndarray:
+def _range(realization: Realization, trajectories: Sequence[np.ndarray]) -> np.ndarray:
     """Range of each scheduling variable: its box, or what the records reach if that is more."""
-    box = realization.source.box
-    values = np.vstack([r.matrix(list(box.names)) for r in records])
-    if not values.size:
-        return np.ones(values.shape[1])
-    width = np.maximum(2 * box.half_width, np.ptp(values, axis=0))
+    width = np.maximum(2 * realization.source.box.half_width, np.ptp(np.vstack(trajectories), axis=0))
     return np.where(width > 0, width, 1.0)
-
-
-def _largest_step(record: Record, names: list[str], width: np.ndarray) -> np.ndarray:
-    p = record.matrix(names)
-    return np.abs(np.diff(p, axis=0)).max(axis=0, initial=0.0) / width
 
 
 def _ratio(error: np.ndarray, signal: np.ndarray) -> tuple[float, ...]:

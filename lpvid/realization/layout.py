@@ -52,4 +52,5 @@ def build(model: LPVTransferFunction, layout: Layout, metadata: Mapping) -> LPVS
     basis, matrices = assemble(model.basis, layout.arrays)
     return LPVStateSpace(**matrices, basis=basis, sample_time=model.sample_time, scheduling=model.box,
                          inputs=model.inputs, outputs=model.outputs, input_stage=model.input_stage,
-                         noise_covariance=model.noise_covariance, metadata=metadata)
+                         scheduling_stage=model.scheduling_stage, noise_covariance=model.noise_covariance,
+                         metadata=metadata)

@@ -17,6 +17,7 @@ from lpvid.realization.controllable import controllable
 from lpvid.realization.layout import Layout, build
 from lpvid.realization.observable import observable, shifted_observable
 from lpvid.record import Record
+from lpvid.simulation import _outputs, _signals
 
 if TYPE_CHECKING:
     from lpvid.realization.gap import Gap
@@ -79,16 +80,13 @@ class Realization:
             A record shorter than the start, or with missing channels.
         """
         model, start = self.model, max(self.source.start, self.settling)
-        head = record.slice(0, start)
-        if head.n_samples < start:
+        if record.n_samples < start:
             raise InputError(f"the state of this model is recovered from {start} measured samples",
                              got=f"{record.n_samples} samples", mend="give a longer record")
         if not model.order:
             return np.zeros(0)
-        y = _channels(head, [s.name for s in model.outputs])
-        measured = _channels(head, [s.name for s in model.inputs])
-        p = _channels(record, list(model.box.names))
-        u = measured if model.input_stage is None else model.input_stage.apply(measured, p[:start])
+        u, p = _signals(model, record)
+        y = _outputs(model, record.slice(0, start))
         influence, forced = _affine_response(model, model.basis.evaluate(p)[:start], u)
         rows = slice(start - max(self.settling, 1), start)
         matrix = influence[rows].reshape(-1, model.order)
@@ -175,10 +173,6 @@ def realize(model: LPVTransferFunction, form: str = "augmented") -> Realization:
     said["causal"] = causal
     return Realization(state_space.replace(metadata={**model.metadata, "realization": said}), form, layout.exact,
                        causal, model, layout.settling)
-
-
-def _channels(record: Record, names: list[str]) -> np.ndarray:
-    return _checks.finite(record.matrix(names), f"record '{record.name}' ({', '.join(names)})")
 
 
 def _affine_response(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 
 from lpvid.errors import InputError
 from lpvid.model.input_stage import TanhStage
+from lpvid.model.scheduling_stage import SchedulingLag
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.realization import realize
-from lpvid.realization.varying import assemble, constant_part, product, unity
 from lpvid.realization.varying import Varying as Array
+from lpvid.realization.varying import assemble, constant_part, product, unity
 from lpvid.record import Record
 from lpvid.scheduling import Polynomial, Product, Scheduling, Shifted, Spline, Stacked
 from lpvid.simulation import predict, simulate
@@ -251,7 +252,8 @@ def test_initial_state_of_the_controllable_form_matches_frozen_data(rng):
     y = io_loop(source, u[:, None], p)[:, 0]
     record = Record({"u1": u[10:], "p": p[10:, 0], "y1": y[10:]}, sample_time=1.0)
     made = realize(source, "controllable")
-    np.testing.assert_allclose(simulate(made.model, record, made.initial_state(record)).output[:, 0], y[10:], atol=1e-10)
+    got = simulate(made.model, record, made.initial_state(record)).output[:, 0]
+    np.testing.assert_allclose(got, y[10:], atol=1e-10)
 
 
 def test_initial_state_needs_enough_samples():
@@ -318,6 +320,19 @@ def test_a_start_at_rest_is_no_gap_even_with_affine_terms(rng):
         assert max(realize(source, form).gap(record).esr) < 1e-20
 
 
+def test_stages_in_front_of_an_exact_form_make_no_gap(rng):
+    source = LPVTransferFunction(
+        np.full((2, 1, 1, 2), 0.1), rng.normal(size=(3, 1, 2, 2)), Polynomial("current", 1), 0.002,
+        inputs=("velocity",), outputs=("force",), input_stage=TanhStage(v0=0.1), scheduling_stage=SchedulingLag(0.01, 0.003),
+        c=rng.normal(size=(2, 1, 2)))
+    current = np.repeat(rng.uniform(0, 1, 20), 10)
+    record = Record({"velocity": rng.normal(size=200), "current": current}, sample_time=0.002)
+    gap = realize(source, "augmented").gap(record)
+    assert gap.esr[0] < 1e-20
+    assert gap.largest_step[0] < 0.5 * np.max(np.abs(np.diff(current)))  # what the coefficients see is filtered
+    assert realize(source, "controllable").gap(record).esr[0] > 1e-6
+
+
 def test_pooled_gap_sums_numerators_and_denominators(rng):
     made = realize(fourth_order(), "observable")
     records = [run(50, rng, "slow"), run(None, rng, "white")]
@@ -354,13 +369,15 @@ def test_everything_else_is_carried_over(rng):
     box = Scheduling(("current",), (0.0,), (2.5,), rate=(100.0,), units=("A",))
     source = LPVTransferFunction(
         np.full((1, 1, 1, 2), 0.1), rng.normal(size=(2, 1, 2, 2)), Polynomial("current", 1).bound(box), 0.002, box,
-        inputs=("velocity",), outputs=("force",), input_stage=TanhStage(v0=0.1), noise_covariance=[[4.0]],
+        inputs=("velocity",), outputs=("force",), input_stage=TanhStage(v0=0.1),
+        scheduling_stage=SchedulingLag(tau_rise=0.01, symmetric=True), noise_covariance=[[4.0]],
         metadata={"polarity": "passive"})
     for form in FORMS:
         made = realize(source, form)
         model = made.model
         assert model.box is box
         assert model.input_stage == source.input_stage
+        assert model.scheduling_stage == source.scheduling_stage
         assert [s.name for s in model.inputs] == ["velocity"]
         assert [s.name for s in model.outputs] == ["force"]
         assert model.noise_covariance[0, 0] == 4.0
@@ -371,7 +388,7 @@ def test_everything_else_is_carried_over(rng):
 
 def test_bad_input_is_named():
     two = random_model(1, na=1, lags=1, affine=0, degree=1, ny=2, nu=1, lagged=False)
-    with pytest.raises(InputError, match="single output.*Mend: use form 'observable'"):
+    with pytest.raises(InputError, match=r"single output.*Mend: use form 'observable'"):
         realize(two, "controllable")
     with pytest.raises(InputError, match="did you mean 'observable'"):
         realize(golden(), "observible")
