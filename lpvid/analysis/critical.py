@@ -229,7 +229,7 @@ def _notes(found: LineSearch, line: Line) -> tuple[str, ...]:
         where = "every value" if np.isinf(low) and np.isinf(high) else f"{low:.6g} to {line.text(high)}"
         notes.append(f"a pole stays on the stability boundary ({', '.join(kinds)}) at {where} of {line.label}: "
                      "the frozen model is not asymptotically stable there")
-    if found.bisected:
+    if found.bisected and found.exact:
         why = "beside a pole that stays there" if found.always else "where the eigenvalue problem was ill-conditioned"
         notes.append(f"{found.bisected} crossing(s) of the boundary found by bisection, {why}")
     if not found.exact:

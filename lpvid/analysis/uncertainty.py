@@ -13,6 +13,7 @@ from lpvid.analysis.frozen import CAVEAT, Affine, Family, Line, Model, basis_val
 from lpvid.analysis.guardian import candidates, pieces, polish
 from lpvid.analysis.pole_locus import grid_along, one_line
 from lpvid.errors import InputError
+from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Scheduling
 
 CHUNK = 200_000
@@ -186,16 +187,15 @@ def _listed(models: Iterable[Model]) -> list[Model]:
     drawn = list(models)
     if not drawn:
         raise InputError("no model was drawn", mend="give at least one model")
-    shapes = {(type(m), family_shape(m), m.box.names) for m in drawn}
+    shapes = {(type(m), _structure(m), m.box.names) for m in drawn}
     if len(shapes) > 1:
         raise InputError("the drawn models differ in structure", got=f"{len(shapes)} different ones")
     return drawn
 
 
-def family_shape(model: Model) -> tuple[int, int, bool]:
+def _structure(model: Model) -> tuple[int, int, bool]:
     """(number of poles, number of basis functions, discrete): what draws of one model share."""
-    poles = getattr(model, "na", None)
-    order = model.order if poles is None else poles * model.n_outputs
+    order = model.na * model.n_outputs if isinstance(model, LPVTransferFunction) else model.order
     return order, model.basis.size, model.sample_time is not None
 
 
