@@ -13,6 +13,8 @@ from lpvid.errors import InputError
 def frozen_array(values: object, name: str, *, ndim: int | None = None, dtype: type = float) -> np.ndarray:
     """Copy `values` into a read-only C-ordered array of `dtype`; `ndim` is checked when given."""
     try:
+        if np.iscomplexobj(values):
+            raise TypeError("complex numbers have no place here")
         array = np.array(values, dtype=dtype, order="C")
     except (TypeError, ValueError) as error:
         raise InputError(f"{name} must hold numbers", got=type(values).__name__, why=str(error)) from None
@@ -85,11 +87,13 @@ def one_of(value: str, allowed: Sequence[str], name: str) -> str:
 def names(value: str | Sequence[str], name: str) -> tuple[str, ...]:
     """A name, several names, or a comma-separated list; at least one, all different."""
     parts = value.split(",") if isinstance(value, str) else list(value)
+    if not all(isinstance(p, str) for p in parts):
+        raise InputError(f"{name} must be channel names", got=repr(value))
     listed = tuple(p.strip() for p in parts if p.strip())
     if not listed:
         raise InputError(f"{name} needs at least one name", got=repr(value))
     if len(set(listed)) != len(listed):
-        raise InputError(f"{name} names a channel twice", got=", ".join(listed))
+        raise InputError(f"{name} names a channel twice", got=", ".join(listed), mend="name every channel once")
     return listed
 
 

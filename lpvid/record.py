@@ -42,6 +42,13 @@ class Channel:
         object.__setattr__(self, "values", _checks.frozen_array(self.values, "a channel", ndim=1))
 
 
+def _channel(name: str, values: object, unit: str) -> Channel:
+    try:
+        return Channel(values, unit)  # type: ignore[arg-type]
+    except InputError as error:
+        raise InputError(error.what.replace("a channel", f"channel '{name}'"), got=error.got, why=error.why) from None
+
+
 @dataclass(frozen=True, eq=False)
 class Record:
     """Channels sampled together, immutable, SI inside.
@@ -90,7 +97,7 @@ class Record:
 
     def __post_init__(self) -> None:
         units = self.units or {}
-        channels = {str(k): v if isinstance(v, Channel) else Channel(np.asarray(v, dtype=float), units.get(k, ""))
+        channels = {str(k): v if isinstance(v, Channel) else _channel(str(k), v, units.get(k, ""))
                     for k, v in self.channels.items()}
         if not channels:
             raise InputError(f"record '{self.name}' has no channels")
@@ -145,7 +152,7 @@ class Record:
     def duration(self) -> float:
         """Time from the first to the last sample [s]."""
         times = self.times
-        return float(times[-1] - times[0])
+        return float(times[-1] - times[0]) if times.size else 0.0
 
     def resolve(self, name: str) -> str:
         """Channel name behind a role or a name; raises InputError that lists what there is."""
@@ -180,7 +187,8 @@ class Record:
 
     # -- deriving -----------------------------------------------------------------------------------------------
     def slice(self, first: int, last: int) -> Record:
-        """Samples first … last−1 as a record of their own."""
+        """Samples first … last−1 as a record of their own; negative places count from the end, as in Python."""
+        first, last, _ = slice(first, last).indices(self.n_samples)
         cut = {k: replace(c, values=c.values[first:last]) for k, c in self.channels.items()}
         if self.sample_time is not None:
             return replace(self, channels=cut, time=None, start=self.start + first * self.sample_time)

@@ -55,6 +55,11 @@ class Scheduling:
         for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
             if low > high:
                 raise InputError(f"scheduling variable '{name}': lower bound above the upper", got=f"{low} > {high}")
+        for name, rate in zip(self.names, self.rate, strict=True):
+            if rate is not None and _checks.real(rate, f"the rate bound of '{name}'") < 0:
+                raise InputError(f"the rate bound of '{name}' must not be negative", got=rate)
+        if len(set(self.names)) < n:
+            raise InputError("scheduling names a variable twice", got=", ".join(self.names))
 
     @classmethod
     def of(cls, names: Sequence[str], p: np.ndarray, units: Sequence[str] = ()) -> Scheduling:
@@ -185,6 +190,9 @@ class Polynomial(Basis):
         set_(self, "half_width", tuple(self.half_width) or (1.0,) * len(names))
         if not names:
             set_(self, "degree", 0)
+        if not len(self.centre) == len(self.half_width) == len(names) or not all(h > 0 for h in self.half_width):
+            raise InputError("a polynomial basis needs one centre and one positive half width for each variable",
+                             got=f"{self.centre} and {self.half_width}")
 
     @cached_property
     def exponents(self) -> np.ndarray:
@@ -212,13 +220,15 @@ class Polynomial(Basis):
         return (np.asarray(p, dtype=float) - np.array(self.centre)) / np.array(self.half_width)
 
     def _powers(self, z: np.ndarray, exponents: np.ndarray) -> np.ndarray:
-        values = np.ones((z.shape[0], exponents.shape[0]))
+        values = np.ones((exponents.shape[0], z.shape[0]))  # one contiguous row per function
         for column in range(z.shape[1]):
-            power = np.ones(z.shape[0])
+            base = np.ascontiguousarray(z[:, column])
+            power = base
             for e in range(1, int(exponents[:, column].max(initial=0)) + 1):
-                power = power * z[:, column]
-                values[:, exponents[:, column] == e] *= power[:, None]
-        return values
+                power = base if e == 1 else power * base
+                for row in np.flatnonzero(exponents[:, column] == e):
+                    values[row] *= power
+        return values.T
 
     def evaluate(self, p: np.ndarray) -> np.ndarray:
         return self._powers(self._normalised(p), self.exponents)

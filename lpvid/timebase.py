@@ -10,6 +10,8 @@ JITTER_LIMIT = 0.01
 """rms deviation of the sampling intervals, in periods, above which a record is not uniform."""
 GAP_FACTOR = 1.5
 """an interval longer than this many periods is a gap."""
+FEW_FAULTS = 3
+"""up to this many odd intervals among otherwise equal ones are missing or repeated rows, not rounding."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +99,8 @@ def analyse_time(time: np.ndarray) -> TimeBase:
     backward = np.flatnonzero(steps < 0) + 1
     resolution = _print_resolution(time)
     rounded, period = False, float(np.mean(steps[regular])) if regular.any() else np.nan
-    if not backward.size and forward.size:
-        fitted = _rounded_period(time, resolution)
+    if not backward.size and forward.size and not _few_faults(time, coarse, gaps.size + duplicates.size):
+        fitted = _rounded_period(time - time[0], resolution)
         if fitted is not None:
             rounded, period = True, fitted
             gaps = duplicates = np.empty(0, dtype=int)
@@ -112,8 +114,23 @@ def analyse_time(time: np.ndarray) -> TimeBase:
     )
 
 
+def _few_faults(time: np.ndarray, coarse: float, odd: int) -> bool:
+    """True when all intervals are equal but for one to `FEW_FAULTS` gaps or duplicates.
+
+    Stamps printed to one whole period (100 Hz, two decimals) cannot tell one missing row from a clock that runs a
+    little slow; the missing row is the likelier, and the one that must not be passed over.
+    """
+    if not 0 < odd <= FEW_FAULTS:
+        return False
+    steps = np.diff(time)
+    regular = steps[(steps > 0) & (steps <= GAP_FACTOR * coarse)]
+    return bool(np.ptp(regular) <= 1e-6 * coarse + 4 * np.spacing(np.abs(time).max()))
+
+
 def _print_resolution(time: np.ndarray) -> np.ndarray:
     """Step to which each stamp was rounded, found decade by decade (six significant digits coarsen with time).
+
+    Stamps stored in single precision have that precision's spacing.
 
     A decade with fewer than eight stamps says too little and takes its neighbour's step; 0 where no step was found.
     """
@@ -127,12 +144,19 @@ def _print_resolution(time: np.ndarray) -> np.ndarray:
         steps = (d for d in range(10)
                  if np.all(np.abs(np.round(values, d) - values) <= 4 * np.spacing(np.abs(values).max())))
         digits = next(steps, None)
-        resolution[members] = 0.0 if digits is None else 10.0**-digits
+        resolution[members] = _single_precision(values) if digits is None else 10.0**-digits
     known = np.flatnonzero(np.isfinite(resolution))
     if not known.size:
         return np.zeros(time.size)
     nearest = known[np.clip(np.searchsorted(known, np.arange(time.size)), 0, known.size - 1)]
     return resolution[nearest]
+
+
+def _single_precision(values: np.ndarray) -> np.ndarray | float:
+    """Spacing of stamps that were stored in single precision, 0 for others."""
+    with np.errstate(over="ignore"):
+        single = values.astype(np.float32)
+    return np.spacing(np.abs(single)).astype(float) if np.array_equal(single, values) else 0.0
 
 
 def _rounded_period(time: np.ndarray, resolution: np.ndarray) -> float | None:
