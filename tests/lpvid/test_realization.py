@@ -323,8 +323,8 @@ def test_a_start_at_rest_is_no_gap_even_with_affine_terms(rng):
 def test_stages_in_front_of_an_exact_form_make_no_gap(rng):
     source = LPVTransferFunction(
         np.full((2, 1, 1, 2), 0.1), rng.normal(size=(3, 1, 2, 2)), Polynomial("current", 1), 0.002,
-        inputs=("velocity",), outputs=("force",), input_stage=TanhStage(v0=0.1), scheduling_stage=SchedulingLag(0.01, 0.003),
-        c=rng.normal(size=(2, 1, 2)))
+        inputs=("velocity",), outputs=("force",), input_stage=TanhStage(v0=0.1),
+        scheduling_stage=SchedulingLag(0.01, 0.003), c=rng.normal(size=(2, 1, 2)))
     current = np.repeat(rng.uniform(0, 1, 20), 10)
     record = Record({"velocity": rng.normal(size=200), "current": current}, sample_time=0.002)
     gap = realize(source, "augmented").gap(record)
