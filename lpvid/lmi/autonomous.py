@@ -69,7 +69,7 @@ class Autonomous:
         path = np.zeros((len(points), back + 1 + ahead, len(names)))
         for column, reading in enumerate(self.readings):
             path[:, back - reading.lag, names.index(reading.name)] = points[:, column]
-        phi = self.basis.evaluate(path.reshape(-1, len(names)))[back :: back + 1 + ahead]
+        phi = self.basis.evaluate(path.reshape(len(points) * (back + 1 + ahead), len(names)))[back :: back + 1 + ahead]
         return np.hstack([phi, np.ones((len(points), 1))])
 
     def matrices(self, points: np.ndarray) -> np.ndarray:

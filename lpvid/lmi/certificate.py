@@ -123,7 +123,7 @@ class Decrease:
         at = a.swapaxes(2, 3)
         if self.system.sample_time is not None:
             rho2 = math.exp(-2 * self.exponent * self.system.sample_time)
-            ahead = self.ahead(points, moves).reshape(-1, points.shape[1])
+            ahead = self.ahead(points, moves).reshape(len(points) * len(moves), points.shape[1])
             shape = (len(points), len(moves), *p0.shape[2:])
             p1 = self.lyapunov.values(ahead, self.columns).reshape(shape)
             p1_abs = self.lyapunov.magnitudes(ahead, self.columns).reshape(shape)
@@ -247,7 +247,7 @@ def _bernstein(problem: Decrease, scale: np.ndarray, cells: list, z: list[int],
     unit, moves = (tensor([bernstein.nodes(d) for d in degrees]) for degrees in (z, tau))
     low, high = np.moveaxis(np.array(cells, dtype=float).reshape(len(cells), len(z), 2), 2, 0)
     points = low[:, None, :] + unit[None] * (high - low)[:, None, :]
-    values, rounding = problem.evaluate(points.reshape(-1, len(z)), moves, scale)
+    values, rounding = problem.evaluate(points.reshape(len(cells) * len(unit), len(z)), moves, scale)
     n = values.shape[-1]
     values = values.reshape(len(cells), *(d + 1 for d in z + tau), n, n)
     rounding *= bernstein.amplification(tuple(z + tau))

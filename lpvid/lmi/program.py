@@ -68,7 +68,7 @@ def largest_margin(inequalities: Sequence[Inequality], *, solvers: Sequence[str]
         import cvxpy as cp
 
         x, t = cp.Variable(inequalities[0].linear.shape[2]), cp.Variable()
-        constraints = [_constraint(cp, inequality, x, t) for inequality in inequalities]
+        constraints: list[cp.Constraint] = [_constraint(cp, inequality, x, t) for inequality in inequalities]
         problem = cp.Problem(cp.Maximize(t), constraints)
         available = cp.installed_solvers()
     for solver in (s for s in solvers if s in available):

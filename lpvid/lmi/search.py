@@ -107,6 +107,8 @@ class Search:
 
     def _centre(self) -> np.ndarray:
         points = grid(self.box, {0: 1, 1: 9, 2: 4}.get(len(self.box.names), 2))
+        if not self.system.order:
+            return np.zeros((0, 0))
         solutions = self.frozen_solutions(points)
         solutions = solutions / np.trace(solutions, axis1=1, axis2=2)[:, None, None]
         return solutions.mean(axis=0)

@@ -1,0 +1,170 @@
+"""What a stability certificate holds, says and stores."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.analysis.divergence import Divergence
+from lpvid.errors import InputError
+from lpvid.scheduling import Polynomial, Scheduling, basis_from_dict
+
+SCHEMA = "lpvid/stability-certificate/1"
+
+
+@dataclass(frozen=True, eq=False)
+class StabilityCertificate:
+    """A Lyapunov function V = xᵀP(p)x that decreases along every admissible trajectory, or the lack of one.
+
+    The state x is [y(k−1) … y(k−na)] for a transfer function with coefficients at p(k), the observer state for one
+    with coefficients at p(k−i), and the model's own state for a state space. Inputs and affine terms are zero.
+
+    Parameters
+    ----------
+    kind : str
+        "quadratic" (one P), "poly-quadratic" (P(p), arbitrary jumps), "parameter-dependent" (P(p), bounded rate),
+        or "none".
+    matrices : (K, n, n) array
+        P(p) = Σ_k matrices[k] ψ_k(p), with ψ_k the functions of `basis`.
+    basis : Polynomial
+    box : Scheduling
+        Range and rate bounds [units per second] asked for; a variable read at several times has an entry for each.
+    sample_time : float or None
+    model_hash : str
+        sha256 of the coefficients, the basis and the sampling time it was made for.
+    verified : bool
+        The inequality was re-checked with numpy and holds.
+    margin : float
+        Smallest eigenvalue of the inequality after the congruence that makes P at the centre the identity, less a
+        bound of the rounding errors (a pure number; 1/s in continuous time). Not a number where there is no P.
+    between_grid : bool
+        Proven on the whole box, not only on the points of a grid.
+    decay_rate : float
+        α [1/s]: sqrt(V) decreases at least as exp(−αt); 0 where nothing is known.
+    divergence : Divergence or None
+        Not certified: a trajectory along which the model grows, if one was found.
+    solver : str
+        What proposed the matrices.
+    """
+
+    kind: str
+    matrices: np.ndarray
+    basis: Polynomial
+    box: Scheduling
+    sample_time: float | None
+    model_hash: str
+    verified: bool
+    margin: float
+    between_grid: bool
+    decay_rate: float
+    divergence: Divergence | None = None
+    solver: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "matrices", _checks.frozen_array(self.matrices, "matrices", ndim=3))
+
+    @property
+    def decay(self) -> float | None:
+        """Factor per sample by which sqrt(V) decreases at least; None in continuous time or where nothing is known."""
+        known = self.sample_time is not None and self.decay_rate > 0
+        return math.exp(-self.decay_rate * self.sample_time) if known and self.sample_time else None
+
+    @property
+    def time_constant(self) -> float | None:
+        """1/α [s], or None where nothing is known."""
+        return 1 / self.decay_rate if self.decay_rate > 0 else None
+
+    @property
+    def verdict(self) -> str:
+        """"certified", "certified on a grid only" or "not certified"."""
+        if not self.verified:
+            return "not certified"
+        return "certified" if self.between_grid else "certified on a grid only"
+
+    @property
+    def claim(self) -> str:
+        """What the certificate says, in words."""
+        if not self.verified:
+            return "no statement about a moving scheduling variable"
+        where = ", ".join(_interval(*row) for row in zip(self.box.names, self.box.lower, self.box.upper,
+                                                         self.box.units, strict=True))
+        text = f"with zero input the state decays for every trajectory of {where}" if where else "the state decays"
+        if where and self.kind != "parameter-dependent":
+            text += ", however fast it moves"
+        elif where:
+            speeds = [f"|d {n}/dt| <= {r:.6g} {u or '1'}/s" if r is not None else f"{n} arbitrarily fast"
+                      for n, r, u in zip(self.box.names, self.box.rate, self.box.units, strict=True)]
+            text += " with " + ", ".join(speeds)
+        return text + ("" if self.between_grid else "; shown at the points of a grid only, not proven between them")
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON; `verify` needs nothing else but the model."""
+        return {"schema": SCHEMA, "verdict": self.verdict, "claim": self.claim,
+                "kind": self.kind, "verified": self.verified, "between_grid": self.between_grid,
+                "margin": self.margin if math.isfinite(self.margin) else None,
+                "rate_bound": dict(zip(self.box.names, self.box.rate, strict=True)),
+                "decay_rate": self.decay_rate, "decay_per_sample": self.decay, "time_constant": self.time_constant,
+                "matrices": self.matrices.tolist(), "order": self.matrices.shape[1], "basis": self.basis.to_dict(),
+                "box": self.box.to_dict(), "sample_time": self.sample_time, "model_hash": self.model_hash,
+                "divergence": None if self.divergence is None else self.divergence.to_dict(), "solver": self.solver}
+
+    @classmethod
+    def from_dict(cls, data: Mapping) -> StabilityCertificate:
+        """Inverse of `to_dict`."""
+        if data.get("schema") != SCHEMA:
+            raise InputError("not a stability certificate of this version", got=data.get("schema"))
+        basis, n, found = basis_from_dict(data["basis"]), data["order"], data["divergence"]
+        if not isinstance(basis, Polynomial):
+            raise InputError("the basis of a stability certificate is polynomial", got=type(basis).__name__)
+        count = len(data["matrices"])
+        return cls(data["kind"], np.asarray(data["matrices"], dtype=float).reshape(count, n, n), basis,
+                   Scheduling.from_dict(data["box"]), data["sample_time"], data["model_hash"], data["verified"],
+                   math.nan if data["margin"] is None else data["margin"], data["between_grid"], data["decay_rate"],
+                   None if found is None else Divergence.from_dict(found), data["solver"])
+
+    def __repr__(self) -> str:
+        lines = [f"{self.verdict}: {self.claim}"]
+        if self.verified:
+            pace = f", {self.decay:.6g} per sample" if self.decay else ""
+            if self.time_constant:
+                lines.append(f"  at least as exp(-t/{self.time_constant:.4g} s){pace}")
+            degree = f", P of degree {self.basis.degree}" if self.basis.degree else ""
+            lines.append(f"  {self.kind} Lyapunov function{degree}; margin {self.margin:.3g}, re-checked with numpy")
+        elif self.divergence is not None:
+            lines.append(f"  the model {self.divergence}")
+        else:
+            lines.append("  no trajectory that grows was found either: stability is open here")
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Verification:
+    """Outcome of `verify`.
+
+    Parameters
+    ----------
+    holds : bool
+        The certificate is for this model and every number in it can be reproduced.
+    margin : float
+        Recomputed, as in `StabilityCertificate.margin`.
+    between_grid : bool
+        Proven on the whole box.
+    why : str
+        What failed, or how it was shown.
+    """
+
+    holds: bool
+    margin: float
+    between_grid: bool
+    why: str
+
+    def __str__(self) -> str:
+        return f"{'holds' if self.holds else 'does not hold'}: {self.why} (margin {self.margin:.3g})"
+
+
+def _interval(name: str, low: float, high: float, unit: str) -> str:
+    return f"{name} in [{low:.6g}, {high:.6g}]" + (f" {unit}" if unit else "")
