@@ -9,39 +9,117 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
-def free_run_io(a, b, c, first_lag, lagged, phi, u, y, start, limit):
-    """Recursion y(k) = −Σ a_i y(k−i) + Σ b_j u(k−j) + Σ c_j in place from `start` on.
+@njit(cache=True, fastmath={"contract"})
+def free_run_io(a, b, c, first_lag, lagged, phi, offset, u, y, begin, end, limit):
+    """Recursion y(k) = −Σ a_i y(k−i) + Σ b_j u(k−j) + Σ c_j in place for k = begin … end−1.
 
-    a (na, ny, ny, M), b (lags, ny, nu, M), c (nc, ny, M), phi (n, M), u (n, nu), y (n, ny); returns the first sample
-    at which |y| exceeded `limit` (then y is zero from there on), or −1.
+    a (na, ny, ny, M), b (lags, ny, nu, M), c (nc, ny, M), u (nu, n), y (n, ny); phi (M, columns) holds φ(p(k)) in column
+    k − offset. Coefficients and forced response of a block are computed across the block, the recursion then runs
+    through it. Returns the first sample at which |y| exceeded `limit` (y is zero from there on), or −1.
     """
-    n, ny = y.shape
-    na, nb, nc, nu, m = a.shape[0], b.shape[0], c.shape[0], u.shape[1], phi.shape[1]
-    for k in range(start, n):
+    na, ny, nb, nc, nu = a.shape[0], y.shape[1], b.shape[0], c.shape[0], u.shape[0]
+    block = 512
+    forced = np.empty((ny, block))
+    weight = np.empty(block)
+    back = np.zeros((max(ny * na * ny, 4), block))
+    flat = y.reshape(y.size)
+    for first in range(begin, end, block):
+        rows = min(block, end - first)
         for o in range(ny):
-            total = 0.0
+            total = forced[o][:rows]
+            total[:] = 0.0
             for j in range(first_lag, nb):
-                row = k - j if lagged else k
+                low = first - offset - (j if lagged else 0)
                 for q in range(nu):
-                    s = 0.0
-                    for f in range(m):
-                        s += b[j, o, q, f] * phi[row, f]
-                    total += s * u[k - j, q]
+                    _mix(b[j, o, q], phi, low, weight[:rows])
+                    moved = u[q][first - j: first - j + rows]
+                    for r in range(rows):
+                        total[r] += weight[r] * moved[r]
             for j in range(nc):
-                for f in range(m):
-                    total += c[j, o, f] * phi[k - j, f]
+                low = first - offset - j
+                _mix(c[j, o], phi, low, weight[:rows])
+                for r in range(rows):
+                    total[r] += weight[r]
             for i in range(na):
-                row = k - i - 1 if lagged else k
+                low = first - offset - (i + 1 if lagged else 0)
                 for q in range(ny):
-                    s = 0.0
-                    for f in range(m):
-                        s += a[i, o, q, f] * phi[row, f]
-                    total -= s * y[k - i - 1, q]
-            y[k, o] = total
+                    _mix(a[i, o, q], phi, low, back[(o * na + i) * ny + q][:rows])
+        if ny == 1:
+            code = _recur_single(back, forced[0], flat[first - na: first + rows], na, limit)
+        else:
+            code = _recur(back, forced, y[first - na: first + rows], na, limit)
+        if code >= 0:
+            y[first + code:] = 0.0
+            return first + code
+    return -1
+
+
+@njit(cache=True, fastmath={"contract"})
+def _mix(coefficients, phi, low, out):
+    """out(k) = Σ_m coefficients[m] φ_m(low + k); two and three functions, the usual case, in one pass.
+
+    Rows are taken before their slices, which keeps them contiguous for the compiler.
+    """
+    m, rows = phi.shape[0], out.size
+    if m == 2:
+        c0, c1 = coefficients[0], coefficients[1]
+        f0, f1 = phi[0][low: low + rows], phi[1][low: low + rows]
+        for r in range(rows):
+            out[r] = c0 * f0[r] + c1 * f1[r]
+    elif m == 3:
+        c0, c1, c2 = coefficients[0], coefficients[1], coefficients[2]
+        f0, f1, f2 = phi[0][low: low + rows], phi[1][low: low + rows], phi[2][low: low + rows]
+        for r in range(rows):
+            out[r] = c0 * f0[r] + c1 * f1[r] + c2 * f2[r]
+    else:
+        out[:] = 0.0
+        for f in range(m):
+            value, row = coefficients[f], phi[f][low: low + rows]
+            for r in range(rows):
+                out[r] += value * row[r]
+
+
+@njit(cache=True, fastmath={"contract"})
+def _recur(back, forced, window, na, limit):
+    """The recursion alone: window (na + rows, ny) starts with the past; plane i·ny + q of back belongs to lag i + 1."""
+    ny = window.shape[1]
+    for r in range(window.shape[0] - na):
+        for o in range(ny):
+            total = forced[o, r]
+            for i in range(na):
+                for q in range(ny):
+                    total -= back[(o * na + i) * ny + q, r] * window[na + r - 1 - i, q]
+            window[na + r, o] = total
             if not abs(total) < limit:
-                y[k:] = 0.0
-                return k
+                return r
+    return -1
+
+
+@njit(cache=True, fastmath={"contract"})
+def _recur_single(back, forced, window, na, limit):
+    """`_recur` for one output: the four newest values stay in registers, so that only one product waits for the last.
+
+    back has at least four planes; those of lags that do not exist are zero.
+    """
+    rows = window.size - na
+    b1, b2, b3, b4 = back[0], back[1], back[2], back[3]
+    y1 = window[na - 1] if na > 0 else 0.0
+    y2 = window[na - 2] if na > 1 else 0.0
+    y3 = window[na - 3] if na > 2 else 0.0
+    y4 = window[na - 4] if na > 3 else 0.0
+    ahead = window[na:]
+    for r in range(rows):
+        total = forced[r] - b4[r] * y4 - b3[r] * y3 - b2[r] * y2
+        for i in range(4, na):
+            total -= back[i, r] * window[na + r - 1 - i]
+        total -= b1[r] * y1
+        ahead[r] = total
+        if not abs(total) < limit:
+            return r
+        y4 = y3
+        y3 = y2
+        y2 = y1
+        y1 = total
     return -1
 
 
@@ -182,6 +260,18 @@ def _output(C, D, g, phi, x, u):
                     s += D[q, o, j] * u[j]
                 new[o] += w * s
     return new
+
+
+@njit(cache=True)
+def switched_lag(q, gain_up, gain_down):
+    """First-order lag of `q` (n,), one gain where it must rise and one where it must fall; starts settled."""
+    out = np.empty_like(q)
+    s = q[0]
+    for k in range(q.size):
+        error = q[k] - s
+        s += (gain_up if error > 0 else gain_down) * error
+        out[k] = s
+    return out
 
 
 @njit(cache=True)

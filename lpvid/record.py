@@ -183,6 +183,8 @@ class Record:
 
     def matrix(self, names: Sequence[str]) -> np.ndarray:
         """(n, len(names)) array of the named channels."""
+        if len(names) == 1:
+            return self[names[0]][:, None]
         return np.column_stack([self[n] for n in names]) if names else np.empty((self.n_samples, 0))
 
     # -- deriving -----------------------------------------------------------------------------------------------

@@ -16,6 +16,8 @@ from lpvid.record import Record
 Model = LPVTransferFunction | LPVStateSpace
 RATE_TOLERANCE = 1e-3
 """relative difference of sampling periods that still counts as the same rate."""
+SPAN = 16_384
+"""samples for which the basis is evaluated at once."""
 DIVERGED = 1e9
 """a free run whose output exceeds this many times the data's scale is reported as diverged."""
 
@@ -146,7 +148,6 @@ def predict(model: Model, record: Record, horizon: int = 1) -> Simulation:
 def _simulate_io(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, y: np.ndarray,
                  initial: str | np.ndarray) -> Simulation:
     start = model.start
-    phi = np.ascontiguousarray(model.basis.evaluate(p))
     if isinstance(initial, str):
         _checks.one_of(initial, ("measured", "zero", "estimate"), "initial")
     if not isinstance(initial, str):
@@ -154,7 +155,7 @@ def _simulate_io(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, y: np
         past = _checks.finite(_checks.shaped(given, (start, model.n_outputs), "initial past outputs"), "initial")
         out = np.zeros_like(y)
         out[:start] = past
-        diverged = _run_io(model, phi, u, out, start, np.abs(past).max(initial=0.0))
+        diverged = _run_io(model, p, u, out, start, np.abs(past).max(initial=0.0))
         return _finish(model, out, start, None, diverged, "given past")
     if initial == "measured":
         if len(y) <= start:
@@ -162,29 +163,40 @@ def _simulate_io(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, y: np
                              mend="give a longer record")
         out = np.zeros_like(y)
         out[:start] = y[:start]
-        diverged = _run_io(model, phi, u, out, start, _scale(y))
+        diverged = _run_io(model, p, u, out, start, _scale(y))
         return _finish(model, out, start, None, diverged, "measured samples")
-    padded_u, padded_phi = _pad(u, start), _pad(phi, start, hold=True)
+    padded_u, padded_p = _pad(u, start), _pad(p, start, hold=True)
     out = np.zeros((len(y) + start, model.n_outputs))
     if initial == "zero":
-        diverged = _run_io(model, padded_phi, padded_u, out, start, 0.0)
+        diverged = _run_io(model, padded_p, padded_u, out, start, 0.0)
         return _finish(model, out[start:], 0, None, _earlier(diverged, start), "zero")
-    past = _estimate_past(model, padded_phi, padded_u, y, start)
+    past = _estimate_past(model, padded_p, padded_u, y, start)
     out[:start] = past
-    diverged = _run_io(model, padded_phi, padded_u, out, start, _scale(y))
+    diverged = _run_io(model, padded_p, padded_u, out, start, _scale(y))
     return _finish(model, out[start:], 0, None, _earlier(diverged, start), "estimated past")
 
 
-def _run_io(model: LPVTransferFunction, phi: np.ndarray, u: np.ndarray, out: np.ndarray, start: int,
+def _run_io(model: LPVTransferFunction, p: np.ndarray, u: np.ndarray, out: np.ndarray, start: int,
             scale: float) -> int | None:
+    """Fill `out` from `start` on, span by span, so that the basis stays in the cache; the diverging sample or None."""
     from lpvid import _kernels
 
-    limit = DIVERGED * max(scale, 1.0)
-    code = _kernels.free_run_io(model.a, model.b, model.c, _first_lag(model), model.lagged, phi, u, out, start, limit)
-    return None if code < 0 else int(code)
+    limit, first_lag, n = DIVERGED * max(scale, 1.0), _first_lag(model), len(out)
+    local = model.basis.lags == (0, 0)
+    span = SPAN if local else n
+    driven = np.ascontiguousarray(u.T)
+    for first in range(start, n, span):
+        last = min(first + span, n)
+        low = first - start if local else 0
+        phi = np.ascontiguousarray(model.basis.evaluate(p[low:last] if local else p).T)
+        code = _kernels.free_run_io(model.a, model.b, model.c, first_lag, model.lagged, phi, low, driven, out, first, last,
+                                    limit)
+        if code >= 0:
+            return int(code)
+    return None
 
 
-def _estimate_past(model: LPVTransferFunction, phi: np.ndarray, u: np.ndarray, y: np.ndarray, start: int) -> np.ndarray:
+def _estimate_past(model: LPVTransferFunction, p: np.ndarray, u: np.ndarray, y: np.ndarray, start: int) -> np.ndarray:
     """Past outputs that fit the first samples best: the free run is affine in them."""
     length = min(len(y), max(20 * max(model.order, 1), 200))
     rows = slice(0, length + start)
@@ -193,7 +205,7 @@ def _estimate_past(model: LPVTransferFunction, phi: np.ndarray, u: np.ndarray, y
     def response(past: np.ndarray) -> np.ndarray:
         out = np.zeros((length + start, model.n_outputs))
         out[:start] = past.reshape(start, model.n_outputs)
-        _run_io(model, phi[rows], u[rows], out, start, _scale(y))
+        _run_io(model, p[rows], u[rows], out, start, _scale(y))
         return out[start:].ravel()
 
     forced = response(np.zeros(unknown))
@@ -281,7 +293,7 @@ def _outputs(model: Model, record: Record) -> np.ndarray:
 
 def _columns(record: Record, names: Sequence[str]) -> np.ndarray:
     values = record.matrix(list(names))
-    if not np.isfinite(values).all():
+    if not np.isfinite(values.sum()) and not np.isfinite(values).all():
         row, column = (int(i) for i in np.argwhere(~np.isfinite(values))[0])
         raise InputError(f"record '{record.name}', channel '{names[column]}', sample {row} is not finite",
                          mend="cut the record with condition.segments")
@@ -294,7 +306,7 @@ def _pad(values: np.ndarray, rows: int, *, hold: bool = False) -> np.ndarray:
 
 
 def _scale(y: np.ndarray) -> float:
-    return float(np.abs(y).max(initial=0.0)) or 1.0
+    return max(float(y.max(initial=0.0)), -float(y.min(initial=0.0))) or 1.0
 
 
 def _earlier(diverged: int | None, start: int) -> int | None:

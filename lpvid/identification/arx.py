@@ -8,12 +8,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lpvid import _checks
+from lpvid._threads import single_thread
 from lpvid.errors import InputError
 from lpvid.identification.layout import Layout
 from lpvid.identification.regression import Columns, Factor, RegressionData, Solution, factorize
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.structure import Structure
 from lpvid.model.input_stage import STAGES, InputStage
+from lpvid.model.scheduling_stage import FITTED, SchedulingStage
 from lpvid.model.signals import Signal
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
@@ -47,6 +49,8 @@ class ARX(Structure):
         Coefficients of lag i taken at p(k−i): exact in observer form.
     stage : None, "tanh", "three-zone" or InputStage
         Static input stage; a name is fitted to the data, an InputStage is taken as it is.
+    schedule_filter : None, "lag", "rise-fall", "lag-delay", "rise-fall-delay" or SchedulingStage
+        Filter between the logged scheduling and the coefficients; a name is fitted to the data.
     ridge : float
         Penalty on the parameters in unit-column scaling; 0 for plain least squares.
     weight : str, optional
@@ -67,6 +71,7 @@ class ARX(Structure):
     affine: int = 0
     lagged: bool = False
     stage: InputStage | str | None = None
+    schedule_filter: SchedulingStage | str | None = None
     ridge: float = 0.0
     weight: str | None = None
 
@@ -83,6 +88,10 @@ class ARX(Structure):
         set_(self, "nk", _checks.counts(self.nk, len(self.input), "nk"))
         if isinstance(self.stage, str):
             _checks.one_of(self.stage, tuple(STAGES), "stage")
+        if isinstance(self.schedule_filter, str):
+            _checks.one_of(self.schedule_filter, tuple(FITTED), "schedule_filter")
+        if self.schedule_filter is not None and not self.basis.names:
+            raise InputError("a scheduling filter needs a scheduling variable", mend="give a basis that names one")
         if not _checks.real(self.ridge, "ridge") >= 0:
             raise InputError("ridge must not be negative", got=self.ridge)
 
@@ -159,10 +168,10 @@ class ARX(Structure):
     def estimate(self, records: Sequence[Record]) -> Identification:
         box = scheduling_box(records, self.basis, check_basis=not self.ridge)
         bound = replace(self, basis=self.basis.bound(box))
-        if isinstance(self.stage, str):
-            from lpvid.identification.stage_fit import fit_stage
+        if isinstance(self.stage, str) or isinstance(self.schedule_filter, str):
+            from lpvid.identification.stage_fit import fit_stages
 
-            return fit_stage(records, bound, box)
+            return fit_stages(records, bound, box)
         return bound.regress(records, box)
 
     def regress(self, records: Sequence[Record], box: Scheduling) -> Identification:
@@ -177,11 +186,12 @@ class ARX(Structure):
                              mend="give longer records, or lower the orders or the degree")
         _, columns = self._places(width)
         data = RegressionData(self.input, self.output, box.names, self.basis, columns,  # type: ignore[arg-type]
-                              self.start, stage, self.weight)
+                              self.start, stage, self._filter(), self.weight)
         factor = factorize(records, data)
         model = self._empty_model(records[0], box, width)
         names = [n.split(":")[-1] for n in layout.names(model)[:per_output]]
-        solution = factor.solve(self.ridge, names)
+        with single_thread():
+            solution = factor.solve(self.ridge, names)
         return self._package(records, model, layout, factor, solution)
 
     def _empty_model(self, record: Record, box: Scheduling, width: int) -> LPVTransferFunction:
@@ -192,7 +202,10 @@ class ARX(Structure):
             np.zeros((self.na, ny, ny, m)), np.zeros((lags, ny, width, m)), self.basis, record.sample_time, box,
             np.zeros((self.affine, ny, m)), self.lagged, tuple(Signal(n, record.unit(n)) for n in self.input),
             tuple(Signal(n, record.unit(n)) for n in self.output),
-            self.stage if isinstance(self.stage, InputStage) else None)
+            self.stage if isinstance(self.stage, InputStage) else None, self._filter())
+
+    def _filter(self) -> SchedulingStage | None:
+        return self.schedule_filter if isinstance(self.schedule_filter, SchedulingStage) else None
 
     def _package(self, records: Sequence[Record], model: LPVTransferFunction, layout: Layout, factor: Factor,
                  solution: Solution) -> Identification:
@@ -208,10 +221,12 @@ class ARX(Structure):
     def to_dict(self) -> dict:
         """Plain data for JSON."""
         stage = self.stage.to_dict() if isinstance(self.stage, InputStage) else self.stage
+        lag = self.schedule_filter
+        lag = lag.to_dict() if isinstance(lag, SchedulingStage) else lag
         return {"kind": "arx", "na": self.na, "nb": list(self._nb()), "nk": list(self._nk()),
                 "input": list(self.input), "output": list(self.output), "basis": self.basis.to_dict(),
-                "affine": self.affine, "lagged": self.lagged, "stage": stage, "ridge": self.ridge,
-                "weight": self.weight}
+                "affine": self.affine, "lagged": self.lagged, "stage": stage, "schedule_filter": lag,
+                "ridge": self.ridge, "weight": self.weight}
 
 
 def scheduling_box(records: Sequence[Record], basis: Basis, *, check_basis: bool = True) -> Scheduling:

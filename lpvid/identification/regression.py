@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid._threads import single_thread
 from lpvid.errors import InputError
 from lpvid.model.input_stage import InputStage
+from lpvid.model.scheduling_stage import SchedulingStage
 from lpvid.record import Record
 from lpvid.scheduling import Basis
 
@@ -51,6 +53,7 @@ class RegressionData:
     columns: Columns
     start: int
     stage: InputStage | None = None
+    scheduling_stage: SchedulingStage | None = None
     weight: str | None = None
 
 
@@ -146,25 +149,32 @@ def factorize(records: Sequence[Record], data: RegressionData) -> Factor:
     -------
     Factor
     """
-    from threadpoolctl import threadpool_limits
-
     from lpvid._kernels import ChunkedQR
 
     qr = ChunkedQR(data.columns.size + len(data.outputs), CHUNK)
-    with threadpool_limits(1, user_api="blas"):  # small factorisations: threads cost ten times what they bring
+    with single_thread():
         for record in records:
+            p = _scheduling(record, data)
             for first in range(data.start, record.n_samples, SUPER_CHUNK):
-                _absorb(qr, record, data, first, min(first + SUPER_CHUNK, record.n_samples))
+                _absorb(qr, record, data, p, first, min(first + SUPER_CHUNK, record.n_samples))
     return Factor(qr.r, qr.rows_seen, data.columns.size)
 
 
-def _absorb(qr, record: Record, data: RegressionData, first: int, last: int) -> None:
+def _scheduling(record: Record, data: RegressionData) -> np.ndarray | None:
+    """The filtered scheduling of a whole record (a filter has memory), or None where there is no filter."""
+    if data.scheduling_stage is None:
+        return None
+    assert record.sample_time is not None
+    return data.scheduling_stage.apply(record.matrix(data.scheduling), record.sample_time)
+
+
+def _absorb(qr, record: Record, data: RegressionData, filtered: np.ndarray | None, first: int, last: int) -> None:
     """Rows `first` … `last`−1 of one record."""
     from lpvid._kernels import fill_regressor
 
     low = first - data.start
     high = min(last + max(-data.basis.lags[0], 0), record.n_samples)
-    p = _stack(record, data.scheduling, low, high)
+    p = _stack(record, data.scheduling, low, high) if filtered is None else filtered[low:high]
     phi = np.ascontiguousarray(data.basis.evaluate(p)[: last - low].T)
     u = _stack(record, data.inputs, low, last)
     if data.stage is not None:

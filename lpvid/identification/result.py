@@ -57,9 +57,9 @@ class Identification:
 
     @property
     def n_parameters(self) -> int:
-        """Number of linear parameters plus those of a fitted input stage."""
-        stage = self.model.input_stage
-        return self.layout.size + (0 if stage is None else stage.vector.size)
+        """Number of linear parameters plus those of the input stage and the scheduling filter."""
+        stages = (self.model.input_stage, self.model.scheduling_stage)
+        return self.layout.size + sum(s.vector.size for s in stages if s is not None)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -90,7 +90,7 @@ class Identification:
 
     def to_dict(self) -> dict:
         """identification.json."""
-        stage = self.model.input_stage
+        stage, lag = self.model.input_stage, self.model.scheduling_stage
         box = self.model.box
         rows = zip(self.parameter_names, self.parameters.tolist(), self.standard_errors.tolist(), strict=True)
         return {
@@ -100,6 +100,7 @@ class Identification:
             "normalisation": {"names": list(box.names), "units": list(box.units), "centre": box.centre.tolist(),
                               "half_width": box.half_width.tolist()},
             "input_stage": None if stage is None else stage.to_dict(),
+            "scheduling_stage": None if lag is None else lag.to_dict(),
             "n_parameters": self.n_parameters, "n_samples": self.n_samples,
             "condition": self.condition, "scaled_condition": self.scaled_condition,
             "training": None if self.training is None else self.training.to_dict(),

@@ -1,16 +1,19 @@
-"""Fit the static input stage of an LPV-Hammerstein model to its free run."""
+"""Fit the static input stage and the scheduling filter of an LPV model to its free run."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid._threads import single_thread
 from lpvid.errors import InputError
 from lpvid.identification.result import Identification
 from lpvid.model.input_stage import STAGES, InputStage
+from lpvid.model.scheduling_stage import FITTED, SchedulingStage
 from lpvid.record import Record
 from lpvid.scheduling import Scheduling
 from lpvid.simulation import simulate
@@ -19,64 +22,113 @@ if TYPE_CHECKING:
     from lpvid.identification.arx import ARX
 
 SAMPLES = 40_000
-"""samples on which the stage is searched; the final regression uses all."""
+"""samples on which the stages are searched; the final regression uses all."""
 DIVERGED_COST = 1e3
-"""cost of a stage whose model diverges in free run, plus its one-step cost."""
+"""cost of a stage whose model diverges in free run."""
+REFINED = 2
+"""starts that are refined after all have been tried."""
 
 
-def fit_stage(records: Sequence[Record], structure: ARX, box: Scheduling) -> Identification:
-    """Search the stage's few parameters for the least free-run error; the linear part is a regression each time.
+def fit_stages(records: Sequence[Record], structure: ARX, box: Scheduling) -> Identification:
+    """Search the stages' few parameters for the least free-run error; the linear part is a regression each time.
 
-    The separation (variable projection) keeps the search in two to six dimensions. Several starts from the data's own
-    spread are tried, and the best two are refined by Nelder & Mead 1965.
+    The separation (variable projection) keeps the search in one to nine dimensions. Several starts from the data's own
+    spread are tried, and the best are refined by Nelder & Mead 1965.
 
     Parameters
     ----------
     records : sequence of Record
         Uniform and finite.
     structure : ARX
-        With a bound basis and a stage's name.
+        With a bound basis and at least one of stage and schedule_filter given by name.
     box : Scheduling
 
     Returns
     -------
     Identification
-        With the fitted stage in its model and structure.
+        With the fitted stages in its model and structure.
     """
+    with single_thread():
+        return _search(records, structure, box)
+
+
+def _search(records: Sequence[Record], structure: ARX, box: Scheduling) -> Identification:
+    sample = shorten(records, SAMPLES, structure.start + 50)
+    starts = _starts(sample, structure, box)
+    costs = [free_run_cost(sample, s.of(structure), box) for s in starts]
+    order = np.argsort(costs, kind="stable")[:REFINED]
+    found = [_refine(sample, structure, box, starts[i]) for i in order]
+    best = min(found, key=lambda pair: pair[0])[1]
+    result = best.of(structure).regress(records, box)
+    return result.replace(notes=(*result.notes, f"fitted to the free run on training data: {best.describe()}; "
+                                                "the covariance holds it fixed"))
+
+
+@dataclass(frozen=True)
+class _Stages:
+    """The stages under search: those given as objects stay as they are."""
+
+    stage: InputStage | None
+    lag: SchedulingStage | None
+    stage_scales: np.ndarray
+    lag_scales: np.ndarray
+
+    def of(self, structure: ARX) -> ARX:
+        return replace(structure, stage=self.stage, schedule_filter=self.lag)
+
+    @property
+    def free(self) -> np.ndarray:
+        return np.flatnonzero(np.concatenate([self.stage_scales, self.lag_scales]) > 0)
+
+    def moved(self, z: np.ndarray) -> _Stages:
+        step = np.concatenate([self.stage_scales, self.lag_scales])
+        step[self.free] *= z
+        cut = self.stage_scales.size
+        stage = self.stage if self.stage is None or not cut else self.stage.with_vector(self.stage.vector + step[:cut])
+        lag = self.lag if self.lag is None or not self.lag_scales.size else (
+            self.lag.with_vector(self.lag.vector + step[cut:]))
+        return replace(self, stage=stage, lag=lag)
+
+    def describe(self) -> str:
+        parts = []
+        for kind, noun, moving in (("input stage", self.stage, self.stage_scales),
+                                   ("scheduling filter", self.lag, self.lag_scales)):
+            if noun is not None and moving.size:
+                values = ", ".join(f"{k} {v:.4g}" for k, v in noun.to_dict().items() if isinstance(v, float))
+                parts.append(f"{kind} {noun.to_dict()['kind']} ({values})")
+        return " and ".join(parts)
+
+
+def _starts(records: Sequence[Record], structure: ARX, box: Scheduling) -> list[_Stages]:
+    reach = float(box.half_width[0]) if box.names else 0.0
+    none = np.zeros(0)
+    if isinstance(structure.stage, str):
+        u = np.vstack([r.matrix(structure.input) for r in records])
+        p = np.vstack([r.matrix(box.names) for r in records])
+        stages = [(s, s.scales(reach)) for s in STAGES[structure.stage]().starts(u, p)]
+    else:
+        stages = [(structure.stage, none)]
+    if isinstance(structure.schedule_filter, str):
+        assert records[0].sample_time is not None
+        lags = [(s, s.scales()) for s in FITTED[structure.schedule_filter].starts(records[0].sample_time)]
+    else:
+        lags = [(structure.schedule_filter, none)]
+    return [_Stages(s, lag, a, b) for (s, a), (lag, b) in itertools.product(stages, lags)]
+
+
+def _refine(records: Sequence[Record], structure: ARX, box: Scheduling, start: _Stages) -> tuple[float, _Stages]:
     from scipy.optimize import minimize
 
-    sample = shorten(records, SAMPLES, structure.start + 50)
-    u = np.vstack([r.matrix(structure.input) for r in sample])
-    p = np.vstack([r.matrix(box.names) for r in sample])
-    assert isinstance(structure.stage, str)
-    starts = STAGES[structure.stage]().starts(u, p)
-    reach = float(box.half_width[0]) if box.names else 0.0
-    costs = [free_run_cost(sample, replace(structure, stage=s), box) for s in starts]
-    best: tuple[float, InputStage] = (np.inf, starts[0])
-    for index in np.argsort(costs)[:2]:
-        start = starts[index]
-        scales = start.scales(reach)
-        free = np.flatnonzero(scales > 0)
-
-        def stage_at(z: np.ndarray, start=start, scales=scales, free=free) -> InputStage:
-            vector = start.vector.copy()
-            vector[free] += scales[free] * z
-            return start.with_vector(vector)
-
-        found = minimize(lambda z, at=stage_at: free_run_cost(sample, replace(structure, stage=at(z)), box),
-                         np.zeros(free.size), method="Nelder-Mead",
-                         options={"maxfev": 60 + 40 * free.size, "xatol": 1e-3, "fatol": 1e-5,
-                                  "initial_simplex": _simplex(free.size)})
-        if found.fun < best[0]:
-            best = (float(found.fun), stage_at(found.x))
-    fitted = replace(structure, stage=best[1])
-    note = f"input stage fitted to the free run on training data: {describe(best[1])}; covariance holds it fixed"
-    result = fitted.regress(records, box)
-    return result.replace(notes=(*result.notes, note))
+    n = start.free.size
+    found = minimize(lambda z: free_run_cost(records, start.moved(z).of(structure), box), np.zeros(n),
+                     method="Nelder-Mead",
+                     options={"maxfev": 60 + 40 * n, "xatol": 1e-3, "fatol": 1e-6,
+                              "initial_simplex": np.vstack([np.zeros(n), 0.6 * np.eye(n)])})
+    return float(found.fun), start.moved(found.x)
 
 
 def free_run_cost(records: Sequence[Record], structure: ARX, box: Scheduling) -> float:
-    """Pooled free-run ESR of the regression with a fixed stage; large and finite where it diverges."""
+    """Pooled free-run ESR of the regression with fixed stages; large and finite where it diverges."""
     try:
         model = structure.regress(records, box).model
     except InputError:
@@ -87,10 +139,10 @@ def free_run_cost(records: Sequence[Record], structure: ARX, box: Scheduling) ->
         run = simulate(model, record)
         if run.diverged_at is not None:
             return DIVERGED_COST * (1 + 1 / (1 + run.diverged_at))
-        scale = np.maximum(y[run.start:].var(axis=0), 1e-300)
-        error += float(np.sum((y - run.output)[run.start:] ** 2 / scale)) / y.shape[1]
-        power += len(y) - run.start
-    return error / power
+        measured = y[run.start:]
+        error = error + np.sum((measured - run.output[run.start:]) ** 2, axis=0)
+        power = power + np.sum((measured - measured.mean(axis=0)) ** 2, axis=0)
+    return float(np.mean(error / np.maximum(power, 1e-300)))
 
 
 def shorten(records: Sequence[Record], samples: int, minimum: int) -> list[Record]:
@@ -99,14 +151,3 @@ def shorten(records: Sequence[Record], samples: int, minimum: int) -> list[Recor
     if total <= samples:
         return list(records)
     return [r.slice(0, max(minimum, int(r.n_samples * samples / total))) for r in records]
-
-
-def describe(stage: InputStage) -> str:
-    """The stage's parameters in one line."""
-    data = stage.to_dict()
-    values = ", ".join(f"{k} {v:.4g}" for k, v in data.items() if isinstance(v, float))
-    return f"{data['kind']} ({values})"
-
-
-def _simplex(n: int) -> np.ndarray:
-    return np.vstack([np.zeros(n), np.eye(n) * 0.6])

@@ -11,6 +11,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.input_stage import InputStage, stage_from_dict
+from lpvid.model.scheduling_stage import SchedulingStage, scheduling_stage_from_dict
 from lpvid.model.signals import Signal
 from lpvid.model.transfer_function import _as_signals, _point
 from lpvid.scheduling import Basis, Scheduling, basis_from_dict
@@ -48,7 +49,7 @@ class LPVStateSpace:
         f and g.
     observer_gain : (M, n, n_outputs) array, optional
         K.
-    inputs, outputs, input_stage, noise_covariance, metadata
+    inputs, outputs, input_stage, scheduling_stage, noise_covariance, metadata
         As in `LPVTransferFunction`.
 
     Examples
@@ -73,6 +74,7 @@ class LPVStateSpace:
     inputs: tuple[Signal, ...] = ()
     outputs: tuple[Signal, ...] = ()
     input_stage: InputStage | None = None
+    scheduling_stage: SchedulingStage | None = None
     noise_covariance: np.ndarray | None = None
     metadata: Mapping = field(default_factory=dict)
 
@@ -83,7 +85,8 @@ class LPVStateSpace:
         c = _checks.frozen_array(self.C, "C", ndim=3)
         d = _checks.frozen_array(self.D, "D", ndim=3)
         n, ny, nu = a.shape[1], c.shape[1], d.shape[2]
-        arrays = {"A": (a, (m, n, n)), "C": (c, (m, ny, n)), "D": (d, (m, ny, nu)),
+        arrays: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {
+            "A": (a, (m, n, n)), "C": (c, (m, ny, n)), "D": (d, (m, ny, nu)),
                   "B": (_checks.frozen_array(self.B, "B", ndim=3), (m, n, nu))}
         offset_f = np.zeros((m, n)) if self.state_offset is None else self.state_offset
         offset_g = np.zeros((m, ny)) if self.output_offset is None else self.output_offset
@@ -186,6 +189,7 @@ class LPVStateSpace:
                 "sample_time": self.sample_time, "scheduling": self.box.to_dict(), "order": self.order,
                 "inputs": [s.to_dict() for s in self.inputs], "outputs": [s.to_dict() for s in self.outputs],
                 "input_stage": None if self.input_stage is None else self.input_stage.to_dict(),
+                "scheduling_stage": None if self.scheduling_stage is None else self.scheduling_stage.to_dict(),
                 "noise_covariance": self.noise_covariance.tolist(), "metadata": dict(self.metadata)}
 
     @classmethod
@@ -206,6 +210,7 @@ class LPVStateSpace:
         return cls(array("A", n, n), array("B", n, nu), array("C", ny, n), array("D", ny, nu), basis,
                    data["sample_time"], Scheduling.from_dict(data["scheduling"]), array("state_offset", n),
                    array("output_offset", ny), gain, inputs, outputs, stage,
+                   scheduling_stage_from_dict(data["scheduling_stage"]),
                    np.asarray(data["noise_covariance"], dtype=float), data["metadata"])
 
     def __repr__(self) -> str:

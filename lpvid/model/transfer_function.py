@@ -11,6 +11,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.input_stage import InputStage, stage_from_dict
+from lpvid.model.scheduling_stage import SchedulingStage, scheduling_stage_from_dict
 from lpvid.model.signals import Signal, signals
 from lpvid.scheduling import Basis, Scheduling, basis_from_dict
 
@@ -52,6 +53,8 @@ class LPVTransferFunction:
         Measured inputs and outputs.
     input_stage : InputStage, optional
         Static map from the measured inputs to the filter's inputs.
+    scheduling_stage : SchedulingStage, optional
+        Causal filter from the logged scheduling to the p of every formula here (a coil's lag).
     noise_covariance : (n_outputs, n_outputs) array, optional
         Covariance of the equation error e.
     metadata : mapping
@@ -76,6 +79,7 @@ class LPVTransferFunction:
     inputs: tuple[Signal, ...] = ()
     outputs: tuple[Signal, ...] = ()
     input_stage: InputStage | None = None
+    scheduling_stage: SchedulingStage | None = None
     noise_covariance: np.ndarray | None = None
     metadata: Mapping = field(default_factory=dict)
 
@@ -84,8 +88,8 @@ class LPVTransferFunction:
         m = self.basis.size
         b = _checks.finite(_checks.frozen_array(self.b, "b", ndim=4), "b")
         ny, nu = b.shape[1], b.shape[2]
-        a = np.asarray(self.a, dtype=float)
-        a = _checks.frozen_array(a.reshape(0, ny, ny, m) if a.size == 0 else a, "a")
+        a = _checks.frozen_array(self.a, "a")
+        a = _checks.frozen_array(a.reshape(0, ny, ny, m), "a") if a.size == 0 else a
         c = np.zeros((0, ny, m)) if self.c is None else self.c
         set_(self, "a", _checks.finite(_checks.shaped(a, (None, ny, ny, m), "a"), "a"))
         set_(self, "b", _checks.shaped(b, (None, ny, nu, m), "b"))
@@ -107,8 +111,8 @@ class LPVTransferFunction:
             raise InputError("signals do not match the coefficients",
                              got=f"{len(self.outputs)} outputs and {width} filter inputs for b of shape {b.shape}")
         noise = np.zeros((ny, ny)) if self.noise_covariance is None else self.noise_covariance
-        set_(self, "noise_covariance", _checks.shaped(_checks.frozen_array(noise, "noise_covariance"), (ny, ny),
-                                                      "noise_covariance"))
+        noise = _checks.shaped(_checks.frozen_array(noise, "noise_covariance"), (ny, ny), "noise_covariance")
+        set_(self, "noise_covariance", _checks.finite(noise, "noise_covariance"))
         set_(self, "metadata", dict(self.metadata))
 
     @classmethod
@@ -123,7 +127,9 @@ class LPVTransferFunction:
         c : (n_affine, M) nested sequence, from lag 0 on
         """
         m = basis.size
-        shaped = [np.asarray(x, dtype=float).reshape(-1, m) for x in (a, b, c)]
+        arrays = {name: _checks.frozen_array(x, name) for name, x in (("a", a), ("b", b), ("c", c))}
+        shaped = [_checks.shaped(x, (None, m), f"{name} (lags by basis functions)") if x.size else x.reshape(0, m)
+                  for name, x in arrays.items()]
         return cls(shaped[0][:, None, None, :], shaped[1][:, None, None, :], basis, sample_time, scheduling,
                    shaped[2][:, None, :], lagged, **signal_names)
 
@@ -226,6 +232,7 @@ class LPVTransferFunction:
                 "scheduling": self.box.to_dict(), "inputs": [s.to_dict() for s in self.inputs],
                 "outputs": [s.to_dict() for s in self.outputs],
                 "input_stage": None if self.input_stage is None else self.input_stage.to_dict(),
+                "scheduling_stage": None if self.scheduling_stage is None else self.scheduling_stage.to_dict(),
                 "noise_covariance": self.noise_covariance.tolist(), "metadata": dict(self.metadata)}
 
     @classmethod
@@ -240,7 +247,9 @@ class LPVTransferFunction:
         return cls(np.asarray(data["a"], dtype=float).reshape(-1, ny, ny, m),
                    np.asarray(data["b"], dtype=float).reshape(-1, ny, nu, m), basis, data["sample_time"],
                    Scheduling.from_dict(data["scheduling"]), np.asarray(data["c"], dtype=float).reshape(-1, ny, m),
-                   data["lagged"], inputs, outputs, stage, np.asarray(data["noise_covariance"]), data["metadata"])
+                   data["lagged"], inputs, outputs, stage,
+                   scheduling_stage_from_dict(data["scheduling_stage"]), np.asarray(data["noise_covariance"]),
+                   data["metadata"])
 
     def __repr__(self) -> str:
         inputs = ", ".join(map(str, self.inputs))
