@@ -87,7 +87,7 @@ class LPVStateSpace:
         n, ny, nu = a.shape[1], c.shape[1], d.shape[2]
         arrays: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {
             "A": (a, (m, n, n)), "C": (c, (m, ny, n)), "D": (d, (m, ny, nu)),
-                  "B": (_checks.frozen_array(self.B, "B", ndim=3), (m, n, nu))}
+            "B": (_checks.frozen_array(self.B, "B", ndim=3), (m, n, nu))}
         offset_f = np.zeros((m, n)) if self.state_offset is None else self.state_offset
         offset_g = np.zeros((m, ny)) if self.output_offset is None else self.output_offset
         arrays["state_offset"] = (_checks.frozen_array(offset_f, "state_offset"), (m, n))
