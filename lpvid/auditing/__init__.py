@@ -1,0 +1,69 @@
+"""What is wrong with measured data, before any model: findings with their evidence and mend."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+from lpvid.auditing import clock, excitation, force, motion, naming, spectrum, values
+from lpvid.auditing.findings import Audit, Finding, ordered
+from lpvid.auditing.view import View, view
+from lpvid.errors import InputError
+from lpvid.record import Record
+
+__all__ = ["Audit", "Finding", "audit"]
+
+RECORD_CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
+    clock.short, clock.jitter, clock.rounded_stamps, clock.gaps, clock.disorder,
+    values.missing, values.unusable, values.units, values.constant, values.clipped, values.quantised,
+    values.duplicates,
+    motion.velocity_against_displacement,
+    force.polarity, force.offset, force.drift,
+    excitation.repeated, spectrum.moving_average, naming.nominal,
+)
+"""Checks of one record at a time."""
+
+DATA_SET_CHECKS: tuple[Callable[[Sequence[View]], Iterator[Finding]], ...] = (
+    clock.mixed_rates, spectrum.noise, spectrum.oversampled, force.mixed_polarity, force.offset_between,
+    excitation.scheduling, excitation.same_excitation,
+)
+"""Checks of all records together."""
+
+
+def audit(records: Record | Sequence[Record], *, scheduling: Sequence[str] | None = None) -> Audit:
+    """Examine measured records before any model is fitted; nothing is changed.
+
+    Parameters
+    ----------
+    records : Record or sequence of Record
+        As read; anything that parses can be audited.
+    scheduling : sequence of str, optional
+        Names or roles of the scheduling variables; by default every channel in A, V or K and every pure number.
+
+    Returns
+    -------
+    Audit
+        Findings, gravest first; prints itself.
+
+    Raises
+    ------
+    InputError
+        No records; a scheduling variable that no record has.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(2000) / 200
+    >>> v = np.sin(2 * np.pi * 1.3 * t) + np.sin(2 * np.pi * 3.1 * t)
+    >>> record = Record({"velocity": v, "force": -100 * v}, sample_time=0.005,
+    ...                 units={"velocity": "m/s", "force": "N"})
+    >>> [f.mend for f in audit(record).of("reversed-polarity")]
+    ['--flip force']
+    """
+    listed = [records] if isinstance(records, Record) else list(records)
+    if not listed:
+        raise InputError("no records to audit")
+    views = [view(record, scheduling) for record in listed]
+    found = [finding for one in views for check in RECORD_CHECKS for finding in check(one)]
+    found += [finding for check in DATA_SET_CHECKS for finding in check(views)]
+    names = tuple(record.name for record in listed)
+    return Audit(ordered(found, names), tuple(repr(record) for record in listed), names)

@@ -1,0 +1,74 @@
+"""Checks of the time base: jitter, gaps, duplicates, backward steps, invalid stamps, rounding, unequal rates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from lpvid.auditing.findings import Finding
+from lpvid.auditing.view import View
+from lpvid.condition.segmentation import RATE_TOLERANCE
+from lpvid.timebase import JITTER_LIMIT
+
+
+def jitter(view: View) -> Iterator[Finding]:
+    """Sampling intervals that differ by more than 1 % rms."""
+    base = view.record.time_base
+    if base.n_samples > 2 and not base.invalid and not base.steady:
+        yield Finding("jitter", view.name, "", "fault",
+                      f"sampling intervals deviate by {100 * base.jitter_rms:.3g} % rms, {100 * base.jitter_max:.3g} % "
+                      f"at most, of {1e3 * base.period:.6g} ms", f"--sample-rate {1 / base.period:.4g}",
+                      float(base.jitter_rms))
+
+
+def rounded_stamps(view: View) -> Iterator[Finding]:
+    """Stamps that look unsteady only because they were printed with few digits."""
+    base = view.record.time_base
+    if base.rounded and base.jitter_rms > JITTER_LIMIT:
+        yield Finding("rounded-stamps", view.name, "", "note",
+                      f"time is printed in steps of {1e3 * base.resolution:g} ms, {100 * base.jitter_rms:.3g} % rms of "
+                      f"the period; the clock behind it is uniform at {1 / base.period:.6g} Hz",
+                      "print more digits; the uniform clock is used", base.resolution)
+
+
+def gaps(view: View) -> Iterator[Finding]:
+    """Intervals longer than 1.5 periods."""
+    base = view.record.time_base
+    if base.gaps:
+        times = view.record.times
+        lost = sum(times[g] - times[g - 1] - base.period for g in base.gaps)
+        yield Finding("time-gaps", view.name, "", "warning",
+                      f"{len(base.gaps)} gap(s), {lost:.4g} s in all, the first before row {base.gaps[0] + 1}",
+                      "nothing: the record is cut there", float(lost))
+
+
+def disorder(view: View) -> Iterator[Finding]:
+    """Duplicate, backward and invalid stamps."""
+    base = view.record.time_base
+    for rows, name, what, mend in (
+        (base.duplicates, "duplicate-time", "time repeats", "drop the repeated rows or print more digits"),
+        (base.backward, "backward-time", "time runs backward", "sort the rows or cut the file there"),
+        (base.invalid, "invalid-time", "time is not a finite number", "drop the rows or restore their stamps"),
+    ):
+        if rows:
+            yield Finding(name, view.name, "", "fault", f"{what} in {len(rows)} row(s), the first row {rows[0] + 1}",
+                          mend, float(len(rows)))
+
+
+def short(view: View) -> Iterator[Finding]:
+    """Too few rows for any model."""
+    n = view.record.n_samples
+    if n < 64:
+        yield Finding("few-samples", view.name, "", "fault" if n < 2 else "warning", f"{n} sample(s)",
+                      "a longer record", float(n))
+
+
+def mixed_rates(views: Sequence[View]) -> Iterator[Finding]:
+    """Records of one data set sampled at different rates."""
+    periods = [(v.period, v.name) for v in views if v.period]
+    if not periods:
+        return
+    fastest, slowest = min(periods), max(periods)
+    if slowest[0] - fastest[0] > RATE_TOLERANCE * fastest[0]:
+        yield Finding("mixed-rates", "", "", "warning",
+                      f"{1 / fastest[0]:.6g} Hz in '{fastest[1]}', {1 / slowest[0]:.6g} Hz in '{slowest[1]}'",
+                      f"--sample-rate {1 / slowest[0]:.6g}", slowest[0] / fastest[0])

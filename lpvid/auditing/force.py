@@ -1,0 +1,128 @@
+"""Checks of force against velocity: polarity, offset, drift, signs that differ between records."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from lpvid.auditing.findings import Finding
+from lpvid.auditing.view import View
+
+
+def dissipation(view: View) -> tuple[float, float, float] | None:
+    """(correlation of force and velocity, mean (F − F̄)(v − v̄) [W], its distance from zero in standard errors)."""
+    if view.stroke is None:
+        return None
+    _, velocity, force = view.stroke
+    product = (force - force.mean()) * (velocity - velocity.mean())
+    mean = float(product.mean())
+    blocks = np.array([b.mean() for b in np.array_split(product, 20)])
+    error = float(blocks.std(ddof=1) / np.sqrt(blocks.size))
+    return mean / float(force.std() * velocity.std()), mean, abs(mean) / max(error, 1e-12 * abs(mean), 1e-300)
+
+
+def polarity(view: View) -> Iterator[Finding]:
+    """A force that drives the motion on average: its sign, or the motion's, is the other convention."""
+    found = dissipation(view)
+    if found is None or view.force is None:
+        return
+    likeness, power, sure = found
+    source = f"'{view.velocity}'" if view.velocity else f"the derivative of '{view.displacement}'"
+    if sure > 4 and likeness < -0.05:
+        yield Finding("reversed-polarity", view.name, view.force, "warning",
+                      f"mean F·v = {power:.4g} W with {source} (correlation {likeness:.2f}, {sure:.0f} standard errors "
+                      "below zero): the force opposes the velocity, a passive damper would have it positive",
+                      f"--flip {view.force}", power)
+    elif sure <= 4:
+        yield Finding("polarity-unclear", view.name, view.force, "note",
+                      f"mean F·v = {power:.4g} W with {source} is {sure:.1f} standard errors from zero",
+                      "a record in which the damper is worked harder", power)
+
+
+def mixed_polarity(views: Sequence[View]) -> Iterator[Finding]:
+    """Records of one data set whose force has different signs."""
+    signs = [(view, found[0]) for view in views if (found := dissipation(view)) and found[2] > 4]
+    minus = [v.name for v, likeness in signs if likeness < -0.05]
+    plus = [v.name for v, likeness in signs if likeness > 0.05]
+    if minus and plus:
+        fewer, sign = (minus, "negative") if len(minus) <= len(plus) else (plus, "positive")
+        shown = ", ".join(f"'{n}'" for n in fewer[:3]) + (f" and {len(fewer) - 3} more" if len(fewer) > 3 else "")
+        yield Finding("mixed-polarity", "", str(signs[0][0].force), "warning",
+                      f"mean F·v is negative in {len(minus)} and positive in {len(plus)} records ({sign}: {shown})",
+                      "flip the force of one group before using them together", float(len(minus)))
+
+
+def _at_rest(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """(sample, force, direction) at every zero crossing of the velocity, by linear interpolation."""
+    if view.stroke is None:
+        return None
+    _, velocity, force = view.stroke
+    before = np.flatnonzero(np.signbit(velocity[:-1]) != np.signbit(velocity[1:]))
+    step = velocity[before] - velocity[before + 1]
+    share = velocity[before] / step
+    rising = velocity[before + 1] > velocity[before]
+    return before + share, force[before] + share * (force[before + 1] - force[before]), rising
+
+
+def _offset(view: View) -> tuple[float, float] | None:
+    """(mean force at rest [N], its standard error): reversals of either direction count alike, so friction cancels."""
+    found = _at_rest(view)
+    if found is None:
+        return None
+    _, level, rising = found
+    up, down = level[rising], level[~rising]
+    if min(up.size, down.size) < 3:
+        return None
+    error = 0.5 * np.hypot(up.std(ddof=1) / np.sqrt(up.size), down.std(ddof=1) / np.sqrt(down.size))
+    return float(0.5 * (up.mean() + down.mean())), float(error)
+
+
+def offset(view: View) -> Iterator[Finding]:
+    """Mean force at zero velocity."""
+    found = _offset(view)
+    if found is None or view.stroke is None or view.force is None:
+        return
+    level, error = found
+    rms = float(view.stroke[2].std())
+    if abs(level) > max(0.05 * rms, 4 * error):
+        yield Finding("force-offset", view.name, view.force, "note",
+                      f"mean force at zero velocity {level:.4g} ± {error:.2g} N, {100 * abs(level) / rms:.3g} % of the "
+                      "force's rms: gas preload, weight or a zero error",
+                      "a static reading of the load cell tells which", level)
+
+
+def drift(view: View) -> Iterator[Finding]:
+    """Zero-velocity force that wanders in the course of the record."""
+    found = _at_rest(view)
+    if found is None or view.stroke is None or view.force is None or view.period is None:
+        return
+    at, level, rising = found
+    if min(rising.sum(), (~rising).sum()) < 6:
+        return
+    level = level - np.where(rising, level[rising].mean(), level[~rising].mean())
+    along = at - at.mean()
+    slope = float(along @ level / (along @ along))
+    error = float(np.std(level - slope * along) / np.sqrt(along @ along))
+    moved, rms = slope * view.stroke[2].size, float(view.stroke[2].std())
+    if abs(moved) > 0.05 * rms and abs(slope) > 6 * error:
+        yield Finding("force-drift", view.name, view.force, "warning",
+                      f"the force at zero velocity moves by {moved:+.4g} N ({100 * abs(moved) / rms:.3g} % of the rms) "
+                      f"in {view.stroke[0].size * view.period:.4g} s",
+                      "zero the load cell before each run; watch the temperature", moved)
+
+
+def offset_between(views: Sequence[View]) -> Iterator[Finding]:
+    """Zero-velocity force that differs between records."""
+    found = [(view.name, *level, float(view.stroke[2].std())) for view in views
+             if view.stroke is not None and (level := _offset(view)) is not None]
+    if len(found) < 2:
+        return
+    low, high = min(found, key=lambda f: f[1]), max(found, key=lambda f: f[1])
+    rms = float(np.median([f[3] for f in found]))
+    spread = high[1] - low[1]
+    if spread > max(0.1 * rms, 4 * float(np.hypot(low[2], high[2]))):
+        yield Finding("force-offset-varies", "", "", "warning",
+                      f"the force at zero velocity runs from {low[1]:.4g} N ('{low[0]}') to {high[1]:.4g} N "
+                      f"('{high[0]}'), {100 * spread / rms:.3g} % of the rms", "zero the load cell before each run; "
+                      "give the model a constant term for each record", spread)

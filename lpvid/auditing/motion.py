@@ -1,0 +1,133 @@
+"""Checks of velocity against the derivative of displacement: scale, delay, one-sided filters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.auditing.findings import Finding
+from lpvid.auditing.view import View, bandwidth
+from lpvid.condition import delay
+from lpvid.condition.resampling import interpolate
+
+
+@dataclass(frozen=True)
+class _Relation:
+    """velocity(t) ≈ gain·ẋ(t − delay): gain, delay [samples], residual over rms, busiest frequency [Hz]."""
+
+    gain: float
+    delay: float
+    residual: float
+    busy: float
+
+
+def velocity_against_displacement(view: View) -> Iterator[Finding]:
+    """Scale, delay and mismatch between the velocity channel and the slope of the displacement channel."""
+    pair = _pair(view)
+    if pair is None or view.period is None or view.velocity is None:
+        return
+    slope, velocity = pair
+    relation = _relate(slope, velocity, view.period)
+    at = (view.name, view.velocity)
+    if relation is None or relation.residual > 0.3:
+        left = 1.0 if relation is None else relation.residual
+        yield Finding("velocity-mismatch", *at, "warning",
+                      f"{100 * left:.3g} % rms of the velocity is not the derivative of '{view.displacement}'",
+                      "check which sensors these are; derive the velocity from the displacement", left)
+        return
+    if relation.gain < 0:
+        yield Finding("velocity-sign", *at, "warning", f"the velocity is {relation.gain:.3g} times the derivative of "
+                      f"'{view.displacement}'", f"--flip {view.velocity}", relation.gain)
+    elif abs(relation.gain - 1) > 0.05:
+        yield Finding("velocity-scale", *at, "warning", f"the velocity is {relation.gain:.4g} times the derivative of "
+                      f"'{view.displacement}'", "correct the unit or the sensor's gain", relation.gain)
+    yield from _delayed(view, relation)
+    yield from _one_sided(view, slope, velocity)
+
+
+def _pair(view: View) -> tuple[np.ndarray, np.ndarray] | None:
+    if not view.displacement or not view.velocity or view.period is None:
+        return None
+    found = view.run(view.displacement, view.velocity)
+    if found is None or not np.ptp(found[0]) > 0 or not np.ptp(found[1]) > 0:
+        return None
+    return np.gradient(found[0], view.period), found[1]
+
+
+def _relate(slope: np.ndarray, velocity: np.ndarray, period: float) -> _Relation | None:
+    reach = min(max(8, round(0.05 / period)), slope.size // 5)
+    if reach < 3:
+        return None
+    late = delay(slope, velocity, period, reach * period) / period
+    rows = np.arange(reach + 2, slope.size - reach - 2)
+    moved = interpolate(slope[:, None], np.clip(rows - late, 0, slope.size - 1))[:, 0]
+    moved -= moved.mean()
+    target = velocity[rows] - velocity[rows].mean()
+    gain = float(moved @ target / (moved @ moved))
+    residual = float(np.std(target - gain * moved) / np.std(target))
+    return _Relation(gain, late, residual, bandwidth(velocity, period, 0.5))
+
+
+def _delayed(view: View, relation: _Relation) -> Iterator[Finding]:
+    assert view.period is not None and view.velocity is not None
+    seconds = relation.delay * view.period
+    phase = 360 * seconds * relation.busy
+    half = abs(abs(relation.delay) - 0.5) < 0.03 and relation.residual < 0.05
+    if abs(relation.delay) < 0.2 or (abs(phase) < 0.05 and not half):
+        return
+    kind = "late" if seconds > 0 else "early"
+    cause = (f"; half a sample: a {'backward' if seconds > 0 else 'forward'} difference of '{view.displacement}'"
+             if half else "")
+    name = "one-sided-difference" if half else "velocity-delay"
+    severity = "warning" if abs(phase) > 2.0 and not half else "note"
+    yield Finding(name, view.name, view.velocity, severity,
+                  f"the velocity comes {1e3 * abs(seconds):.3g} ms {kind} against the derivative of "
+                  f"'{view.displacement}' ({abs(phase):.2g}° at {relation.busy:.3g} Hz){cause}",
+                  f"align it by {1e3 * seconds:+.3g} ms or derive the velocity by central differences", seconds)
+
+
+def _one_sided(view: View, slope: np.ndarray, velocity: np.ndarray) -> Iterator[Finding]:
+    """A gain that falls towards high frequency while the phase lags as a causal low-pass does."""
+    assert view.period is not None and view.velocity is not None
+    response = _response(slope, velocity, view.period)
+    if response is None:
+        return
+    frequency, h = response
+    low = np.median(np.abs(h[: max(h.size // 8, 1)]))
+    if not low > 0:
+        return
+    ratio, phase = np.abs(h) / low, np.unwrap(np.angle(h * np.sign(np.median(np.real(h[: max(h.size // 8, 1)])))))
+    # first order H = 1/(1 + j f/fc): the drop of gain and the tangent of the lag give fc independently
+    drop, lag = 1 / np.maximum(ratio, 1e-3) ** 2 - 1, -phase
+    upper = frequency > 0.4 * frequency[-1]
+    sign = 1.0 if np.median(drop[upper]) > 0 else -1.0
+    if sign < 0:  # the displacement is the filtered one: look at the inverse
+        drop, lag = ratio**2 - 1, phase
+    fell, lagged = float(np.median(drop[upper])), float(np.median(lag[upper]))
+    if fell < 0.15 or lagged < 0.15:
+        return
+    cutoff = float(np.median(frequency[upper] / np.sqrt(np.maximum(drop[upper], 1e-9))))
+    channel = view.velocity if sign > 0 else str(view.displacement)
+    yield Finding("one-sided-filter", view.name, channel, "warning",
+                  f"gain down by {10 * np.log10(1 + fell):.2g} dB and phase late by {np.degrees(lagged):.3g}° at "
+                  f"{np.median(frequency[upper]):.3g} Hz against the other motion channel: a causal low-pass near "
+                  f"{cutoff:.3g} Hz on this one alone", "filter all channels alike, or without phase", cutoff)
+
+
+def _response(slope: np.ndarray, velocity: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray] | None:
+    """(frequency, velocity over ẋ) where both are coherent, the central difference's droop taken out."""
+    from scipy.signal import coherence, csd, welch
+
+    size = int(min(1024, slope.size // 8))
+    if size < 64:
+        return None
+    frequency, cross = csd(slope, velocity, 1 / period, nperseg=size)
+    power = welch(slope, 1 / period, nperseg=size)[1]
+    alike = coherence(slope, velocity, 1 / period, nperseg=size)[1]
+    keep = (alike > 0.9) & (frequency > 0) & (frequency < 0.3 / period) & (power > 1e-5 * power.max())
+    if keep.sum() < 16 or frequency[keep].max() < 4 * frequency[keep].min():
+        return None
+    turn = 2 * np.pi * frequency[keep] * period
+    return frequency[keep], cross[keep] / power[keep] * np.sinc(turn / np.pi)

@@ -1,0 +1,151 @@
+"""Checks of single channels: missing, infinite, text, units, constant, clipped, quantised, twice the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from lpvid.auditing.findings import Finding
+from lpvid.auditing.view import View
+from lpvid.condition.resampling import true_runs
+
+
+def missing(view: View) -> Iterator[Finding]:
+    """NaN samples."""
+    for name, channel in view.record.channels.items():
+        share = float(np.mean(np.isnan(channel.values)))
+        if share > 0 and not channel.fault:
+            runs = len(true_runs(np.isnan(channel.values)))
+            yield Finding("missing-samples", view.name, name, "warning" if share > 0.01 else "note",
+                          f"{100 * share:.3g} % missing, in {runs} stretch(es)",
+                          "nothing: the record is cut there when the channel is in use", share)
+
+
+def unusable(view: View) -> Iterator[Finding]:
+    """Text and infinite samples."""
+    for name, channel in view.record.channels.items():
+        if channel.fault:
+            yield Finding("text-in-numbers", view.name, name, "fault", channel.fault,
+                          "leave the field empty or write nan where a sample is missing")
+        rows = np.flatnonzero(np.isinf(channel.values))
+        if rows.size:
+            yield Finding("infinite-samples", view.name, name, "fault",
+                          f"{rows.size} infinite sample(s), the first in row {rows[0] + 1}",
+                          "write nan where a sample is missing", float(rows.size))
+
+
+def units(view: View) -> Iterator[Finding]:
+    """Units not understood or not given."""
+    for name, channel in view.record.channels.items():
+        if not channel.unit_known:
+            yield Finding("unknown-unit", view.name, name, "warning",
+                          f"unit '{channel.source_unit}' is not known; the channel is a pure number",
+                          "correct the unit in the header; the channel cannot be used until then")
+        elif channel.source_unit is None and not channel.unit:
+            yield Finding("missing-unit", view.name, name, "note", "the header gives no unit; taken as SI",
+                          "write the header as 'name [unit]'")
+
+
+def constant(view: View) -> Iterator[Finding]:
+    """Channels that never move; scheduling candidates are judged over the whole data set."""
+    for name in view.record.channels:
+        values = view.finite(name)
+        if name not in view.scheduling and values.size > 1 and np.ptp(values) == 0:
+            unit = view.record.unit(name)
+            yield Finding("constant-channel", view.name, name, "warning",
+                          f"always {values[0]:.6g} {unit}".rstrip(), "check the wiring or leave the channel out",
+                          float(values[0]))
+
+
+def clipped(view: View) -> Iterator[Finding]:
+    """Flat tops: far more samples on the extreme value than just inside it, several in a row."""
+    for name in view.usable:
+        values = view.finite(name)
+        if name in view.scheduling or values.size < 64 or not np.ptp(values) > 0 or view.few_levels(name):
+            continue
+        for sign, side in ((1.0, "top"), (-1.0, "bottom")):
+            found = _plateau(sign * values)
+            if found:
+                on_top, level = found
+                yield Finding("clipped", view.name, name, "warning",
+                              f"{on_top} samples ({100 * on_top / values.size:.3g} %) rest on the {side} value "
+                              f"{sign * level:.5g} {view.record.unit(name)}".rstrip(),
+                              "widen the measuring range, or leave those samples out", on_top / values.size)
+
+
+def _plateau(x: np.ndarray) -> tuple[int, float] | None:
+    """(samples on the maximum, maximum) if the signal is cut off there."""
+    top, span = float(x.max()), float(np.ptp(x))
+    on_top = x >= top - 1e-9 * span
+    count = int(on_top.sum())
+    if count < 5:
+        return None
+    runs = [b - a for a, b in true_runs(on_top)]
+    below = x[~on_top]
+    step = top - float(below.max())  # one level of a quantised signal
+    near = int(np.sum(below >= top - max(1.05 * step, 1e-3 * span)))
+    flat = max(runs) >= 3 and sum(r >= 3 for r in runs) >= (1 if max(runs) >= 5 else 2)
+    # a quantised parabola rests on its top level 2.4 times as long as on the next
+    return (count, top) if flat and count > 4 * max(near, 1) else None
+
+
+def quantised(view: View) -> Iterator[Finding]:
+    """Values on a lattice that is coarse against the signal."""
+    for name in view.usable:
+        values = view.finite(name)
+        if values.size < 64 or not np.ptp(values) > 0 or view.few_levels(name):
+            continue
+        step = lattice(values)
+        rms = float(values.std())
+        if step is not None and step > rms / 200:
+            bits = np.log2(np.ptp(values) / step + 1)
+            unit = view.record.unit(name)
+            yield Finding("quantised", view.name, name, "warning" if step > rms / 20 else "note",
+                          f"steps of {step:.4g} {unit}, 1/{rms / step:.0f} of the rms; {bits:.1f} bits in use",
+                          "a finer range or converter; noise below a step cannot be judged", step)
+
+
+def lattice(values: np.ndarray) -> float | None:
+    """Step of the lattice on which the values lie within a tenth, or None."""
+    levels = np.unique(values[:20_000])
+    if levels.size < 4:
+        return None
+    span = float(levels[-1] - levels[0])
+    gaps = np.diff(levels)
+    gaps = gaps[gaps > 1e-9 * span]
+    if gaps.size < 3:
+        return None
+    step = float(np.median(gaps[gaps < 1.5 * gaps.min()]))
+    centre = int(np.searchsorted(levels, np.median(values)))
+    reach = 8
+    while True:
+        near = levels[max(centre - reach, 0):centre + reach + 1]
+        index = np.round((near - near[0]) / step)
+        if index[-1] < 1:
+            return None
+        step, origin = (float(c) for c in np.polyfit(index, near, 1))
+        if np.sqrt(np.mean((near - origin - step * index) ** 2)) > 0.1 * step or step <= 0:
+            return None
+        if reach > levels.size:
+            return step
+        reach *= 2
+
+
+def duplicates(view: View) -> Iterator[Finding]:
+    """Two channels that are one signal, up to a factor."""
+    names = [n for n in view.usable if view.moves(n)][:40]
+    standard = {}
+    for name in names:
+        values = view.record.channels[name].values
+        centred = np.where(np.isfinite(values), values, 0.0)
+        centred = centred - centred.mean()
+        standard[name] = centred / max(float(np.sqrt(centred @ centred)), 1e-300)
+    for i, one in enumerate(names):
+        for other in names[i + 1:]:
+            like = float(standard[one] @ standard[other])
+            if abs(like) > 1 - 1e-10:
+                sign = "the same" if like > 0 else "the negative"
+                yield Finding("same-channel-twice", view.name, other, "warning",
+                              f"is {sign} signal as '{one}' (correlation {like:.6f})",
+                              "use one of them; check the wiring", like)

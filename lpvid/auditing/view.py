@@ -1,0 +1,178 @@
+"""What every check needs to know of a record: its clock, its unbroken runs, which channel plays which part."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from lpvid.condition import differentiate
+from lpvid.condition.resampling import true_runs
+from lpvid.record import Channel, Record
+
+LONGEST = 200_000
+"""samples that checks of motion and spectrum look at, at most."""
+_LEVELS = 32
+_SCHEDULING_UNITS = ("A", "V", "K")
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A record as the checks see it.
+
+    Attributes
+    ----------
+    record : Record
+    scheduling : tuple of str
+        Channels that could schedule a model.
+    """
+
+    record: Record
+    scheduling: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the record."""
+        return self.record.name
+
+    @cached_property
+    def usable(self) -> dict[str, Channel]:
+        """Channels whose values are numbers in a known unit."""
+        return {k: c for k, c in self.record.channels.items() if c.unit_known and not c.fault}
+
+    @cached_property
+    def period(self) -> float | None:
+        """Sampling period [s], or None where there is no steady clock to speak of."""
+        base = self.record.time_base
+        return base.period if base.n_samples > 1 and not base.invalid and base.steady else None
+
+    @cached_property
+    def _unbroken(self) -> list[tuple[int, int]]:
+        base = self.record.time_base
+        edges = [0, *sorted({*base.gaps, *base.duplicates, *base.backward}), base.n_samples]
+        return [(a, b) for a, b in pairwise(edges) if b > a]
+
+    def run(self, *names: str, longest: int = LONGEST) -> tuple[np.ndarray, ...] | None:
+        """The named channels over the longest unbroken run in which all are finite, or None below 64 samples."""
+        if self.period is None:
+            return None
+        signals = [self.record.channels[n].values for n in names]
+        good = np.all([np.isfinite(s) for s in signals], axis=0)
+        best = (0, 0)
+        for a, b in self._unbroken:
+            for first, last in true_runs(good[a:b]):
+                if last - first > best[1] - best[0]:
+                    best = (a + first, a + last)
+        first, last = best[0], min(best[1], best[0] + longest)
+        return tuple(s[first:last] for s in signals) if last - first >= 64 else None
+
+    def finite(self, name: str) -> np.ndarray:
+        """Finite values of a channel."""
+        values = self.record.channels[name].values
+        return values[np.isfinite(values)]
+
+    def moves(self, name: str) -> bool:
+        """True when a channel is not constant."""
+        values = self.finite(name)
+        return bool(values.size > 1 and np.ptp(values) > 0)
+
+    def few_levels(self, name: str) -> bool:
+        """True for a command that rests on few values and jumps between them."""
+        values = self.finite(name)
+        return distinct(values, _LEVELS) <= _LEVELS and bool(np.mean(np.diff(values) == 0) > 0.5)
+
+    def rests(self, name: str) -> bool:
+        """True for a constant, and for a command that rests on few levels, noise or not."""
+        values = self.finite(name)
+        if values.size < 2 or not np.ptp(values) > 0:
+            return True
+        return self.few_levels(name) or resting_levels(values, float(values.min()), float(values.max())) > 0
+
+    def _part(self, word: str, unit: str) -> str | None:
+        if self.record.has(word):
+            name = self.record.resolve(word)
+            return name if name in self.usable else None
+        of_unit = [k for k, c in self.usable.items() if c.unit == unit]
+        return of_unit[0] if len(of_unit) == 1 else None
+
+    @cached_property
+    def force(self) -> str | None:
+        """The one channel that is the force."""
+        return self._part("force", "N")
+
+    @cached_property
+    def displacement(self) -> str | None:
+        """The one channel that is the displacement."""
+        return self._part("displacement", "m")
+
+    @cached_property
+    def velocity(self) -> str | None:
+        """The one channel that is the measured velocity."""
+        return self._part("velocity", "m/s")
+
+    @cached_property
+    def stroke(self) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """(displacement, velocity, force) over one unbroken run, velocity and displacement each derived if need be."""
+        if not self.force or not (self.velocity or self.displacement) or self.period is None:
+            return None
+        names = [n for n in (self.displacement, self.velocity, self.force) if n]
+        found = self.run(*names)
+        if found is None:
+            return None
+        signals = dict(zip(names, found, strict=True))
+        force = signals[self.force]
+        if self.velocity:
+            velocity = signals[self.velocity]
+        else:
+            velocity = differentiate(signals[self.displacement], self.period)  # type: ignore[index]
+        if self.displacement:
+            displacement = signals[self.displacement]
+        else:
+            displacement = np.cumsum(velocity - velocity.mean()) * self.period
+        if not (np.ptp(force) > 0 and np.ptp(velocity) > 0):
+            return None
+        return displacement, velocity, force
+
+
+def view(record: Record, scheduling: Sequence[str] | None) -> View:
+    """A record with its scheduling candidates: those named, else every channel in A, V or K or a pure number."""
+    if scheduling is not None:
+        return View(record, tuple(record.resolve(s) for s in scheduling))
+    found = tuple(k for k, c in record.channels.items()
+                  if c.unit_known and not c.fault and (c.unit in _SCHEDULING_UNITS or not c.unit))
+    return View(record, found)
+
+
+def distinct(values: np.ndarray, stop: int) -> int:
+    """Number of distinct values, counted no further than it takes to exceed `stop`."""
+    if np.unique(values[: 40 * stop]).size > stop:
+        return stop + 1
+    return int(np.unique(values).size)
+
+
+def band(values: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """(frequency [Hz], power spectral density) by Welch's method, mean removed."""
+    from scipy.signal import welch
+
+    size = min(4096, max(values.size // 4, 32))
+    frequency, power = welch(values - values.mean(), 1 / period, nperseg=size)
+    return frequency, power
+
+
+def bandwidth(values: np.ndarray, period: float, share: float = 0.99) -> float:
+    """Frequency [Hz] below which `share` of the power lies."""
+    frequency, power = band(values, period)
+    total = np.cumsum(power)
+    return float(frequency[min(int(np.searchsorted(total, share * total[-1])), frequency.size - 1)])
+
+
+def resting_levels(values: np.ndarray, low: float, high: float) -> int:
+    """Number of levels on which a signal rests for 95 % of the time, 0 when it has none (it is continuous)."""
+    counts = np.histogram(values, bins=64, range=(low, high))[0]
+    busy = counts > 0.02 * values.size
+    groups = int(np.sum(np.diff(np.concatenate(([0], busy.astype(int)))) == 1))
+    narrow = busy.mean() < 0.25 and counts[busy].sum() > 0.85 * values.size
+    return groups if groups >= 2 and narrow and busy.sum() <= 4 * groups else 0
