@@ -1,0 +1,80 @@
+"""Results as JSON files: complete or not there, in JSON's own types."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import secrets
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lpvid.errors import InputError
+
+
+def write_json(data: Mapping, path: str | os.PathLike) -> Path:
+    """Write a result as JSON: atomically, NaN and infinities as null, numpy values as plain ones.
+
+    Parameters
+    ----------
+    data : mapping
+        Nested mappings, sequences, arrays, numbers, text.
+    path : str or path-like
+
+    Returns
+    -------
+    Path
+    """
+    return write_text(json.dumps(jsonable(data), allow_nan=False, indent=2, ensure_ascii=False) + "\n", path)
+
+
+def jsonable(value: Any) -> Any:
+    """The same data in JSON's own types, what is not finite as None.
+
+    Examples
+    --------
+    >>> jsonable({"esr": np.float64("nan"), "at": np.arange(2), "ok": np.True_})
+    {'esr': None, 'at': [0, 1], 'ok': True}
+    """
+    if value is None or isinstance(value, (str, bool, int)):
+        return value
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, (np.ndarray, np.generic)):
+        return jsonable(value.tolist())
+    if isinstance(value, complex):
+        return [jsonable(value.real), jsonable(value.imag)]
+    if isinstance(value, Mapping):
+        return {str(k): jsonable(v) for k, v in value.items()}
+    if isinstance(value, (Sequence, set, frozenset)):
+        return [jsonable(v) for v in (sorted(value) if isinstance(value, (set, frozenset)) else value)]
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: jsonable(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    raise InputError("a result holds something that JSON cannot", got=type(value).__name__)
+
+
+def write_text(text: str, path: str | os.PathLike) -> Path:
+    """Write a text file that appears complete or not at all: under another name first, then renamed."""
+    target = Path(path)
+    if target.is_dir():
+        raise InputError(f"'{target}' is a folder", mend="name a file in it")
+    if not target.parent.is_dir():
+        raise InputError(f"no folder '{target.parent}'", mend="create it first")
+    scratch = target.with_name(f".{target.name}.{secrets.token_hex(6)}.tmp")
+    try:
+        with scratch.open("x", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        scratch.replace(target)
+    except OSError as error:
+        raise InputError(f"'{target}' cannot be written", why=error.strerror, mend="check the folder") from None
+    finally:
+        scratch.unlink(missing_ok=True)
+    return target

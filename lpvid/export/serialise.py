@@ -1,0 +1,277 @@
+"""Models and results as JSON files: exact, atomic, and refused with one line when they are not what they claim."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.export.json_files import jsonable, write_json, write_text
+from lpvid.realization import Realization
+
+__all__ = ["KINDS", "Kind", "jsonable", "load", "model_hash", "package_version", "save", "write_json"]
+LARGEST_FILE = 256 * 2**20
+"""bytes above which a JSON file is refused rather than read into memory."""
+LARGEST_BASIS = 100_000
+"""functions above which a basis claimed by a file is refused before it is built."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One sort of file: ``lpvid/<name>/<version>``, and the classes it can hold.
+
+    Attributes
+    ----------
+    name : str
+        As in the schema.
+    version : int
+        Newest format that this version writes; older ones it reads.
+    classes : tuple of (str, str, str)
+        Value of "kind" in the file, module, class with `to_dict` and `from_dict`. The tag "" stands for a file
+        without "kind".
+    """
+
+    name: str
+    version: int
+    classes: tuple[tuple[str, str, str], ...]
+
+    @property
+    def schema(self) -> str:
+        """The schema as written."""
+        return f"lpvid/{self.name}/{self.version}"
+
+
+KINDS: tuple[Kind, ...] = (
+    Kind("model", 1, (("lpv-transfer-function", "lpvid.model.transfer_function", "LPVTransferFunction"),
+                      ("lpv-state-space", "lpvid.model.state_space", "LPVStateSpace"))),
+)
+"""Every sort of file that `save` writes and `load` reads, in order; a new noun adds its line here."""
+
+
+def save(obj: Any, path: str | os.PathLike) -> Path:
+    """Write a model (or another noun of `KINDS`) to a JSON file; a realisation saves its state-space model.
+
+    The file appears complete or not at all. Numbers come back bit for bit.
+
+    Parameters
+    ----------
+    obj : LPVTransferFunction, LPVStateSpace, Realization or another noun of `KINDS`
+    path : str or path-like
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    InputError
+        An object of no known kind, metadata that JSON cannot hold, a folder that does not exist.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from lpvid.model.transfer_function import LPVTransferFunction
+    >>> from lpvid.scheduling import Polynomial
+    >>> model = LPVTransferFunction.siso([[-0.9, 0.1]], [[0, 0], [0.1, 0]], Polynomial("p", degree=1), 0.01)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     model_hash(load(save(model, folder + "/model.json"))) == model_hash(model)
+    True
+    """
+    noun = obj.model if isinstance(obj, Realization) else obj
+    kind = _kind_of(noun)
+    data = {"schema": kind.schema, "lpvid_version": package_version(), **noun.to_dict()}
+    try:
+        text = json.dumps(data, allow_nan=False, default=_plain, indent=1)
+    except InputError:
+        raise
+    except (TypeError, RecursionError) as error:
+        raise InputError(f"'{path}' cannot be written", why=_one_line(error),
+                         mend="look at the model's metadata") from None
+    except ValueError:
+        raise InputError(f"'{path}' cannot be written", got="a number that is not finite",
+                         why="a model file holds finite numbers", mend="look at the model's metadata") from None
+    return write_text(text + "\n", path)
+
+
+def load(path: str | os.PathLike) -> Any:
+    """Read a file written by `save`.
+
+    Parameters
+    ----------
+    path : str or path-like
+
+    Returns
+    -------
+    The object: for a model file an LPVTransferFunction or an LPVStateSpace.
+
+    Raises
+    ------
+    InputError
+        A missing, huge or corrupt file, another schema, a newer version, missing keys, wrong shapes, numbers that
+        are not finite. The message names the file.
+    """
+    data = _read_object(Path(path))
+    kind = _kind_named(data.get("schema"), path)
+    tags = {tag: (module, name) for tag, module, name in kind.classes}
+    tag = data.get("kind", "")
+    if not isinstance(tag, str) or tag not in tags:
+        raise InputError(f"'{path}' holds an unknown kind of {kind.name}", got=repr(tag),
+                         why=f"known: {', '.join(tags)}", mend="write it again with lpvid.save")
+    cls = _class(*tags[tag])
+    try:
+        _check_basis(data.get("basis"))
+        return cls.from_dict(data)  # type: ignore[attr-defined]
+    except KeyError as error:
+        raise InputError(f"'{path}' lacks {error}", why=f"a {kind.name} file needs it",
+                         mend="write it again with lpvid.save") from None
+    except (InputError, ValueError, TypeError, AttributeError, IndexError, OverflowError, MemoryError,
+            RecursionError) as error:
+        raise InputError(f"'{path}' is not a consistent {kind.name} file", why=_one_line(error),
+                         mend="write it again with lpvid.save") from None
+
+
+def model_hash(model: Any) -> str:
+    """SHA-256 of a model's canonical JSON without its metadata: what a certificate refers to.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        Anything with `to_dict`.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits; equal for models that compute alike, whatever is noted about them.
+    """
+    data = {k: v for k, v in model.to_dict().items() if k != "metadata"}
+    text = json.dumps(_canonical(data), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def package_version() -> str:
+    """Version of the installed package."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("lpvid")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+# -- reading ---------------------------------------------------------------------------------------------------------
+def _read_object(path: Path) -> dict:
+    if not path.is_file():
+        raise InputError(f"no file '{path}'", got="a folder" if path.is_dir() else "nothing", mend="check the path")
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_FILE:
+            raise InputError(f"'{path}' is too large for a model file", got=f"{size / 2**20:.0f} MiB",
+                             why=f"the limit is {LARGEST_FILE // 2**20} MiB", mend="give the file that save wrote")
+        data = json.loads(path.read_bytes().decode("utf-8"), parse_constant=_refuse, parse_float=_finite)
+    except OSError as error:
+        raise InputError(f"'{path}' cannot be read", why=error.strerror, mend="check its permissions") from None
+    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        raise InputError(f"'{path}' is not a JSON file", why=_one_line(error),
+                         mend="give a file written by lpvid.save") from None
+    except (_NotFinite, ValueError) as error:
+        raise InputError(f"'{path}' holds a number that cannot be used", got=_one_line(error),
+                         why="a model file holds finite numbers", mend="write it again with lpvid.save") from None
+    if not isinstance(data, dict):
+        raise InputError(f"'{path}' is no model file", got=f"a JSON {type(data).__name__}",
+                         why="it should hold an object", mend="give a file written by lpvid.save")
+    return data
+
+
+class _NotFinite(Exception):
+    """A number in the text that is NaN, infinite or beyond the range of a float."""
+
+
+def _refuse(text: str) -> float:
+    raise _NotFinite(text)
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    return number if math.isfinite(number) else _refuse(text)
+
+
+def _kind_named(schema: object, path: object) -> Kind:
+    known = ", ".join(k.schema for k in KINDS)
+    parts = schema.split("/") if isinstance(schema, str) else []
+    kind = next((k for k in KINDS if len(parts) == 3 and parts[:2] == ["lpvid", k.name]), None)
+    if kind is None or not parts[2].isdecimal() or int(parts[2]) < 1:
+        raise InputError(f"'{path}' has a schema that cannot be loaded", got="none" if schema is None else repr(schema),
+                         why=f"known: {known}", mend="give a file written by lpvid.save")
+    if int(parts[2]) > kind.version:
+        raise InputError(f"'{path}' was written in a newer format", got=repr(schema),
+                         why=f"this version reads up to {kind.schema}", mend="update lpvid")
+    return kind
+
+
+def _check_basis(data: object) -> int:
+    """Number of functions a basis in a file would have, refused before anything of that size is built."""
+    if not isinstance(data, Mapping):
+        return 0
+    kind = data.get("kind")
+    if kind == "polynomial":
+        degree, variables = int(data["degree"]), len(data["names"])
+        size = math.comb(variables + min(degree, LARGEST_BASIS), variables) if degree >= 0 else 0
+    elif kind == "spline":
+        size = int(data["segments"]) + int(data["order"])
+    elif kind == "product":
+        size = _check_basis(data["first"]) * _check_basis(data["second"])
+    elif kind == "stacked":
+        size = sum(_check_basis(f) for f in data["factors"])
+    else:
+        size = _check_basis(data.get("basis"))
+    if size > LARGEST_BASIS:
+        raise InputError(f"the basis claims {size} functions", why=f"the limit is {LARGEST_BASIS}")
+    return size
+
+
+def _one_line(error: BaseException) -> str:
+    text = " ".join(str(error).split()) or type(error).__name__
+    return text if len(text) <= 200 else text[:197] + "..."
+
+
+# -- writing ---------------------------------------------------------------------------------------------------------
+def _kind_of(obj: object) -> Kind:
+    for kind in KINDS:
+        for _, module, name in kind.classes:
+            if type(obj).__module__ == module and type(obj).__name__ == name:
+                return kind
+    raise InputError("this object cannot be saved", got=type(obj).__name__,
+                     mend="save a " + " or a ".join(name for k in KINDS for _, _, name in k.classes))
+
+
+def _class(module: str, name: str) -> type:
+    return getattr(importlib.import_module(module), name)
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    raise InputError("the metadata hold something that JSON cannot", got=type(value).__name__,
+                     mend="keep to text, numbers, lists and mappings")
+
+
+def _canonical(value: object) -> object:
+    if isinstance(value, bool) or value is None or isinstance(value, str):
+        return value
+    if isinstance(value, (int, float)):
+        return float(value) + 0.0  # 1 and 1.0 compute alike, and so do 0.0 and -0.0
+    if isinstance(value, Mapping):
+        return {str(k): _canonical(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_canonical(v) for v in value]
+    return _canonical(_plain(value))
