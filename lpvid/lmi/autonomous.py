@@ -82,7 +82,7 @@ class Autonomous:
 
 
 def autonomous(model: Model) -> Autonomous:
-    """The autonomous part of a model."""
+    """The autonomous part of a model; refuses a basis that is not piecewise polynomial."""
     if isinstance(model, LPVTransferFunction):
         na, ny, size = model.na, model.n_outputs, model.basis.size
         coefficients = np.zeros((size + 1, na * ny, na * ny))
@@ -98,6 +98,8 @@ def autonomous(model: Model) -> Autonomous:
         raise InputError("a stability certificate needs an LPV transfer function or state space",
                          got=type(model).__name__)
     readings = tuple(r for r in _readings(model.basis) if r.degree)
+    if model.sample_time is None and any(r.lag for r in readings):
+        raise InputError("a continuous-time model reads p at a delay in samples", got=model.basis.labels)
     return Autonomous(coefficients, model.basis, readings, model.sample_time, _digest(model, coefficients))
 
 

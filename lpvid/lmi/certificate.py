@@ -109,6 +109,8 @@ class Decrease:
 
     def congruence(self) -> np.ndarray | None:
         """W with W P(centre) Wᵀ = I, or None when P(centre) is not positive definite."""
+        if not np.all(np.isfinite(self.lyapunov.matrices)):
+            return None
         try:
             factor = np.linalg.cholesky(self.lyapunov.values(self.box.centre[None, :], self.columns)[0])
             return np.linalg.inv(factor)
@@ -209,7 +211,7 @@ def recheck(system: Autonomous, lyapunov: Lyapunov, box: Scheduling, exponent: f
     if system.sample_time is None and any(box.rate[i] is None for i in problem.moving):
         return Recheck(False, False, -math.inf, "P depends on a variable whose rate has no bound")
     scale = problem.congruence()
-    if scale is None:
+    if scale is None or not np.all(np.isfinite(scale)):
         return Recheck(False, False, -math.inf, "P is not positive definite at the centre of the box")
     budget = budget or max(4_000_000 // (system.order**2 + 8), 2_000)
     positive = _positive_everywhere(problem, scale, budget)

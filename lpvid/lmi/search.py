@@ -95,7 +95,10 @@ class Search:
         unknowns = basis.size * n * (n + 1) // 2
         if unknowns > MAX_UNKNOWNS:
             return
-        factor = np.linalg.cholesky(self._centre())
+        try:
+            factor = np.linalg.cholesky(self._centre())
+        except np.linalg.LinAlgError:
+            return
         units = _symmetric_units(n)
         problem = Decrease(self.system, Lyapunov(np.zeros((basis.size, n, n)), basis), self.box, exponent)
         for candidate in largest_margin(self._inequalities(problem, factor, units)):

@@ -6,6 +6,8 @@ import ast
 import itertools
 import json
 import math
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +20,8 @@ import lpvid.lmi
 from lpvid.analysis.certificates import certify_stability, verify
 from lpvid.analysis.stability_certificate import StabilityCertificate
 from lpvid.errors import InputError
+from lpvid.lmi.autonomous import autonomous
+from lpvid.lmi.certificate import Lyapunov, recheck
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Polynomial, Product, Scheduling, Shifted, Spline, Stacked
@@ -245,6 +249,23 @@ def test_rotating_continuous_counterexample_is_not_certified():
     assert found.between_grid
 
 
+def test_quarter_car_with_damping_that_moves_arbitrarily():
+    # states: deflection, body velocity, tyre deflection, wheel velocity; entries from 1 to 5500
+    body, wheel, spring, tyre = 315.0, 37.5, 29_500.0, 208_000.0
+    still = [[0, 1, 0, -1], [-spring / body, 0, 0, 0], [0, 0, 0, 1], [spring / wheel, 0, -tyre / wheel, 0]]
+    damped = [[0, 0, 0, 0], [0, -1 / body, 0, 1 / body], [0, 0, 0, 0], [0, 1 / wheel, 0, -1 / wheel]]
+    box = Scheduling(("c",), (300.0,), (3000.0,), units=("N s/m",))
+    model = state_space([still, damped], Polynomial("c", degree=1), None, box)
+    found = certify_stability(model)
+    assert found.kind == "quadratic"
+    assert found.between_grid
+    slowest = min(-model.frozen_poles([c]).real.max() for c in np.linspace(300, 3000, 201))
+    assert 0.3 * slowest < found.decay_rate <= slowest
+    # energy decays only weakly (no damping at zero relative speed), so it is not what was found
+    energy = replace(found, matrices=np.diag([spring, body, tyre, wheel])[None], decay_rate=0.0, margin=0.0)
+    assert not verify(energy, model).holds
+
+
 def test_splines_products_and_delayed_readings():
     box = Scheduling(("p", "q"), (0.0, -1.0), (1.0, 1.0))
     spline = Spline("p", segments=3, order=2).bound(box)
@@ -265,14 +286,31 @@ def test_splines_products_and_delayed_readings():
     assert certify_stability(growing.replace(a=growing.a / 2)).verified  # then |a_1| <= 0.9
 
 
-def test_a_dip_between_grid_points_is_not_certified():
-    # |A| = 0.9999 + 2e-4·(1 − ((p − c)/0.002)²) above 1 only within 1.4e-3 of c, between the points of any coarse grid
-    c, width = 0.33337, 0.002
-    peak = Polynomial("p", degree=2, centre=(c,), half_width=(width,))
-    over = state_space([[[1.0001]], [[0.0]], [[-2e-4]]], peak, scheduling=Scheduling(("p",), (c - 0.1,), (c + 0.1,)))
-    below = state_space([[[0.9998]], [[0.0]], [[-2e-4]]], peak, scheduling=Scheduling(("p",), (c - 0.1,), (c + 0.1,)))
-    assert not certify_stability(over).verified
-    assert certify_stability(below).between_grid is True
+@pytest.mark.parametrize(("height", "stable"), [(1e-9, False), (-1e-9, True)])
+def test_a_peak_between_grid_points_decides(height, stable):
+    # A = 1 + height − 50 (p − c)²: above 1 only within 4.5e-6 of c, where no grid of the search has a point
+    c = 0.33337
+    peak = Polynomial("p", degree=2, centre=(c,), half_width=(1.0,))
+    box = Scheduling(("p",), (c - 0.1,), (c + 0.1377,))
+    model = state_space([[[1 + height]], [[0.0]], [[-50.0]]], peak, scheduling=box)
+    assert np.abs(np.linspace(c - 0.1, c + 0.1377, 201) - c).min() > 1e-4
+    found = certify_stability(model)
+    assert found.verified is stable
+    assert found.between_grid is stable
+
+
+def test_without_budget_the_claim_is_on_the_grid_only():
+    model = alternating(0.9)
+    found = certify_stability(model, rate=0.1)
+    system, lyapunov = autonomous(model), Lyapunov(found.matrices, found.basis)
+    full, poor = recheck(system, lyapunov, found.box), recheck(system, lyapunov, found.box, budget=1)
+    assert (full.holds, full.between_grid) == (True, True)
+    assert (poor.holds, poor.between_grid) == (True, False)
+    assert "not between" in poor.why
+    assert full.margin <= poor.margin  # the grid sees less than the whole box
+    plain = replace(found, between_grid=False)
+    assert plain.verdict == "certified on a grid only"
+    assert "not proven between" in str(plain)
 
 
 def test_model_without_memory():
@@ -340,7 +378,30 @@ def test_bad_requests_are_refused(arguments):
         certify_stability(alternating(0.5), **arguments)
 
 
-def test_only_one_module_imports_cvxpy_and_verification_needs_none():
+def test_verification_runs_without_a_solver(tmp_path):
+    model = alternating(0.6)
+    (tmp_path / "c.json").write_text(json.dumps(certify_stability(model, rate=0.5).to_dict()), encoding="utf-8")
+    (tmp_path / "m.json").write_text(json.dumps(model.to_dict()), encoding="utf-8")
+    script = """
+import json, sys
+sys.modules["cvxpy"] = sys.modules["scipy"] = None
+from lpvid.analysis.certificates import verify
+from lpvid.analysis.stability_certificate import StabilityCertificate
+from lpvid.model.state_space import LPVStateSpace
+certificate = StabilityCertificate.from_dict(json.load(open("c.json")))
+print(verify(certificate, LPVStateSpace.from_dict(json.load(open("m.json")))))
+"""
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("holds: proven on the whole box")
+
+
+def test_a_continuous_model_cannot_read_past_samples():
+    basis = Shifted(Polynomial("p", degree=1), 1)
+    with pytest.raises(InputError, match="delay"):
+        certify_stability(state_space([[[-1.0]], [[0.1]]], basis, None))
+
+
+def test_only_one_module_imports_cvxpy():
     package = Path(lpvid.lmi.__file__).parents[1]
     importers = set()
     for path in package.rglob("*.py"):
