@@ -14,6 +14,9 @@ import numpy as np
 from numba import njit
 
 GAMMA = 1.0 - math.sqrt(0.5)
+LAYOUT = 3881273693
+"""Checksum of the field names of `Physics`. numba's cache looks at this file's time stamp only: whoever changes those
+fields changes this number (a test tells it), and with it what is cached."""
 
 
 @njit(cache=True)

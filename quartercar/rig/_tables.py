@@ -66,17 +66,18 @@ def to_si(value: object, unit: str, where: str) -> float:
             return float("inf")
         from lpvid.units import quantity_to_si
 
-        number, found = quantity_to_si(value)
-        if _plain(found) != _plain(unit):
+        try:
+            number, found = quantity_to_si(value)
+        except InputError as error:
+            raise InputError(f"{where}: {error.what}", got=error.got, why=error.why, mend=error.mend) from None
+        if found != quantity_to_si(f"1 {unit}")[1]:
             raise InputError(f"{where} has the wrong unit", got=repr(value), why=f"it is a quantity in {unit or '1'}")
         return float(number)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise InputError(f"{where} must be a number or text with a unit", got=repr(value))
+    if value != value:
+        raise InputError(f"{where} must be a number", got="nan")
     return float(value)
-
-
-def _plain(unit: str) -> str:
-    return "" if unit in ("", "1", "dimensionless") else unit.replace(" ", "").replace("**", "^")
 
 
 def _value(value: object, hint: Any, metadata: Mapping[str, Any], where: str) -> Any:
@@ -119,8 +120,8 @@ def _property(hint: Any, field: dataclasses.Field) -> dict[str, Any]:
         number: dict[str, Any] = quantity_schema(f"{says} [{unit}]")
         if hint == tuple[float, ...]:
             description = number.pop("description")
-            return {"type": "array", "items": number, "minItems": 1, "default": list(field.default),
-                    "description": description}
+            default = list(typing.cast(tuple[float, ...], field.default))
+            return {"type": "array", "items": number, "minItems": 1, "default": default, "description": description}
         if field.default is not None and field.default is not dataclasses.MISSING and field.default != float("inf"):
             number["default"] = field.default
         return number

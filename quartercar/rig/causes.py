@@ -84,10 +84,10 @@ class Effect:
             if key == "channel":
                 values[key] = _checks.one_of(str(value), CHANNELS, f"channel of '{self.name}'")
                 continue
-            values[key] = _checks.real(value, f"{key} of '{self.name}'")
-            if values[key] < 0 and key not in _SIGNED:
+            values[key] = number = _checks.real(value, f"{key} of '{self.name}'")
+            if number < 0 and key not in _SIGNED:
                 raise InputError(f"{key} of '{self.name}' must not be negative", got=value)
-            if values[key] == 0 and key in _DIVISORS:
+            if number == 0 and key in _DIVISORS:
                 raise InputError(f"{key} of '{self.name}' must be positive", got=value)
         if values.get("pole", 0.0) >= 1:  # type: ignore[operator]
             raise InputError(f"pole of '{self.name}' must be below 1", got=values["pole"])
@@ -181,7 +181,7 @@ _HYDRAULICS = (
           lambda s, p, k: s.with_physics(quadratic=s.physics.quadratic + k * p["coefficient"])),
     Cause("relief-valve", "f_h = F_b + r (f_h − F_b) beyond F_b", "3.9",
           (Number("force", 80.0, "N", "blow-off force F_b"), Number("slope", 0.25, "", "slope ratio r beyond it")),
-          lambda s, p, k: s.with_physics(relief_force=p["force"], relief_slope=1.0 - k * (1.0 - p["slope"]))),
+          lambda s, p, k: s.with_physics(relief_force=p["force"], relief_slope=max(1.0 - k * (1.0 - p["slope"]), 0.0))),
     Cause("series-orifice", "f_h += c_o (|w| − w_o)² beyond w_o", "3.9",
           (Number("coefficient", 3e4, "N*s^2/m^2", "loss of the orifice c_o"),
            Number("onset", 0.06, "m/s", "fluid speed w_o from which flow passes it")),
@@ -194,7 +194,8 @@ _HYDRAULICS = (
           lambda s, p, k: s.with_physics(cavitation_force=min(s.physics.cavitation_force, p["limit"] / k))),
     Cause("valve-dynamics", "f_h passes ω²/(s² + 2ζωs + ω²)", "3.10",
           (Number("frequency", 30.0, "Hz", "natural frequency of the valve"), Number("damping", 0.15, "", "ζ")),
-          lambda s, p, k: s.with_physics(valve_share=k, valve_frequency=p["frequency"], valve_damping=p["damping"])),
+          lambda s, p, k: s.with_physics(valve_share=min(k, 1.0), valve_frequency=p["frequency"],
+                                         valve_damping=p["damping"])),
     Cause("network-topology", "w = F/c_L + √(F/c_Q) instead of f_h = c w", "3.8, 1.3",
           (Number("laminar", 3000.0, "N*s/m", "laminar branch c_L"),
            Number("turbulent", 12000.0, "N*s^2/m^2", "turbulent branch c_Q beside it")),
@@ -232,12 +233,12 @@ _ELECTRICAL = (
 # -- thermal and hidden -------------------------------------------------------------------------------------------
 _THERMAL = (
     Cause("thermal-fade", "F_s × (1 − αΔT), C dT/dt = F v − hA ΔT", "3.16",
-          (Number("rate", 0.005, "1/K", "fade α"), Number("capacity", 250.0, "J/K", "C of fluid and piston"),
+          (Number("rate", 0.005, "1/K", "fade α"), Number("capacity", 150.0, "J/K", "C of the fluid"),
            Number("loss", 5.0, "W/K", "hA")),
           lambda s, p, k: s.with_physics(thermal_fade=s.physics.thermal_fade + k * p["rate"],
                                          heat_capacity=p["capacity"], heat_loss=p["loss"])),
     Cause("viscous-fade", "c × exp(−βΔT), C dT/dt = F v − hA ΔT", "3.16",
-          (Number("rate", 0.025, "1/K", "β"), Number("capacity", 250.0, "J/K", "C of fluid and piston"),
+          (Number("rate", 0.03, "1/K", "β"), Number("capacity", 150.0, "J/K", "C of the fluid"),
            Number("loss", 5.0, "W/K", "hA")),
           lambda s, p, k: s.with_physics(viscous_fade=s.physics.viscous_fade + k * p["rate"],
                                          heat_capacity=p["capacity"], heat_loss=p["loss"])),
@@ -256,7 +257,7 @@ _STRUCTURE = (
           lambda s, p, k: s.with_chain(fixture_mass=s.chain.fixture_mass + k * p["mass"])),
     Cause("fixture-resonance", "F_measured passes ω²/(s² + 2ζωs + ω²)", "3.10, 3.19",
           (Number("frequency", 60.0, "Hz", "natural frequency"), Number("damping", 0.05, "", "ζ")),
-          lambda s, p, k: s.with_chain(resonance_share=k, resonance_frequency=p["frequency"],
+          lambda s, p, k: s.with_chain(resonance_share=min(k, 1.0), resonance_frequency=p["frequency"],
                                        resonance_damping=p["damping"])),
     Cause("model-order", "F += g (q − F_s), q̈ + 2ζωq̇ + ω²q = ω²F_s", "7.1",
           (Number("share", 0.4, "", "g"), Number("frequency", 25.0, "Hz", "of the further mode"),
@@ -273,7 +274,8 @@ _MEASUREMENT = (
           lambda s, p, k: s.with_chain(force_delay=s.chain.force_delay + k * p["delay"])),
     Cause("one-sided-filter", "x, v pass ω²/(s² + 2ζωs + ω²); F does not", "1.4.10",
           (Number("frequency", 20.0, "Hz", "corner"), Number("damping", 0.7071067811865476, "", "ζ")),
-          lambda s, p, k: s.with_chain(filter_share=k, filter_frequency=p["frequency"], filter_damping=p["damping"])),
+          lambda s, p, k: s.with_chain(filter_share=min(k, 1.0), filter_frequency=p["frequency"],
+                                       filter_damping=p["damping"])),
     Cause("force-offset", "F + F_0", "3.20", (Number("offset", 120.0, "N", "F_0"),),
           lambda s, p, k: s.with_chain(force_offset=s.chain.force_offset + k * p["offset"])),
     Cause("force-clipping", "|F| ≤ F_max", "3.20", (Number("limit", 900.0, "N", "F_max"),),

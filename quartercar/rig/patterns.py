@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -33,9 +33,19 @@ class CurrentPattern(Protocol):
         ...
 
 
+class _Finite:
+    """Refuses numbers that are not finite when a pattern is made."""
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):  # type: ignore[arg-type]
+            if "unit" in entry.metadata:
+                values = np.atleast_1d(np.asarray(getattr(self, entry.name), dtype=float))
+                _checks.finite(values, f"{entry.name} of '{self.kind}'")  # type: ignore[attr-defined]
+
+
 # -- motions ------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
-class Road:
+class Road(_Finite):
     """Road profile as a sum of cosines in a band (equations 4.2-4.4 of the thesis; Wong's or an ISO 8608 surface)."""
 
     kind: ClassVar[str] = "road"
@@ -53,7 +63,7 @@ class Road:
 
 
 @dataclass(frozen=True)
-class Multisine:
+class Multisine(_Finite):
     """Sum of sines of equal amplitude, Schroeder or random phases, lines spread so that nothing repeats."""
 
     kind: ClassVar[str] = "multisine"
@@ -72,7 +82,7 @@ class Multisine:
 
 
 @dataclass(frozen=True)
-class Chirp:
+class Chirp(_Finite):
     """Logarithmic sweep over the record, of equal peak velocity as far as the stroke allows."""
 
     kind: ClassVar[str] = "chirp"
@@ -88,7 +98,7 @@ class Chirp:
 
 
 @dataclass(frozen=True)
-class Triangle:
+class Triangle(_Finite):
     """Strokes of constant speed with corners rounded by an acceleration limit."""
 
     kind: ClassVar[str] = "triangle"
@@ -103,7 +113,7 @@ class Triangle:
 
 
 @dataclass(frozen=True)
-class Sine:
+class Sine(_Finite):
     """One sine."""
 
     kind: ClassVar[str] = "sine"
@@ -116,7 +126,7 @@ class Sine:
 
 
 @dataclass(frozen=True)
-class Creep:
+class Creep(_Finite):
     """Slow triangle at a given speed: friction and gas alone remain."""
 
     kind: ClassVar[str] = "creep"
@@ -131,7 +141,7 @@ class Creep:
 
 # -- currents -----------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
-class Icps:
+class Icps(_Finite):
     """Increased clock period signal (equation 4.1 of the thesis)."""
 
     kind: ClassVar[str] = "icps"
@@ -145,7 +155,7 @@ class Icps:
 
 
 @dataclass(frozen=True)
-class Prbs:
+class Prbs(_Finite):
     """Pseudo-random binary signal; a register of 11 cells clocked every sample outlasts 20 ms of settling."""
 
     kind: ClassVar[str] = "prbs"
@@ -160,7 +170,7 @@ class Prbs:
 
 
 @dataclass(frozen=True)
-class Aprbs:
+class Aprbs(_Finite):
     """PRBS switching instants, a uniform level at each."""
 
     kind: ClassVar[str] = "aprbs"
@@ -176,7 +186,7 @@ class Aprbs:
 
 
 @dataclass(frozen=True)
-class Constant:
+class Constant(_Finite):
     """One level for a whole run; replicate k runs at level k (the thesis's SC tests have one run for each)."""
 
     kind: ClassVar[str] = "constant"
@@ -188,7 +198,7 @@ class Constant:
 
 
 @dataclass(frozen=True)
-class Stepped:
+class Stepped(_Finite):
     """Levels one after another inside one run."""
 
     kind: ClassVar[str] = "stepped"

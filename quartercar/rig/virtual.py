@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.record import Record
+from lpvid.record import Channel, Record
 from quartercar.rig.causes import Effect
 from quartercar.rig.damper import Motion, RigDamper, respond
 from quartercar.rig.patterns import EXPERIMENTS, Experiment
@@ -20,6 +20,8 @@ from quartercar.rig.setup import Chain, Setup
 UNITS = {"displacement": "m", "velocity": "m/s", "current": "A", "force": "N", "force_true": "N", "current_true": "A",
          "temperature_true": "K", "displacement_true": "m", "velocity_true": "m/s"}
 _WARM_UP = 0.5
+"""Time [s] that the rig runs before a record starts, so that no start-up transient is in it."""
+_MOST_STEPS = 40_000_000
 
 
 @dataclass(frozen=True)
@@ -47,8 +49,10 @@ class Rig:
 
     Examples
     --------
-    >>> rig = Rig(effects=(effect("coil-lag", tau=0.02),))    # doctest: +SKIP
-    >>> record = rig.run(EXPERIMENTS["test-1"], seed=1)       # doctest: +SKIP
+    >>> from dataclasses import replace
+    >>> record = Rig().run(replace(EXPERIMENTS["test-1"], duration=0.1), seed=1)
+    >>> record
+    Record 'test-1-r0': 51 samples, 512 Hz, displacement [m], velocity [m/s], current [A], force [N]
     """
 
     damper: RigDamper = field(default_factory=RigDamper)
@@ -99,9 +103,12 @@ class Rig:
         samples = round(experiment.duration * self.sample_rate)
         if samples < 3:
             raise InputError(f"experiment '{experiment.name}' is too short", got=f"{samples} samples")
+        if samples * self.oversampling > _MOST_STEPS:
+            raise InputError(f"experiment '{experiment.name}' is too long for one record", got=f"{samples} samples",
+                             why=f"{_MOST_STEPS} integration steps are the limit", mend="run it in parts")
         drawing, noise = self._generators(experiment, seed, _checks.count(replicate, "replicate"))
         warm = round(_WARM_UP * self.sample_rate)
-        motion = self._motion(experiment, samples + warm, drawing, replicate)
+        motion = self._motion(experiment, samples, warm, drawing, replicate)
         setup = self.setup()
         response = respond(setup, motion)
         keep = slice(warm * self.oversampling, None, self.oversampling)
@@ -110,19 +117,23 @@ class Rig:
             channels |= {"force_true": response.force[keep], "current_true": response.current[keep],
                          "temperature_true": response.temperature[keep],
                          "displacement_true": motion.displacement[keep], "velocity_true": motion.velocity[keep]}
-        return Record(channels, sample_time=1.0 / self.sample_rate, units=UNITS,
-                      name=f"{experiment.name}-r{replicate}", notes=(self._note(seed),))
+        return Record({name: Channel(values, UNITS[name]) for name, values in channels.items()},
+                      sample_time=1.0 / self.sample_rate, name=f"{experiment.name}-r{replicate}",
+                      notes=(self._note(seed),))
 
     def run_all(self, experiment: Experiment, seed: int = 0) -> list[Record]:
         """Every replicate of an experiment."""
         return [self.run(experiment, seed, k) for k in range(experiment.replicates)]
 
-    def _motion(self, experiment: Experiment, samples: int, rng: np.random.Generator, replicate: int) -> Motion:
+    def _motion(self, experiment: Experiment, samples: int, warm: int, rng: np.random.Generator,
+                replicate: int) -> Motion:
+        """Motion and current on the fine clock; the current's first value is held while the rig warms up."""
         fine = self.sample_rate * self.oversampling
         motion_rng, current_rng = rng.spawn(2)
-        displacement = experiment.displacement.displacement(samples * self.oversampling, fine, motion_rng)
+        displacement = experiment.displacement.displacement((samples + warm) * self.oversampling, fine, motion_rng)
         current = experiment.current.current(samples, self.sample_rate, current_rng, replicate)
-        return Motion.along(displacement, np.repeat(current, self.oversampling), fine)
+        held = np.concatenate([np.full(warm, current[0]), current])
+        return Motion.along(displacement, np.repeat(held, self.oversampling), fine)
 
     @staticmethod
     def _generators(experiment: Experiment, seed: int, replicate: int) -> list[np.random.Generator]:
