@@ -19,7 +19,9 @@ RATE_TOLERANCE = 1e-3
 SPAN = 16_384
 """samples for which the basis is evaluated at once."""
 DIVERGED = 1e9
-"""a free run whose output exceeds this many times the data's scale is reported as diverged."""
+"""a run whose output exceeds this many times the scale of the data, or of what drives it, is reported as diverged."""
+FIT_SAMPLES = 200
+"""samples, or 20 per order if that is more, to which an estimated initial condition is fitted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,21 +129,21 @@ def predict(model: Model, record: Record, horizon: int = 1) -> Simulation:
     horizon = _checks.count(horizon, "horizon", at_least=1)
     u, p = _signals(model, record)
     y = _outputs(model, record)
+    if len(y) <= model.start:
+        raise _too_short(model, len(y))
     phi = np.ascontiguousarray(model.basis.evaluate(p))
     out = y.copy()
     if isinstance(model, LPVTransferFunction):
         start = model.start
         _kernels.predict_io(model.a, model.b, model.c, _first_lag(model), model.lagged, phi, u, y, start, horizon, out)
-        return _finish(model, out, start, horizon, None, "measured past")
+        return _finish(model, out, start, horizon, _first_beyond(out, _limit(model, u, _scale(y))), "measured past")
     if model.observer_gain is None:
         free = _simulate_ss(model, u, p, y, "measured")
         return _finish(model, free.output, free.start, horizon, free.diverged_at, "measured (no noise model)")
-    x0, _ = _estimate_state(model, phi, u, y)
+    x0 = _estimate_state(model, phi, u, y, model.start)
     _kernels.predict_ss(model.A, model.B, model.C, model.D, model.state_offset, model.output_offset,
                         model.observer_gain, phi, u, x0, y, horizon, out)
-    finite = np.all(np.isfinite(out), axis=1)
-    diverged = None if finite.all() else int(np.argmin(finite))
-    return _finish(model, out, min(model.start, len(out)), horizon, diverged, "observer")
+    return _finish(model, out, model.start, horizon, _first_beyond(out, _limit(model, u, _scale(y))), "observer")
 
 
 # -- transfer function -----------------------------------------------------------------------------------------------
@@ -153,14 +155,15 @@ def _simulate_io(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, y: np
     if not isinstance(initial, str):
         given = _checks.frozen_array(initial, "initial", ndim=2)
         past = _checks.finite(_checks.shaped(given, (start, model.n_outputs), "initial past outputs"), "initial")
+        if len(y) < start:
+            raise _too_short(model, len(y))
         out = np.zeros_like(y)
         out[:start] = past
         diverged = _run_io(model, p, u, out, start, np.abs(past).max(initial=0.0))
         return _finish(model, out, start, None, diverged, "given past")
     if initial == "measured":
         if len(y) <= start:
-            raise InputError(f"a free run of this model starts from {start} measured samples", got=f"{len(y)} samples",
-                             mend="give a longer record")
+            raise _too_short(model, len(y))
         out = np.zeros_like(y)
         out[:start] = y[:start]
         diverged = _run_io(model, p, u, out, start, _scale(y))
@@ -181,7 +184,7 @@ def _run_io(model: LPVTransferFunction, p: np.ndarray, u: np.ndarray, out: np.nd
     """Fill `out` from `start` on, span by span, so that the basis stays in the cache; the diverging sample or None."""
     from lpvid import _kernels
 
-    limit, first_lag, n = DIVERGED * max(scale, 1.0), _first_lag(model), len(out)
+    limit, first_lag, n = _limit(model, u, scale), _first_lag(model), len(out)
     local = model.basis.lags == (0, 0)
     span = SPAN if local else n
     driven = np.ascontiguousarray(u.T)
@@ -189,8 +192,8 @@ def _run_io(model: LPVTransferFunction, p: np.ndarray, u: np.ndarray, out: np.nd
         last = min(first + span, n)
         low = first - start if local else 0
         phi = np.ascontiguousarray(model.basis.evaluate(p[low:last] if local else p).T)
-        code = _kernels.free_run_io(model.a, model.b, model.c, first_lag, model.lagged, phi, low, driven, out, first, last,
-                                    limit)
+        code = _kernels.free_run_io(model.a, model.b, model.c, first_lag, model.lagged, phi, low, driven, out, first,
+                                    last, limit)
         if code >= 0:
             return int(code)
     return None
@@ -198,9 +201,11 @@ def _run_io(model: LPVTransferFunction, p: np.ndarray, u: np.ndarray, out: np.nd
 
 def _estimate_past(model: LPVTransferFunction, p: np.ndarray, u: np.ndarray, y: np.ndarray, start: int) -> np.ndarray:
     """Past outputs that fit the first samples best: the free run is affine in them."""
-    length = min(len(y), max(20 * max(model.order, 1), 200))
+    length = min(len(y), max(20 * model.order, FIT_SAMPLES))
     rows = slice(0, length + start)
     unknown = start * model.n_outputs
+    if not unknown:
+        return np.zeros((start, model.n_outputs))
 
     def response(past: np.ndarray) -> np.ndarray:
         out = np.zeros((length + start, model.n_outputs))
@@ -209,9 +214,9 @@ def _estimate_past(model: LPVTransferFunction, p: np.ndarray, u: np.ndarray, y: 
         return out[start:].ravel()
 
     forced = response(np.zeros(unknown))
-    scale = _scale(y)
-    influence = np.column_stack([response(scale * e) - forced for e in np.eye(unknown)]) if unknown else forced[:, :0]
-    solution = np.linalg.lstsq(influence, y[:length].ravel() - forced, rcond=1e-10)[0] if unknown else np.zeros(0)
+    scale = _scale(y) or 1.0
+    influence = np.column_stack([response(scale * e) - forced for e in np.eye(unknown)])
+    solution = np.linalg.lstsq(influence, y[:length].ravel() - forced, rcond=1e-10)[0]
     return (scale * solution).reshape(start, model.n_outputs)
 
 
@@ -225,20 +230,21 @@ def _first_lag(model: LPVTransferFunction) -> int:
 def _simulate_ss(model: LPVStateSpace, u: np.ndarray, p: np.ndarray, y: np.ndarray,
                  initial: str | np.ndarray) -> Simulation:
     phi = np.ascontiguousarray(model.basis.evaluate(p))
-    start = 0
+    measured = isinstance(initial, str) and initial == "measured"
     if not isinstance(initial, str):
         given = _checks.frozen_array(initial, "initial", ndim=1)
         x0 = _checks.finite(_checks.shaped(given, (model.order,), "the initial state"), "the initial state")
         said = "given state"
     elif _checks.one_of(initial, ("measured", "zero", "estimate"), "initial") == "zero":
         x0, said = np.zeros(model.order), "zero state"
+    elif measured and len(y) <= model.start:
+        raise _too_short(model, len(y))
     else:
-        x0, start = _estimate_state(model, phi, u, y)
-        said = "estimated state"
+        length = model.start if measured else max(20 * model.order, FIT_SAMPLES)
+        x0, said = _estimate_state(model, phi, u, y, length), "estimated state"
     out = np.zeros((len(u), model.n_outputs))
     diverged = _run_ss(model, phi, u, x0, out, _scale(y))
-    measured = isinstance(initial, str) and initial == "measured"
-    return _finish(model, out, start if measured else 0, None, diverged, said)
+    return _finish(model, out, model.start if measured else 0, None, diverged, said)
 
 
 def _run_ss(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, x0: np.ndarray, out: np.ndarray,
@@ -246,25 +252,25 @@ def _run_ss(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, x0: np.ndarray
     from lpvid import _kernels
 
     code = _kernels.free_run_ss(model.A, model.B, model.C, model.D, model.state_offset, model.output_offset, phi, u,
-                                np.ascontiguousarray(x0), out, DIVERGED * max(scale, 1.0))
+                                np.ascontiguousarray(x0), out, _limit(model, u, scale, x0))
     return None if code < 0 else int(code)
 
 
-def _estimate_state(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, int]:
-    """State that fits the first outputs best, and how many samples went into it."""
-    length = min(len(y), max(2 * model.order, 4))
-
-    def response(x0: np.ndarray, driven: np.ndarray) -> np.ndarray:
-        out = np.zeros((length, model.n_outputs))
-        _run_ss(model, phi[:length], driven[:length], x0, out, _scale(y))
-        return out.ravel()
-
-    forced = response(np.zeros(model.order), u)
-    columns = [response(e, u) - forced for e in np.eye(model.order)]
-    if not columns:
-        return np.zeros(0), length
-    x0 = np.linalg.lstsq(np.column_stack(columns), y[:length].ravel() - forced, rcond=1e-10)[0]
-    return x0, length
+def _estimate_state(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, y: np.ndarray, length: int) -> np.ndarray:
+    """State that fits the first `length` outputs best: the free run is affine in it."""
+    if not model.order:
+        return np.zeros(0)
+    length = min(len(y), length)
+    forced = np.zeros((length, model.n_outputs))
+    _run_ss(model, phi[:length], u[:length], np.zeros(model.order), forced, _scale(y))
+    influence, state = [], np.eye(model.order)
+    for k in range(length):
+        influence.append(np.tensordot(phi[k], model.C, axes=1) @ state)
+        state = np.tensordot(phi[k], model.A, axes=1) @ state
+        if not np.abs(state).max() < DIVERGED:  # what follows would say nothing about the start
+            break
+    rows = len(influence)
+    return np.linalg.lstsq(np.vstack(influence), (y[:rows] - forced[:rows]).ravel(), rcond=1e-10)[0]
 
 
 # -- shared ----------------------------------------------------------------------------------------------------------
@@ -292,6 +298,11 @@ def _outputs(model: Model, record: Record) -> np.ndarray:
 
 
 def _columns(record: Record, names: Sequence[str]) -> np.ndarray:
+    for name in names:
+        channel = record.channel(name)
+        if not channel.unit_known:
+            raise InputError(f"record '{record.name}', channel '{name}': unknown unit", got=f"'{channel.source_unit}'",
+                             mend="correct the unit in the header, or leave it out if the values are SI")
     values = record.matrix(list(names))
     if not np.isfinite(values.sum()) and not np.isfinite(values).all():
         row, column = (int(i) for i in np.argwhere(~np.isfinite(values))[0])
@@ -307,6 +318,30 @@ def _pad(values: np.ndarray, rows: int, *, hold: bool = False) -> np.ndarray:
 
 def _scale(y: np.ndarray) -> float:
     return max(float(y.max(initial=0.0)), -float(y.min(initial=0.0))) or 1.0
+
+
+def _limit(model: Model, u: np.ndarray, scale: float, x0: np.ndarray | None = None) -> float:
+    """What no sane run exceeds: `DIVERGED` times the scale of the data or of one step's forcing, in any units."""
+    reach = float(np.abs(u).max(initial=0.0))
+    if isinstance(model, LPVTransferFunction):
+        assert model.c is not None
+        forcing = reach * np.abs(model.b).sum() + np.abs(model.c).sum()
+    else:
+        assert model.state_offset is not None and model.output_offset is not None
+        state = reach * np.abs(model.B).sum() + np.abs(model.state_offset).sum()
+        state += 0.0 if x0 is None else np.abs(x0).sum()
+        forcing = reach * np.abs(model.D).sum() + np.abs(model.output_offset).sum() + state * np.abs(model.C).sum()
+    return DIVERGED * (max(scale, float(forcing)) or 1.0)
+
+
+def _first_beyond(out: np.ndarray, limit: float) -> int | None:
+    sane = np.all(np.abs(out) < limit, axis=1)
+    return None if sane.all() else int(np.argmin(sane))
+
+
+def _too_short(model: Model, length: int) -> InputError:
+    return InputError(f"a run of this model starts from {model.start} measured samples", got=f"{length} samples",
+                      mend="give a longer record")
 
 
 def _earlier(diverged: int | None, start: int) -> int | None:

@@ -146,8 +146,8 @@ class LPVStateSpace:
 
     @property
     def start(self) -> int:
-        """Samples a free run from measured data would need to settle its state; 0 for a given state."""
-        return self.order
+        """Measured samples from which a free run takes its state: two per state, at least four."""
+        return max(2 * self.order, 4) if self.order else 0
 
     def frozen(self, p: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """A, B, C, D with the scheduling frozen at `p` of shape (n_scheduling,)."""
