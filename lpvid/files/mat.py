@@ -1,4 +1,4 @@
-"""MATLAB files: up to version 7 by scipy, version 7.3 (HDF5) by h5py."""
+"""MATLAB files: version 5 to 7 here, version 7.3 (HDF5) by h5py, version 4 by scipy."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from lpvid.errors import InputError
+from lpvid.files._mat5 import is_level5, read_level5
 from lpvid.files._table import (
     Column,
     Table,
@@ -26,7 +27,6 @@ EXTENSIONS = (".mat",)
 _HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _DEPTH = 4
 _STATED = ("sample_time", "sample_rate")
-_UNREADABLE = ("sparse", "function", "opaque", "object", "unknown")
 
 Tree = dict[str, Any]
 """Variables of a file: arrays, text, nested trees for structs, None for what is none of these."""
@@ -59,7 +59,12 @@ def read_table(path: Path) -> Table:
         head = stream.read(520)
     is_hdf5 = head[:8] == _HDF5_SIGNATURE or head[512:520] == _HDF5_SIGNATURE
     try:
-        tree = _read_hdf5(path, where) if is_hdf5 else _read_classic(path, where)
+        if is_hdf5:
+            tree = _read_hdf5(path, where)
+        elif is_level5(head):
+            tree = read_level5(path.read_bytes(), where)
+        else:
+            tree = _read_level4(path, where)
     except (InputError, PermissionError, FileNotFoundError, MemoryError):
         raise
     except Exception as error:  # on damaged files both libraries raise whatever their parser trips over
@@ -67,20 +72,19 @@ def read_table(path: Path) -> Table:
     return _table(tree, where)
 
 
-# -- up to version 7 ------------------------------------------------------------------------------------------------
-def _read_classic(path: Path, where: str) -> Tree:
+# -- version 4 ------------------------------------------------------------------------------------------------------
+def _read_level4(path: Path, where: str) -> Tree:
     from scipy.io import loadmat, whosmat
+    from scipy.io.matlab import matfile_version
 
-    held = path.stat().st_size
+    if matfile_version(str(path))[0] != 0:
+        raise ValueError("the head is that of no MAT-file")
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # scipy warns of doubled variables and of tails that it cannot read
-        listed = whosmat(str(path))
-        check_claim(sum(8 * math.prod(int(d) for d in shape) for _, shape, kind in listed if kind not in _UNREADABLE),
-                    where, held=held)
-        wanted = [name for name, _, kind in listed if kind not in _UNREADABLE]
-        loaded = loadmat(str(path), simplify_cells=True, variable_names=wanted) if wanted else {}
-    tree: Tree = {name: None for name, _, kind in listed if kind in _UNREADABLE}
-    return tree | {name: value for name, value in loaded.items() if not name.startswith("__")}
+        listed = [(name, shape) for name, shape, kind in whosmat(str(path)) if kind != "sparse"]
+        check_claim(sum(8 * math.prod(int(d) for d in shape) for _, shape in listed), where, held=path.stat().st_size)
+        loaded = loadmat(str(path), squeeze_me=True, variable_names=[name for name, _ in listed]) if listed else {}
+    return {name: value for name, value in loaded.items() if not name.startswith("__")}
 
 
 # -- version 7.3 ----------------------------------------------------------------------------------------------------
