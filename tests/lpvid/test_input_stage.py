@@ -15,8 +15,15 @@ from lpvid.model.signals import Signal
 
 ratios = st.floats(-0.5, 2.0)
 slopes = st.floats(-0.3, 0.3)
-zones = st.builds(ThreeZoneStage, limit=st.floats(1e-3, 10.0), limit_slope=slopes, upper=ratios, upper_slope=slopes,
-                  lower=ratios, lower_slope=slopes)
+zones = st.builds(
+    ThreeZoneStage,
+    limit=st.floats(1e-3, 10.0),
+    limit_slope=slopes,
+    upper=ratios,
+    upper_slope=slopes,
+    lower=ratios,
+    lower_slope=slopes,
+)
 
 
 def column(values) -> np.ndarray:
@@ -80,8 +87,11 @@ def test_vectors_and_dicts_hold_a_stage(stage) -> None:
     assert stage.with_vector(-np.abs(stage.vector)).vector[0] > 0
     assert stage.scales(2.0).shape == stage.vector.shape
     fixed = stage.scales(0.0) == 0  # without a scheduling range the slopes cannot be found
-    assert fixed.tolist() == [name.endswith("slope") for name in ("v0", "slope")] if isinstance(stage, TanhStage) else \
-        fixed.tolist() == [False, True, False, True, False, True]
+    assert (
+        fixed.tolist() == [name.endswith("slope") for name in ("v0", "slope")]
+        if isinstance(stage, TanhStage)
+        else fixed.tolist() == [False, True, False, True, False, True]
+    )
     starts = stage.starts(np.ones((9, 2)), np.zeros((9, 2)))
     assert len(starts) >= 2
     assert all(s.channel == 1 for s in starts)

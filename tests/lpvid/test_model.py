@@ -16,28 +16,51 @@ from lpvid.model.transfer_function import LPVTransferFunction, block_companion
 from lpvid.scheduling import Polynomial, Product, Scheduling, Shifted, Spline, Stacked
 
 BOX = Scheduling(("p", "q"), (0.0, -2.0), (3.0, 5.0), rate=(10.0, None), units=("A", ""))
-BASES = [Polynomial(("p", "q"), degree=2).bound(BOX), Product(Polynomial("p"), Spline("q", segments=2)).bound(BOX),
-         Stacked((Polynomial("p"), Shifted(Polynomial("q"), 1))).bound(BOX)]
+BASES = [
+    Polynomial(("p", "q"), degree=2).bound(BOX),
+    Product(Polynomial("p"), Spline("q", segments=2)).bound(BOX),
+    Stacked((Polynomial("p"), Shifted(Polynomial("q"), 1))).bound(BOX),
+]
 
 
 def a_transfer_function(rng: np.random.Generator, basis=BASES[0], **changes) -> LPVTransferFunction:
     m = basis.size
-    settings = {"c": rng.normal(size=(2, 2, m)), "lagged": True, "inputs": (Signal("u", "A"), Signal("w", "m/s")),
-                "outputs": (Signal("F", "N"), Signal("x", "m")), "noise_covariance": np.diag(rng.uniform(size=2)),
-                "metadata": {"note": "a", "list": [1, 2.5, None]}} | changes
+    settings = {
+        "c": rng.normal(size=(2, 2, m)),
+        "lagged": True,
+        "inputs": (Signal("u", "A"), Signal("w", "m/s")),
+        "outputs": (Signal("F", "N"), Signal("x", "m")),
+        "noise_covariance": np.diag(rng.uniform(size=2)),
+        "metadata": {"note": "a", "list": [1, 2.5, None]},
+    } | changes
     width = 3 if settings.get("input_stage") else 2
-    return LPVTransferFunction(rng.normal(size=(3, 2, 2, m)), rng.normal(size=(4, 2, width, m)), basis, 1 / 512, BOX,
-                               **settings)
+    return LPVTransferFunction(
+        rng.normal(size=(3, 2, 2, m)), rng.normal(size=(4, 2, width, m)), basis, 1 / 512, BOX, **settings
+    )
 
 
 def a_state_space(rng: np.random.Generator, basis=BASES[0], **changes) -> LPVStateSpace:
     m = basis.size
-    settings = {"state_offset": rng.normal(size=(m, 3)), "output_offset": rng.normal(size=(m, 2)),
-                "observer_gain": rng.normal(size=(m, 3, 2)), "inputs": ("u",), "outputs": ("F", "x"),
-                "noise_covariance": np.eye(2), "metadata": {"a": 1}} | changes
+    settings = {
+        "state_offset": rng.normal(size=(m, 3)),
+        "output_offset": rng.normal(size=(m, 2)),
+        "observer_gain": rng.normal(size=(m, 3, 2)),
+        "inputs": ("u",),
+        "outputs": ("F", "x"),
+        "noise_covariance": np.eye(2),
+        "metadata": {"a": 1},
+    } | changes
     width = 2 if settings.get("input_stage") else 1
-    return LPVStateSpace(rng.normal(size=(m, 3, 3)), rng.normal(size=(m, 3, width)), rng.normal(size=(m, 2, 3)),
-                         rng.normal(size=(m, 2, width)), basis, 1 / 512, BOX, **settings)
+    return LPVStateSpace(
+        rng.normal(size=(m, 3, 3)),
+        rng.normal(size=(m, 3, width)),
+        rng.normal(size=(m, 2, 3)),
+        rng.normal(size=(m, 2, width)),
+        basis,
+        1 / 512,
+        BOX,
+        **settings,
+    )
 
 
 def assert_same(a, b) -> None:
@@ -136,34 +159,84 @@ ONE = Polynomial("p")
 ZERO = np.zeros
 
 
-@pytest.mark.parametrize(("make", "words"), [
-    (lambda: LPVTransferFunction.siso([[1, 2, 3]], [[0, 0]], ONE, 1.0), r"a \(lags by basis functions\) must have shape"),
-    (lambda: LPVTransferFunction.siso([[1, 2, 3, 4]], [[0, 0]], ONE, 1.0), r"a \(lags by basis functions\) must have"),
-    (lambda: LPVTransferFunction.siso([1, 2], [[0, 0]], ONE, 1.0), r"a \(lags by basis functions\) must have shape"),
-    (lambda: LPVTransferFunction.siso([[1, 2], [3]], [[0, 0]], ONE, 1.0), "a must hold numbers"),
-    (lambda: LPVTransferFunction.siso([[1, np.nan]], [[0, 0]], ONE, 1.0), "a must be finite"),
-    (lambda: LPVTransferFunction(ZERO((1, 1, 1, 3)), ZERO((1, 1, 1, 2)), ONE, 1.0), "a must have shape"),
-    (lambda: LPVTransferFunction(ZERO((1, 1, 1, 2)), ZERO((1, 1, 2)), ONE, 1.0), "b must have 4 dimension"),
-    (lambda: LPVTransferFunction(ZERO((1, 1, 1, 2)), ZERO((1, 1, 1, 3)), ONE, 1.0), "b must have shape"),
-    (lambda: LPVTransferFunction(ZERO((1, 2, 2, 2)), ZERO((1, 2, 1, 2)), ONE, 1.0, c=ZERO((1, 1, 2))), "c must have"),
-    (lambda: LPVTransferFunction.siso([[0, 0]], [[0, 0]], ONE, 0.0), "sample_time must be positive"),
-    (lambda: LPVTransferFunction.siso([[0, 0]], [[0, 0]], ONE, 1.0, scheduling=BOX), "name different variables"),
-    (lambda: LPVTransferFunction.siso([[0, 0]], [[0, 0]], ONE, 1.0, inputs=("a", "b")), "signals do not match"),
-    (lambda: LPVTransferFunction.siso([[0, 0]], [[0, 0]], ONE, 1.0, outputs=("a", "b")), "signals do not match"),
-    (lambda: LPVTransferFunction.siso([[0, 0]], [[0, 0]], ONE, 1.0, input_stage=TanhStage()), "signals do not match"),
-    (lambda: LPVTransferFunction.siso([[0, 0]], [[0, 0]], ONE, 1.0, noise_covariance=ZERO((2, 2))), "noise_covariance"),
-    (lambda: LPVTransferFunction.siso([[0, 0]], [[0, 0]], ONE, 1.0).frozen_poles([1.0, 2.0]), "scheduling point"),
-    (lambda: LPVTransferFunction.siso([[0, 0]], [[0, 0]], ONE, 1.0).frozen_poles([np.nan]), "scheduling point"),
-    (lambda: LPVStateSpace(ZERO((2, 2, 3)), ZERO((2, 2, 1)), ZERO((2, 1, 2)), ZERO((2, 1, 1)), ONE, 1.0), "A must have"),
-    (lambda: LPVStateSpace(ZERO((2, 2, 2)), ZERO((2, 3, 1)), ZERO((2, 1, 2)), ZERO((2, 1, 1)), ONE, 1.0), "B must have"),
-    (lambda: LPVStateSpace(ZERO((2, 2, 2)), ZERO((2, 2, 1)), ZERO((2, 1, 3)), ZERO((2, 1, 1)), ONE, 1.0), "C must have"),
-    (lambda: LPVStateSpace(ZERO((1, 2, 2)), ZERO((1, 2, 1)), ZERO((1, 1, 2)), ZERO((1, 1, 1)), ONE, 1.0), "A must have"),
-    (lambda: LPVStateSpace(ZERO((2, 2, 2)), ZERO((2, 2, 1)), ZERO((2, 1, 2)), ZERO((2, 1, 1)), ONE, 1.0,
-                           state_offset=ZERO((2, 3))), "state_offset must have"),
-    (lambda: LPVStateSpace(ZERO((2, 2, 2)), ZERO((2, 2, 1)), ZERO((2, 1, 2)), ZERO((2, 1, 1)), ONE, 1.0,
-                           observer_gain=ZERO((2, 1, 2))), "observer_gain must have"),
-    (lambda: LPVStateSpace(ZERO((2, 2, 2)), ZERO((2, 2, 1)), ZERO((2, 1, 2)), ZERO((2, 1, 1)), ONE, -1.0), "sample_time"),
-])
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (
+            lambda: LPVTransferFunction.siso([[1, 2, 3]], [[0, 0]], ONE, 1.0),
+            r"a \(lags by basis functions\) must have shape",
+        ),
+        (
+            lambda: LPVTransferFunction.siso([[1, 2, 3, 4]], [[0, 0]], ONE, 1.0),
+            r"a \(lags by basis functions\) must have",
+        ),
+        (
+            lambda: LPVTransferFunction.siso([1, 2], [[0, 0]], ONE, 1.0),
+            r"a \(lags by basis functions\) must have shape",
+        ),
+        (lambda: LPVTransferFunction.siso([[1, 2], [3]], [[0, 0]], ONE, 1.0), "a must hold numbers"),
+        (lambda: LPVTransferFunction.siso([[1, np.nan]], [[0, 0]], ONE, 1.0), "a must be finite"),
+        (lambda: LPVTransferFunction(ZERO((1, 1, 1, 3)), ZERO((1, 1, 1, 2)), ONE, 1.0), "a must have shape"),
+        (lambda: LPVTransferFunction(ZERO((1, 1, 1, 2)), ZERO((1, 1, 2)), ONE, 1.0), "b must have 4 dimension"),
+        (lambda: LPVTransferFunction(ZERO((1, 1, 1, 2)), ZERO((1, 1, 1, 3)), ONE, 1.0), "b must have shape"),
+        (
+            lambda: LPVTransferFunction(ZERO((1, 2, 2, 2)), ZERO((1, 2, 1, 2)), ONE, 1.0, c=ZERO((1, 1, 2))),
+            "c must have",
+        ),
+        (lambda: LPVTransferFunction.siso([[0, 0]], [[0, 0]], ONE, 0.0), "sample_time must be positive"),
+        (lambda: LPVTransferFunction.siso([[0, 0]], [[0, 0]], ONE, 1.0, scheduling=BOX), "name different variables"),
+        (lambda: LPVTransferFunction.siso([[0, 0]], [[0, 0]], ONE, 1.0, inputs=("a", "b")), "signals do not match"),
+        (lambda: LPVTransferFunction.siso([[0, 0]], [[0, 0]], ONE, 1.0, outputs=("a", "b")), "signals do not match"),
+        (
+            lambda: LPVTransferFunction.siso([[0, 0]], [[0, 0]], ONE, 1.0, input_stage=TanhStage()),
+            "signals do not match",
+        ),
+        (
+            lambda: LPVTransferFunction.siso([[0, 0]], [[0, 0]], ONE, 1.0, noise_covariance=ZERO((2, 2))),
+            "noise_covariance",
+        ),
+        (lambda: LPVTransferFunction.siso([[0, 0]], [[0, 0]], ONE, 1.0).frozen_poles([1.0, 2.0]), "scheduling point"),
+        (lambda: LPVTransferFunction.siso([[0, 0]], [[0, 0]], ONE, 1.0).frozen_poles([np.nan]), "scheduling point"),
+        (
+            lambda: LPVStateSpace(ZERO((2, 2, 3)), ZERO((2, 2, 1)), ZERO((2, 1, 2)), ZERO((2, 1, 1)), ONE, 1.0),
+            "A must have",
+        ),
+        (
+            lambda: LPVStateSpace(ZERO((2, 2, 2)), ZERO((2, 3, 1)), ZERO((2, 1, 2)), ZERO((2, 1, 1)), ONE, 1.0),
+            "B must have",
+        ),
+        (
+            lambda: LPVStateSpace(ZERO((2, 2, 2)), ZERO((2, 2, 1)), ZERO((2, 1, 3)), ZERO((2, 1, 1)), ONE, 1.0),
+            "C must have",
+        ),
+        (
+            lambda: LPVStateSpace(ZERO((1, 2, 2)), ZERO((1, 2, 1)), ZERO((1, 1, 2)), ZERO((1, 1, 1)), ONE, 1.0),
+            "A must have",
+        ),
+        (
+            lambda: LPVStateSpace(
+                ZERO((2, 2, 2)), ZERO((2, 2, 1)), ZERO((2, 1, 2)), ZERO((2, 1, 1)), ONE, 1.0, state_offset=ZERO((2, 3))
+            ),
+            "state_offset must have",
+        ),
+        (
+            lambda: LPVStateSpace(
+                ZERO((2, 2, 2)),
+                ZERO((2, 2, 1)),
+                ZERO((2, 1, 2)),
+                ZERO((2, 1, 1)),
+                ONE,
+                1.0,
+                observer_gain=ZERO((2, 1, 2)),
+            ),
+            "observer_gain must have",
+        ),
+        (
+            lambda: LPVStateSpace(ZERO((2, 2, 2)), ZERO((2, 2, 1)), ZERO((2, 1, 2)), ZERO((2, 1, 1)), ONE, -1.0),
+            "sample_time",
+        ),
+    ],
+)
 def test_wrong_shapes_say_which_array(make, words: str) -> None:
     with pytest.raises(InputError, match=words):
         make()

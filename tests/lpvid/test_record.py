@@ -59,8 +59,12 @@ def test_roles_names_and_case_lead_to_the_same_channel() -> None:
     record = a_record()
     assert record["force"] is record["F"]
     assert record["f"] is record["F"]
-    assert (record.unit("force"), record.resolve("V"), record.has("force"), record.has("torque")) == ("N", "v", True,
-                                                                                                  False)
+    assert (record.unit("force"), record.resolve("V"), record.has("force"), record.has("torque")) == (
+        "N",
+        "v",
+        True,
+        False,
+    )
     more = record.with_roles({"speed": "v"})
     assert more["speed"].tolist() == [0, 1, 2, 3]
     assert more["force"].tolist() == [4, 5, 6, 7]
@@ -133,10 +137,18 @@ def test_a_derived_channel_keeps_the_rest_and_leaves_the_original() -> None:
     assert more.with_note("seen").notes == ("computed", "seen")
 
 
-@pytest.mark.parametrize("derive", [lambda r: r.with_note("n"), lambda r: r.flip("x"), lambda r: r.with_roles({"r": "x"}),
-                                    lambda r: r.with_channel("y", np.ones(4))])
-@pytest.mark.parametrize("clock", [{"sample_time": 0.5, "start": 7.0}, {"time": [7.0, 7.5, 8.0, 8.5]},
-                                   {"time": [7.0, 7.5, 8.0, 9.5]}])
+@pytest.mark.parametrize(
+    "derive",
+    [
+        lambda r: r.with_note("n"),
+        lambda r: r.flip("x"),
+        lambda r: r.with_roles({"r": "x"}),
+        lambda r: r.with_channel("y", np.ones(4)),
+    ],
+)
+@pytest.mark.parametrize(
+    "clock", [{"sample_time": 0.5, "start": 7.0}, {"time": [7.0, 7.5, 8.0, 8.5]}, {"time": [7.0, 7.5, 8.0, 9.5]}]
+)
 def test_deriving_keeps_the_clock(derive, clock) -> None:
     record = Record({"x": np.arange(4.0)}, **clock)
     derived = derive(record)

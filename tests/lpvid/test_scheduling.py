@@ -16,9 +16,16 @@ from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Shifted, Sp
 BOX = Scheduling(("p", "q"), (-1.0, 10.0), (3.0, 250.0), rate=(2.0, None), units=("A", "K"))
 P, Q = Polynomial("p", degree=3), Spline("q", segments=4, order=3)
 BASES = [
-    Polynomial(), P, Polynomial(("p", "q"), degree=3), Q, Spline("p", segments=3, order=1),
-    Product(P, Q), Product(Polynomial("q", degree=1), Spline("p", segments=2, order=2)),
-    Stacked((P, Shifted(P, 1))), Shifted(Polynomial(("p", "q"), degree=2), -2), Shifted(Product(P, Q), 3),
+    Polynomial(),
+    P,
+    Polynomial(("p", "q"), degree=3),
+    Q,
+    Spline("p", segments=3, order=1),
+    Product(P, Q),
+    Product(Polynomial("q", degree=1), Spline("p", segments=2, order=2)),
+    Stacked((P, Shifted(P, 1))),
+    Shifted(Polynomial(("p", "q"), degree=2), -2),
+    Shifted(Product(P, Q), 3),
     Product(Shifted(P, 1), Polynomial("q", degree=1)),
 ]
 
@@ -53,13 +60,23 @@ def test_derivatives_agree_with_finite_differences(basis: Basis, rng: np.random.
         low[:, column] -= step
         high[:, column] += step
         difference = (bound.evaluate(high) - bound.evaluate(low)) / (2 * step)
-        np.testing.assert_allclose(bound.derivative(p, name), difference, rtol=1e-6, atol=1e-7 * np.abs(difference).max())
+        np.testing.assert_allclose(
+            bound.derivative(p, name), difference, rtol=1e-6, atol=1e-7 * np.abs(difference).max()
+        )
     with pytest.raises(InputError, match="no scheduling variable 'nobody'"):
         bound.derivative(p, "nobody")
 
 
-@pytest.mark.parametrize("basis", [P, Polynomial(("p", "q"), degree=2), Product(P, Polynomial("q", degree=1)),
-                                   Stacked((P, Polynomial("q", degree=2)))], ids=repr)
+@pytest.mark.parametrize(
+    "basis",
+    [
+        P,
+        Polynomial(("p", "q"), degree=2),
+        Product(P, Polynomial("q", degree=1)),
+        Stacked((P, Polynomial("q", degree=2))),
+    ],
+    ids=repr,
+)
 def test_normalisation_spans_the_same_functions(basis: Basis, rng: np.random.Generator) -> None:
     p = inside(basis, rng, 200)
     raw, bound = basis.evaluate(p), basis.bound(BOX).evaluate(p)
@@ -153,24 +170,27 @@ def test_a_basis_of_a_constant_variable_stays_finite() -> None:
         Spline("p").bound(flat)
 
 
-@pytest.mark.parametrize(("make", "words"), [
-    (lambda: Polynomial("p", degree=-1), "degree of a polynomial basis"),
-    (lambda: Polynomial("p", degree=1.5), "degree of a polynomial basis"),  # type: ignore[arg-type]
-    (lambda: Polynomial("p", 1, (0.0,), (0.0,)), "positive half width"),
-    (lambda: Polynomial("p", 1, (0.0, 1.0), (1.0,)), "one centre"),
-    (lambda: Spline("p", segments=0), "segments of a spline"),
-    (lambda: Spline("p", order=6), "between 1 and 5"),
-    (lambda: Spline("p", segments=2, knots=(0.0, 1.0)), "rising knots"),
-    (lambda: Spline("p", segments=2, knots=(0.0, 1.0, 1.0)), "rising knots"),
-    (lambda: Spline("p").evaluate(np.zeros((1, 1))), "no knots yet"),
-    (lambda: Polynomial("r").bound(BOX), "no scheduling variable 'r'"),
-    (lambda: basis_from_dict({"kind": "fourier"}), "unknown basis in a model file: got fourier"),
-    (lambda: Scheduling(("p",), (1.0,), (0.0,)), "lower bound above the upper"),
-    (lambda: Scheduling(("p",), (0.0,), (np.inf,)), "must be finite"),
-    (lambda: Scheduling(("p",), (0.0,), (1.0, 2.0)), "one lower, upper"),
-    (lambda: Scheduling(("p",), (0.0,), (1.0,), rate=(-1.0,)), "rate bound of 'p' must not be negative"),
-    (lambda: Scheduling(("p", "p"), (0.0, 0.0), (1.0, 1.0)), "names a variable twice"),
-])
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Polynomial("p", degree=-1), "degree of a polynomial basis"),
+        (lambda: Polynomial("p", degree=1.5), "degree of a polynomial basis"),  # type: ignore[arg-type]
+        (lambda: Polynomial("p", 1, (0.0,), (0.0,)), "positive half width"),
+        (lambda: Polynomial("p", 1, (0.0, 1.0), (1.0,)), "one centre"),
+        (lambda: Spline("p", segments=0), "segments of a spline"),
+        (lambda: Spline("p", order=6), "between 1 and 5"),
+        (lambda: Spline("p", segments=2, knots=(0.0, 1.0)), "rising knots"),
+        (lambda: Spline("p", segments=2, knots=(0.0, 1.0, 1.0)), "rising knots"),
+        (lambda: Spline("p").evaluate(np.zeros((1, 1))), "no knots yet"),
+        (lambda: Polynomial("r").bound(BOX), "no scheduling variable 'r'"),
+        (lambda: basis_from_dict({"kind": "fourier"}), "unknown basis in a model file: got fourier"),
+        (lambda: Scheduling(("p",), (1.0,), (0.0,)), "lower bound above the upper"),
+        (lambda: Scheduling(("p",), (0.0,), (np.inf,)), "must be finite"),
+        (lambda: Scheduling(("p",), (0.0,), (1.0, 2.0)), "one lower, upper"),
+        (lambda: Scheduling(("p",), (0.0,), (1.0,), rate=(-1.0,)), "rate bound of 'p' must not be negative"),
+        (lambda: Scheduling(("p", "p"), (0.0, 0.0), (1.0, 1.0)), "names a variable twice"),
+    ],
+)
 def test_what_is_no_basis_or_box_is_refused(make, words: str) -> None:
     with pytest.raises(InputError, match=words):
         make()

@@ -33,7 +33,9 @@ def phi_at(basis, p: np.ndarray, k: int) -> np.ndarray:
     return np.array([np.prod(values**e) for e in basis.exponents])
 
 
-def equation(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, past: dict[int, np.ndarray], k: int) -> np.ndarray:
+def equation(
+    model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, past: dict[int, np.ndarray], k: int
+) -> np.ndarray:
     """Right-hand side of the defining equation at sample k, with `past` outputs by sample number."""
     total = np.zeros(model.n_outputs)
     assert model.c is not None
@@ -47,10 +49,15 @@ def equation(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, past: dic
 
 
 def naive(model: LPVTransferFunction, u, p, y, horizon: int | None) -> np.ndarray:
-    """`horizon` steps ahead of every sample, or the free run, as three nested plain loops."""
+    """`horizon` steps ahead of every sample, or the free run, in nested plain loops."""
     out = np.array(y, dtype=float)
+    if horizon is None:
+        past = {t: np.array(y[t]) for t in range(model.start)}
+        for k in range(model.start, len(y)):
+            past[k] = out[k] = equation(model, u, p, past, k)
+        return out
     for k in range(model.start, len(y)):
-        first = model.start if horizon is None else max(k - horizon + 1, model.start)
+        first = max(k - horizon + 1, model.start)
         past = {t: np.array(y[t]) for t in range(first)}
         for t in range(first, k + 1):
             past[t] = equation(model, u, p, past, t)
@@ -63,8 +70,10 @@ def naive_states(model: LPVStateSpace, u, p, x0, y=None) -> np.ndarray:
     x, out = np.array(x0, dtype=float), []
     for k in range(len(u)):
         phi = phi_at(model.basis, p, k)
-        a, b, c, d, f, g = (np.tensordot(phi, z, axes=1) for z in (
-            model.A, model.B, model.C, model.D, model.state_offset, model.output_offset))
+        a, b, c, d, f, g = (
+            np.tensordot(phi, z, axes=1)
+            for z in (model.A, model.B, model.C, model.D, model.state_offset, model.output_offset)
+        )
         out.append(c @ x + d @ u[k] + g)
         x = a @ x + b @ u[k] + f
         if y is not None:
@@ -77,18 +86,33 @@ def io_model(rng, basis=QUADRATIC, na=3, lags=4, ny=1, nu=1, affine=0, lagged=Fa
     m = basis.size
     b = rng.normal(size=(lags, ny, nu, m))
     b[0] = 0.0 if lags > 2 else b[0]  # a structural delay where there is room for one
-    return LPVTransferFunction(gain * rng.uniform(-1, 1, (na, ny, ny, m)), b, basis, TS, c=rng.normal(size=(affine, ny, m)),
-                               lagged=lagged, inputs=tuple(f"u{i}" for i in range(nu)),
-                               outputs=tuple(f"y{i}" for i in range(ny)))
+    return LPVTransferFunction(
+        gain * rng.uniform(-1, 1, (na, ny, ny, m)),
+        b,
+        basis,
+        TS,
+        c=rng.normal(size=(affine, ny, m)),
+        lagged=lagged,
+        inputs=tuple(f"u{i}" for i in range(nu)),
+        outputs=tuple(f"y{i}" for i in range(ny)),
+    )
 
 
 def ss_model(rng, basis=QUADRATIC, n=3, ny=2, nu=2, gain=True) -> LPVStateSpace:
     m = basis.size
-    return LPVStateSpace(0.15 * rng.uniform(-1, 1, (m, n, n)), rng.normal(size=(m, n, nu)), rng.normal(size=(m, ny, n)),
-                         rng.normal(size=(m, ny, nu)), basis, TS, state_offset=rng.normal(size=(m, n)),
-                         output_offset=rng.normal(size=(m, ny)), inputs=tuple(f"u{i}" for i in range(nu)),
-                         outputs=tuple(f"y{i}" for i in range(ny)),
-                         observer_gain=0.05 * rng.normal(size=(m, n, ny)) if gain else None)
+    return LPVStateSpace(
+        0.15 * rng.uniform(-1, 1, (m, n, n)),
+        rng.normal(size=(m, n, nu)),
+        rng.normal(size=(m, ny, n)),
+        rng.normal(size=(m, ny, nu)),
+        basis,
+        TS,
+        state_offset=rng.normal(size=(m, n)),
+        output_offset=rng.normal(size=(m, ny)),
+        inputs=tuple(f"u{i}" for i in range(nu)),
+        outputs=tuple(f"y{i}" for i in range(ny)),
+        observer_gain=0.05 * rng.normal(size=(m, n, ny)) if gain else None,
+    )
 
 
 def data(rng, model, n=60):
@@ -108,10 +132,23 @@ def with_outputs(record: Record, model, y: np.ndarray) -> Record:
 
 
 CASES = [
-    {}, {"lagged": True}, {"affine": 3}, {"affine": 6, "lagged": True}, {"na": 0}, {"na": 1, "lags": 1}, {"na": 6},
-    {"na": 5, "lags": 2, "affine": 1}, {"ny": 2, "nu": 3}, {"ny": 3, "nu": 2, "lagged": True, "affine": 2},
-    {"basis": TWO}, {"basis": TWO, "ny": 2, "lagged": True}, {"basis": DYNAMIC}, {"basis": DYNAMIC, "lagged": True},
-    {"basis": Shifted(QUADRATIC, -1)}, {"basis": Polynomial()}, {"basis": Polynomial("p", degree=4), "nu": 2},
+    {},
+    {"lagged": True},
+    {"affine": 3},
+    {"affine": 6, "lagged": True},
+    {"na": 0},
+    {"na": 1, "lags": 1},
+    {"na": 6},
+    {"na": 5, "lags": 2, "affine": 1},
+    {"ny": 2, "nu": 3},
+    {"ny": 3, "nu": 2, "lagged": True, "affine": 2},
+    {"basis": TWO},
+    {"basis": TWO, "ny": 2, "lagged": True},
+    {"basis": DYNAMIC},
+    {"basis": DYNAMIC, "lagged": True},
+    {"basis": Shifted(QUADRATIC, -1)},
+    {"basis": Polynomial()},
+    {"basis": Polynomial("p", degree=4), "nu": 2},
 ]
 
 
@@ -140,7 +177,7 @@ def test_one_step_is_the_equation_on_measured_data(rng: np.random.Generator) -> 
     record, u, p, y = data(rng, model)
     measured = dict(enumerate(y))
     expected = [equation(model, u, p, measured, k) for k in range(model.start, len(y))]
-    np.testing.assert_allclose(predict(model, record).output[model.start:], expected, rtol=1e-11)
+    np.testing.assert_allclose(predict(model, record).output[model.start :], expected, rtol=1e-11)
 
 
 @pytest.mark.parametrize("case", CASES[:6], ids=str)
@@ -162,18 +199,25 @@ def test_a_banded_triangular_solve_agrees(n: int, na: int, rng: np.random.Genera
     forced = np.zeros(n)
     for j in range(3):
         forced[j:] += (phi @ model.b[j, 0, 0])[j:] * u[: n - j, 0]
-    np.testing.assert_allclose(simulate(model, record, "zero").output[:, 0], solve_banded((na, 0), bands, forced),
-                               rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(
+        simulate(model, record, "zero").output[:, 0], solve_banded((na, 0), bands, forced), rtol=1e-9, atol=1e-11
+    )
 
 
 def test_published_second_order_case() -> None:
-    model = LPVTransferFunction.siso([[-1.2, 0.3], [0.5, -0.2]], [[0, 0], [0.4, 0.1], [0.1, -0.3]], Polynomial("p"), 1.0)
+    model = LPVTransferFunction.siso(
+        [[-1.2, 0.3], [0.5, -0.2]], [[0, 0], [0.4, 0.1], [0.1, -0.3]], Polynomial("p"), 1.0
+    )
     record = Record({"u1": [1.0, 0, 0, 1, 1, 0, 0, 0], "p": [0, 1, 0, -1, 0.5, -0.5, 1, 0]}, sample_time=1.0)
     expected = [0, 0.5, 0.7, 0.7, 0.905, 1.40175, 0.790075, 0.247215]
     np.testing.assert_allclose(simulate(model, record, "zero").output.ravel(), expected, atol=1e-14)
     at_input = [0, 0.4, 0.46, 0.432, 0.718, 1.3015, 1.419825, 0.4969425]
-    np.testing.assert_allclose(simulate(model.replace(lagged=True), record, "zero").output.ravel(), at_input, atol=1e-14)
-    direct = LPVTransferFunction.siso([[-1.2, 0.3], [0.5, -0.2]], [[0.2, 0.1], [0.4, 0.1], [0.1, -0.3]], Polynomial("p"), 1.0)
+    np.testing.assert_allclose(
+        simulate(model.replace(lagged=True), record, "zero").output.ravel(), at_input, atol=1e-14
+    )
+    direct = LPVTransferFunction.siso(
+        [[-1.2, 0.3], [0.5, -0.2]], [[0.2, 0.1], [0.4, 0.1], [0.1, -0.3]], Polynomial("p"), 1.0
+    )
     with_b0 = [0.2, 0.68, 0.816, 0.848, 1.264, 1.7976, 1.03864, 0.347568]
     np.testing.assert_allclose(simulate(direct, record, "zero").output.ravel(), with_b0, atol=1e-14)
 
@@ -181,10 +225,12 @@ def test_published_second_order_case() -> None:
 @pytest.mark.parametrize("basis", [QUADRATIC, TWO, DYNAMIC, Polynomial()], ids=lambda b: f"M={b.size}")
 def test_state_space_runs_are_plain_loops(basis, rng: np.random.Generator) -> None:
     model = ss_model(rng, basis)
-    record, u, p, y = data(rng, model)
+    record, u, p, _ = data(rng, model)
     x0 = rng.normal(size=3)
     np.testing.assert_allclose(simulate(model, record, x0).output, naive_states(model, u, p, x0), rtol=1e-10)
-    np.testing.assert_allclose(simulate(model, record, "zero").output, naive_states(model, u, p, np.zeros(3)), rtol=1e-10)
+    np.testing.assert_allclose(
+        simulate(model, record, "zero").output, naive_states(model, u, p, np.zeros(3)), rtol=1e-10
+    )
 
 
 def test_an_observer_predicts_one_step(rng: np.random.Generator) -> None:
@@ -195,7 +241,7 @@ def test_an_observer_predicts_one_step(rng: np.random.Generator) -> None:
     exact = with_outputs(record, model, clean)  # noise-free, so that the estimated start is x0 itself
     np.testing.assert_allclose(predict(model, exact).output, clean, atol=1e-8)
     noisy = clean.copy()
-    noisy[model.start:] += rng.normal(size=clean[model.start:].shape)  # after the start: x0 is still exact
+    noisy[model.start :] += rng.normal(size=clean[model.start :].shape)  # after the start: x0 is still exact
     step = predict(model, with_outputs(record, model, noisy))
     np.testing.assert_allclose(step.output, naive_states(model, u, p, x0, noisy), atol=1e-7)
     far = predict(model, with_outputs(record, model, noisy), 1000)
@@ -217,12 +263,21 @@ def test_the_given_past_is_where_the_run_starts(rng: np.random.Generator) -> Non
     model = io_model(rng, ny=2, nu=2)
     record, u, p, y = data(rng, model)
     past = rng.normal(size=(model.start, 2))
-    mixed = np.vstack([past, y[model.start:]])
+    mixed = np.vstack([past, y[model.start :]])
     np.testing.assert_allclose(simulate(model, record, past).output, naive(model, u, p, mixed, None), rtol=1e-10)
 
 
-@pytest.mark.parametrize("case", [{"na": 3, "lags": 3}, {"na": 2, "lags": 2, "ny": 2, "nu": 2}, {"na": 3, "affine": 2},
-                                  {"na": 0, "lags": 1}, {"na": 2, "lags": 1, "lagged": True}], ids=str)
+@pytest.mark.parametrize(
+    "case",
+    [
+        {"na": 3, "lags": 3},
+        {"na": 2, "lags": 2, "ny": 2, "nu": 2},
+        {"na": 3, "affine": 2},
+        {"na": 0, "lags": 1},
+        {"na": 2, "lags": 1, "lagged": True},
+    ],
+    ids=str,
+)
 def test_an_estimated_past_is_exact_without_noise(case: dict, rng: np.random.Generator) -> None:
     """The record starts in the middle of a motion; before it, the input was at rest."""
     model = io_model(rng, gain=0.3, **case)
@@ -241,8 +296,9 @@ def test_an_estimated_state_is_exact_without_noise(scale: float, rng: np.random.
     model = ss_model(rng)
     model = model.replace(state_offset=scale * model.state_offset, output_offset=scale * model.output_offset)  # type: ignore[operator]
     record, u, p, _ = data(rng, model, 300)
-    record = Record({k: scale * c.values if k.startswith("u") else c.values for k, c in record.channels.items()},
-                    sample_time=TS)
+    record = Record(
+        {k: scale * c.values if k.startswith("u") else c.values for k, c in record.channels.items()}, sample_time=TS
+    )
     y = naive_states(model, scale * u, p, scale * rng.normal(size=3))
     for initial, start in (("estimate", 0), ("measured", 6)):
         run = simulate(model, with_outputs(record, model, y), initial)
@@ -273,10 +329,14 @@ def test_an_unstable_run_says_where_it_left_and_units_do_not_matter(scale: float
     n = 1500
     model = LPVTransferFunction.siso([[-pole]], [[1.0]], Polynomial(), TS)
     record = Record({"u1": scale * np.ones(n), "y1": scale * np.ones(n)}, sample_time=TS)
-    for run in (simulate(model, record, "measured"), simulate(model, record, "zero"), simulate(model, record, "estimate"),
-                predict(model, record, n)):
+    for run in (
+        simulate(model, record, "measured"),
+        simulate(model, record, "zero"),
+        simulate(model, record, "estimate"),
+        predict(model, record, n),
+    ):
         assert run.diverged_at is not None
-        assert np.isnan(run.output[run.diverged_at:]).all()
+        assert np.isnan(run.output[run.diverged_at :]).all()
         assert np.isfinite(run.output[: run.diverged_at]).all()
         reached = np.abs(run.output[run.diverged_at - 1, 0]) / scale
         assert 1e9 / abs(pole) / 60 < reached < 1e10
@@ -289,7 +349,7 @@ def test_an_unstable_state_space_run_says_where_it_left() -> None:
     free, step = simulate(model, record), predict(model, record, 1)
     assert free.diverged_at is not None
     assert 40 < free.diverged_at < 80
-    assert np.isnan(free.output[free.diverged_at:]).all()
+    assert np.isnan(free.output[free.diverged_at :]).all()
     assert np.isfinite(free.output[: free.diverged_at]).all()
     assert step.diverged_at is not None  # an observer without gain runs away as well
 
@@ -303,21 +363,37 @@ def test_a_model_that_is_unstable_only_frozen_may_stay_bounded() -> None:
 
 # -- refusals ---------------------------------------------------------------------------------------------------
 def small() -> tuple[LPVTransferFunction, Record]:
-    model = LPVTransferFunction.siso([[-0.5, 0.1]], [[0, 0], [1, 0]], Polynomial("p"), TS, inputs=("u",), outputs=("y",))
+    model = LPVTransferFunction.siso(
+        [[-0.5, 0.1]], [[0, 0], [1, 0]], Polynomial("p"), TS, inputs=("u",), outputs=("y",)
+    )
     return model, Record({"u": np.ones(9), "p": np.zeros(9), "y": np.zeros(9)}, sample_time=TS, name="run3")
 
 
-@pytest.mark.parametrize(("change", "words"), [
-    (lambda r: Record(dict(r.channels), sample_time=1.002 * TS, name="run3"), r"record 'run3' has another rate .*resample"),
-    (lambda r: Record(dict(r.channels), time=[0, 1, 2, 3, 9, 10, 11, 12, 13], name="run3"), "'run3' is not uniformly"),
-    (lambda r: r.with_channel("u", np.array([1, 1, np.nan, 1, 1, 1, 1, 1, 1])), r"'run3', channel 'u', sample 2 .*segments"),
-    (lambda r: r.with_channel("p", np.full(9, np.inf)), "channel 'p', sample 0 is not finite"),
-    (lambda r: r.with_channel("y", np.full(9, np.nan)), "channel 'y', sample 0 is not finite"),
-    (lambda r: Record({"u": r["u"], "p": r["p"]}, sample_time=TS, name="run3"), r"'run3': channel 'y'.*--role y="),
-    (lambda r: Record({**r.channels, "u": Channel(r["u"], "", "furlong/s", False)}, sample_time=TS, name="run3"),
-     "channel 'u': unknown unit: got 'furlong/s'"),
-    (lambda r: r.slice(0, 1), "starts from 1 measured samples: got 1 samples"),
-])
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            lambda r: Record(dict(r.channels), sample_time=1.002 * TS, name="run3"),
+            r"record 'run3' has another rate .*resample",
+        ),
+        (
+            lambda r: Record(dict(r.channels), time=[0, 1, 2, 3, 9, 10, 11, 12, 13], name="run3"),
+            "'run3' is not uniformly",
+        ),
+        (
+            lambda r: r.with_channel("u", np.array([1, 1, np.nan, 1, 1, 1, 1, 1, 1])),
+            r"'run3', channel 'u', sample 2 .*segments",
+        ),
+        (lambda r: r.with_channel("p", np.full(9, np.inf)), "channel 'p', sample 0 is not finite"),
+        (lambda r: r.with_channel("y", np.full(9, np.nan)), "channel 'y', sample 0 is not finite"),
+        (lambda r: Record({"u": r["u"], "p": r["p"]}, sample_time=TS, name="run3"), r"'run3': channel 'y'.*--role y="),
+        (
+            lambda r: Record({**r.channels, "u": Channel(r["u"], "", "furlong/s", False)}, sample_time=TS, name="run3"),
+            "channel 'u': unknown unit: got 'furlong/s'",
+        ),
+        (lambda r: r.slice(0, 1), "starts from 1 measured samples: got 1 samples"),
+    ],
+)
 def test_records_that_do_not_fit_are_refused(change, words: str) -> None:
     model, record = small()
     for run in (simulate, predict):
@@ -336,10 +412,15 @@ def test_outputs_are_not_needed_from_rest_and_nan_elsewhere_does_not_matter() ->
     assert simulate(model, bare, "zero").output[-1, 0] == pytest.approx((1 - 0.5**8) / 0.5)
 
 
-@pytest.mark.parametrize(("initial", "words"), [
-    ("warm", "initial must be one of measured, zero, estimate"), (np.zeros((2, 1)), "initial past outputs must have shape"),
-    (np.zeros(1), "initial must have 2 dimension"), (np.array([[np.nan]]), "initial must be finite"),
-])
+@pytest.mark.parametrize(
+    ("initial", "words"),
+    [
+        ("warm", "initial must be one of measured, zero, estimate"),
+        (np.zeros((2, 1)), "initial past outputs must have shape"),
+        (np.zeros(1), "initial must have 2 dimension"),
+        (np.array([[np.nan]]), "initial must be finite"),
+    ],
+)
 def test_wrong_initial_conditions_are_refused(initial, words: str) -> None:
     model, record = small()
     with pytest.raises(InputError, match=words):
@@ -361,10 +442,12 @@ def test_other_refusals(rng: np.random.Generator) -> None:
 
 def test_the_input_stage_acts_before_the_filter(rng: np.random.Generator) -> None:
     model = LPVTransferFunction.siso([[-0.5, 0.1]], [[0, 0], [0, 0]], Polynomial("p"), TS, inputs=("v",)).replace(
-        b=rng.normal(size=(2, 1, 2, 2)), input_stage=TanhStage(0.3, 0.1))
+        b=rng.normal(size=(2, 1, 2, 2)), input_stage=TanhStage(0.3, 0.1)
+    )
     v, p = rng.normal(size=40), rng.uniform(-1, 1, 40)
     record = Record({"v": v, "p": p, "y1": rng.normal(size=40)}, sample_time=TS)
     shaped = np.column_stack([v, np.tanh(v / (0.3 + 0.1 * p))])
     plain = model.replace(input_stage=None, inputs=("a", "b"))
-    np.testing.assert_allclose(simulate(model, record).output, naive(plain, shaped, p[:, None], record["y1"][:, None], None),
-                               rtol=1e-10)
+    np.testing.assert_allclose(
+        simulate(model, record).output, naive(plain, shaped, p[:, None], record["y1"][:, None], None), rtol=1e-10
+    )

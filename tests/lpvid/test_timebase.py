@@ -69,10 +69,16 @@ def test_small_jitter_is_within_the_limit() -> None:
 
 
 @settings(deadline=None)
-@given(n=st.integers(20, 400), share=st.floats(0.1, 0.9), missing=st.integers(1, 5),
-       period=st.sampled_from([0.01, 0.002, 1 / 3, 0.0125]), decimals=st.sampled_from([3, 4, None]))
-def test_missing_rows_are_a_gap_wherever_they_are(n: int, share: float, missing: int, period: float,
-                                                  decimals: int | None) -> None:
+@given(
+    n=st.integers(20, 400),
+    share=st.floats(0.1, 0.9),
+    missing=st.integers(1, 5),
+    period=st.sampled_from([0.01, 0.002, 1 / 3, 0.0125]),
+    decimals=st.sampled_from([3, 4, None]),
+)
+def test_missing_rows_are_a_gap_wherever_they_are(
+    n: int, share: float, missing: int, period: float, decimals: int | None
+) -> None:
     stamps = period * np.arange(n + missing)
     stamps = stamps if decimals is None else np.round(stamps, decimals)
     at = max(1, min(int(share * n), n - 1))
