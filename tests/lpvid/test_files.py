@@ -14,6 +14,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.io import savemat
+from scipy.sparse import csc_matrix
 
 from lpvid import units
 from lpvid.errors import InputError
@@ -259,6 +260,27 @@ def test_mat_fields_that_share_a_name_and_a_stated_clock(tmp_path):
     assert record.sample_time == 0.005
 
 
+@pytest.mark.parametrize("compressed", [False, True])
+def test_mat_kinds_agree_with_what_scipy_wrote(tmp_path, compressed):
+    kinds = ("i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8", "?")
+    arrays = {f"v_{i}": (np.arange(7) % 3).astype(kind) for i, kind in enumerate(kinds)}
+    odd = {"cells": np.array([1, "a"], dtype=object), "packed": csc_matrix(np.eye(7)), "text": "µ-bearing",
+           "many": np.zeros(2, dtype=[("a", float)]), "deep": {"deeper": {"x": np.arange(7.0)}}}
+    savemat(tmp_path / "a.mat", {**arrays, **odd}, do_compression=compressed)
+    record = read(tmp_path / "a.mat", sample_rate=1.0)[0]
+    assert list(record.channels) == [*arrays, "x"]
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(record[name], array.astype(float))
+    assert {note.split("'")[1] for note in record.notes} == {"cells", "packed", "text", "many"}
+
+
+def test_mat_version_4(tmp_path):
+    savemat(tmp_path / "a.mat", {"time": np.arange(4.0) / 4, "x": np.arange(4.0)}, format="4")
+    record = read(tmp_path / "a.mat")[0]
+    assert record.sample_time == 0.25
+    np.testing.assert_array_equal(record["x"], np.arange(4))
+
+
 def test_mat73_follows_no_links(tmp_path):
     put(tmp_path / "secret.h5", "")
     path = write_mat73(tmp_path / "a.mat", ["time", "x"], ["s", "mm"], [np.arange(3.0), np.arange(3.0)])
@@ -312,7 +334,8 @@ def test_tdms(tmp_path):
 def test_reading_loads_no_heavy_library(tmp_path):
     path = put(tmp_path / "a.csv", HEADER + "\n0,1,2\n1,2,3\n")
     code = (f"import sys; from lpvid.files import read; read({str(path)!r});"
-            "print([m for m in ('pint', 'pandas', 'pyarrow', 'h5py', 'scipy', 'asammdf', 'nptdms') if m in sys.modules])")
+            "print([m for m in ('pint', 'pandas', 'pyarrow', 'h5py', 'scipy', 'asammdf', 'nptdms')"
+            " if m in sys.modules])")
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert done.stdout.strip() == "[]"
 
