@@ -1,0 +1,53 @@
+"""Every example runs, stays short, and gives the answer that it promises."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+
+
+def load(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda p: p.stem)
+def test_an_example_is_short_and_says_what_it_answers(path: Path) -> None:
+    text = path.read_text(encoding="utf8")
+    assert len(text.splitlines()) < 60
+    assert text.startswith('"""')
+
+
+def test_first_model(tmp_path: Path) -> None:
+    assert load("first_model").main(tmp_path) < 0.04
+    assert (tmp_path / "damper.json").exists()
+
+
+def test_state_space_forms() -> None:
+    fits = load("state_space_forms").main()
+    assert fits["period 2000", "controllable"] > 99
+    assert fits["white", "controllable"] < 95
+    assert fits["white", "shifted"] > 99.999 and fits["white", "augmented"] > 99.999
+
+
+def test_thesis_chain_on_a_sample() -> None:
+    averages = load("thesis_chain").main(tests=("test-1", "test-2"))
+    assert averages["tanh, affine, coil lag"] < 0.04
+
+
+def test_critical_current(tmp_path: Path) -> None:
+    assert load("critical_current").main(tmp_path / "locus.png") == pytest.approx(9.0, abs=1e-6)
+    assert (tmp_path / "locus.png").stat().st_size > 10_000
+
+
+def test_gyroscope(shared_data: Path, tmp_path: Path) -> None:
+    fit = load("gyroscope").main(str(shared_data / "gyroscope" / "estimation.csv"), str(tmp_path / "gyroscope.json"))
+    assert fit >= 94.0
