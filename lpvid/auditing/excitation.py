@@ -53,7 +53,7 @@ def _moving(having: Sequence[View], name: str, unit: str, low: float, high: floa
             total += steps.size
     kind = f"{levels} levels" if levels else "continuous"
     share = 100 * moving / max(total, 1)
-    evidence = (f"{low:.4g} … {high:.4g} {unit}".rstrip() + f", {kind}, up to {max(rates):.3g} {unit}/s, in motion "
+    evidence = (f"{low:.4g} … {high:.4g} {unit}".rstrip() + f", {kind}, up to {max(rates):.3g} {unit}/s noise included, in motion "
                 f"(over 1 % of its range from sample to sample) {share:.2g} % of the time")
     mend = "two levels carry no more than a first-degree polynomial" if levels == 2 else ""
     return Finding("scheduling-excitation", lone, name, "note", evidence, mend, high - low)

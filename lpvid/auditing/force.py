@@ -54,13 +54,21 @@ def mixed_polarity(views: Sequence[View]) -> Iterator[Finding]:
 
 
 def _at_rest(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """(sample, force, direction) at every zero crossing of the velocity, by linear interpolation."""
+    """(sample, force, direction) at every reversal of the motion, by linear interpolation of the zero crossing.
+
+    A reversal leads from beyond 20 % of the largest speed one way to beyond it the other way, so that noise about a
+    standstill counts for nothing.
+    """
     if view.stroke is None:
         return None
     _, velocity, force = view.stroke
-    before = np.flatnonzero(np.signbit(velocity[:-1]) != np.signbit(velocity[1:]))
-    step = velocity[before] - velocity[before + 1]
-    share = velocity[before] / step
+    crossings = np.flatnonzero(np.signbit(velocity[:-1]) != np.signbit(velocity[1:]))
+    fast = np.flatnonzero(np.abs(velocity) > 0.2 * np.percentile(np.abs(velocity), 99))
+    turned = fast[1:][np.signbit(velocity[fast[1:]]) != np.signbit(velocity[fast[:-1]])]
+    if not crossings.size or not turned.size:
+        return None
+    before = crossings[np.maximum(np.searchsorted(crossings, turned) - 1, 0)]
+    share = velocity[before] / (velocity[before] - velocity[before + 1])
     rising = velocity[before + 1] > velocity[before]
     return before + share, force[before] + share * (force[before + 1] - force[before]), rising
 

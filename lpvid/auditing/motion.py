@@ -12,6 +12,9 @@ from lpvid.auditing.view import View, bandwidth
 from lpvid.condition import delay
 from lpvid.condition.resampling import interpolate
 
+_STENCIL = -np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
+"""central difference of eighth order, for np.convolve: within 1 % up to 0.28 of the sampling rate."""
+
 
 @dataclass(frozen=True)
 class _Relation:
@@ -53,13 +56,15 @@ def _pair(view: View) -> tuple[np.ndarray, np.ndarray] | None:
     found = view.run(view.displacement, view.velocity)
     if found is None or not np.ptp(found[0]) > 0 or not np.ptp(found[1]) > 0:
         return None
-    return np.gradient(found[0], view.period), found[1]
+    reach = _STENCIL.size // 2
+    return np.convolve(found[0], _STENCIL, mode="valid") / view.period, found[1][reach:-reach]
 
 
 def _relate(slope: np.ndarray, velocity: np.ndarray, period: float) -> _Relation | None:
     reach = min(max(8, round(0.05 / period)), slope.size // 5)
     if reach < 3:
         return None
+    slope, velocity = _quiet(slope, velocity, period)
     late = delay(slope, velocity, period, reach * period) / period
     rows = np.arange(reach + 2, slope.size - reach - 2)
     moved = interpolate(slope[:, None], np.clip(rows - late, 0, slope.size - 1))[:, 0]
@@ -68,6 +73,17 @@ def _relate(slope: np.ndarray, velocity: np.ndarray, period: float) -> _Relation
     gain = float(moved @ target / (moved @ moved))
     residual = float(np.std(target - gain * moved) / np.std(target))
     return _Relation(gain, late, residual, bandwidth(velocity, period, 0.5))
+
+
+def _quiet(slope: np.ndarray, velocity: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """Both without what lies far above the motion's own band: noise would make the gain look small."""
+    from scipy.signal import butter, sosfiltfilt
+
+    cutoff = 2.5 * bandwidth(velocity, period, 0.95)
+    if not 0 < cutoff < 0.3 / period:
+        return slope, velocity
+    sections = butter(4, cutoff, fs=1 / period, output="sos")
+    return np.asarray(sosfiltfilt(sections, slope)), np.asarray(sosfiltfilt(sections, velocity))
 
 
 def _delayed(view: View, relation: _Relation) -> Iterator[Finding]:
@@ -117,7 +133,7 @@ def _one_sided(view: View, slope: np.ndarray, velocity: np.ndarray) -> Iterator[
 
 
 def _response(slope: np.ndarray, velocity: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """(frequency, velocity over ẋ) where both are coherent, the central difference's droop taken out."""
+    """(frequency, velocity over ẋ) where both are coherent."""
     from scipy.signal import coherence, csd, welch
 
     size = int(min(1024, slope.size // 8))
@@ -126,8 +142,7 @@ def _response(slope: np.ndarray, velocity: np.ndarray, period: float) -> tuple[n
     frequency, cross = csd(slope, velocity, 1 / period, nperseg=size)
     power = welch(slope, 1 / period, nperseg=size)[1]
     alike = coherence(slope, velocity, 1 / period, nperseg=size)[1]
-    keep = (alike > 0.9) & (frequency > 0) & (frequency < 0.3 / period) & (power > 1e-5 * power.max())
+    keep = (alike > 0.9) & (frequency > 0) & (frequency < 0.25 / period) & (power > 1e-5 * power.max())
     if keep.sum() < 16 or frequency[keep].max() < 4 * frequency[keep].min():
         return None
-    turn = 2 * np.pi * frequency[keep] * period
-    return frequency[keep], cross[keep] / power[keep] * np.sinc(turn / np.pi)
+    return frequency[keep], cross[keep] / power[keep]

@@ -7,42 +7,45 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from lpvid.auditing.findings import Finding
-from lpvid.auditing.view import View, bandwidth
+from lpvid.auditing.view import View, band, bandwidth
 
 _SPARE = 4.0
 """sampling rate that a bandwidth deserves, as a multiple of it."""
 
 
 def noise(views: Sequence[View]) -> Iterator[Finding]:
-    """Noise of each moving channel: what neighbouring samples do not share, median over the records."""
-    found: dict[str, list[tuple[float, float]]] = {}
+    """Noise of each moving channel: the floor of its spectrum spread over the whole band, median over the records."""
+    found: dict[str, list[tuple[float, float, bool]]] = {}
     for view in views:
         for name in view.usable:
             measured = _noise(view, name)
             if measured:
                 found.setdefault(name, []).append(measured)
-    for name, pairs in found.items():
-        level = float(np.median([p[0] for p in pairs]))
-        ratio = float(np.median([20 * np.log10(p[1] / max(p[0], 1e-12 * p[1])) for p in pairs]))
+    for name, rows in found.items():
+        level = float(np.median([row[0] for row in rows]))
+        ratio = float(np.median([20 * np.log10(row[1] / row[0]) for row in rows]))
         unit = next(v.record.unit(name) for v in views if name in v.usable)
-        yield Finding("noise-level", "" if len(views) > 1 else views[0].name, name,
-                      "warning" if ratio < 20 else "note",
-                      f"noise {level:.3g} {unit} rms, {ratio:.0f} dB below the signal",
-                      "shield or filter; expect no model better than that" if ratio < 20 else "", level)
+        about = "noise" if np.mean([row[2] for row in rows]) > 0.5 else "noise at most"
+        poor = ratio < 20 and about == "noise"
+        yield Finding("noise-level", "" if len(views) > 1 else views[0].name, name, "warning" if poor else "note",
+                      f"{about} {level:.3g} {unit} rms, {ratio:.0f} dB below the signal",
+                      "shield or filter; expect no model better than that" if poor else "", level)
 
 
-def _noise(view: View, name: str) -> tuple[float, float] | None:
-    """(noise rms, signal rms) by fourth differences; None where the signal fills the band, which hides its noise."""
+def _noise(view: View, name: str) -> tuple[float, float, bool] | None:
+    """(noise rms, signal rms, whether the floor is flat); None where the signal fills the band, which hides it."""
     if not view.moves(name) or view.few_levels(name) or name in view.scheduling:
         return None
     found = view.run(name)
-    if found is None or view.period is None:
+    if found is None or view.period is None or not np.ptp(found[0]) > 0:
         return None
-    x = found[0]
-    if not np.ptp(x) > 0 or bandwidth(x, view.period) > 0.1 / view.period:
+    frequency, power = band(found[0], view.period)
+    n = frequency.size
+    inner, outer = (float(np.median(power[int(a * n):int(b * n)])) for a, b in ((0.7, 0.84), (0.84, 0.98)))
+    floor, rms = min(inner, outer), float(found[0].std())
+    if not floor > 1e-14 * rms**2 * view.period or power.max() < 100 * max(inner, outer):
         return None
-    level = float(np.median(np.abs(np.diff(x, 4))) / (0.674490 * np.sqrt(70.0)))
-    return (level, float(x.std())) if level > 1e-7 * x.std() else None
+    return float(np.sqrt(floor * 0.5 / view.period)), rms, max(inner, outer) < 2 * floor
 
 
 def oversampled(views: Sequence[View]) -> Iterator[Finding]:
@@ -67,11 +70,13 @@ def oversampled(views: Sequence[View]) -> Iterator[Finding]:
 
 
 def _filled(view: View, name: str) -> float:
-    """Bandwidth [Hz] of a channel, 0 for temperatures and stepped commands; of its slope for a displacement."""
-    found = None if view.record.unit(name) == "K" or view.rests(name) else view.run(name)
+    """Bandwidth [Hz] of a channel, 0 for temperatures and stepped commands; a displacement counts by its slope,
+    unless the velocity was measured."""
+    known = view.velocity is not None and name == view.displacement
+    found = None if known or view.record.unit(name) == "K" or view.rests(name) else view.run(name)
     if found is None or view.period is None or not np.ptp(found[0]) > 0:
         return 0.0
-    return bandwidth(np.diff(found[0]) if view.record.unit(name) == "m" else found[0], view.period)
+    return bandwidth(found[0], view.period, slope=view.record.unit(name) == "m")
 
 
 def moving_average(view: View) -> Iterator[Finding]:
@@ -101,10 +106,10 @@ def comb_length(x: np.ndarray, period: float) -> tuple[int, float] | None:
     spacing = float(frequency[1])
     tone = float(frequency[int(np.argmax(power))])
     best: tuple[int, float] | None = None
-    for length in range(3, 129):
+    for length in range(3, 257):
         null = 1 / (length * period)
         reach = 0.12 * null / spacing
-        if reach < 1.5 or null < 6 * tone:
+        if reach < 1.0 or null < 6 * tone:
             continue
         contrast = _contrast(level, null / spacing, reach)
         if contrast.size >= 3 and np.mean(contrast > 3.0) >= 0.75 and (depth := float(np.median(contrast))) > 6.0 \
@@ -115,9 +120,13 @@ def comb_length(x: np.ndarray, period: float) -> tuple[int, float] | None:
 
 def _contrast(level: np.ndarray, null: float, reach: float) -> np.ndarray:
     """Level of the lobes on both sides of each null minus the level at the null [dB]."""
-    def around(at: float) -> float:
-        return float(np.median(level[max(int(np.ceil(at - reach)), 0):int(np.floor(at + reach)) + 1]))
+    sums = np.cumsum(np.insert(level, 0, 0.0))
+
+    def around(at: np.ndarray) -> np.ndarray:
+        first = np.maximum(np.ceil(at - reach), 0).astype(int)
+        last = np.floor(at + reach).astype(int) + 1
+        return (sums[last] - sums[first]) / (last - first)
 
     count = int((level.size - 1 - reach) / null - 0.5)
-    return np.array([0.5 * (around((i - 0.5) * null) + around((i + 0.5) * null)) - around(i * null)
-                     for i in range(2, count + 1)])
+    at = null * np.arange(2, count + 1)
+    return 0.5 * (around(at - 0.5 * null) + around(at + 0.5 * null)) - around(at)

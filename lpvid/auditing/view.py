@@ -162,10 +162,16 @@ def band(values: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
     return frequency, power
 
 
-def bandwidth(values: np.ndarray, period: float, share: float = 0.99) -> float:
-    """Frequency [Hz] below which `share` of the power lies."""
+def bandwidth(values: np.ndarray, period: float, share: float = 0.99, slope: bool = False) -> float:
+    """Frequency [Hz] below which `share` of the power lies; with `slope`, of the derivative's, less twice the noise
+    floor seen in the top fifth of the band, which differentiating would blow up."""
     frequency, power = band(values, period)
+    if slope:
+        floor = float(np.median(power[-max(power.size // 5, 1):]))
+        power = np.maximum(power - 2 * floor, 0.0) * frequency**2
     total = np.cumsum(power)
+    if not total[-1] > 0:
+        return float(frequency[-1])
     return float(frequency[min(int(np.searchsorted(total, share * total[-1])), frequency.size - 1)])
 
 

@@ -1,0 +1,383 @@
+"""The audit: every check on data with the fault put in, and on the clean twin."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lpvid.auditing import Audit, audit
+from lpvid.condition import low_pass, segments
+from lpvid.errors import InputError
+from lpvid.files import read
+from lpvid.record import Channel, Record
+
+NAN = np.nan
+PERIOD = 0.005
+N = 4000
+
+
+def clean(seed: int = 5, n: int = N, name: str = "clean", period: float = PERIOD) -> Record:
+    """A damper on a rig: 14 tones up to 18 Hz, a wandering current, dissipative force, 0.3 % noise."""
+    rng = np.random.default_rng(seed)
+    t = period * np.arange(n)
+    displacement, velocity, current = np.zeros(n), np.zeros(n), np.full(n, 1.2)
+    for f in rng.uniform(0.3, 18, 14):
+        phase, amplitude = rng.uniform(0, 6.28), 0.01 / f
+        displacement += amplitude * np.sin(2 * np.pi * f * t + phase)
+        velocity += 2 * np.pi * f * amplitude * np.cos(2 * np.pi * f * t + phase)
+    for f in rng.uniform(0.2, 6, 5):
+        current += 0.2 * np.sin(2 * np.pi * f * t + rng.uniform(0, 6.28))
+    force = 200 * (1 + current) * np.tanh(velocity / 0.1) + 800 * velocity
+    noisy = {
+        "displacement": Channel(displacement + 2e-6 * rng.normal(size=n), "m", "m"),
+        "velocity": Channel(velocity + 1e-3 * rng.normal(size=n), "m/s", "m/s"),
+        "current": Channel(current, "A", "A"),
+        "force": Channel(force + 2.0 * rng.normal(size=n), "N", "N"),
+    }
+    return Record(noisy, sample_time=period, name=name)
+
+
+def change(record: Record, channel: str, fault: Callable[[np.ndarray], np.ndarray]) -> Record:
+    """The record with one channel replaced by a function of itself."""
+    return record.with_channel(channel, fault(record[channel].copy()), record.unit(channel))
+
+
+def restamped(time: np.ndarray) -> Record:
+    record = clean(n=time.size)
+    return Record(record.channels, time=time, name="stamped")
+
+
+def only(found: Audit, name: str) -> tuple[str, str]:
+    """(severity, channel) of the one finding of this name."""
+    (finding,) = found.of(name)
+    assert finding.evidence
+    return finding.severity, finding.channel
+
+
+def set_at(rows: slice | int, value: float) -> Callable[[np.ndarray], np.ndarray]:
+    def fault(x: np.ndarray) -> np.ndarray:
+        x[rows] = value
+        return x
+
+    return fault
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_clean_record_is_clean(seed: int) -> None:
+    found = audit(clean(seed))
+    assert found.clean, str(found)
+    assert "nothing against" in found.verdict
+
+
+def test_clean_excitations_of_other_shapes_are_clean(rng: np.random.Generator) -> None:
+    t = PERIOD * np.arange(N)
+    two_levels = np.repeat(rng.integers(0, 2, 100), 40).astype(float) * 2.0
+    for phase in (np.sin(2 * np.pi * 1.7 * t), 2 / np.pi * np.arcsin(np.sin(2 * np.pi * 0.7 * t))):
+        velocity = np.gradient(0.02 * phase, PERIOD)
+        force = 900 * np.tanh(velocity / 0.05) * (1 + two_levels) + rng.normal(size=N)
+        found = audit(Record({"displacement": 0.02 * phase, "current": two_levels, "force": force},
+                             sample_time=PERIOD, units={"displacement": "m", "current": "A", "force": "N"}))
+        assert found.clean, str(found)
+
+
+# -- clock ------------------------------------------------------------------------------------------------------
+def test_clock_faults() -> None:
+    grid = PERIOD * np.arange(N)
+    rng = np.random.default_rng(2)
+    assert only(audit(restamped(grid + rng.uniform(-0.1, 0.1, N) * PERIOD)), "jitter") == ("fault", "")
+    gap = audit(restamped(np.where(np.arange(N) < 2000, grid, grid + 0.5)))
+    assert only(gap, "time-gaps") == ("warning", "")
+    assert gap.of("time-gaps")[0].value == pytest.approx(0.5)
+    repeated, backward, invalid = grid.copy(), grid.copy(), grid.copy()
+    repeated[1000], backward[1000], invalid[1000] = grid[999], grid[990], NAN
+    for stamps, name in ((repeated, "duplicate-time"), (backward, "backward-time"), (invalid, "invalid-time")):
+        found = audit(restamped(stamps))
+        assert only(found, name) == ("fault", "")
+        assert "row 1001" in found.of(name)[0].evidence
+
+
+def test_rounded_stamps_are_a_note_and_no_jitter() -> None:
+    record = clean(period=1 / 3004.8)
+    found = audit(Record(record.channels, time=np.round(np.arange(N) / 3004.8, 4)))
+    assert only(found, "rounded-stamps") == ("note", "")
+    assert not found.of("jitter")
+
+
+def test_rates_that_differ() -> None:
+    found = audit([clean(name="a"), clean(seed=6, period=0.01, name="b")])
+    assert only(found, "mixed-rates")[0] == "warning"
+    assert found.of("mixed-rates")[0].mend == "--sample-rate 100"
+
+
+# -- single channels --------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("fault", "name", "severity"),
+    [
+        (set_at(slice(100, 110), NAN), "missing-samples", "note"),
+        (set_at(slice(100, 300), NAN), "missing-samples", "warning"),
+        (set_at(17, np.inf), "infinite-samples", "fault"),
+        (lambda x: np.clip(x, -0.7 * np.abs(x).max(), None), "clipped", "warning"),
+        (lambda x: np.clip(x, None, np.percentile(x, 97)), "clipped", "warning"),
+        (lambda x: np.round(x / (0.2 * x.std())) * 0.2 * x.std(), "quantised", "warning"),
+        (lambda x: np.round(x / (0.02 * x.std())) * 0.02 * x.std(), "quantised", "note"),
+        (lambda x: np.full_like(x, 3.0), "constant-channel", "warning"),
+        (lambda x: x + 0.5 * x.std() * np.random.default_rng(1).normal(size=x.size), "noise-level", "warning"),
+    ],
+)
+def test_a_fault_of_one_channel_is_found_there(fault: Callable, name: str, severity: str) -> None:
+    assert not [f for f in audit(clean()).of(name) if f.severity == severity and f.channel == "force"]
+    found = audit(change(clean(), "force", fault))
+    assert [(f.severity, f.channel) for f in found.of(name) if f.channel == "force"] == [(severity, "force")]
+
+
+def test_noise_is_measured() -> None:
+    (finding,) = [f for f in audit(clean(period=PERIOD / 10, n=20000)).of("noise-level") if f.channel == "force"]
+    assert finding.severity == "note"
+    assert finding.value == pytest.approx(2.0, rel=0.1)
+
+
+def test_the_lattice_step_is_measured() -> None:
+    (finding,) = audit(change(clean(), "force", lambda x: np.round(x / 7.0) * 7.0)).of("quantised")
+    assert finding.value == pytest.approx(7.0, rel=1e-3)
+
+
+def test_text_and_units() -> None:
+    channels = dict(clean().channels)
+    channels["note"] = Channel(np.where(np.arange(N) == 4, NAN, 1.0), "", None, True, "text 'abc' in row 5")
+    channels["odd"] = Channel(clean()["force"] ** 2, "", "raw", False)
+    channels["bare"] = Channel(np.cos(np.arange(N) ** 1.1), "", None, True)
+    found = audit(Record(channels, sample_time=PERIOD))
+    assert only(found, "text-in-numbers") == ("fault", "note")
+    assert only(found, "unknown-unit") == ("warning", "odd")
+    assert ("note", "bare") in [(f.severity, f.channel) for f in found.of("missing-unit")]
+    assert "1 fault(s)" in found.verdict
+
+
+def test_one_signal_under_two_names() -> None:
+    record = clean()
+    found = audit(record.with_channel("copy", -3 * record["velocity"], "mm"))
+    assert only(found, "same-channel-twice") == ("warning", "copy")
+
+
+# -- motion -----------------------------------------------------------------------------------------------------
+def test_velocity_of_wrong_scale_sign_or_origin() -> None:
+    scaled = audit(change(clean(), "velocity", lambda v: 1.2 * v)).of("velocity-scale")
+    assert scaled[0].value == pytest.approx(1.2, rel=0.01)
+    turned = audit(change(clean(), "velocity", np.negative))
+    assert only(turned, "velocity-sign") == ("warning", "velocity")
+    other = clean(seed=99)["velocity"]
+    assert only(audit(change(clean(), "velocity", lambda v: other)), "velocity-mismatch")[0] == "warning"
+
+
+@pytest.mark.parametrize("late", [2, -3])
+def test_a_late_velocity_is_found_with_its_sign(late: int) -> None:
+    (finding,) = audit(change(clean(), "velocity", lambda v: np.roll(v, late))).of("velocity-delay")
+    assert finding.value == pytest.approx(late * PERIOD, abs=2e-4)
+    assert finding.severity == "warning"
+
+
+def test_a_backward_difference_is_recognised() -> None:
+    record = clean()
+    x = record["displacement"]
+    smooth = low_pass(record, 25.0)["displacement"]
+    slope = np.diff(smooth, prepend=smooth[0]) / PERIOD
+    found = audit(record.with_channel("displacement", smooth, "m").with_channel("velocity", slope, "m/s"))
+    (finding,) = found.of("one-sided-difference")
+    assert finding.value == pytest.approx(PERIOD / 2, rel=0.03)
+    assert "backward" in finding.evidence
+    assert x.size == smooth.size
+
+
+@pytest.mark.parametrize("channel", ["velocity", "displacement"])
+def test_a_causal_filter_on_one_motion_channel_is_found_and_one_on_all_is_not(channel: str) -> None:
+    record = clean(n=12000)
+    found = audit(low_pass(record, 15.0, order=1, zero_phase=False, channels=[channel]))
+    (finding,) = found.of("one-sided-filter")
+    assert finding.channel == channel
+    assert finding.value == pytest.approx(15.0, rel=0.15)
+    assert not audit(low_pass(record, 15.0, order=1, zero_phase=False)).of("one-sided-filter")
+    assert not audit(low_pass(record, 15.0, order=1, channels=[channel])).of("one-sided-filter")
+
+
+# -- force ------------------------------------------------------------------------------------------------------
+def test_polarity_is_found_with_and_without_a_velocity_channel() -> None:
+    record = change(clean(), "force", np.negative)
+    found = audit(record)
+    assert only(found, "reversed-polarity") == ("warning", "force")
+    assert found.of("reversed-polarity")[0].mend == "--flip force"
+    product = np.cov(record["force"], record["velocity"])[0, 1]
+    assert found.of("reversed-polarity")[0].value == pytest.approx(product, rel=1e-3)
+    bare = Record({k: c for k, c in record.channels.items() if k != "velocity"}, sample_time=PERIOD)
+    assert only(audit(bare), "reversed-polarity")[0] == "warning"
+    assert not audit(record.flip("force")).of("reversed-polarity")
+
+
+def test_a_spring_has_no_polarity_to_complain_of() -> None:
+    record = clean()
+    found = audit(record.with_channel("force", 5e4 * record["displacement"], "N"))
+    assert not found.of("reversed-polarity")
+    assert found.of("polarity-unclear")
+
+
+def test_signs_that_differ_between_records() -> None:
+    found = audit([clean(1, name="a"), change(clean(2, name="b"), "force", np.negative), clean(3, name="c")])
+    assert "'b'" in found.of("mixed-polarity")[0].evidence
+    assert [f.record for f in found.of("reversed-polarity")] == ["b"]
+
+
+def test_force_offset_and_drift() -> None:
+    (offset,) = audit(change(clean(), "force", lambda f: f + 80.0)).of("force-offset")
+    assert offset.value == pytest.approx(80.0, rel=0.15)
+    (drift,) = audit(change(clean(), "force", lambda f: f + np.linspace(-40, 60, N))).of("force-drift")
+    assert drift.value == pytest.approx(100.0, rel=0.25)
+    varies = audit([clean(1, name="a"), change(clean(2, name="b"), "force", lambda f: f + 120)])
+    assert varies.of("force-offset-varies")[0].value == pytest.approx(120.0, rel=0.25)
+
+
+# -- excitation -------------------------------------------------------------------------------------------------
+def test_scheduling_excitation() -> None:
+    steps = np.repeat(np.random.default_rng(4).integers(0, 2, N // 50), 50) * 1.5
+    noisy = steps + 0.01 * np.random.default_rng(5).normal(size=N)
+    for command in (steps, noisy):
+        (finding,) = audit(change(clean(), "current", lambda c, x=command: x)).of("scheduling-excitation")
+        assert "2 levels" in finding.evidence
+    assert "continuous" in audit(clean()).of("scheduling-excitation")[0].evidence
+    held = change(clean(), "current", lambda c: np.full_like(c, 0.5))
+    assert only(audit(held), "constant-scheduling") == ("warning", "current")
+    both = audit([held, change(clean(6, name="x"), "current", np.ones_like)])
+    assert only(both, "scheduling-constant-within-records") == ("note", "current")
+    assert not both.of("constant-scheduling")
+    with pytest.raises(InputError, match="no record 'clean': channel 'speed'"):
+        audit(clean(), scheduling=["speed"])
+
+
+def test_repetition_is_a_note_with_its_period() -> None:
+    one = clean(n=1000)
+    twice = Record({k: Channel(np.tile(c.values, 4), c.unit, c.unit) for k, c in one.channels.items()},
+                   sample_time=PERIOD)
+    (finding,) = audit(twice).of("repeated-segments")
+    assert finding.value == pytest.approx(5.0, abs=0.01)
+    same = audit([clean(name="a"), clean(name="b")])
+    assert {f.channel for f in same.of("same-in-two-records")} == {"displacement", "velocity", "current", "force"}
+
+
+def test_too_fast_a_rate_and_moving_averages() -> None:
+    (finding,) = audit(clean(period=PERIOD / 10, n=40000)).of("oversampled")
+    assert 15 < finding.value < 40
+    record = clean(n=12000)
+    averaged = change(record, "displacement", lambda x: np.convolve(x, np.full(20, 1 / 20), mode="same"))
+    assert [(f.channel, f.value) for f in audit(averaged).of("moving-average")] == [("displacement", 20.0)]
+    assert not audit(record).of("moving-average")
+
+
+def test_a_name_that_promises_another_amplitude() -> None:
+    t = PERIOD * np.arange(N)
+    channels = {"displacement": Channel(1.6e-3 * np.sin(2 * np.pi * 5 * t), "m"), "current": Channel(np.ones(N), "A")}
+    assert not audit(Record(channels, sample_time=PERIOD, name="1.6mm5Hz1A")).findings[0].name.startswith("nominal")
+    found = audit(Record(channels, sample_time=PERIOD, name="2mm4Hz0p25A"))
+    values = {f.name: f.value for f in found.findings if f.name.startswith("nominal")}
+    assert values == {"nominal-amplitude": pytest.approx(1.6, rel=0.01), "nominal-current": 1.0,
+                      "nominal-frequency": pytest.approx(5.0, rel=0.01)}
+
+
+# -- the audit itself -------------------------------------------------------------------------------------------
+def test_it_prints_and_serialises_the_same_every_time() -> None:
+    records = [change(clean(name="b"), "force", np.negative), clean(2, name="a")]
+    one, two = audit(records), audit(records)
+    assert str(one) == str(two)
+    assert len(str(one).splitlines()) <= 12
+    assert "warning" in str(one).splitlines()[0]
+    written = json.loads(json.dumps(one.to_dict(), allow_nan=False))
+    assert written["schema"] == "lpvid/audit/1"
+    assert set(written["findings"][0]) >= {"name", "record", "channel", "severity", "evidence", "mend"}
+    ranks = [("fault", "warning", "note").index(f["severity"]) for f in written["findings"]]
+    assert ranks == sorted(ranks)
+
+
+def test_anything_that_parses_can_be_audited(rng: np.random.Generator) -> None:
+    audit(Record({"x": [1.0]}, sample_time=1.0))
+    audit(Record({"x": [1.0], "force": [2.0]}, time=np.array([0.0])))
+    audit(Record({"x": [NAN] * 100, "velocity": rng.normal(size=100)}, sample_time=1.0))
+    audit(Record({"force": [NAN] * 100, "velocity": [np.inf] * 100}, time=np.full(100, NAN)))
+    audit(Record({"force": rng.normal(size=100), "velocity": np.zeros(100)}, time=rng.normal(size=100)))
+    audit(Record({"displacement": rng.normal(size=70), "velocity": rng.normal(size=70), "force": rng.normal(size=70)},
+                 sample_time=0.1))
+    with pytest.raises(InputError):
+        audit([])
+
+
+def test_a_long_record_is_audited_in_seconds() -> None:
+    record = clean(n=36_000)
+    begin = time.perf_counter()
+    audit(record)
+    assert time.perf_counter() - begin < 4
+
+
+# -- real measurements: what the people who made them say of them ------------------------------------------------
+def _names(found: Audit, *severities: str) -> set[str]:
+    return {f.name for f in found.findings if f.severity in severities}
+
+
+def test_random_mr_damper(shared_data: Path) -> None:
+    records = read(shared_data / "mr_damper_random" / "estimation.csv")
+    found = audit(records)
+    assert only(found, "unknown-unit") == ("warning", "acceleration")
+    assert only(found, "rounded-stamps")[0] == "note"
+    rate = float(found.of("oversampled")[0].mend.removeprefix("--sample-rate "))
+    assert 400 < rate < 650
+    assert "2 levels" in found.of("scheduling-excitation")[0].evidence
+    assert not found.of("reversed-polarity")
+    assert _names(found, "fault", "warning") == {"unknown-unit"}
+    assert segments(records, ["velocity", "voltage", "force"], sample_rate=500.8)[0].n_samples == 6010
+
+
+def test_fixed_voltage_mr_damper(shared_data: Path) -> None:
+    found = audit(read(shared_data / "mr_damper_fixed_voltage" / "estimation.csv"))
+    assert only(found, "reversed-polarity") == ("warning", "force")
+    assert only(found, "no-scheduling")[0] == "note"
+    assert _names(found, "fault", "warning") == {"reversed-polarity"}
+
+
+def test_mr_damper_sines(shared_data: Path) -> None:
+    found = audit(read(shared_data / "mr_damper_sines"))
+    assert {f.record[:6] for f in found.of("nominal-amplitude")} == {"2mm5Hz"}
+    assert all(f.value == pytest.approx(1.62, abs=0.02) for f in found.of("nominal-amplitude"))
+    assert len(found.of("nominal-amplitude")) == 4
+    assert "0, 0.25, 0.75, 1 A" in found.of("scheduling-constant-within-records")[0].evidence
+    averaged = {f.record: f.value for f in found.of("moving-average") if f.channel == "displacement"}
+    assert len(averaged) == 20
+    assert {averaged["10mm1Hz0A"], averaged["25mm0p5Hz1A"], averaged["25mm0p25Hz0A"]} == {100.0, 40.0, 80.0}
+    assert len(found.of("one-sided-difference")) == 24
+    assert not found.of("nominal-current")
+    assert not found.of("nominal-frequency")
+    assert not found.of("reversed-polarity")
+    assert found.of("mixed-rates")
+    assert found.count("fault") == 0
+
+
+def test_race_damper(shared_data: Path) -> None:
+    found = audit(read(shared_data / "race_damper_dyno"))
+    assert {f.record for f in found.of("reversed-polarity")} == {"t1_1_1_18_18_s1_n10_100psi",
+                                                                  "t1_1_1_18_18_s5_n10_150psi"}
+    assert found.of("mixed-polarity")
+    assert found.of("force-offset-varies")
+    assert "297.4 … 342.9 K" in found.of("scheduling-excitation")[0].evidence
+    assert found.count("fault") == 0
+
+
+def test_quarter_car_rig_road_and_gyroscope(shared_data: Path) -> None:
+    rig = audit(read(shared_data / "quarter_car_rig"))
+    assert rig.clean, str(rig)
+    assert {f.channel for f in rig.of("same-in-two-records")} == {"actuator force"}
+    road = audit(read(shared_data / "belgian_block_road", sample_rate=100.0))
+    assert road.clean, str(road)
+    gyroscope = audit(read(shared_data / "gyroscope"))
+    assert gyroscope.clean, str(gyroscope)
+    # the noise of this simulation is published: 0.0137 rad/s
+    assert gyroscope.of("noise-level")[0].value == pytest.approx(0.0137, rel=0.03)
+    assert {"p1", "p2", "p3"} <= {f.channel for f in gyroscope.of("scheduling-excitation")}
