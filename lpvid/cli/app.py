@@ -1,0 +1,37 @@
+"""The `lpvid` application: its commands and what they share."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from lpvid.cli.identify import identify
+from lpvid.cli.inspect import inspect
+from lpvid.cli.running import new_app
+from lpvid.cli.stability import stability
+from lpvid.cli.validate import validate
+
+app = new_app("Identify LPV models from measured data, and say how good and how stable they are.")
+
+
+def _version(value: bool) -> None:
+    if value:
+        from lpvid import __version__
+
+        typer.echo(f"lpvid {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True,
+                                                  help="Print the version and stop.")] = False) -> None:
+    """Identify LPV models from measured data, and say how good and how stable they are.
+
+    Exit codes: 0 done; 2 the input is at fault (one line says what, nothing is written); 3 a numerical outcome short of
+    what was asked, with the result written.
+    """
+
+
+for _command in (inspect, identify, validate, stability):
+    app.command()(_command)

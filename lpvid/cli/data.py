@@ -1,0 +1,164 @@
+"""From the command line's words to records: files, roles, signs, held-out parts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from fractions import Fraction
+
+from lpvid.errors import InputError
+from lpvid.record import Record
+
+
+def split_names(given: Iterable[str] | None) -> tuple[str, ...]:
+    """Names from repeated options and comma-separated lists, in order.
+
+    Examples
+    --------
+    >>> split_names(["a,b", "c"])
+    ('a', 'b', 'c')
+    """
+    return tuple(part.strip() for text in given or () for part in text.split(",") if part.strip())
+
+
+def numbers(text: str, option: str) -> int | tuple[int, ...]:
+    """A whole number, or several with commas.
+
+    Examples
+    --------
+    >>> numbers("4", "--nb"), numbers("4,2", "--nb")
+    (4, (4, 2))
+    """
+    try:
+        found = tuple(int(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"{option} takes whole numbers", got=repr(text), mend=f"e.g. {option} 4 or {option} 4,3") from None
+    return found[0] if len(found) == 1 else found
+
+
+def share(text: str) -> float:
+    """A part of every record: ``1/3``, ``0.33``, ``33%`` or ``last-third``.
+
+    Examples
+    --------
+    >>> share("1/4"), share("25%"), round(share("last-third"), 6)
+    (0.25, 0.25, 0.333333)
+    """
+    word = text.strip().lower().removeprefix("last-").removeprefix("last ")
+    spelled = {"half": "1/2", "third": "1/3", "quarter": "1/4", "fifth": "1/5", "tenth": "1/10"}
+    word = spelled.get(word, word)
+    try:
+        value = Fraction(word.removesuffix("%").strip()) / (100 if word.endswith("%") else 1)
+    except (ValueError, ZeroDivisionError):
+        raise InputError("--hold-out takes a share of every record", got=repr(text), mend="e.g. --hold-out 1/3") from None
+    if not 0 < value < 1:
+        raise InputError("--hold-out must lie between 0 and 1", got=text, mend="e.g. --hold-out 1/3")
+    return float(value)
+
+
+def interval(text: str, option: str) -> tuple[str, tuple[float, float]]:
+    """``A:B`` or ``NAME=A:B`` as (name or "", (low, high)).
+
+    Examples
+    --------
+    >>> interval("current=0:2.5", "--range")
+    ('current', (0.0, 2.5))
+    """
+    name, _, ends = text.rpartition("=")
+    low, colon, high = ends.partition(":")
+    if not colon:
+        raise InputError(f"{option} takes A:B or NAME=A:B", got=repr(text))
+    pair = (_number(low, option), _number(high, option))
+    if not pair[0] < pair[1]:
+        raise InputError(f"{option} needs its lower end below its upper end", got=repr(text))
+    return name.strip(), pair
+
+
+def rates(given: Sequence[str] | None, names: Sequence[str]) -> float | dict[str, float | None] | None:
+    """``R`` for every variable, or ``NAME=R`` for some; None where nothing was given."""
+    listed = split_names(given)
+    if not listed:
+        return None
+    if len(listed) == 1 and "=" not in listed[0]:
+        return _number(listed[0], "--rate")
+    found: dict[str, float | None] = dict.fromkeys(names, None)
+    for text in listed:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise InputError("--rate takes R, or NAME=R for each variable", got=repr(text))
+        found[name.strip()] = _number(value, "--rate")
+    return found
+
+
+def _number(text: str, option: str) -> float:
+    from lpvid import _checks
+
+    return _checks.real(text.strip(), f"the value of {option}")
+
+
+def read_records(paths: Sequence[str], *, roles: Sequence[str] | None = None, flip: Sequence[str] | None = None,
+                 sample_rate: float | None = None) -> list[Record]:
+    """Records behind the command line's DATA, with roles and signs applied.
+
+    Parameters
+    ----------
+    paths : sequence of str
+        Files, patterns, folders.
+    roles : sequence of str, optional
+        ``ROLE=CHANNEL``, repeated or with commas.
+    flip : sequence of str, optional
+        Channels whose sign to turn.
+    sample_rate : float, optional
+        Rate [Hz] of files without a time column.
+
+    Returns
+    -------
+    list of Record
+    """
+    from lpvid.files import read
+
+    records = read(paths, roles=parse_roles(roles), sample_rate=sample_rate)
+    for name in split_names(flip):
+        records = [r.flip(name) for r in records]
+    return records
+
+
+def parse_roles(given: Sequence[str] | None) -> dict[str, str]:
+    """``ROLE=CHANNEL`` pairs as a mapping.
+
+    Examples
+    --------
+    >>> parse_roles(["force=F_cell"])
+    {'force': 'F_cell'}
+    """
+    roles: dict[str, str] = {}
+    for text in split_names(given):
+        role, equals, channel = text.partition("=")
+        if not (equals and role.strip() and channel.strip()):
+            raise InputError("--role takes ROLE=CHANNEL", got=repr(text), mend="e.g. --role force=F_cell")
+        if role.strip() in roles:
+            raise InputError(f"--role names '{role.strip()}' twice", got=", ".join(given or ()))
+        roles[role.strip()] = channel.strip()
+    return roles
+
+
+def hold_out(records: Sequence[Record], text: str | None) -> tuple[list[Record], list[Record]]:
+    """Training and held-out parts of raw records: the last part of each, by samples; all training without `text`."""
+    if text is None:
+        return list(records), []
+    from lpvid.condition import split_tail
+
+    part = share(text)
+    pairs = [split_tail(r, part) for r in records]
+    return [a for a, _ in pairs], [b for _, b in pairs]
+
+
+def no_shared_files(training: Sequence[str], held_out: Sequence[str]) -> None:
+    """Refuse a file that is named for training and for testing."""
+    from lpvid.files import find
+
+    seen = {p.resolve() for p in find(training)}
+    shared = [str(p) for p in find(held_out) if p.resolve() in seen]
+    if shared:
+        raise InputError("a file is both training and held-out data", got=", ".join(shared),
+                         why="figures on data that the fit has seen say little",
+                         mend="name it once, or use --hold-out 1/3")

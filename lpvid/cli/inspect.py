@@ -1,0 +1,33 @@
+"""`lpvid inspect`: what is wrong with the data, before any model."""
+
+from __future__ import annotations
+
+from lpvid.cli import options
+from lpvid.cli.running import Results, command, conclude, working
+
+
+@command
+def inspect(data: options.Data, input: options.Inputs = None, output: options.Outputs = None,
+            schedule: options.Schedule = None, role: options.Role = None, flip: options.Flip = None,
+            sample_rate: options.SampleRate = None, out: options.Out = None, json: options.Json = False) -> None:
+    """Say what is wrong with measured data and how to mend it; writes audit.json and report.html.
+
+    Exits with 0 on anything that parses: what it finds are findings, not errors.
+    """
+    from lpvid.cli.data import read_records, split_names
+
+    results = Results(out)
+    with working("reading") as say:
+        records = read_records(data, roles=role, flip=flip, sample_rate=sample_rate)
+        from lpvid.auditing import audit
+
+        say("auditing")
+        found = audit(records, scheduling=split_names(schedule) or None)
+        if results.kept:
+            from lpvid.report.inspection import inspection_page
+
+            say("drawing")
+            named = (*split_names(input), *split_names(output), *split_names(schedule))
+            results.json("audit.json", found.to_dict())
+            results.report(inspection_page(found, records, tuple(dict.fromkeys(named))))
+    conclude(results, found.to_dict(), str(found), json)

@@ -1,0 +1,24 @@
+"""Options that several commands share, named as in the documentation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Data = Annotated[list[str], typer.Argument(metavar="DATA", help="Files, patterns or folders of measurements: "
+                                           "csv, tsv, parquet, mat, mf4, tdms.", show_default=False)]
+ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A model.json.", show_default=False)]
+Inputs = Annotated[list[str] | None, typer.Option("--input", metavar="NAME", help="Input channel or role; repeat, or "
+                                                  "separate with commas.")]
+Outputs = Annotated[list[str] | None, typer.Option("--output", metavar="NAME", help="Output channel or role.")]
+Schedule = Annotated[list[str] | None, typer.Option("--schedule", metavar="NAME", help="Scheduling variable.")]
+Role = Annotated[list[str] | None, typer.Option("--role", metavar="ROLE=CHANNEL", help="Let a role stand for a "
+                                                "channel of another name, e.g. force=F_cell.")]
+Flip = Annotated[list[str] | None, typer.Option("--flip", metavar="CHANNEL", help="Turn the sign of a channel.")]
+SampleRate = Annotated[float | None, typer.Option("--sample-rate", metavar="HZ", help="Resample to this rate, "
+                                                  "anti-aliased; or the rate of files without a time column.")]
+Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results and report.html.",
+                                          show_default=False)]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output, and nothing else.")]

@@ -1,0 +1,164 @@
+"""How commands run: one-line errors and exit codes, progress on standard error, results that appear whole."""
+
+from __future__ import annotations
+
+import functools
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+import typer
+
+from lpvid.errors import InputError, LpvError
+
+if TYPE_CHECKING:
+    from lpvid.report import Page
+
+P = ParamSpec("P")
+T = TypeVar("T")
+SHORTFALL = 3
+"""Exit code of a numerical outcome short of what was asked."""
+
+
+def new_app(says: str) -> typer.Typer:
+    """A Typer application with this house's settings."""
+    return typer.Typer(help=says, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
+                       context_settings={"help_option_names": ["-h", "--help"]})
+
+
+def command(function: Callable[P, T]) -> Callable[P, T]:
+    """Let a command end with one line and its exit code where the input or the numbers are at fault.
+
+    An exception that nobody planned keeps its traceback: that is a bug, and hiding it would help nobody.
+    """
+
+    @functools.wraps(function)
+    def run(*args: P.args, **kwargs: P.kwargs) -> T:
+        try:
+            return function(*args, **kwargs)
+        except LpvError as error:
+            typer.echo(f"error: {' '.join(str(error).split())}", err=True)
+            raise typer.Exit(error.exit_code) from None
+        except KeyboardInterrupt:
+            typer.echo("interrupted: nothing was written", err=True)
+            raise typer.Exit(130) from None
+
+    return run
+
+
+@contextmanager
+def working(what: str) -> Iterator[Callable[[str], None]]:
+    """A spinner with the elapsed time on standard error, gone when done; silent where nobody watches.
+
+    Yields a function that says what is being done now.
+    """
+    if not sys.stderr.isatty():
+        yield lambda text: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    with Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(),
+                  console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(what, total=None)
+        yield lambda text: progress.update(task, description=text)
+
+
+class Results:
+    """Files to write together: nothing appears before all of them are complete.
+
+    Parameters
+    ----------
+    folder : Path or None
+        Where they go; None keeps nothing.
+
+    Raises
+    ------
+    InputError
+        A folder that is a file.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self.folder = folder
+        self._writers: list[tuple[str, Callable[[Path], object]]] = []
+        if folder is not None and folder.exists() and not folder.is_dir():
+            raise InputError(f"--out {folder}: there is a file of this name", mend="name a folder")
+
+    @property
+    def kept(self) -> bool:
+        """Whether anything will be written."""
+        return self.folder is not None
+
+    def add(self, name: str, writer: Callable[[Path], object]) -> None:
+        """A file by the function that writes it to a path."""
+        self._writers.append((name, writer))
+
+    def json(self, name: str, data: Mapping[str, Any]) -> None:
+        """A JSON file; numbers that are not finite become null."""
+        from lpvid.export.serialise import write_json
+
+        self.add(name, lambda path: write_json(data, path))
+
+    def bytes(self, name: str, content: bytes) -> None:
+        """A file of bytes."""
+        self.add(name, lambda path: path.write_bytes(content))
+
+    def report(self, page: Page) -> None:
+        """report.html."""
+        from lpvid.report import render
+
+        self.bytes("report.html", render(page).encode("utf-8"))
+
+    def write(self) -> list[Path]:
+        """Write all files beside the folder, then move them into it.
+
+        Returns
+        -------
+        list of Path
+            The files; empty when nothing is kept.
+        """
+        if self.folder is None:
+            return []
+        try:
+            return self._write(self.folder)
+        except OSError as error:
+            raise InputError(f"--out {self.folder}: cannot write there", got=error.strerror or str(error),
+                             mend="check the folder, its permissions and the space left") from None
+
+    def _write(self, folder: Path) -> list[Path]:
+        missing = [p for p in (folder.absolute(), *folder.absolute().parents) if not p.exists()]
+        folder.absolute().parent.mkdir(parents=True, exist_ok=True)
+        stage = Path(tempfile.mkdtemp(prefix=f".{folder.name or 'results'}.", dir=folder.absolute().parent))
+        try:
+            for name, writer in self._writers:
+                writer(stage / name)
+            folder.mkdir(exist_ok=True)
+            return [(stage / name).replace(folder / name) for name, _ in self._writers]
+        except BaseException:
+            shutil.rmtree(stage, ignore_errors=True)
+            for made in missing:  # only what was not there before, and only while empty
+                if made.is_dir() and not any(made.iterdir()):
+                    made.rmdir()
+            raise
+        finally:
+            shutil.rmtree(stage, ignore_errors=True)
+
+
+def conclude(results: Results, data: Mapping[str, Any], text: str, as_json: bool) -> None:
+    """Write what is kept, then print the result: as JSON alone, or as text with the files that were written."""
+    written = results.write()
+    if as_json:
+        import json
+
+        from lpvid.export.serialise import jsonable
+
+        typer.echo(json.dumps(jsonable(data), allow_nan=False, indent=2, ensure_ascii=False))
+        return
+    typer.echo(text)
+    if written:
+        typer.echo(f"wrote {', '.join(p.name for p in written[:8])}"
+                   + (f" and {len(written) - 8} more" if len(written) > 8 else "") + f" to {results.folder}")

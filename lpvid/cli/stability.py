@@ -1,0 +1,70 @@
+"""`lpvid stability`: is a model stable, frozen and while its scheduling moves?"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from lpvid.cli import options
+from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
+
+
+@command
+def stability(model: options.ModelFile,
+              rate: Annotated[list[str] | None, typer.Option("--rate", metavar="R", help="How fast the scheduling may "
+                              "move, in its units per second: R for all, or NAME=R. Left out: arbitrarily "
+                              "fast.")] = None,
+              range: Annotated[list[str] | None, typer.Option("--range", metavar="A:B", help="Range to judge instead of "
+                               "the training range: A:B, or NAME=A:B for each variable.")] = None,
+              seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws from the parameters' "
+                              "covariance.")] = 0,
+              out: options.Out = None, json: options.Json = False) -> None:
+    """Pole locus, exact critical scheduling values, certificate; writes stability.json, locus.png and report.html.
+
+    Exits with 0 when the model is stable frozen and certified while its scheduling moves, with 3 when not.
+    """
+    from lpvid.cli.data import rates
+    from lpvid.export.serialise import load
+
+    results = Results(out)
+    loaded = load(model)
+    with working("looking for a certificate") as say:
+        from lpvid.report.stability import stability_page, study_stability
+
+        found = study_stability(loaded, rate=rates(rate, loaded.box.names), range=_ranges(range, loaded.box.names),
+                                seed=seed, say=say)
+        data = {**found.to_dict(), "model": str(model)}
+        if results.kept:
+            say("drawing")
+            results.json("stability.json", data)
+            _draw(results, found)
+            results.report(stability_page(found, str(model)))
+    conclude(results, data, str(found), json)
+    if not found.certified:
+        raise typer.Exit(SHORTFALL)
+
+
+def _ranges(given: list[str] | None, names: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+    from lpvid.cli.data import interval, split_names
+    from lpvid.errors import InputError
+
+    found: dict[str, tuple[float, float]] = {}
+    for text in split_names(given):
+        name, pair = interval(text, "--range")
+        if not name and len(names) != 1:
+            raise InputError("--range needs a name for each range", got=repr(text),
+                             mend=f"the model schedules on {', '.join(names) or 'nothing'}")
+        found[name or names[0]] = pair
+    return found
+
+
+def _draw(results: Results, found) -> None:
+    from lpvid import plot
+
+    if not found.loci:
+        discrete = found.model.sample_time is not None
+        results.bytes("locus.png", plot.png(plot.poles(found.model.frozen_poles([]), discrete)))
+    for i, (locus, band) in enumerate(found.loci):
+        name = "locus.png" if i == 0 else f"locus-{i + 1}.png"
+        results.bytes(name, plot.png(plot.locus(locus, band, found.frozen.critical)))

@@ -1,0 +1,49 @@
+"""`lpvid validate`: how good a model is on data."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from lpvid.cli import options
+from lpvid.cli.running import Results, command, conclude, working
+
+
+@command
+def validate(model: options.ModelFile, data: options.Data, input: options.Inputs = None, output: options.Outputs = None,
+             schedule: options.Schedule = None, role: options.Role = None, flip: options.Flip = None,
+             sample_rate: options.SampleRate = None,
+             training: Annotated[bool, typer.Option("--training", help="These data are those the model was fitted to: "
+                                                    "label the figures so.")] = False,
+             out: options.Out = None, json: options.Json = False) -> None:
+    """Compare a model with measurements, free run first; writes validation.json and report.html.
+
+    --input, --output and --schedule say which channels play the parts of the model's, in the model's order. Data of another
+    rate are resampled to the model's, and it says so.
+    """
+    from lpvid.cli.data import read_records, split_names
+    from lpvid.cli.parts import parts
+    from lpvid.export.serialise import load
+
+    results = Results(out)
+    with working("reading") as say:
+        loaded = load(model)
+        records = read_records(data, roles=role, flip=flip, sample_rate=sample_rate)
+        named = {"input": split_names(input), "output": split_names(output), "schedule": split_names(schedule)}
+        records = [r.with_roles(parts(loaded, named)) for r in records]
+        from lpvid import validation
+        from lpvid.condition import with_velocity
+
+        say("simulating")
+        label = "training" if training else "held-out"
+        records = [with_velocity(r) if any(s.name == "velocity" for s in loaded.inputs) else r for r in records]
+        found = validation.validate(loaded, records, sample_rate=sample_rate, label=label)
+        if results.kept:
+            from lpvid.report.figures import comparisons
+            from lpvid.report.validation import validation_page
+
+            say("drawing")
+            results.json("validation.json", found.to_dict())
+            results.report(validation_page(found, loaded, comparisons(loaded, records, label), str(model)))
+    conclude(results, found.to_dict(), repr(found), json)

@@ -1,0 +1,11 @@
+"""Figures: every function takes nouns and returns a matplotlib `Figure`; nothing global is touched."""
+
+from __future__ import annotations
+
+from lpvid.plot.audit import channel_traces, spectra, strokes
+from lpvid.plot.comparison import Comparison, compare, free_run, loops, residuals
+from lpvid.plot.export import png, svg
+from lpvid.plot.stability import locus, poles
+
+__all__ = ["Comparison", "channel_traces", "compare", "free_run", "locus", "loops", "png", "poles", "residuals", "spectra",
+           "strokes", "svg"]

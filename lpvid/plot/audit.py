@@ -1,0 +1,138 @@
+"""What measured records look like: traces and spectra, before any model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lpvid.plot.style import BLUE, CYCLE, INK, label, look, panels, robust_limits, thinned
+from lpvid.record import Record
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_CHANNELS = 6
+MOST_RECORDS = 6
+
+
+def channel_traces(record: Record, channels: Sequence[str] | None = None) -> Figure:
+    """Every channel of a record over time, one panel each.
+
+    Parameters
+    ----------
+    record : Record
+        As read; missing samples leave a gap in the line.
+    channels : sequence of str, optional
+        Which, at most six; the first six by default.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    names = [record.resolve(c) for c in (channels or record.channels)][:MOST_CHANNELS]
+    with look():
+        figure, axes = panels(len(names), height=1.25, sharex=True)
+        for ax, name in zip(axes[:, 0], names, strict=True):
+            x, y = thinned(record.times, record[name])
+            ax.plot(x, y, color=BLUE, linewidth=0.8)
+            ax.set_ylim(*robust_limits(record[name]))
+            ax.set_ylabel(label(_short(name), record.unit(name)), rotation=90)
+            ax.margins(x=0.005)
+        figure.align_ylabels()
+        axes[-1, 0].set_xlabel("time [s]")
+        axes[0, 0].set_title(f"{record.name}: {record.n_samples} samples over {record.duration:.4g} s")
+    return figure
+
+
+def spectra(records: Sequence[Record], channels: Sequence[str]) -> Figure | None:
+    """Amplitude spectral density of channels, one panel each, one line per record (Welch, Hann window).
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Only their longest finite stretch on a uniform clock is used.
+    channels : sequence of str
+
+    Returns
+    -------
+    matplotlib.figure.Figure or None
+        None when no record has a stretch long enough.
+    """
+    names = list(channels)[:MOST_CHANNELS]
+    drawn = {name: [(r, *found) for r in records[:MOST_RECORDS] if (found := _density(r, name)) is not None]
+             for name in names}
+    drawn = {name: rows for name, rows in drawn.items() if rows}
+    if not drawn:
+        return None
+    columns = min(2, len(drawn))
+    with look():
+        figure, axes = panels(-(-len(drawn) // columns), columns, height=2.3)
+        for ax, (name, rows) in zip(axes.ravel(), drawn.items(), strict=False):
+            for (record, f, density), colour in zip(rows, CYCLE if len(rows) > 1 else (INK,), strict=False):
+                ax.loglog(f[1:], density[1:], color=colour, linewidth=0.9, label=record.name)
+            ax.set_title(name)
+            ax.set_xlabel("frequency [Hz]")
+            ax.set_ylabel(f"density [{rows[0][0].unit(name) or '1'}/√Hz]")
+            ax.margins(x=0)
+        for ax in axes.ravel()[len(drawn):]:
+            ax.set_visible(False)
+        if max(map(len, drawn.values())) > 1:
+            handles, names = axes[0, 0].get_legend_handles_labels()
+            figure.legend(handles, names, loc="outside lower center", ncols=min(len(names), 6))
+    return figure
+
+
+def strokes(named: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> Figure:
+    """Force over velocity and over displacement, as measured, coloured by record.
+
+    Parameters
+    ----------
+    named : sequence of (name, displacement [m], velocity [m/s], force [N])
+        At most six are drawn.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    shown = list(named)[:MOST_RECORDS]
+    step = max(1, sum(row[3].size for row in shown) // 8000)
+    with look():
+        figure, axes = panels(1, 2, height=3.6)
+        for (name, displacement, velocity, force), colour in zip(shown, CYCLE, strict=False):
+            for ax, x in zip(axes[0], (velocity, displacement), strict=True):
+                ax.plot(x[::step], force[::step], ".", markersize=1.8, color=colour, rasterized=True, label=name,
+                        alpha=0.55)
+        for ax, said in zip(axes[0], (label("velocity", "m/s"), label("displacement", "m")), strict=True):
+            ax.set_xlabel(said)
+            ax.set_ylabel(label("force", "N"))
+            ax.axhline(0, color=INK, linewidth=0.5)
+            ax.axvline(0, color=INK, linewidth=0.5)
+        if len(shown) > 1:
+            handles, names = axes[0, 0].get_legend_handles_labels()
+            figure.legend(handles, names, loc="outside lower center", ncols=min(len(names), 6), markerscale=4)
+    return figure
+
+
+def _density(record: Record, name: str) -> tuple[np.ndarray, np.ndarray] | None:
+    from scipy.signal import welch
+
+    from lpvid.condition.resampling import finite_runs
+
+    if not record.has(name) or not record.time_base.steady or not record.time_base.period > 0:
+        return None
+    values = record[name]
+    runs = finite_runs(values)
+    if not runs:
+        return None
+    first, last = max(runs, key=lambda run: run[1] - run[0])
+    stretch = values[first:last]
+    if stretch.size < 64 or not np.ptp(stretch) > 0:
+        return None
+    f, power = welch(stretch, fs=1 / record.time_base.period, nperseg=min(1024, stretch.size), detrend="constant")
+    return f, np.sqrt(power)
+
+
+def _short(name: str, most: int = 16) -> str:
+    return name if len(name) <= most else name[: most - 1] + "…"

@@ -1,0 +1,261 @@
+"""A model beside the measurement: free run over time, loops, residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lpvid.plot.style import (
+    BLUE,
+    INK,
+    MEASURED,
+    MODEL,
+    MUTED,
+    label,
+    legend_above,
+    look,
+    panels,
+    robust_limits,
+    thinned,
+)
+from lpvid.record import Record
+from lpvid.simulation import Model, Simulation, predict, simulate
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+WINDOW = 400
+"""Samples in the close-up."""
+CLOUD = 6000
+"""Points of a loop drawn at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A record with the model's free run and one-step prediction along it.
+
+    Attributes
+    ----------
+    record : Record
+    label : str
+        "training" or "held-out".
+    free_run, one_step : Simulation
+    output, unit : str
+        First output.
+    """
+
+    record: Record
+    label: str
+    free_run: Simulation
+    one_step: Simulation
+    output: str
+    unit: str
+
+    @property
+    def start(self) -> int:
+        """First predicted sample."""
+        return max(self.free_run.start, self.one_step.start)
+
+    @property
+    def measured(self) -> np.ndarray:
+        """(n,) measured output."""
+        return self.record[self.output]
+
+    @property
+    def error(self) -> np.ndarray:
+        """(n,) measured minus free run; NaN before the start."""
+        difference = self.measured - self.free_run.output[:, 0]
+        difference[: self.free_run.start] = np.nan
+        return difference
+
+    @property
+    def innovation(self) -> np.ndarray:
+        """(n − start,) one-step residuals."""
+        return (self.measured - self.one_step.output[:, 0])[self.one_step.start:]
+
+
+def compare(model: Model, record: Record, label: str) -> Comparison:
+    """Run a model along a record, freely and one step ahead.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+    record : Record
+        Uniform, finite, at the model's rate.
+    label : str
+
+    Returns
+    -------
+    Comparison
+    """
+    output = model.outputs[0]
+    return Comparison(record, label, simulate(model, record), predict(model, record, 1), output.name, output.unit)
+
+
+def free_run(shown: Comparison, scheduling: Sequence[str] = ()) -> Figure:
+    """Measured output and free run over the whole record, and over the stretch with the largest error.
+
+    Parameters
+    ----------
+    shown : Comparison
+    scheduling : sequence of str
+        Scheduling variables drawn below the close-up (at most two).
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    names = list(scheduling)[:2]
+    t, y, run, error = shown.record.times, shown.measured, shown.free_run.output[:, 0], shown.error
+    window = _worst(error)
+    with look():
+        figure, axes = panels(2 + len(names), heights=[1.9, 2.5, *([0.95] * len(names))])
+        ax = axes[0, 0]
+        ax.plot(*thinned(t, y), color=MEASURED, linewidth=0.7, label="measured")
+        ax.plot(*thinned(t, run), color=MODEL, linewidth=0.7, alpha=0.85, label="free run")
+        ax.axvspan(float(t[window.start]), float(t[window.stop - 1]), color=BLUE, alpha=0.10, linewidth=0,
+                   label="close-up below")
+        ax.set_title(f"{shown.record.name} ({shown.label})")
+        legend_above(ax)
+        ax.set_ylabel(label(shown.output, shown.unit))
+        ax.set_ylim(*robust_limits(y, 0.1))
+        ax.margins(x=0.005)
+        _close_up(axes[1, 0], shown, window)
+        for axis, name in zip(axes[2:, 0], names, strict=True):
+            axis.plot(t[window], shown.record[name][window], color=BLUE, drawstyle="steps-post")
+            axis.set_ylabel(label(name, shown.record.unit(name)))
+            axis.sharex(axes[1, 0])
+            axis.set_ylim(*robust_limits(shown.record[name]))
+        axes[-1, 0].set_xlabel("time [s]")
+        figure.align_ylabels()
+    return figure
+
+
+def _close_up(ax: Axes, shown: Comparison, window: slice) -> None:
+    t = shown.record.times[window]
+    ax.plot(t, shown.measured[window], color=MEASURED, linewidth=1.4, label="measured")
+    ax.plot(t, shown.free_run.output[window, 0], color=MODEL, linewidth=1.2, label="free run")
+    ax.fill_between(t, 0, shown.error[window], color=MUTED, alpha=0.35, linewidth=0, label="error")
+    ax.set_title("The stretch with the largest error")
+    legend_above(ax)
+    ax.set_ylabel(label(shown.output, shown.unit))
+    both = np.concatenate([shown.measured[window], shown.error[window]])
+    ax.set_ylim(*robust_limits(both, 0.12))
+    ax.set_xlim(float(t[0]), float(t[-1]))
+
+
+def loops(shown: Sequence[Comparison], against: Sequence[str]) -> Figure | None:
+    """Measured and free-run output against other channels (force-velocity, force-displacement).
+
+    Parameters
+    ----------
+    shown : sequence of Comparison
+    against : sequence of str
+        Channels for the horizontal axes; those a record lacks are left out.
+
+    Returns
+    -------
+    matplotlib.figure.Figure or None
+        None when no such channel was recorded.
+    """
+    names = [n for n in against if all(c.record.has(n) and n != c.output for c in shown)]
+    if not names or not shown:
+        return None
+    step = max(1, sum(c.record.n_samples for c in shown) // CLOUD)
+    with look():
+        figure, axes = panels(1, len(names), height=3.5, width=min(9.2, 4.6 * len(names) + 0.6))
+        for ax, name in zip(axes[0], names, strict=True):
+            for i, c in enumerate(shown):
+                keep = slice(c.start, None, step)
+                for values, colour, said in ((c.measured, MEASURED, "measured"),
+                                             (c.free_run.output[:, 0], MODEL, "free run")):
+                    ax.plot(c.record[name][keep], values[keep], ".", color=colour, markersize=1.8, alpha=0.5,
+                            rasterized=True, label=said if i == 0 else None)
+            ax.set_xlabel(label(name, shown[0].record.unit(name)))
+            ax.set_ylabel(label(shown[0].output, shown[0].unit))
+            ax.axhline(0, color=INK, linewidth=0.5)
+            ax.axvline(0, color=INK, linewidth=0.5)
+            ax.set_ylim(*robust_limits(np.concatenate([c.measured for c in shown]), 0.1))
+            legend_above(ax, 2)
+            for handle in ax.get_legend().legend_handles:  # type: ignore[union-attr]
+                handle.set_markersize(6)  # type: ignore[union-attr]
+                handle.set_alpha(1.0)  # type: ignore[union-attr]
+    return figure
+
+
+def residuals(shown: Sequence[Comparison], lags: int = 40) -> Figure | None:
+    """One-step residuals: over time, as a histogram, their autocorrelation with the 99 % band of white noise.
+
+    Parameters
+    ----------
+    shown : sequence of Comparison
+        The first is drawn over time, all count in the other panels.
+    lags : int
+
+    Returns
+    -------
+    matplotlib.figure.Figure or None
+        None when there is nothing finite.
+    """
+    usable = [c for c in shown if c.innovation.size > 4 and np.isfinite(c.innovation).all()]
+    if not usable:
+        return None
+    pooled = np.concatenate([c.innovation for c in usable])
+    first = usable[0]
+    with look():
+        figure, axes = panels(1, 3, height=2.5)
+        over_time, histogram, correlation = axes[0]
+        over_time.plot(*thinned(first.record.times[first.one_step.start:], first.innovation, 1500), color=BLUE,
+                       linewidth=0.6)
+        over_time.set_title(f"one step ahead, {first.record.name}")
+        over_time.set_xlabel("time [s]")
+        over_time.set_ylabel(label("residual", first.unit))
+        _histogram(histogram, pooled, first.unit)
+        _autocorrelation(correlation, usable, min(lags, min(c.innovation.size for c in usable) - 2))
+    return figure
+
+
+def _histogram(ax: Axes, values: np.ndarray, unit: str) -> None:
+    spread = float(values.std()) or 1.0
+    edges = np.linspace(-4 * spread, 4 * spread, 41)
+    ax.hist(values, bins=edges.tolist(), density=True, color=BLUE, alpha=0.55)
+    x = 0.5 * (edges[1:] + edges[:-1])
+    ax.plot(x, np.exp(-0.5 * (x / spread) ** 2) / (spread * np.sqrt(2 * np.pi)), color=INK, linewidth=1.0)
+    ax.set_title("histogram and normal law")
+    ax.set_xlabel(label("residual", unit))
+    ax.set_ylabel(f"density [1/{unit}]" if unit else "density [1]")
+
+
+def _autocorrelation(ax: Axes, shown: Sequence[Comparison], lags: int) -> None:
+    products = np.zeros(lags + 1)
+    for c in shown:
+        e = c.innovation - c.innovation.mean()
+        products += [float(e[: e.size - k] @ e[k:]) for k in range(lags + 1)]
+    count = sum(c.innovation.size for c in shown)
+    ratio = products / (products[0] or 1.0)
+    band = 2.576 / np.sqrt(count)
+    ax.axhspan(-band, band, color=BLUE, alpha=0.15, linewidth=0)
+    ax.vlines(np.arange(1, lags + 1), 0, ratio[1:], color=BLUE, linewidth=1.4)
+    ax.axhline(0, color=INK, linewidth=0.5)
+    reach = max(1.25 * float(np.abs(ratio[1:]).max(initial=0.0)), 4 * band)
+    ax.set_ylim(-reach, reach)
+    ax.set_title("autocorrelation, 99 % band")
+    ax.set_xlabel("lag [samples]")
+    ax.set_ylabel("correlation [1]")
+
+
+def _worst(error: np.ndarray) -> slice:
+    """The window of `WINDOW` samples with the largest mean square error; the first one when the run diverged."""
+    size = min(WINDOW, error.size)
+    squares = np.where(np.isfinite(error), error, 0.0) ** 2
+    if not np.isfinite(error[-1]):
+        diverged = int(np.flatnonzero(np.isfinite(error))[-1]) if np.isfinite(error).any() else 0
+        first = max(0, min(diverged - size // 2, error.size - size))
+        return slice(first, first + size)
+    sums = np.cumsum(np.insert(squares, 0, 0.0))
+    first = int(np.argmax(sums[size:] - sums[:-size]))
+    return slice(first, first + size)

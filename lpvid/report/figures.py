@@ -1,0 +1,118 @@
+"""Sections that several reports share: figures of a model on data, in tables and drawings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lpvid import plot
+from lpvid.condition import segments, with_velocity
+from lpvid.plot import Comparison
+from lpvid.record import Record
+from lpvid.report.page import Figure, Item, Mark, Table, number, percent
+from lpvid.simulation import RATE_TOLERANCE, Model
+from lpvid.validation import Validation
+
+LOOP_CHANNELS = ("velocity", "displacement")
+"""What output is drawn against, where it was recorded."""
+GOOD, FAIR = 0.05, 0.2
+"""Free-run ESR up to which a model is called good, and fair (fit 78 % and 55 %)."""
+
+
+def comparisons(model: Model, records: Sequence[Record], label: str) -> list[Comparison]:
+    """The model's runs along measured records, cut and resampled as validation does.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+    records : sequence of Record
+    label : str
+        "training" or "held-out".
+
+    Returns
+    -------
+    list of Comparison
+    """
+    assert model.sample_time is not None
+    rate = 1.0 / model.sample_time
+    listed = [with_velocity(r) for r in records]
+    foreign = any(not r.time_base.steady or abs(r.time_base.period * rate - 1) > RATE_TOLERANCE for r in listed)
+    channels = tuple(dict.fromkeys(s.name for s in (*model.inputs, *model.outputs))) + tuple(model.box.names)
+    pieces = segments(listed, channels, sample_rate=rate if foreign else None, minimum=model.start + 2)
+    return [plot.compare(model, piece, label) for piece in pieces]
+
+
+def grade(esr: float | None) -> Mark:
+    """Colour of a free-run figure."""
+    if esr is None:
+        return "bad"
+    return "good" if esr <= GOOD else "warn" if esr <= FAIR else "bad"
+
+
+def overall_table(found: Sequence[Validation]) -> Table:
+    """Pooled figures, one row per data set and kind of run."""
+    rows, marks = [], []
+    for v in found:
+        for kind, f in (("free-run", v.overall.free_run), ("one-step", v.overall.one_step)):
+            diverged = "" if f.diverged_at is None else f"diverged at sample {f.diverged_at}"
+            rows.append((v.label, kind, number(f.esr), number(f.fit_percent), number(f.rmse, 4, f.rmse_unit),
+                         f"{f.n_samples:,}", diverged or "–"))
+            marks.append(grade(f.esr) if kind == "free-run" else "plain")
+    return Table(("data", "run", "ESR [1]", "fit [%]", "rmse", "samples", "remark"), tuple(rows),
+                 "Pooled over records, each about its own mean.", (2, 3, 4, 5), tuple(marks))
+
+
+def records_table(found: Validation) -> Table:
+    """Figures of every record of one data set."""
+    rows, marks = [], []
+    for r in found.records:
+        diverged = "" if r.free_run.diverged_at is None else f" (diverged at {r.free_run.diverged_at})"
+        rows.append((r.name + diverged, f"{r.n_samples:,}", number(r.free_run.esr), number(r.free_run.fit_percent),
+                     number(r.free_run.rmse, 4, r.free_run.rmse_unit), number(r.one_step.esr),
+                     percent(r.extrapolation_share)))
+        marks.append(grade(r.free_run.esr))
+    columns = ("record", "samples", "free-run ESR", "free-run fit [%]", "free-run rmse", "one-step ESR",
+               "outside training range")
+    return Table(columns, tuple(rows), f"Record by record, {found.label}.", (1, 2, 3, 4, 5, 6), tuple(marks))
+
+
+def tests_table(found: Validation) -> Table | None:
+    """Residual tests of one data set, or None where nothing could be tested."""
+    if not found.residual_tests:
+        return None
+    rows = tuple((t.name, "passed" if t.passed else "failed", number(t.statistic), number(t.p_value, 3), t.says)
+                 for t in found.residual_tests)
+    marks: tuple[Mark, ...] = tuple("good" if t.passed else "warn" for t in found.residual_tests)
+    return Table(("test", "outcome", "statistic", "p-value", "what it says"), rows,
+                 f"Tests on the one-step residuals, {found.label}.", (2, 3), marks)
+
+
+def run_figures(shown: Sequence[Comparison], scheduling: Sequence[str]) -> list[Item]:
+    """Free run of the worst and of the middling record, loops, residuals."""
+    if not shown:
+        return []
+    by_error = sorted(shown, key=_relative_error, reverse=True)
+    chosen = list(dict.fromkeys([0, len(by_error) // 2]))
+    said = ("the record with the largest free-run error", "a middling record")
+    items: list[Item] = []
+    for place, i in enumerate(chosen):
+        c = by_error[i]
+        which = f"{c.record.name}, {c.label}" if len(shown) == 1 else f"{c.record.name}, {c.label}: {said[place]}"
+        items.append(Figure.of(plot.free_run(c, scheduling), f"Free run of {which}. Above the whole record, below the "
+                               "stretch with the largest error."))
+    loops = plot.loops(shown, LOOP_CHANNELS)
+    if loops is not None:
+        items.append(Figure.of(loops, f"Loops of measured and free-run output, {shown[0].label} data."))
+    residuals = plot.residuals(by_error)
+    if residuals is not None:
+        items.append(Figure.of(residuals, f"One-step residuals, {shown[0].label} data. Bars outside the band are what "
+                               "the model leaves unused."))
+    return items
+
+
+def _relative_error(c: Comparison) -> float:
+    error = c.error[c.free_run.start:]
+    if not np.isfinite(error).all():
+        return float("inf")
+    return float(np.mean(error**2) / max(float(np.var(c.measured[c.free_run.start:])), 1e-300))

@@ -1,0 +1,85 @@
+"""Every state-space form of a model with its gap on the user's own data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from lpvid.errors import InputError
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.record import Record
+from lpvid.report.page import Mark, Table, listing, number
+
+if TYPE_CHECKING:
+    from lpvid.realization.gap import Gap
+
+
+@dataclass(frozen=True, eq=False)
+class FormGap:
+    """One form: its gap, or why there is none."""
+
+    form: str
+    order: int | None
+    gap: Gap | None
+    why_not: str = ""
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        if self.gap is None:
+            return {"form": self.form, "available": False, "why_not": self.why_not}
+        return {**self.gap.to_dict(), "available": True, "order": self.order}
+
+    def __str__(self) -> str:
+        if self.gap is None:
+            return f"{self.form}: not available ({self.why_not})"
+        fit = min(self.gap.fit_percent)
+        exact = "exact" if self.gap.exact else f"fit {fit:.5g} % against the transfer function"
+        return f"{self.form} ({self.order} states): {exact}" + ("" if self.gap.causal else ", not causal")
+
+
+def form_gaps(model: LPVTransferFunction, records: Sequence[Record]) -> list[FormGap]:
+    """Realise a model in every form and measure each on given records.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+    records : sequence of Record
+        Uniform, finite, at the model's rate.
+
+    Returns
+    -------
+    list of FormGap
+    """
+    from lpvid.realization.noun import FORMS, realize
+
+    found = []
+    for form in FORMS:
+        try:
+            realization = realize(model, form=form)
+            found.append(FormGap(form, realization.model.order, realization.gap(records)))
+        except InputError as error:
+            found.append(FormGap(form, None, None, error.what))
+    return found
+
+
+def forms_table(gaps: Sequence[FormGap]) -> Table:
+    """One row for each form."""
+    rows, marks = [], []
+    for g in gaps:
+        if g.gap is None:
+            rows.append((g.form, "–", "–", "–", "–", "–", f"not available: {g.why_not}"))
+            marks.append("plain")
+            continue
+        rows.append((g.form, str(g.order), "yes" if g.gap.exact else "no", "yes" if g.gap.causal else "no",
+                     listing([number(e, 3) for e in g.gap.esr]), listing([number(f, 5) for f in g.gap.fit_percent]),
+                     g.gap.advice))
+        marks.append(_mark(g.gap))
+    return Table(("form", "states", "exact", "causal", "ESR of the gap", "fit [%]", "advice"), tuple(rows), "",
+                 (1, 4, 5), tuple(marks))
+
+
+def _mark(gap: Gap) -> Mark:
+    if not gap.causal:
+        return "warn"
+    return "good" if gap.exact or max(gap.esr) < 1e-4 else "warn"

@@ -1,0 +1,90 @@
+"""Report of `identify`: figures first, then the parameters, the forms and the poles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lpvid.auditing import Audit
+from lpvid.identification.result import Identification
+from lpvid.plot import Comparison
+from lpvid.report import validation
+from lpvid.report.figures import grade, overall_table, records_table, run_figures, tests_table
+from lpvid.report.forms import FormGap, forms_table
+from lpvid.report.inspection import findings_table
+from lpvid.report.page import Item, Notes, Page, Paragraph, Section, Table, number
+from lpvid.report.stability import locus_items
+from lpvid.validation import Validation
+
+MOST_PARAMETERS = 200
+
+
+def identification_page(found: Identification, shown: Sequence[Comparison], gaps: Sequence[FormGap],
+                        audit: Audit) -> Page:
+    """A page about an identified model.
+
+    Parameters
+    ----------
+    found : Identification
+    shown : sequence of Comparison
+        Runs to draw: held-out ones where there are any.
+    gaps : sequence of FormGap
+        What each state-space form costs on these data.
+    audit : Audit
+        Of the data.
+
+    Returns
+    -------
+    Page
+    """
+    model, figures = found.model, [v for v in (found.held_out, found.training) if v is not None]
+    best = figures[0]
+    tables: list[Item] = [overall_table(figures), *(records_table(v) for v in figures)]
+    tests = [t for v in figures if (t := tests_table(v)) is not None]
+    sections = [Section("Figures", tuple(tables)),
+                Section("Measured and simulated", tuple(run_figures(shown, model.box.names))),
+                Section("What is left in the residuals", tuple(tests)),
+                Section("Frozen poles", tuple(locus_items(model))),
+                Section("State-space forms", (Paragraph("What each form costs on these data, against the transfer "
+                        "function, in free run from rest."), forms_table(gaps))),
+                Section("Parameters", tuple(_parameters(found))), Section("Remarks", (Notes(found.notes),)),
+                Section("Audit of the data", (Paragraph(f"{audit.verdict}."), findings_table(audit)))]
+    return Page(f"Identified model of {', '.join(s.name for s in model.outputs)}", validation.verdict(best),
+                grade(best.overall.free_run.esr), _facts(found, best), _caveats(found),
+                tuple(s for s in sections if s.items and s.items != (Notes(()),)))
+
+
+def _facts(found: Identification, best: Validation) -> tuple[tuple[str, str], ...]:
+    rate = 1 / found.model.sample_time
+    return (*validation.facts(best)[:3], ("parameters", f"{found.n_parameters}"),
+            ("equations", f"{found.n_samples:,}"), ("sampling", number(rate, 5, "Hz")),
+            ("condition number, unit columns", f"{found.scaled_condition:.1e}"))
+
+
+def _caveats(found: Identification) -> tuple[str, ...]:
+    lines = []
+    if found.held_out is None:
+        lines.append("All figures are on training data: nothing was held out, so they say little about other data.")
+    judged = found.held_out or found.training
+    if judged is not None and any(not t.passed for t in judged.residual_tests):
+        lines.append("The one-step residuals are not white: the standard errors, which assume white equation error, "
+                     "are too small.")
+    if found.model.box.names:
+        lines.append("The frozen poles hold for a scheduling variable that stands still; see the stability report for "
+                     "one that moves.")
+    return tuple(lines)
+
+
+def _parameters(found: Identification) -> list[Item]:
+    model, box = found.model, found.model.box
+    items: list[Item] = [Paragraph(repr(model))]
+    if box.names:
+        ranges = ", ".join(f"{n} {number(low)} … {number(high)} {u}".rstrip() for n, low, high, u in
+                           zip(box.names, box.lower, box.upper, box.units, strict=True))
+        items.append(Paragraph(f"Scheduling range: {ranges}. Parameters are over the normalised scheduling, "
+                               "z = (p − centre)/half width."))
+    rows = tuple((n, number(v, 6), number(s, 3)) for n, v, s in
+                 zip(found.parameter_names, found.parameters.tolist(), found.standard_errors.tolist(), strict=True))
+    items.append(Table(("parameter", "value", "standard error"), rows[:MOST_PARAMETERS], "In SI units.", (1, 2)))
+    if len(rows) > MOST_PARAMETERS:
+        items.append(Paragraph(f"{len(rows) - MOST_PARAMETERS} more parameters stand in identification.json."))
+    return items

@@ -1,0 +1,161 @@
+"""A page as nouns: verdict, sections, tables, figures; `render` turns it into HTML."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Drawing
+
+Mark = Literal["good", "warn", "bad", "plain"]
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """Plain text; `strong` for what must not be missed."""
+
+    text: str
+    strong: bool = False
+    kind: ClassVar[str] = "paragraph"
+
+
+@dataclass(frozen=True)
+class Notes:
+    """A list of remarks."""
+
+    lines: tuple[str, ...]
+    kind: ClassVar[str] = "notes"
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns and rows of text; `numeric` columns are right-aligned, `marks` colour whole rows."""
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    caption: str = ""
+    numeric: tuple[int, ...] = ()
+    marks: tuple[Mark, ...] = ()
+    kind: ClassVar[str] = "table"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A drawing as a data address, with what it shows in words."""
+
+    source: str
+    caption: str
+    alternative: str
+    kind: ClassVar[str] = "figure"
+
+    @classmethod
+    def of(cls, drawing: Drawing, caption: str, alternative: str = "") -> Figure:
+        """A matplotlib figure, embedded as SVG."""
+        from lpvid.plot import svg
+
+        data = base64.b64encode(svg(drawing)).decode("ascii")
+        return cls(f"data:image/svg+xml;base64,{data}", caption, alternative or caption)
+
+
+Item = Paragraph | Notes | Table | Figure
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading with what stands below it."""
+
+    title: str
+    items: tuple[Item, ...]
+
+
+@dataclass(frozen=True)
+class Page:
+    """One report.
+
+    Attributes
+    ----------
+    title : str
+        What was looked at.
+    verdict : str
+        The answer in one sentence.
+    mark : {"good", "warn", "bad", "plain"}
+        Colour of the verdict.
+    facts : tuple of (str, str)
+        Key numbers with units, shown as tiles below the verdict.
+    caveats : tuple of str
+        What the verdict does not cover.
+    sections : tuple of Section
+    """
+
+    title: str
+    verdict: str
+    mark: Mark = "plain"
+    facts: tuple[tuple[str, str], ...] = ()
+    caveats: tuple[str, ...] = ()
+    sections: tuple[Section, ...] = field(default_factory=tuple)
+
+
+def render(page: Page) -> str:
+    """HTML of a page: styles and figures inside, no reference to anything outside.
+
+    Parameters
+    ----------
+    page : Page
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> html = render(Page("Audit", "Nothing found.", "good"))
+    >>> "<h1>Audit</h1>" in html, "http" in html
+    (True, False)
+    """
+    from importlib.resources import files
+
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
+    text = files("lpvid.report").joinpath("page.html").read_text(encoding="utf-8")
+    return environment.from_string(text).render(page=page, version=_version())
+
+
+def number(value: float | None, digits: int = 4, unit: str = "") -> str:
+    """A number for a reader: `digits` significant, its unit behind a narrow space, a dash for none.
+
+    Examples
+    --------
+    >>> number(0.0123456), number(None), number(float("nan")), number(1234567.0), number(3.0, unit="A")
+    ('0.01235', '–', '–', '1.235e+06', '3 A')
+    """
+    if value is None or not math.isfinite(value):
+        return "–"
+    return f"{value:.{digits}g} {unit}".rstrip()
+
+
+def percent(share: float | None, digits: int = 3) -> str:
+    """A share as percent.
+
+    Examples
+    --------
+    >>> percent(0.1234), percent(None)
+    ('12.3 %', '–')
+    """
+    return "–" if share is None or not math.isfinite(share) else f"{100 * share:.{digits}g} %"
+
+
+def listing(words: Sequence[str], most: int = 6) -> str:
+    """Words with commas; a long list ends in how many more there are."""
+    shown = ", ".join(words[:most])
+    return shown if len(words) <= most else f"{shown} and {len(words) - most} more"
+
+
+def _version() -> str:
+    from lpvid import __version__
+
+    return __version__

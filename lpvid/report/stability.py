@@ -1,0 +1,247 @@
+"""The stability report: frozen poles, critical values, probability, and the certificate for a moving scheduling."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvid import _checks, plot
+from lpvid.analysis.certificates import Rate, certify_stability
+from lpvid.analysis.frozen import CAVEAT
+from lpvid.analysis.frozen_stability import FrozenStability, frozen_stability
+from lpvid.analysis.pole_locus import PoleLocus, pole_locus
+from lpvid.analysis.stability_certificate import StabilityCertificate
+from lpvid.analysis.uncertainty import PoleBand, StabilityProbability, pole_band, stability_probability
+from lpvid.identification.layout import ParameterCloud
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.report.page import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number, percent
+from lpvid.scheduling import Scheduling
+from lpvid.simulation import Model
+
+DRAWS = 300
+"""Models drawn from the parameter covariance."""
+MOST_LOCI = 4
+WARNING = ("Frozen stability holds every scheduling value still. It does not cover a moving scheduling variable, "
+           "unless a certificate says so.")
+
+
+@dataclass(frozen=True, eq=False)
+class StabilityStudy:
+    """Everything the stability report says about one model.
+
+    Attributes
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        With the range asked for as its box.
+    frozen : FrozenStability
+    certificate : StabilityCertificate
+    probability : StabilityProbability or None
+        None when the parameters' covariance is not known.
+    loci : tuple of (PoleLocus, PoleBand or None)
+        One for each scheduling variable, at most four.
+    """
+
+    model: Model
+    frozen: FrozenStability
+    certificate: StabilityCertificate
+    probability: StabilityProbability | None
+    loci: tuple[tuple[PoleLocus, PoleBand | None], ...]
+
+    @property
+    def certified(self) -> bool:
+        """Frozen-stable, and proven for the moving scheduling variable asked about."""
+        return self.frozen.stable and self.certificate.verified
+
+    @property
+    def mark(self) -> Mark:
+        """Colour of the verdict."""
+        if not self.frozen.stable:
+            return "bad"
+        return "good" if self.certificate.verified and self.certificate.between_grid else "warn"
+
+    @property
+    def verdict(self) -> str:
+        """One or two sentences."""
+        if not self.model.box.names:
+            return "Stable: all poles decay." if self.certified else "NOT stable: a pole does not decay."
+        if not self.frozen.stable:
+            where = ", ".join(f"{n} = {number(v)}" for n, v in self.frozen.at.items())
+            return f"NOT stable: even with the scheduling held still, the model is unstable at {where}."
+        if self.certificate.verified:
+            return f"Stable, and {self.certificate.verdict}: {self.certificate.claim}."
+        if self.certificate.divergence is not None:
+            return (f"Stable only while the scheduling stands still: the model {self.certificate.divergence} when it "
+                    "moves within the range.")
+        return ("Frozen-stable over the range, but not certified for a moving scheduling variable: no proof and no "
+                "counterexample was found.")
+
+    def to_dict(self) -> dict:
+        """stability.json."""
+        box, critical = self.model.box, self.frozen.critical
+        return {"schema": "lpvid/stability/1", "verdict": self.verdict, "certified": self.certified,
+                "range": {n: [low, high] for n, low, high in zip(box.names, box.lower, box.upper, strict=True)},
+                "units": dict(zip(box.names, box.units, strict=True)),
+                "frozen": self.frozen.to_dict(), "critical": [v.to_dict() for v in critical.values],
+                "stable_intervals": critical.to_dict()["stable_intervals"], "critical_exact": critical.exact,
+                "probability": None if self.probability is None else self.probability.to_dict(),
+                "certificate": self.certificate.to_dict(), "caveat": CAVEAT,
+                "notes": [*critical.notes, *(n for found, _ in self.loci for n in found.notes)]}
+
+    def __str__(self) -> str:
+        lines = [f"Stability: {self.verdict}"]
+        if self.frozen.max_modulus is not None:
+            at = ", ".join(f"{n} = {number(v)}" for n, v in self.frozen.at.items())
+            lines.append(f"  frozen: largest pole modulus {self.frozen.max_modulus:.6g}" + (f" at {at}" if at else ""))
+        box = dict(zip(self.model.box.names, zip(self.model.box.lower, self.model.box.upper, strict=True),
+                       strict=True))
+        for v in self.frozen.critical.values:
+            low, high = box.get(v.variable, (-np.inf, np.inf))
+            lines.append(f"  {v}" + ("" if low <= v.value <= high else ", outside the range"))
+        if self.model.box.names and not self.frozen.critical.values:
+            lines.append("  no scheduling value on the whole real line changes the stability of the frozen model")
+        if self.probability is not None:
+            lines.append("  " + str(self.probability).splitlines()[0])
+        if self.certificate.verified:
+            lines += [f"  certificate: {line.strip()}" for line in repr(self.certificate).splitlines()[1:]]
+        if self.model.box.names:
+            lines.append(f"  {WARNING}")
+        return "\n".join(lines)
+
+
+def study_stability(model: Model, *, rate: Rate = None, range: Mapping[str, tuple[float, float]] | None = None,
+                    seed: int = 0, say: Callable[[str], None] = lambda text: None) -> StabilityStudy:
+    """Frozen stability, critical values, probability and certificate of one model.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+    rate
+        As for `certify_stability`.
+    range : mapping of name to (low, high), optional
+        Range of each scheduling variable, instead of the model's box.
+    seed : int
+        Seed of the draws from the parameter covariance.
+    say : callable
+        Told what is being done.
+
+    Returns
+    -------
+    StabilityStudy
+    """
+    say("looking for a certificate")
+    ranged = model if not range else model.replace(scheduling=_narrowed(model.box, range))
+    certificate = certify_stability(ranged, rate=rate)
+    say("frozen poles and critical values")
+    frozen = frozen_stability(ranged)
+    drawn = _drawn(ranged, seed)
+    say("poles of models drawn from the parameters' covariance")
+    probability = stability_probability(drawn) if drawn else None
+    return StabilityStudy(ranged, frozen, certificate, probability, loci(ranged, drawn))
+
+
+def loci(model: Model, drawn: list[Model] | None) -> tuple[tuple[PoleLocus, PoleBand | None], ...]:
+    """A locus with its band along each scheduling variable that moves, the others in the middle of the box."""
+    found = []
+    for name, low, high in zip(model.box.names, model.box.lower, model.box.upper, strict=True):
+        if low < high and len(found) < MOST_LOCI:
+            found.append((pole_locus(model, name), pole_band(drawn, name) if drawn else None))
+    return tuple(found)
+
+
+def locus_items(model: Model, seed: int = 0) -> list[Item]:
+    """Figures of the frozen poles, for other reports."""
+    if not model.box.names:
+        return [Figure.of(plot.poles(model.frozen_poles([]), model.sample_time is not None), "Poles of the model.")]
+    return [_locus_figure(found, band, None) for found, band in loci(model, _drawn(model, seed))]
+
+
+def stability_page(study: StabilityStudy, name: str) -> Page:
+    """A page about the stability of a model.
+
+    Parameters
+    ----------
+    study : StabilityStudy
+    name : str
+        What to call the model.
+
+    Returns
+    -------
+    Page
+    """
+    figures: list[Item] = [_locus_figure(found, band, study) for found, band in study.loci]
+    figures = figures or locus_items(study.model)
+    notes = tuple(study.to_dict()["notes"])
+    sections = [Section("Frozen poles", (*figures, *([Notes(notes)] if notes else []))),
+                Section("Critical values", tuple(_critical(study))),
+                Section("While the scheduling moves", tuple(_certificate(study))),
+                Section("The model", (Paragraph(repr(study.model)),))]
+    if not study.model.box.names:
+        sections = [sections[0], sections[3]]
+    return Page(f"Stability of {name}", study.verdict, study.mark, _facts(study),
+                (WARNING,) if study.model.box.names else (), tuple(sections))
+
+
+def _facts(study: StabilityStudy) -> tuple[tuple[str, str], ...]:
+    box, rows = study.model.box, []
+    if study.frozen.max_modulus is not None:
+        rows.append(("largest frozen pole modulus", number(study.frozen.max_modulus, 5)))
+    for n, low, high, unit in zip(box.names, box.lower, box.upper, box.units, strict=True):
+        rows.append((f"range of {n}", f"{number(low)} … {number(high)} {unit}".rstrip()))
+    if study.probability is not None:
+        rows.append(("probability of frozen stability", percent(study.probability.probability, 4)))
+    if box.names:
+        rows.append(("certificate", study.certificate.verdict))
+    return tuple(rows)
+
+
+def _critical(study: StabilityStudy) -> list[Item]:
+    values = study.frozen.critical.values
+    if not values:
+        return [Paragraph("No scheduling value on the whole real line changes the stability of the frozen model.")]
+    box = study.model.box
+    inside = {n: (low, high) for n, low, high in zip(box.names, box.lower, box.upper, strict=True)}
+    rows, marks = [], []
+    for v in values:
+        low, high = inside.get(v.variable, (-np.inf, np.inf))
+        within = low <= v.value <= high
+        rows.append((v.variable, number(v.value, 6, v.unit), v.direction, v.crossing, number(v.frequency_hz, 4, "Hz"),
+                     "inside the range" if within else "outside the range"))
+        marks.append("bad" if within else "plain")
+    exact = "from guardian maps, no grid" if study.frozen.critical.exact else "searched on a grid"
+    return [Table(("variable", "value", "for rising values", "pole crosses at", "frequency", "where"), tuple(rows),
+                  f"Values at which the frozen model changes stability, over the whole real line ({exact}).",
+                  (1, 4), tuple(marks))]
+
+
+def _certificate(study: StabilityStudy) -> list[Item]:
+    c = study.certificate
+    speeds = ", ".join(f"{n} {'arbitrary' if r is None else number(r, 4, (u or '1') + '/s')}"
+                       for n, r, u in zip(c.box.names, c.box.rate, c.box.units, strict=True))
+    rows = [("verdict", c.verdict), ("claim", c.claim), ("kind", c.kind), ("rate of change allowed", speeds or "–"),
+            ("margin", number(c.margin)), ("proven between grid points", "yes" if c.between_grid else "no"),
+            ("guaranteed decay", "–" if not c.time_constant else f"exp(−t/{number(c.time_constant, 4, 's')})")]
+    items: list[Item] = [Table(("", ""), tuple(rows), "Re-checked with numpy alone, whatever the solver said.")]
+    if c.divergence is not None:
+        items.append(Paragraph(f"Counterexample: the model {c.divergence}.", strong=True))
+    return items
+
+
+def _locus_figure(found: PoleLocus, band: PoleBand | None, study: StabilityStudy | None) -> Figure:
+    cloud = f"; grey, the poles of {band.draws} models drawn from the parameters' covariance" if band else ""
+    return Figure.of(plot.locus(found, band, None if study is None else study.frozen.critical),
+                     f"Left: frozen poles over {found.variable}{cloud}. Right: the largest pole modulus over the range.",
+                     f"Pole locus over {found.variable}")
+
+
+def _drawn(model: Model, seed: int) -> list[Model]:
+    cloud = ParameterCloud.of(model) if isinstance(model, LPVTransferFunction) else None
+    return [] if cloud is None else list(cloud.draw(np.random.default_rng(seed), DRAWS))
+
+
+def _narrowed(box: Scheduling, range: Mapping[str, tuple[float, float]]) -> Scheduling:
+    for name in range:
+        _checks.known_name(name, list(box.names), "scheduling variable")
+    ends = [range.get(n, old) for n, old in zip(box.names, zip(box.lower, box.upper, strict=True), strict=True)]
+    return replace(box, lower=tuple(e[0] for e in ends), upper=tuple(e[1] for e in ends))

@@ -1,0 +1,61 @@
+"""Report of `validate`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lpvid.plot import Comparison
+from lpvid.report.figures import grade, overall_table, records_table, run_figures, tests_table
+from lpvid.report.page import Item, Notes, Page, Paragraph, Section, number, percent
+from lpvid.simulation import Model
+from lpvid.validation import Validation
+
+
+def validation_page(found: Validation, model: Model, shown: Sequence[Comparison], name: str) -> Page:
+    """A page about a model on data.
+
+    Parameters
+    ----------
+    found : Validation
+    model : LPVTransferFunction or LPVStateSpace
+    shown : sequence of Comparison
+    name : str
+        What to call the model.
+
+    Returns
+    -------
+    Page
+    """
+    tests = tests_table(found)
+    figures: list[Item] = [overall_table([found]), records_table(found)]
+    sections = [Section("Figures", tuple(figures))]
+    if tests is not None:
+        sections.append(Section("What is left in the residuals", (tests,)))
+    sections.append(Section("Measured and simulated", tuple(run_figures(shown, model.box.names))))
+    sections.append(Section("The model", (Paragraph(repr(model)),)))
+    if found.notes:
+        sections.append(Section("Remarks", (Notes(found.notes),)))
+    caveats = [f"{percent(found.extrapolation_share)} of the samples lie outside the scheduling range of the training "
+               "data: there the figures are extrapolation."] if found.extrapolation_share > 0 else []
+    return Page(f"Validation of {name}", verdict(found), grade(found.overall.free_run.esr), facts(found),
+                tuple(caveats), tuple(sections))
+
+
+def verdict(found: Validation) -> str:
+    """The free run in one sentence."""
+    run = found.overall.free_run
+    if run.diverged_at is not None:
+        return f"The free run diverges on {found.label} data, at sample {run.diverged_at}: the model cannot simulate them."
+    if run.esr is None:
+        return f"No figure on {found.label} data: the output does not move there."
+    return (f"In free run on {found.label} data the model explains {100 * (1 - run.esr):.1f} % of the output's variance "
+            f"(ESR {run.esr:.4g}, fit {run.fit_percent:.1f} %).")
+
+
+def facts(found: Validation) -> tuple[tuple[str, str], ...]:
+    """Key numbers."""
+    free, one = found.overall.free_run, found.overall.one_step
+    return ((f"free-run ESR, {found.label}", number(free.esr)),
+            (f"free-run fit, {found.label}", number(free.fit_percent, 3, "%")),
+            (f"free-run rmse, {found.label}", number(free.rmse, 4, free.rmse_unit)),
+            (f"one-step ESR, {found.label}", number(one.esr)))
