@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.condition import segments
+from lpvid.condition import segments, with_velocity
+from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.simulation import RATE_TOLERANCE, Model, Simulation, predict, simulate
 
@@ -158,10 +159,14 @@ def validate(model: Model, records: Record | Sequence[Record], *, sample_rate: f
         Missing channels, no stretch long enough.
     """
     listed = [records] if isinstance(records, Record) else list(records)
-    assert model.sample_time is not None
+    if model.sample_time is None:
+        raise InputError("this model is continuous in time", why="records are sampled",
+                         mend="discretise the model first")
     rate = 1.0 / model.sample_time
     foreign = [r for r in listed if not r.time_base.steady or abs(r.time_base.period * rate - 1) > RATE_TOLERANCE]
-    channels = tuple(dict.fromkeys(s.name for s in (*model.inputs, *model.outputs))) + tuple(model.box.names)
+    channels = tuple(dict.fromkeys((*(s.name for s in (*model.inputs, *model.outputs)), *model.box.names)))
+    if "velocity" in channels:
+        listed = [with_velocity(r) for r in listed]
     pieces = segments(listed, channels, sample_rate=rate if foreign else sample_rate,
                       minimum=model.start + 2)
     notes = () if not foreign else (f"{len(foreign)} record(s) resampled to the model's {rate:.6g} Hz",)
@@ -199,6 +204,7 @@ class _Pool:
     def add(self, y: np.ndarray, run: Simulation) -> Figures:
         measured, model = y[run.start:], run.output[run.start:]
         power = np.sum((measured - measured.mean(axis=0)) ** 2, axis=0)
+        power[np.ptp(measured, axis=0) == 0] = 0.0  # the mean of a constant may miss it by a rounding
         error = np.sum((measured - model) ** 2, axis=0)
         self.error = self.error + error if self.error.size else error
         self.power = self.power + power if self.power.size else power
@@ -288,6 +294,8 @@ def _independence(pairs: Sequence[tuple[np.ndarray, np.ndarray]], lags: int) -> 
     covariance = np.array([np.sum(both * ru[np.abs(shift + d)]) for d in range(lags)])[difference]
     values, vectors = np.linalg.eigh(covariance)
     keep = values > 1e-10 * values.max()
+    if not keep.any():
+        return ResidualTest("independence", 0.0, 1.0, True, "the residual is zero")
     projected = vectors[:, keep].T @ cross
     statistic = float(n * np.sum(projected**2 / values[keep]))
     p = float(chi2.sf(statistic, int(keep.sum())))

@@ -13,7 +13,7 @@ from lpvid.validation import figures, validate
 
 
 def identify(records: Record | Sequence[Record], structure: Structure, *, sample_rate: float | None = None,
-             held_out: Sequence[Record] | None = None) -> Identification:
+             held_out: Record | Sequence[Record] | None = None) -> Identification:
     """Fit a structure to measured records.
 
     Parameters
@@ -24,7 +24,7 @@ def identify(records: Record | Sequence[Record], structure: Structure, *, sample
         E.g. ``ARX(na=4, nb=4, input="velocity", output="force", basis=Polynomial("current", degree=1))``.
     sample_rate : float, optional
         Resample to this rate [Hz], anti-aliased; needed for jittered or mixed time bases.
-    held_out : sequence of Record, optional
+    held_out : Record or sequence of Record, optional
         Data the fit does not see; its figures are reported beside the training figures.
 
     Returns
@@ -57,7 +57,6 @@ def identify(records: Record | Sequence[Record], structure: Structure, *, sample
         raise InputError("no records to identify from")
     if "velocity" in structure.channels:
         listed = [with_velocity(r) for r in listed]
-        held_out = None if held_out is None else [with_velocity(r) for r in held_out]
     pieces = segments(listed, structure.channels, sample_rate=sample_rate, minimum=structure.start + 2)
     found = structure.estimate(pieces)
     notes = tuple(dict.fromkeys((*(n for r in pieces for n in r.notes), *found.notes)))

@@ -81,7 +81,8 @@ class ARX(Structure):
         set_(self, "output", _checks.names(self.output, "output"))
         shared = set(self.input) & set(self.output)
         if shared:
-            raise InputError("a channel cannot be input and output at once", got=", ".join(sorted(shared)))
+            raise InputError("a channel cannot be input and output at once", got=", ".join(sorted(shared)),
+                             mend="leave it out of the one or the other; past outputs enter by na")
         _checks.count(self.na, "na")
         _checks.count(self.affine, "affine")
         set_(self, "nb", _checks.counts(self.nb, len(self.input), "nb", at_least=1))
@@ -92,6 +93,8 @@ class ARX(Structure):
             _checks.one_of(self.schedule_filter, tuple(FITTED), "schedule_filter")
         if self.schedule_filter is not None and not self.basis.names:
             raise InputError("a scheduling filter needs a scheduling variable", mend="give a basis that names one")
+        if isinstance(self.stage, InputStage):
+            _stage_fits(self.stage, len(self.input), len(self.basis.names))
         if not _checks.real(self.ridge, "ridge") >= 0:
             raise InputError("ridge must not be negative", got=self.ridge)
 
@@ -122,8 +125,11 @@ class ARX(Structure):
     def _nk(self) -> tuple[int, ...]:
         return self.nk  # type: ignore[return-value]
 
+    def _shape(self) -> InputStage | None:
+        return STAGES[self.stage]() if isinstance(self.stage, str) else self.stage
+
     def _filter_width(self) -> int:
-        stage = STAGES[self.stage]() if isinstance(self.stage, str) else self.stage
+        stage = self._shape()
         inputs = tuple(Signal(n) for n in self.input)
         return len(inputs) if stage is None else len(stage.signals(inputs))
 
@@ -131,8 +137,10 @@ class ARX(Structure):
         """Layout rows (without output) and regressor columns for `width` filter inputs."""
         ny, m = len(self.output), self.basis.size
         one = [label == "1" for label in self.basis.labels]
-        nb = self._nb() + (self._nb()[-1],) * (width - len(self.input))
-        nk = self._nk() + (self._nk()[-1],) * (width - len(self.input))
+        stage = self._shape()
+        shaped = 0 if stage is None else stage.channel  # inputs that a stage adds have the lags of the one it shapes
+        nb = self._nb() + (self._nb()[shaped],) * (width - len(self.input))
+        nk = self._nk() + (self._nk()[shaped],) * (width - len(self.input))
         rows: list[tuple[int, int, int, int]] = []
         columns: list[tuple[int, float, int, int, int]] = []
 
@@ -166,6 +174,11 @@ class ARX(Structure):
 
     # -- estimate -----------------------------------------------------------------------------------------------
     def estimate(self, records: Sequence[Record]) -> Identification:
+        for name in (*self.input, *self.output):
+            _moves(records, name, "input" if name in self.input else "output")
+        if self.weight is not None and not all(r[self.weight].min() >= 0 for r in records):
+            raise InputError(f"weights in channel '{self.weight}' must not be negative",
+                             got=min(float(r[self.weight].min()) for r in records))
         box = scheduling_box(records, self.basis, check_basis=not self.ridge)
         bound = replace(self, basis=self.basis.bound(box))
         if isinstance(self.stage, str) or isinstance(self.schedule_filter, str):
@@ -229,6 +242,23 @@ class ARX(Structure):
                 "ridge": self.ridge, "weight": self.weight}
 
 
+def _stage_fits(stage: InputStage, inputs: int, variables: int) -> None:
+    if not 0 <= stage.channel < inputs:
+        raise InputError("the input stage shapes an input that is not there",
+                         got=f"channel {stage.channel} of {inputs}", mend="count inputs from 0")
+    if variables and not 0 <= stage.variable < variables:
+        raise InputError("the input stage depends on a scheduling variable that is not there",
+                         got=f"variable {stage.variable} of {variables}", mend="count variables from 0")
+
+
+def _moves(records: Sequence[Record], name: str, what: str) -> None:
+    low, high = min(float(r[name].min()) for r in records), max(float(r[name].max()) for r in records)
+    if not high > low:
+        raise InputError(f"{what} '{name}' never moves", got=f"the constant {low:.6g}",
+                         why="nothing can be learnt from it",
+                         mend="leave it out (a constant offset is what affine=1 is for), or check the sensor")
+
+
 def scheduling_box(records: Sequence[Record], basis: Basis, *, check_basis: bool = True) -> Scheduling:
     """The box around the data's scheduling, refused where these data cannot carry the basis.
 
@@ -243,7 +273,7 @@ def scheduling_box(records: Sequence[Record], basis: Basis, *, check_basis: bool
     ranges = [(r.matrix(names).min(axis=0), r.matrix(names).max(axis=0)) for r in records]
     low, high = np.min([a for a, _ in ranges], axis=0), np.max([b for _, b in ranges], axis=0)
     for name, lo, hi in zip(names, low, high, strict=True):
-        if hi - lo <= 1e-9 * max(abs(lo), abs(hi)):
+        if basis.degree != 0 and hi - lo <= 1e-9 * max(abs(lo), abs(hi)):
             raise InputError(f"scheduling variable '{name}' is constant over the whole data set", got=f"{lo:.6g}",
                              why="a dependence on it cannot be identified",
                              mend="use degree 0, or add records at other levels")
@@ -264,9 +294,14 @@ def _enough_levels(records: Sequence[Record], bound: Basis) -> None:
     values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
     if values[0] > 1e-12 * values[-1]:
         return
-    levels = {n: len(np.unique(np.round(np.concatenate([r[n] for r in records]), 9))) for n in bound.names}
+    levels = {n: _levels(np.concatenate([r[n] for r in records])) for n in bound.names}
     told = ", ".join(f"'{n}' takes {k} level{'s' if k > 1 else ''}" for n, k in levels.items())
     mixed = [bound.labels[i] for i in np.argsort(-np.abs(vectors[:, 0])) if abs(vectors[i, 0]) > 0.05][:6]
     raise InputError(f"a basis of {bound.size} functions cannot be identified from these data", got=told,
                      why=f"there the functions {', '.join(mixed)} are linearly dependent",
                      mend="lower the degree or the number of segments, add ridge, or add records at other levels")
+
+
+def _levels(values: np.ndarray) -> int:
+    reach = float(np.ptp(values)) or 1.0
+    return len(np.unique(np.round((values - values.min()) / reach, 9)))

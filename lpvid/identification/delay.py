@@ -10,7 +10,7 @@ from lpvid.identification.arx import ARX
 from lpvid.record import Record
 
 
-def choose_delay(records: Sequence[Record], structure: ARX, *, candidates: Sequence[int] = (0, 1, 2),
+def choose_delay(records: Record | Sequence[Record], structure: ARX, *, candidates: Sequence[int] = (0, 1, 2),
                  sample_rate: float | None = None) -> tuple[ARX, str]:
     """The structure with the delay nk whose model has the least free-run error on the training data.
 
@@ -19,7 +19,7 @@ def choose_delay(records: Sequence[Record], structure: ARX, *, candidates: Seque
 
     Parameters
     ----------
-    records : sequence of Record
+    records : Record or sequence of Record
         Training data.
     structure : ARX
         Its nk is ignored.
@@ -36,7 +36,9 @@ def choose_delay(records: Sequence[Record], structure: ARX, *, candidates: Seque
     """
     from lpvid.identification import identify
 
-    listed = [with_velocity(r) for r in records] if "velocity" in structure.channels else list(records)
+    listed = [records] if isinstance(records, Record) else list(records)
+    if "velocity" in structure.channels:
+        listed = [with_velocity(r) for r in listed]
     start = replace(structure, nk=max(candidates)).start
     pieces = segments(listed, structure.channels, sample_rate=sample_rate, minimum=start + 2)
     tried: list[tuple[float, ARX]] = []

@@ -101,14 +101,14 @@ class Factor:
                              why="their regressors are linearly dependent",
                              mend="lower the orders or the degree, or add ridge")
         if ridge:
-            stacked = np.linalg.qr(np.vstack([r11, np.diag(np.sqrt(ridge) * scale)]), mode="r")
-            theta = np.linalg.solve(stacked.T @ stacked, r11.T @ r12)
+            q, stacked = np.linalg.qr(np.vstack([r11, np.diag(np.sqrt(ridge) * scale)]))
+            theta = solve_triangular(stacked, q[:k].T @ r12)
         else:
             stacked, theta = r11, solve_triangular(r11, r12)
         inverse = solve_triangular(stacked, np.eye(k))
         gram = inverse @ inverse.T
-        if ridge:
-            gram = gram @ (r11.T @ r11) @ gram
+        if ridge:  # R (XᵀX + ridge·D²)⁻¹ =: H gives the sandwich HᵀH
+            gram = (r11 @ gram).T @ (r11 @ gram)
         residual = np.vstack([r12 - r11 @ theta, r22])
         noise = residual.T @ residual / max(self.rows - k, 1)
         return Solution(theta, np.kron(noise, gram), noise, float(condition), float(singular[0] / singular[-1]))
