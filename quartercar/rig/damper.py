@@ -51,14 +51,14 @@ class RigDamper:
     inf
     """
 
-    viscous: float = quantity(900.0, "N*s/m", "viscous damping at zero current")
-    viscous_per_current: float = quantity(300.0, "N*s/(m*A)", "growth of the viscous damping with current")
-    yield_base: float = quantity(60.0, "N", "yield force at zero current")
-    yield_per_current: float = quantity(1050.0, "N/A", "initial slope of the yield force over current")
-    yield_current: float = quantity(1.5, "A", "current scale of its saturation; inf for none")
-    yield_speed: float = quantity(0.025, "m/s", "fluid speed of the yield knee")
+    viscous: float = quantity(1400.0, "N*s/m", "viscous damping at zero current")
+    viscous_per_current: float = quantity(150.0, "N*s/(m*A)", "growth of the viscous damping with current")
+    yield_base: float = quantity(200.0, "N", "yield force at zero current")
+    yield_per_current: float = quantity(640.0, "N/A", "initial slope of the yield force over current")
+    yield_current: float = quantity(3.0, "A", "current scale of its saturation; inf for none")
+    yield_speed: float = quantity(0.030, "m/s", "fluid speed of the yield knee")
     asymmetry: float = quantity(1.3, "", "rebound over compression force")
-    series_stiffness: float = quantity(4e6, "N/m", "spring in series (fluid and mount); inf for none")
+    series_stiffness: float = quantity(5e6, "N/m", "spring in series (fluid and mount); inf for none")
     gas_preload: float = quantity(180.0, "N", "gas force at mid stroke")
     gas_stiffness: float = quantity(500.0, "N/m", "gas spring rate at mid stroke")
     friction: float = quantity(20.0, "N", "seal friction")
@@ -84,8 +84,9 @@ class RigDamper:
 
     @classmethod
     def static(cls) -> RigDamper:
-        """Damper without memory, symmetric, its yield and viscous force linear in the current: a clean baseline."""
-        return cls(yield_per_current=580.0, yield_current=math.inf, asymmetry=1.0, series_stiffness=math.inf,
+        """Damper without memory, a clean baseline for one cause: F = (900 + 300i) v + (60 + 580i) tanh(v/0.025)."""
+        return cls(viscous=900.0, viscous_per_current=300.0, yield_base=60.0, yield_per_current=580.0,
+                   yield_current=math.inf, yield_speed=0.025, asymmetry=1.0, series_stiffness=math.inf,
                    gas_preload=0.0, gas_stiffness=0.0, friction=0.0, rise_time=0.0, fall_time=0.0)
 
     def physics(self) -> Physics:
