@@ -31,7 +31,8 @@ def numbers(text: str, option: str) -> int | tuple[int, ...]:
     try:
         found = tuple(int(part) for part in text.split(","))
     except ValueError:
-        raise InputError(f"{option} takes whole numbers", got=repr(text), mend=f"e.g. {option} 4 or {option} 4,3") from None
+        raise InputError(f"{option} takes whole numbers", got=repr(text),
+                         mend=f"e.g. {option} 4 or {option} 4,3") from None
     return found[0] if len(found) == 1 else found
 
 
@@ -49,7 +50,8 @@ def share(text: str) -> float:
     try:
         value = Fraction(word.removesuffix("%").strip()) / (100 if word.endswith("%") else 1)
     except (ValueError, ZeroDivisionError):
-        raise InputError("--hold-out takes a share of every record", got=repr(text), mend="e.g. --hold-out 1/3") from None
+        raise InputError("--hold-out takes a share of every record", got=repr(text),
+                         mend="e.g. --hold-out 1/3") from None
     if not 0 < value < 1:
         raise InputError("--hold-out must lie between 0 and 1", got=text, mend="e.g. --hold-out 1/3")
     return float(value)

@@ -63,7 +63,8 @@ def identify(
     shape: Annotated[Shape, typer.Option("--shape", help="Static input stage, fitted to the data.")] = Shape.NONE,
     schedule_filter: Annotated[Filter, typer.Option("--schedule-filter", help="Filter between the logged scheduling "
                                                     "and the coefficients, fitted to the data.")] = Filter.NONE,
-    schedule_lag: Annotated[bool, typer.Option("--schedule-lag", help="Short for --schedule-filter rise-fall.")] = False,
+    schedule_lag: Annotated[bool, typer.Option("--schedule-lag", help="The same as --schedule-filter "
+                                               "rise-fall.")] = False,
     affine: Annotated[bool, typer.Option("--affine", help="Add terms that depend on the scheduling alone.")] = False,
     affine_terms: Annotated[int | None, typer.Option("--affine-terms", min=1, metavar="N", help="How many of them, "
                                                      "lags 0 … N−1; with --affine alone na + 1.")] = None,
@@ -83,8 +84,8 @@ def identify(
 ) -> None:
     """Fit a polynomial-scheduled LPV transfer function; writes model.json, identification.json and report.html.
 
-    Without --schedule the model is time-invariant. A velocity that was not measured is derived from displacement. Every figure
-    says whether it is free-run or one-step, on training or on held-out data.
+    Without --schedule the model is time-invariant. A velocity that was not measured is derived from displacement.
+    Every figure says whether it is free-run or one-step, on training or on held-out data.
     """
     from lpvid.cli.data import hold_out as part
     from lpvid.cli.data import no_shared_files, numbers, read_records, split_names

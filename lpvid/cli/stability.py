@@ -15,8 +15,8 @@ def stability(model: options.ModelFile,
               rate: Annotated[list[str] | None, typer.Option("--rate", metavar="R", help="How fast the scheduling may "
                               "move, in its units per second: R for all, or NAME=R. Left out: arbitrarily "
                               "fast.")] = None,
-              range: Annotated[list[str] | None, typer.Option("--range", metavar="A:B", help="Range to judge instead of "
-                               "the training range: A:B, or NAME=A:B for each variable.")] = None,
+              range: Annotated[list[str] | None, typer.Option("--range", metavar="A:B", help="Range to judge instead "
+                               "of the training range: A:B, or NAME=A:B for each variable.")] = None,
               seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws from the parameters' "
                               "covariance.")] = 0,
               out: options.Out = None, json: options.Json = False) -> None:

@@ -19,8 +19,8 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
              out: options.Out = None, json: options.Json = False) -> None:
     """Compare a model with measurements, free run first; writes validation.json and report.html.
 
-    --input, --output and --schedule say which channels play the parts of the model's, in the model's order. Data of another
-    rate are resampled to the model's, and it says so.
+    --input, --output and --schedule say which channels play the parts of the model's, in the model's order. Data of
+    another rate are resampled to the model's, and it says so.
     """
     from lpvid.cli.data import read_records, split_names
     from lpvid.cli.parts import parts

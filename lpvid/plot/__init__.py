@@ -7,5 +7,5 @@ from lpvid.plot.comparison import Comparison, compare, free_run, loops, residual
 from lpvid.plot.export import png, svg
 from lpvid.plot.stability import locus, poles
 
-__all__ = ["Comparison", "channel_traces", "compare", "free_run", "locus", "loops", "png", "poles", "residuals", "spectra",
-           "strokes", "svg"]
+__all__ = ["Comparison", "channel_traces", "compare", "free_run", "locus", "loops", "png", "poles", "residuals",
+           "spectra", "strokes", "svg"]

@@ -14,6 +14,7 @@ from lpvid.plot.style import (
     MEASURED,
     MODEL,
     MUTED,
+    WIDTH,
     label,
     legend_above,
     look,
@@ -167,7 +168,7 @@ def loops(shown: Sequence[Comparison], against: Sequence[str]) -> Figure | None:
         return None
     step = max(1, sum(c.record.n_samples for c in shown) // CLOUD)
     with look():
-        figure, axes = panels(1, len(names), height=3.5, width=min(9.2, 4.6 * len(names) + 0.6))
+        figure, axes = panels(1, len(names), height=3.5, width=WIDTH if len(names) > 1 else 5.6)
         for ax, name in zip(axes[0], names, strict=True):
             for i, c in enumerate(shown):
                 keep = slice(c.start, None, step)

@@ -76,9 +76,9 @@ def _plane(figure: Figure, ax: Axes, found: PoleLocus, band: PoleBand | None) ->
     _background(ax, found.is_discrete)
     if band is not None and band.cloud.size:
         cloud = band.cloud[:, :: max(1, band.cloud.shape[1] // 25)].ravel()
-        ax.plot(cloud.real, cloud.imag, ".", color=MUTED, alpha=0.18, markersize=2.0, rasterized=True)
+        ax.plot(np.real(cloud), np.imag(cloud), ".", color=MUTED, alpha=0.18, markersize=2.0, rasterized=True)
     colours = np.repeat(found.p[:, None], found.poles.shape[1], axis=1)
-    drawn = ax.scatter(found.poles.real.ravel(), found.poles.imag.ravel(), c=colours.ravel(), s=9, cmap=SCALE,
+    drawn = ax.scatter(np.real(found.poles).ravel(), np.imag(found.poles).ravel(), c=colours.ravel(), s=9, cmap=SCALE,
                        zorder=3, linewidths=0)
     figure.colorbar(drawn, ax=ax, label=label(found.variable, found.unit), fraction=0.046, pad=0.03)
     ax.set_title("Frozen poles")

@@ -19,7 +19,7 @@ CYCLE = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY)
 MEASURED, MODEL = INK, VERMILION
 SCALE = "viridis"
 """Colour map for a scheduling variable: rises in lightness, so that it survives a grey print."""
-WIDTH = 9.2
+WIDTH = 9.9
 """Width of a figure in a report [inch]."""
 DENSE = 4000
 """Samples drawn at most for one curve; more are thinned to the envelope of each bin."""
@@ -41,7 +41,7 @@ def look() -> Iterator[None]:
     """The house style inside the block."""
     import matplotlib as mpl
 
-    with mpl.rc_context(dict(SETTINGS)):
+    with mpl.rc_context(dict(SETTINGS)):  # type: ignore[arg-type]
         yield
 
 
@@ -90,15 +90,15 @@ def thinned(x: np.ndarray, y: np.ndarray, most: int = DENSE) -> tuple[np.ndarray
     """
     if x.size <= most:
         return x, y
-    bins = most // 2
-    size = x.size // bins
-    whole = np.where(np.isfinite(y[: bins * size]), y[: bins * size], np.nan).reshape(bins, size)
-    some = np.isfinite(whole).any(axis=1)
-    low = np.where(some, np.argmin(np.where(np.isfinite(whole), whole, np.inf), axis=1), 0)
-    high = np.where(some, np.argmax(np.where(np.isfinite(whole), whole, -np.inf), axis=1), size - 1)
-    base = np.arange(bins) * size
-    keep = np.sort(np.column_stack([base + low, base + high]), axis=1).ravel()
-    return x[keep], y[keep]
+    size = -(-2 * x.size // most)
+    bins = -(-x.size // size)
+    padded = np.concatenate([np.asarray(y, dtype=float), np.full(bins * size - x.size, np.nan)]).reshape(bins, size)
+    finite = np.isfinite(padded)
+    low = np.argmin(np.where(finite, padded, np.inf), axis=1)
+    high = np.argmax(np.where(finite, padded, -np.inf), axis=1)
+    low, high = (np.where(finite.any(axis=1), place, 0) for place in (low, high))
+    keep = np.sort(np.column_stack([low, high]) + size * np.arange(bins)[:, None], axis=1).ravel()
+    return x[keep], np.asarray(y, dtype=float)[keep]
 
 
 def robust_limits(values: np.ndarray, margin: float = 0.06) -> tuple[float, float]:

@@ -57,7 +57,7 @@ def _facts(found: Identification, best: Validation) -> tuple[tuple[str, str], ..
     rate = 1 / found.model.sample_time
     return (*validation.facts(best)[:3], ("parameters", f"{found.n_parameters}"),
             ("equations", f"{found.n_samples:,}"), ("sampling", number(rate, 5, "Hz")),
-            ("condition number, unit columns", f"{found.scaled_condition:.1e}"))
+            ("condition number, unit columns", number(found.scaled_condition, 2)))
 
 
 def _caveats(found: Identification) -> tuple[str, ...]:
@@ -84,7 +84,8 @@ def _parameters(found: Identification) -> list[Item]:
                                "z = (p − centre)/half width."))
     rows = tuple((n, number(v, 6), number(s, 3)) for n, v, s in
                  zip(found.parameter_names, found.parameters.tolist(), found.standard_errors.tolist(), strict=True))
-    items.append(Table(("parameter", "value", "standard error"), rows[:MOST_PARAMETERS], "In SI units.", (1, 2)))
+    items.append(Table(("parameter", "value", "standard error"), rows[:MOST_PARAMETERS], "In SI units.", (1, 2),
+                       folded=f"{min(len(rows), MOST_PARAMETERS)} linear parameters"))
     if len(rows) > MOST_PARAMETERS:
         items.append(Paragraph(f"{len(rows) - MOST_PARAMETERS} more parameters stand in identification.json."))
     return items

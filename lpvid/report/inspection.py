@@ -40,7 +40,8 @@ def inspection_page(audit: Audit, records: Sequence[Record], channels: Sequence[
 
 def findings_table(audit: Audit) -> Item:
     """Findings with their evidence and mend; those of one name stand together."""
-    rows, marks = [], []
+    rows: list[tuple[str, ...]] = []
+    marks: list[Mark] = []
     for finding in audit.findings:
         where = " · ".join(part for part in (finding.record, finding.channel) if part) or "whole data set"
         rows.append((finding.name, finding.severity, where, finding.evidence, finding.mend or "–"))
@@ -78,6 +79,6 @@ def _figures(records: Sequence[Record], channels: Sequence[str]) -> list[Item]:
         items.append(Figure.of(spectra, "Amplitude spectral density of the longest unbroken stretch (Welch, Hann)."))
     strokes = [(v.name, *v.stroke) for v in (view(r, None) for r in records) if v.stroke is not None]
     if strokes:
-        items.append(Figure.of(plot.strokes(strokes), "Force over velocity and over displacement, as measured. A passive "
-                               "damper fills the first and third quadrant of the left figure."))
+        items.append(Figure.of(plot.strokes(strokes), "Force over velocity and over displacement, as measured. A "
+                               "passive damper fills the first and third quadrant of the left figure."))
     return items

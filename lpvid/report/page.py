@@ -33,13 +33,14 @@ class Notes:
 
 @dataclass(frozen=True)
 class Table:
-    """Columns and rows of text; `numeric` columns are right-aligned, `marks` colour whole rows."""
+    """Columns and rows of text; `numeric` columns are right-aligned, `marks` colour rows, `folded` labels a fold."""
 
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
     numeric: tuple[int, ...] = ()
     marks: tuple[Mark, ...] = ()
+    folded: str = ""
     kind: ClassVar[str] = "table"
 
 
@@ -122,7 +123,7 @@ def render(page: Page) -> str:
 
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
     text = files("lpvid.report").joinpath("page.html").read_text(encoding="utf-8")
-    return environment.from_string(text).render(page=page, version=_version())
+    return environment.from_string(text).render(page=page, version=_version()) + "\n"
 
 
 def number(value: float | None, digits: int = 4, unit: str = "") -> str:

@@ -222,7 +222,7 @@ def _certificate(study: StabilityStudy) -> list[Item]:
     rows = [("verdict", c.verdict), ("claim", c.claim), ("kind", c.kind), ("rate of change allowed", speeds or "–"),
             ("margin", number(c.margin)), ("proven between grid points", "yes" if c.between_grid else "no"),
             ("guaranteed decay", "–" if not c.time_constant else f"exp(−t/{number(c.time_constant, 4, 's')})")]
-    items: list[Item] = [Table(("", ""), tuple(rows), "Re-checked with numpy alone, whatever the solver said.")]
+    items: list[Item] = [Table((), tuple(rows), "Re-checked with numpy alone, whatever the solver said.")]
     if c.divergence is not None:
         items.append(Paragraph(f"Counterexample: the model {c.divergence}.", strong=True))
     return items
@@ -231,7 +231,8 @@ def _certificate(study: StabilityStudy) -> list[Item]:
 def _locus_figure(found: PoleLocus, band: PoleBand | None, study: StabilityStudy | None) -> Figure:
     cloud = f"; grey, the poles of {band.draws} models drawn from the parameters' covariance" if band else ""
     return Figure.of(plot.locus(found, band, None if study is None else study.frozen.critical),
-                     f"Left: frozen poles over {found.variable}{cloud}. Right: the largest pole modulus over the range.",
+                     f"Left: frozen poles over {found.variable}{cloud}. Right: the largest pole modulus over "
+                     "the range.",
                      f"Pole locus over {found.variable}")
 
 

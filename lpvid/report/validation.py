@@ -45,11 +45,12 @@ def verdict(found: Validation) -> str:
     """The free run in one sentence."""
     run = found.overall.free_run
     if run.diverged_at is not None:
-        return f"The free run diverges on {found.label} data, at sample {run.diverged_at}: the model cannot simulate them."
+        return (f"The free run diverges on {found.label} data, at sample {run.diverged_at}: the model cannot simulate "
+                "them.")
     if run.esr is None:
         return f"No figure on {found.label} data: the output does not move there."
-    return (f"In free run on {found.label} data the model explains {100 * (1 - run.esr):.1f} % of the output's variance "
-            f"(ESR {run.esr:.4g}, fit {run.fit_percent:.1f} %).")
+    return (f"In free run on {found.label} data the model explains {100 * (1 - run.esr):.1f}\u00a0% of the output's "
+            f"variance (ESR {run.esr:.4g}, fit {run.fit_percent:.1f}\u00a0%).")
 
 
 def facts(found: Validation) -> tuple[tuple[str, str], ...]:
