@@ -13,7 +13,7 @@ from lpvid.errors import InputError
 def frozen_array(values: object, name: str, *, ndim: int | None = None, dtype: type = float) -> np.ndarray:
     """Copy `values` into a read-only C-ordered array of `dtype`; `ndim` is checked when given."""
     try:
-        if np.iscomplexobj(values):
+        if np.iscomplexobj(values):  # type: ignore[arg-type]
             raise TypeError("complex numbers have no place here")
         array = np.array(values, dtype=dtype, order="C")
     except (TypeError, ValueError) as error:

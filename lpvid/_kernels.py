@@ -306,10 +306,10 @@ class ChunkedQR:
 
         self.columns, self.chunk = columns, chunk
         self.rows_seen = 0
-        self._geqrf = lapack.dgeqrf
+        self._geqrf = lapack.dgeqrf  # type: ignore[attr-defined]
         self._above = np.triu(np.ones((columns, columns), dtype=bool), 1)
         self._work = np.zeros((columns, columns + chunk))  # transpose of the Fortran-ordered workspace
-        self._lwork = int(lapack.dgeqrf_lwork(columns + chunk, columns)[0])
+        self._lwork = int(lapack.dgeqrf_lwork(columns + chunk, columns)[0])  # type: ignore[attr-defined]
 
     @property
     def block(self) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,14 +89,14 @@ class Factor:
         r11, r12, r22 = self.r[:k, :k], self.r[:k, k:], self.r[k:, k:]
         scale = np.linalg.norm(r11, axis=0)
         if not np.all(scale > 0):
-            dead = ", ".join(names[i] for i in np.flatnonzero(scale == 0)[:4])
+            dead = ", ".join(names[int(i)] for i in np.flatnonzero(scale == 0)[:4])
             raise InputError(f"regressors are zero throughout: {dead}", why="their signals do not move",
                              mend="leave these inputs out")
         singular = np.linalg.svd(r11 / scale, compute_uv=False)
         condition = np.linalg.cond(r11)
         if singular[-1] < SINGULAR * singular[0] and ridge == 0:
             _, _, vt = np.linalg.svd(r11 / scale)
-            mixed = ", ".join(names[i] for i in np.argsort(-np.abs(vt[-1]))[:4])
+            mixed = ", ".join(names[int(i)] for i in np.argsort(-np.abs(vt[-1]))[:4])
             raise InputError("these data cannot tell some parameters apart", got=f"a dependence among {mixed}",
                              why="their regressors are linearly dependent",
                              mend="lower the orders or the degree, or add ridge")
@@ -154,10 +154,26 @@ def factorize(records: Sequence[Record], data: RegressionData) -> Factor:
     qr = ChunkedQR(data.columns.size + len(data.outputs), CHUNK)
     with single_thread():
         for record in records:
-            p = _scheduling(record, data)
-            for first in range(data.start, record.n_samples, SUPER_CHUNK):
-                _absorb(qr, record, data, p, first, min(first + SUPER_CHUNK, record.n_samples))
+            for rows in rows_of(record, data, qr.block, qr.columns):
+                qr.absorb(rows)
     return Factor(qr.r, qr.rows_seen, data.columns.size)
+
+
+def rows_of(record: Record, data: RegressionData, block: np.ndarray, height: int) -> Iterator[int]:
+    """Write one record's rows of [X Y], chunk by chunk, into `block` from row `height` on; yields each chunk's rows.
+
+    Parameters
+    ----------
+    record : Record
+    data : RegressionData
+    block : (columns + outputs, height + CHUNK) array
+        C-ordered: the transpose of a Fortran-ordered workspace.
+    height : int
+        Rows at the top that are the caller's own.
+    """
+    p = _scheduling(record, data)
+    for first in range(data.start, record.n_samples, SUPER_CHUNK):
+        yield from _fill(record, data, p, first, min(first + SUPER_CHUNK, record.n_samples), block, height)
 
 
 def _scheduling(record: Record, data: RegressionData) -> np.ndarray | None:
@@ -168,8 +184,8 @@ def _scheduling(record: Record, data: RegressionData) -> np.ndarray | None:
     return data.scheduling_stage.apply(record.matrix(data.scheduling), record.sample_time)
 
 
-def _absorb(qr, record: Record, data: RegressionData, filtered: np.ndarray | None, first: int, last: int) -> None:
-    """Rows `first` … `last`−1 of one record."""
+def _fill(record: Record, data: RegressionData, filtered: np.ndarray | None, first: int, last: int,
+          block: np.ndarray, height: int) -> Iterator[int]:
     from lpvid._kernels import fill_regressor
 
     low = first - data.start
@@ -180,16 +196,16 @@ def _absorb(qr, record: Record, data: RegressionData, filtered: np.ndarray | Non
     if data.stage is not None:
         u = data.stage.apply(u, p[: last - low])
     signals = np.vstack([*(record[n][low:last] for n in data.outputs), u.T, np.ones(last - low)])
-    c, height = data.columns, qr.columns
+    c = data.columns
     for offset in range(data.start, last - low, CHUNK):
         rows = min(CHUNK, last - low - offset)
-        fill_regressor(qr.block, height, offset, rows, signals, phi, c.source, c.sign, c.lag, c.function, c.phi_lag)
+        fill_regressor(block, height, offset, rows, signals, phi, c.source, c.sign, c.lag, c.function, c.phi_lag)
         for i in range(len(data.outputs)):
-            qr.block[c.size + i, height: height + rows] = signals[i, offset: offset + rows]
+            block[c.size + i, height: height + rows] = signals[i, offset: offset + rows]
         if data.weight is not None:
             weight = np.sqrt(record[data.weight][low + offset: low + offset + rows])
-            qr.block[:, height: height + rows] *= weight
-        qr.absorb(rows)
+            block[:, height: height + rows] *= weight
+        yield rows
 
 
 def _stack(record: Record, names: Sequence[str], low: int, high: int) -> np.ndarray:
