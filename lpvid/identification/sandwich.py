@@ -1,0 +1,88 @@
+"""Covariance of a least-squares estimate whose equation error is coloured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lpvid._threads import single_thread
+from lpvid.identification.regression import CHUNK, Factor, RegressionData, rows_of
+from lpvid.record import Record
+
+BLOCKS = 60
+"""fewest blocks for which the spread of block sums says anything about 24 parameters together."""
+SHORTEST = 10
+"""shortest block [samples]."""
+
+
+def sandwich_covariance(records: Sequence[Record], data: RegressionData, factor: Factor, theta: np.ndarray,
+                        memory: int) -> np.ndarray | None:
+    r"""(XᵀX)⁻¹ S (XᵀX)⁻¹ with S the long-run covariance of the scores x(t) e(t).
+
+    S = Σ_b s_b s_bᵀ B/(B − 1), where s_b sums the scores over a block of ten times the residual's `memory` (batch means;
+    Carlstein 1986, and White 1980 for the sandwich). It corrects the standard errors for colour; it does not remove the
+    bias that colour gives least squares.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    data : RegressionData
+    factor : Factor
+        R of the same rows.
+    theta : (columns, n_outputs) array
+    memory : int
+        Samples over which the residual is correlated.
+
+    Returns
+    -------
+    (columns·n_outputs, columns·n_outputs) array or None
+        None where the data are too short for enough blocks.
+    """
+    from scipy.linalg import solve_triangular
+
+    k, ny = factor.columns, theta.shape[1]
+    length = max(10 * memory, SHORTEST)
+    if factor.rows < BLOCKS * length:
+        return None
+    with single_thread():
+        inverse = solve_triangular(factor.r[:k, :k], np.eye(k))
+        gram = inverse @ inverse.T
+        total, blocks = np.zeros((k * ny, k * ny)), 0
+        work = np.zeros((k + ny, CHUNK))
+        pending, held = np.zeros(k * ny), 0
+        for record in records:
+            for rows in rows_of(record, data, work, 0):
+                x, y = work[:k, :rows], work[k:, :rows]
+                scores = np.einsum("or,kr->okr", y - theta.T @ x, x).reshape(k * ny, rows)
+                first = 0
+                while first < rows:
+                    take = min(length - held, rows - first)
+                    pending += scores[:, first: first + take].sum(axis=1)
+                    held, first = held + take, first + take
+                    if held == length:
+                        total += np.outer(pending, pending)
+                        pending, held, blocks = np.zeros(k * ny), 0, blocks + 1
+        outer = np.kron(np.eye(ny), gram)
+        scale = factor.rows / (length * max(blocks - 1, 1)) * factor.rows / max(factor.rows - k, 1)
+        return outer @ total @ outer * scale
+
+
+def residual_memory(residuals: Sequence[np.ndarray], longest: int = 200) -> int:
+    """Lag from which on the residual's autocorrelation stays within its 95 % band for ten lags."""
+    n = sum(len(e) for e in residuals)
+    band = 2.0 / np.sqrt(n)
+    longest = min(longest, max(n // 50, 1))
+    centred = [e - e.mean() for e in residuals if len(e) > longest + 1]
+    if not centred:
+        return 1
+    power = sum(float(e @ e) for e in centred)
+    if not power > 0:
+        return 1
+    inside = 0
+    for lag in range(1, longest):
+        rho = sum(float(e[lag:] @ e[:-lag]) for e in centred) / power
+        inside = inside + 1 if abs(rho) < band else 0
+        if inside == 10:
+            return max(lag - 9, 1)
+    return longest
