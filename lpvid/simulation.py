@@ -108,7 +108,8 @@ def simulate(model: Model, record: Record, initial: str | np.ndarray = "measured
 def predict(model: Model, record: Record, horizon: int = 1) -> Simulation:
     """Predict every sample `horizon` steps ahead from the measured past.
 
-    A transfer function predicts by its equation from measured outputs up to k−horizon. A state space with an observer
+    A transfer function predicts by its equation from measured outputs up to k−horizon, with the innovations of its noise
+    model up to there and none after (Ljung 1999 (3.20), (3.31)); with output noise that is the free run. A state space with an observer
     gain runs it as its observer; one without a gain has no noise model, and its predictor is the free run at any
     horizon.
 
@@ -131,6 +132,8 @@ def predict(model: Model, record: Record, horizon: int = 1) -> Simulation:
     y = _outputs(model, record)
     if len(y) <= model.start:
         raise _too_short(model, len(y))
+    if isinstance(model, LPVTransferFunction) and model.noise.kind != "equation":
+        return _predict_coloured(model, u, p, y, horizon)
     phi = np.ascontiguousarray(model.basis.evaluate(p))
     out = y.copy()
     if isinstance(model, LPVTransferFunction):
@@ -271,6 +274,40 @@ def _estimate_state(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, y: np.
             break
     rows = len(influence)
     return np.linalg.lstsq(np.vstack(influence), (y[:rows] - forced[:rows]).ravel(), rcond=1e-10)[0]
+
+
+# -- noise models ----------------------------------------------------------------------------------------------------
+def _predict_coloured(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, y: np.ndarray,
+                      horizon: int) -> Simulation:
+    from lpvid import _kernels, _noise
+
+    noise, start = model.noise, model.start
+    assert noise.c is not None and noise.d is not None
+    limit = _limit(model, u, _scale(y))
+    if noise.kind == "output":
+        free = _simulate_io(model, u, p, y, "measured")
+        return _finish(model, free.output, start, horizon, free.diverged_at, "measured samples")
+    functions = np.ascontiguousarray(model.basis.evaluate(p))
+    phi, v, e, out = np.ascontiguousarray(functions.T), np.zeros_like(y), np.zeros_like(y), y.copy()
+    if noise.kind == "box-jenkins":
+        plant = _simulate_io(model, u, p, y, "measured")
+        if plant.diverged_at is not None:
+            return _finish(model, plant.output, start, horizon, plant.diverged_at, "measured samples")
+        v[start:] = (y - plant.output)[start:]
+        code = _noise.innovations(v, noise.c, noise.d, phi, model.lagged, start, limit, e)
+        ahead = np.zeros_like(y)
+        _noise.predict_coloured(v, e, noise.c, noise.d, start, horizon, ahead)
+        out[start:] = (plant.output + ahead)[start:]
+    else:
+        first, step = _first_lag(model), np.zeros_like(y)
+        _kernels.predict_io(model.a, model.b, model.c, first, model.lagged, functions, u, y, start, 1, step)
+        v[start:] = (y - step)[start:]
+        code = _noise.innovations(v, noise.c, noise.d, phi, model.lagged, start, limit, e)
+        forced = np.zeros_like(y)
+        _kernels.predict_io(model.a[:0], model.b, model.c, first, model.lagged, functions, u, y, start, 1, forced)
+        _noise.predict_armax(forced, model.a, noise.c, y, e, phi, model.lagged, start, horizon, out)
+    diverged = int(code) if code >= 0 else _first_beyond(out, limit)
+    return _finish(model, out, start, horizon, diverged, "measured past")
 
 
 # -- shared ----------------------------------------------------------------------------------------------------------

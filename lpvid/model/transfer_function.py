@@ -11,6 +11,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.input_stage import InputStage, stage_from_dict
+from lpvid.model.noise_model import NoiseModel
 from lpvid.model.scheduling_stage import SchedulingStage, scheduling_stage_from_dict
 from lpvid.model.signals import Signal, signals
 from lpvid.scheduling import Basis, Scheduling, basis_from_dict
@@ -56,9 +57,11 @@ class LPVTransferFunction:
     scheduling_stage : SchedulingStage, optional
         Causal filter from the logged scheduling to the p of every formula here (a coil's lag).
     noise_covariance : (n_outputs, n_outputs) array, optional
-        Covariance of the equation error e.
+        Covariance of the innovations e (of the output error where ``noise`` is of that kind).
     metadata : mapping
         What else belongs to the model (training records, polarity, version); JSON values only.
+    noise : NoiseModel
+        How e reaches the output; as equation error, as written above, when left out.
 
     Examples
     --------
@@ -82,6 +85,7 @@ class LPVTransferFunction:
     scheduling_stage: SchedulingStage | None = None
     noise_covariance: np.ndarray | None = None
     metadata: Mapping = field(default_factory=dict)
+    noise: NoiseModel = field(default_factory=NoiseModel)
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
@@ -114,6 +118,7 @@ class LPVTransferFunction:
         noise = _checks.shaped(_checks.frozen_array(noise, "noise_covariance"), (ny, ny), "noise_covariance")
         set_(self, "noise_covariance", _checks.finite(noise, "noise_covariance"))
         set_(self, "metadata", dict(self.metadata))
+        self.noise.check(ny, m)
 
     @classmethod
     def siso(cls, a: Sequence, b: Sequence, basis: Basis, sample_time: float, *, c: Sequence = (),
@@ -233,7 +238,7 @@ class LPVTransferFunction:
                 "outputs": [s.to_dict() for s in self.outputs],
                 "input_stage": None if self.input_stage is None else self.input_stage.to_dict(),
                 "scheduling_stage": None if self.scheduling_stage is None else self.scheduling_stage.to_dict(),
-                "noise_covariance": self.noise_covariance.tolist(), "metadata": dict(self.metadata)}
+                "noise_covariance": self.noise_covariance.tolist(), "noise": self.noise.to_dict(), "metadata": dict(self.metadata)}
 
     @classmethod
     def from_dict(cls, data: Mapping) -> LPVTransferFunction:
@@ -249,14 +254,15 @@ class LPVTransferFunction:
                    Scheduling.from_dict(data["scheduling"]), np.asarray(data["c"], dtype=float).reshape(-1, ny, m),
                    data["lagged"], inputs, outputs, stage,
                    scheduling_stage_from_dict(data["scheduling_stage"]), np.asarray(data["noise_covariance"]),
-                   data["metadata"])
+                   data["metadata"], NoiseModel.from_dict(data.get("noise")))
 
     def __repr__(self) -> str:
         inputs = ", ".join(map(str, self.inputs))
         outputs = ", ".join(map(str, self.outputs))
         return (f"LPVTransferFunction {inputs} -> {outputs}: na={self.na}, input lags 0..{self.n_lags - 1}, "
                 f"basis {{{', '.join(self.basis.labels)}}}, {1 / self.sample_time:.6g} Hz"
-                + (", coefficients at p(k-i)" if self.lagged else ""))
+                + (", coefficients at p(k-i)" if self.lagged else "")
+                + ("" if self.noise.kind == "equation" else f", {self.noise.kind} noise"))
 
 
 def _as_signals(given: Sequence, prefix: str, count: int) -> tuple[Signal, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -135,7 +135,8 @@ def realize(model: LPVTransferFunction, form: str = "augmented") -> Realization:
     ============= ======================= ================== =========================================================
 
     The observable, shifted and augmented forms are innovation forms: one step ahead they predict as the input-output
-    equation does. What does not depend on p at all is exact in every form.
+    equation does. A model of another noise kind is realised without observer gain. What does not depend on p at all is
+    exact in every form.
 
     Parameters
     ----------
@@ -167,6 +168,8 @@ def realize(model: LPVTransferFunction, form: str = "augmented") -> Realization:
         raise InputError("only an input-output model can be realised", got=type(model).__name__,
                          mend="give an LPVTransferFunction")
     layout = FORMS[_checks.one_of(form, tuple(FORMS), "form")](model)
+    if model.noise.kind != "equation":  # those gains belong to equation noise
+        layout = replace(layout, arrays={k: v for k, v in layout.arrays.items() if k != "observer_gain"})
     said = {"form": form, "exact": layout.exact}
     state_space = build(model, layout, {**model.metadata, "realization": said})
     causal = state_space.basis.lags[0] >= 0
