@@ -10,6 +10,9 @@ from lpvid.auditing.findings import Finding
 from lpvid.auditing.view import View, resting_levels
 from lpvid.condition import repetition_period
 
+_MOTION = 0.05
+"""span [s] over which a scheduling variable is asked whether it moved."""
+
 
 def scheduling(views: Sequence[View]) -> Iterator[Finding]:
     """Range, levels, rate of change and time in motion of each scheduling candidate over the whole data set."""
@@ -47,14 +50,15 @@ def _moving(having: Sequence[View], name: str, unit: str, low: float, high: floa
     for view in having:
         found = view.run(name)
         if found is not None and view.period is not None:
-            steps = np.abs(np.diff(found[0]))
-            rates.append(float(np.percentile(steps, 99.9)) / view.period)
-            moving += int(np.sum(steps > 0.01 * (high - low)))
-            total += steps.size
+            lag = min(max(round(_MOTION / view.period), 1), found[0].size // 2)
+            rates.append(float(np.percentile(np.abs(np.diff(found[0])), 99.9)) / view.period)
+            moved = np.abs(found[0][lag:] - found[0][:-lag])
+            moving += int(np.sum(moved > 0.02 * (high - low)))
+            total += moved.size
     kind = f"{levels} levels" if levels else "continuous"
     share = 100 * moving / max(total, 1)
-    evidence = (f"{low:.4g} … {high:.4g} {unit}".rstrip() + f", {kind}, up to {max(rates):.3g} {unit}/s noise included, in motion "
-                f"(over 1 % of its range from sample to sample) {share:.2g} % of the time")
+    evidence = (f"{low:.4g} … {high:.4g} {unit}".rstrip() + f", {kind}, up to {max(rates):.3g} {unit}/s with its noise,"
+                f" moves by over 2 % of its range within {1e3 * _MOTION:g} ms for {share:.0f} % of the time")
     mend = "two levels carry no more than a first-degree polynomial" if levels == 2 else ""
     return Finding("scheduling-excitation", lone, name, "note", evidence, mend, high - low)
 

@@ -25,6 +25,11 @@ class _Relation:
     residual: float
     busy: float
 
+    @property
+    def half_sample(self) -> bool:
+        """True when the velocity is a one-sided difference of the displacement."""
+        return abs(abs(self.delay) - 0.5) < 0.03 and self.residual < 0.05
+
 
 def velocity_against_displacement(view: View) -> Iterator[Finding]:
     """Scale, delay and mismatch between the velocity channel and the slope of the displacement channel."""
@@ -40,14 +45,15 @@ def velocity_against_displacement(view: View) -> Iterator[Finding]:
                       f"{100 * left:.3g} % rms of the velocity is not the derivative of '{view.displacement}'",
                       "check which sensors these are; derive the velocity from the displacement", left)
         return
+    filtered = [] if relation.half_sample else list(_one_sided(view, slope, velocity))
     if relation.gain < 0:
         yield Finding("velocity-sign", *at, "warning", f"the velocity is {relation.gain:.3g} times the derivative of "
                       f"'{view.displacement}'", f"--flip {view.velocity}", relation.gain)
-    elif abs(relation.gain - 1) > 0.05:
+    elif abs(relation.gain - 1) > 0.05 and not filtered:
         yield Finding("velocity-scale", *at, "warning", f"the velocity is {relation.gain:.4g} times the derivative of "
                       f"'{view.displacement}'", "correct the unit or the sensor's gain", relation.gain)
     yield from _delayed(view, relation)
-    yield from _one_sided(view, slope, velocity)
+    yield from filtered
 
 
 def _pair(view: View) -> tuple[np.ndarray, np.ndarray] | None:
@@ -90,7 +96,7 @@ def _delayed(view: View, relation: _Relation) -> Iterator[Finding]:
     assert view.period is not None and view.velocity is not None
     seconds = relation.delay * view.period
     phase = 360 * seconds * relation.busy
-    half = abs(abs(relation.delay) - 0.5) < 0.03 and relation.residual < 0.05
+    half = relation.half_sample
     if abs(relation.delay) < 0.2 or (abs(phase) < 0.05 and not half):
         return
     kind = "late" if seconds > 0 else "early"
@@ -115,21 +121,33 @@ def _one_sided(view: View, slope: np.ndarray, velocity: np.ndarray) -> Iterator[
     if not low > 0:
         return
     ratio, phase = np.abs(h) / low, np.unwrap(np.angle(h * np.sign(np.median(np.real(h[: max(h.size // 8, 1)])))))
-    # first order H = 1/(1 + j f/fc): the drop of gain and the tangent of the lag give fc independently
+    # a low-pass of order n, Butterworth: the fall of gain 1/|H|² − 1 = (f/fc)^2n gives fc, the lag must agree
     drop, lag = 1 / np.maximum(ratio, 1e-3) ** 2 - 1, -phase
-    upper = frequency > 0.4 * frequency[-1]
+    upper = frequency > 0.75 * frequency[-1]
     sign = 1.0 if np.median(drop[upper]) > 0 else -1.0
     if sign < 0:  # the displacement is the filtered one: look at the inverse
         drop, lag = ratio**2 - 1, phase
     fell, lagged = float(np.median(drop[upper])), float(np.median(lag[upper]))
     if fell < 0.15 or lagged < 0.15:
         return
-    cutoff = float(np.median(frequency[upper] / np.sqrt(np.maximum(drop[upper], 1e-9))))
+    cutoff, order = _cutoff(frequency, drop, lag, upper)
     channel = view.velocity if sign > 0 else str(view.displacement)
     yield Finding("one-sided-filter", view.name, channel, "warning",
                   f"gain down by {10 * np.log10(1 + fell):.2g} dB and phase late by {np.degrees(lagged):.3g}° at "
-                  f"{np.median(frequency[upper]):.3g} Hz against the other motion channel: a causal low-pass near "
-                  f"{cutoff:.3g} Hz on this one alone", "filter all channels alike, or without phase", cutoff)
+                  f"{np.median(frequency[upper]):.3g} Hz against the other motion channel: a causal low-pass of order "
+                  f"{order} near {cutoff:.3g} Hz on this one alone", "filter all channels alike, or without phase",
+                  cutoff)
+
+
+def _cutoff(frequency: np.ndarray, drop: np.ndarray, lag: np.ndarray, upper: np.ndarray) -> tuple[float, int]:
+    """(cut-off [Hz], order 1 or 2) that explains the fall of gain, and of the two the one that explains the lag."""
+    found = []
+    for order in (1, 2):
+        cutoff = float(np.median(frequency[upper] / np.maximum(drop[upper], 1e-9) ** (0.5 / order)))
+        r = frequency / cutoff
+        expected = np.arctan(r) if order == 1 else np.arctan2(np.sqrt(2) * r, 1 - r**2)
+        found.append((float(np.median(np.abs(expected - lag))), cutoff, order))
+    return min(found)[1:]
 
 
 def _response(slope: np.ndarray, velocity: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray] | None:
@@ -141,7 +159,8 @@ def _response(slope: np.ndarray, velocity: np.ndarray, period: float) -> tuple[n
         return None
     frequency, cross = csd(slope, velocity, 1 / period, nperseg=size)
     power = welch(slope, 1 / period, nperseg=size)[1]
-    alike = coherence(slope, velocity, 1 / period, nperseg=size)[1]
+    with np.errstate(divide="ignore", invalid="ignore"):  # a bin without any power is not coherent: NaN > 0.9 is False
+        alike = coherence(slope, velocity, 1 / period, nperseg=size)[1]
     keep = (alike > 0.9) & (frequency > 0) & (frequency < 0.25 / period) & (power > 1e-5 * power.max())
     if keep.sum() < 16 or frequency[keep].max() < 4 * frequency[keep].min():
         return None

@@ -51,7 +51,7 @@ def _tone(x: np.ndarray, period: float) -> tuple[float, float, float] | None:
     power = spectrum**2
     if top < 2 or top + 3 > spectrum.size or power[top - 2:top + 3].sum() < 0.9 * power.sum():
         return None
-    left, mid, right = np.log(spectrum[top - 1:top + 2])
+    left, mid, right = np.log(np.maximum(spectrum[top - 1:top + 2], 1e-12 * spectrum[top]))
     shift = 0.5 * (left - right) / (left - 2 * mid + right)
     resolution = 1 / (x.size * period)
     low, high = np.percentile(x, (0.2, 99.8))  # the drive's frequency may wander: no fit of one sine

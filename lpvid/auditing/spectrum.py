@@ -104,12 +104,15 @@ def comb_length(x: np.ndarray, period: float) -> tuple[int, float] | None:
     frequency, power = welch(np.diff(x), 1 / period, window="blackmanharris", nperseg=size)
     level = 10 * np.log10(np.maximum(power, 1e-30 * power.max()))
     spacing = float(frequency[1])
-    tone = float(frequency[int(np.argmax(power))])
+    top = int(np.argmax(power))
+    tonal = power[max(top - 4, 0):top + 5].sum() > 0.5 * power.sum()
+    # overtones of a sine must not pass for lobes: look well above it only
+    lowest = 6 * float(frequency[top]) if tonal else 0.0
     best: tuple[int, float] | None = None
     for length in range(3, 257):
         null = 1 / (length * period)
         reach = 0.12 * null / spacing
-        if reach < 1.0 or null < 6 * tone:
+        if reach < 1.0 or null < lowest:
             continue
         contrast = _contrast(level, null / spacing, reach)
         if contrast.size >= 3 and np.mean(contrast > 3.0) >= 0.75 and (depth := float(np.median(contrast))) > 6.0 \
