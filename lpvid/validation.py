@@ -259,7 +259,7 @@ def residual_tests(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray 
 
 def _autocovariance(pieces: Sequence[np.ndarray], lags: int) -> np.ndarray:
     n = sum(len(x) for x in pieces)
-    return np.array([sum(float(x[: len(x) - k] @ x[k:]) for x in pieces) / n for k in range(lags + 1)])
+    return np.array([sum(float(x[: len(x) - k] @ x[k:]) for x in pieces if len(x) > k) / n for k in range(lags + 1)])
 
 
 def _whiteness(residuals: Sequence[np.ndarray], lags: int) -> ResidualTest:

@@ -13,6 +13,7 @@ from lpvid.errors import InputError
 from lpvid.identification.layout import Layout
 from lpvid.identification.regression import Columns, Factor, RegressionData, Solution, factorize
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
+from lpvid.identification.ridge import Ridge
 from lpvid.identification.structure import Structure
 from lpvid.model.input_stage import STAGES, InputStage
 from lpvid.model.scheduling_stage import FITTED, SchedulingStage
@@ -51,8 +52,9 @@ class ARX(Structure):
         Static input stage; a name is fitted to the data, an InputStage is taken as it is.
     schedule_filter : None, "lag", "rise-fall", "lag-delay", "rise-fall-delay" or SchedulingStage
         Filter between the logged scheduling and the coefficients; a name is fitted to the data.
-    ridge : float
-        Penalty on the parameters in unit-column scaling; 0 for plain least squares.
+    ridge : float or Ridge
+        Penalty on the parameters in unit-column scaling; 0 for plain least squares. A `Ridge` penalises how strongly
+        the coefficients depend on the scheduling, and finds its strength from the data.
     weight : str, optional
         Channel of non-negative weights per sample.
 
@@ -72,7 +74,7 @@ class ARX(Structure):
     lagged: bool = False
     stage: InputStage | str | None = None
     schedule_filter: SchedulingStage | str | None = None
-    ridge: float = 0.0
+    ridge: float | Ridge = 0.0
     weight: str | None = None
 
     def __post_init__(self) -> None:
@@ -95,7 +97,7 @@ class ARX(Structure):
             raise InputError("a scheduling filter needs a scheduling variable", mend="give a basis that names one")
         if isinstance(self.stage, InputStage):
             _stage_fits(self.stage, len(self.input), len(self.basis.names))
-        if not _checks.real(self.ridge, "ridge") >= 0:
+        if not isinstance(self.ridge, Ridge) and not _checks.real(self.ridge, "ridge") >= 0:
             raise InputError("ridge must not be negative", got=self.ridge)
 
     # -- sizes --------------------------------------------------------------------------------------------------
@@ -189,23 +191,36 @@ class ARX(Structure):
 
     def regress(self, records: Sequence[Record], box: Scheduling) -> Identification:
         """One least squares with the basis bound and the stage fixed."""
-        stage = self.stage if isinstance(self.stage, InputStage) else None
-        width = self._filter_width()
         equations = sum(r.n_samples - self.start for r in records)
-        layout = self.layout(width)
-        per_output = layout.size // len(self.output)
+        per_output = self.places().shape[0]
         if equations <= per_output:
             raise InputError(f"{equations} equations cannot determine {per_output} parameters per output",
                              mend="give longer records, or lower the orders or the degree")
-        _, columns = self._places(width)
+        return self.solved(records, box, self.factor(records, box))
+
+    def places(self) -> np.ndarray:
+        """(columns, 4) part, lag index, signal and basis function of every regressor column, as in a `Layout`."""
+        return self._places(self._filter_width())[0]
+
+    def factor(self, records: Sequence[Record], box: Scheduling, start: int | None = None) -> Factor:
+        """R of [X Y] with the basis bound and the stage fixed; rows from `start` on (by default the structure's)."""
+        stage = self.stage if isinstance(self.stage, InputStage) else None
+        _, columns = self._places(self._filter_width())
         data = RegressionData(self.input, self.output, box.names, self.basis, columns,  # type: ignore[arg-type]
-                              self.start, stage, self._filter(), self.weight)
-        factor = factorize(records, data)
-        model = self._empty_model(records[0], box, width)
-        names = [n.split(":")[-1] for n in layout.names(model)[:per_output]]
+                              self.start if start is None else start, stage, self._filter(), self.weight)
+        return factorize(records, data)
+
+    def solved(self, records: Sequence[Record], box: Scheduling, factor: Factor) -> Identification:
+        """The estimate that a factor of these records holds."""
+        width = self._filter_width()
+        layout, model = self.layout(width), self._empty_model(records[0], box, width)
+        names = [n.split(":")[-1] for n in layout.names(model)[: factor.columns]]
         with single_thread():
-            solution = factor.solve(self.ridge, names)
-        return self._package(records, model, layout, factor, solution)
+            if not isinstance(self.ridge, Ridge):
+                return self._package(records, model, layout, factor, factor.solve(self.ridge, names))
+            solution, strength = self.ridge.solve(factor, self.places(), self.basis)
+        found = self._package(records, model, layout, factor, solution)
+        return found.replace(notes=(*found.notes, f"{self.ridge.describe()}: strength {strength:.3g}"))
 
     def _empty_model(self, record: Record, box: Scheduling, width: int) -> LPVTransferFunction:
         ny, m = len(self.output), self.basis.size
@@ -239,7 +254,7 @@ class ARX(Structure):
         return {"kind": "arx", "na": self.na, "nb": list(self._nb()), "nk": list(self._nk()),
                 "input": list(self.input), "output": list(self.output), "basis": self.basis.to_dict(),
                 "affine": self.affine, "lagged": self.lagged, "stage": stage, "schedule_filter": lag,
-                "ridge": self.ridge, "weight": self.weight}
+                "ridge": self.ridge.to_dict() if isinstance(self.ridge, Ridge) else self.ridge, "weight": self.weight}
 
 
 def _stage_fits(stage: InputStage, inputs: int, variables: int) -> None:
