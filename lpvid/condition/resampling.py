@@ -12,9 +12,8 @@ from lpvid.record import Channel, Record
 
 PASSBAND = 0.4
 """highest frequency kept within 1e-3, as a share of the lower of the two sampling rates."""
-SAME_RATE = 1e-6
-"""relative difference below which two sampling rates are one."""
-_RATIO_TOLERANCE = 1e-4
+SAME_RATE = 1e-4
+"""relative difference below which two sampling rates, or a rate and a whole multiple of another, are one."""
 _HALF_WIDTH = 25
 _KAISER_BETA = 7.857
 _TABLE = 1024
@@ -62,10 +61,11 @@ def resample(record: Record, sample_rate: float) -> Record:
     assert uniform.sample_time is not None
     old_rate = 1.0 / uniform.sample_time
     if abs(sample_rate - old_rate) <= SAME_RATE * old_rate:
-        return uniform if not note else uniform.with_note(note)
+        return replace(uniform, sample_time=1.0 / sample_rate, time=None,
+                       notes=(*uniform.notes, note) if note else uniform.notes)
     step = old_rate / sample_rate
     whole = max(round(step), 1)
-    if step > 1 and abs(step - whole) <= _RATIO_TOLERANCE * whole:
+    if step > 1 and abs(step - whole) <= SAME_RATE * whole:
         step = float(whole)
     positions = step * np.arange(int(np.floor((uniform.n_samples - 1) / step + 1e-9)) + 1)
     new = _interpolate_runs(np.column_stack([c.values for c in uniform.channels.values()]), positions, max(step, 1.0))

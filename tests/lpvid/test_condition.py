@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -20,6 +22,7 @@ from lpvid.condition import (
     with_velocity,
 )
 from lpvid.errors import InputError
+from lpvid.files import read
 from lpvid.record import Channel, Record
 
 NAN = np.nan
@@ -329,3 +332,33 @@ def test_time_blocks_of_a_repeating_road_leak_and_pattern_folds_do_not(rng: np.r
         assert leaks(inside, outside, "x", window=0.5) is None
     fresh = Record({"x": np.convolve(rng.normal(size=3000), np.hanning(21), mode="same")}, sample_time=0.01)
     assert leaks(*split_tail(fresh), "x") is None
+
+
+def test_a_rate_that_is_the_record_s_own_changes_no_sample(rng: np.random.Generator) -> None:
+    record = Record({"x": rng.normal(size=500)}, sample_time=1 / 3004.81)
+    same = resample(record, 3004.8)
+    np.testing.assert_array_equal(same["x"], record["x"])
+    assert same.sample_time == 1 / 3004.8
+    assert same.notes == ()
+
+
+# -- real measurements ------------------------------------------------------------------------------------------
+def test_sines_of_two_rates_come_out_at_one(shared_data: Path) -> None:
+    records = read(shared_data / "mr_damper_sines")
+    with pytest.raises(InputError, match="--sample-rate 200"):
+        segments(records, ["velocity", "force"])
+    pieces = segments(records, ["velocity", "force"], sample_rate=200.0)
+    assert len(pieces) == 24
+    assert {p.sample_time for p in pieces} == {0.005}
+    fast = next(r for r in records if r.name == "10mm1Hz1A")
+    slow = next(p for p in pieces if p.name == "10mm1Hz1A")
+    np.testing.assert_allclose(slow["displacement"][10:-10], fast["displacement"][::5][10:-10], atol=2e-6)
+
+
+def test_random_damper_at_a_sixth_of_its_rate_and_its_unknown_unit(shared_data: Path) -> None:
+    records = read(shared_data / "mr_damper_random")
+    (piece,) = segments(records, ["velocity", "force"], sample_rate=500.8)
+    assert piece.n_samples == 6010
+    assert abs(piece["force"].mean() - records[0]["force"].mean()) < 1.0
+    with pytest.raises(InputError, match="'acceleration': unknown unit: got 'raw'"):
+        segments(records, ["acceleration", "force"])
