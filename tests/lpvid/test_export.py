@@ -150,7 +150,7 @@ def test_a_bad_file_is_one_line_with_its_name_and_a_mend(case, tmp_path):
     assert len(text) < 700
 
 
-@pytest.mark.parametrize("key", [k for k in model().to_dict() if k != "kind"])
+@pytest.mark.parametrize("key", [k for k in model().to_dict() if k not in ("kind", "noise")])
 def test_every_missing_key_is_named(key, tmp_path):
     path = tmp_path / "suspect.json"
     path.write_text(altered(**{key: ...}))
@@ -245,3 +245,9 @@ def test_the_hash_sees_what_computes_and_not_what_is_noted(tmp_path):
 def test_the_hash_does_not_tell_one_from_one_point_zero():
     whole = Scheduling(("current",), (0.0,), (2.5,), rate=(100,), units=("A",))
     assert model_hash(model()) == model_hash(model().replace(scheduling=whole))
+
+
+def test_a_file_without_a_noise_model_has_equation_noise(tmp_path):
+    path = tmp_path / "old.json"
+    path.write_text(altered(noise=...))
+    assert load(path).noise.kind == "equation"
