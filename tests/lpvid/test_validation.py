@@ -1,0 +1,250 @@
+"""Figures by hand, pooling, and residual tests whose error rates are what they say."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import kstest
+
+from lpvid.errors import InputError
+from lpvid.identification import identify
+from lpvid.identification.arx import ARX
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.record import Record
+from lpvid.scheduling import Polynomial, Scheduling
+from lpvid.simulation import predict, simulate
+from lpvid.validation import LAGS, residual_tests, validate
+
+TS = 0.01
+GAIN = LPVTransferFunction.siso([], [[2.0]], Polynomial(), TS, inputs=("u",), outputs=("y",))
+"""y = 2u: the model's output is known without running it."""
+
+
+def a_record(u, y, name: str = "a", **more) -> Record:
+    return Record({"u": u, "y": y, **more}, sample_time=TS, name=name, units={"y": "N"})
+
+
+# -- figures ----------------------------------------------------------------------------------------------------
+def test_figures_by_hand() -> None:
+    u, y = [0.0, 1.0, 2.0, 3.0], [1.0, 2.0, 3.0, 6.0]  # errors 1, 0, −1, 0; y about its mean 3: −2, −1, 0, 3
+    found = validate(GAIN, a_record(u, y))
+    figures = found.overall.free_run
+    assert figures.esr == pytest.approx(2 / 14)
+    assert figures.fit_percent == pytest.approx(100 * (1 - np.sqrt(2 / 14)))
+    assert figures.rmse == pytest.approx(np.sqrt(2 / 4))
+    assert (figures.kind, figures.n_samples, figures.diverged_at) == ("free-run", 4, None)
+    assert found.overall.one_step.esr == pytest.approx(2 / 14)
+    assert found.label == "held-out"
+
+
+def test_samples_that_the_run_starts_from_are_left_out(rng: np.random.Generator) -> None:
+    model = LPVTransferFunction.siso(
+        [[-0.5]], [[0.0], [0.0], [0.0], [1.0]], Polynomial(), TS, inputs=("u",), outputs=("y",)
+    )
+    record = a_record(rng.normal(size=50), rng.normal(size=50))
+    y, run = record["y"][3:], simulate(model, record).output[3:, 0]
+    figures = validate(model, record).overall.free_run
+    assert figures.n_samples == 47
+    assert figures.esr == pytest.approx(np.sum((y - run) ** 2) / np.sum((y - y.mean()) ** 2))
+    step = predict(model, record).output[3:, 0]
+    assert validate(model, record).overall.one_step.esr == pytest.approx(
+        np.sum((y - step) ** 2) / np.sum((y - y.mean()) ** 2)
+    )
+
+
+def test_pooled_figures_sum_over_records_each_about_its_own_mean(rng: np.random.Generator) -> None:
+    records = [
+        a_record(rng.normal(size=n), offset + rng.normal(size=n), f"r{n}") for n, offset in ((30, 0.0), (200, 500.0))
+    ]
+    found = validate(GAIN, records)
+    errors = [np.sum((r["y"] - 2 * r["u"]) ** 2) for r in records]
+    powers = [np.sum((r["y"] - r["y"].mean()) ** 2) for r in records]
+    assert found.overall.free_run.esr == pytest.approx(sum(errors) / sum(powers))
+    assert found.overall.free_run.rmse == pytest.approx(np.sqrt(sum(errors) / 230))
+    for row, error, power in zip(found.records, errors, powers, strict=True):
+        assert row.free_run.esr == pytest.approx(error / power)
+    assert [r.name for r in found.records] == ["r30", "r200"]
+
+
+def test_several_outputs_are_averaged(rng: np.random.Generator) -> None:
+    model = LPVTransferFunction(
+        np.zeros((0, 2, 2, 1)), np.array([[[[1.0]], [[3.0]]]]), Polynomial(), TS, inputs=("u",), outputs=("y", "z")
+    )
+    u, y, z = rng.normal(size=(3, 80))
+    found = validate(model, a_record(u, 1e4 * y, z=z))
+    each = [np.sum((m - g * u) ** 2) / np.sum((m - m.mean()) ** 2) for m, g in ((1e4 * y, 1.0), (z, 3.0))]
+    assert found.overall.free_run.esr == pytest.approx(np.mean(each))
+
+
+def test_a_constant_output_has_no_error_ratio() -> None:
+    found = validate(GAIN, a_record([0.0, 1.0, 2.0], [0.1, 0.1, 0.1]))
+    assert found.overall.free_run.esr is None
+    assert found.overall.free_run.rmse == pytest.approx(np.sqrt(np.mean((0.1 - np.array([0.0, 2, 4])) ** 2)))
+    assert "does not move" in found.summary()
+
+
+def test_a_run_away_has_no_figures_but_says_where() -> None:
+    model = LPVTransferFunction.siso([[-2.0]], [[0.0], [1.0]], Polynomial(), TS, inputs=("u",), outputs=("y",))
+    rng = np.random.default_rng(0)
+    fine, bad = (a_record(rng.normal(size=n), rng.normal(size=n), str(n)) for n in (10, 400))
+    found = validate(model, [fine, bad])
+    assert found.overall.free_run.esr is None
+    assert found.overall.free_run.diverged_at is not None
+    assert found.records[0].free_run.esr is not None
+    assert found.overall.one_step.esr is not None
+    data = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert data["overall"]["free_run"]["esr"] is None
+    assert data["overall"]["free_run"]["diverged_at"] == found.records[1].free_run.diverged_at
+    assert "diverged at sample" in repr(found)
+
+
+def test_extrapolation_is_the_share_of_samples_outside_the_box(rng: np.random.Generator) -> None:
+    box = Scheduling(("p",), (0.0,), (1.0,))
+    model = LPVTransferFunction.siso(
+        [], [[2.0, 0.0]], Polynomial("p"), TS, scheduling=box, inputs=("u",), outputs=("y",)
+    )
+    inside, half = np.linspace(0, 1, 300), np.linspace(0.5, 1.5, 100)
+    records = [a_record(rng.normal(size=len(p)), rng.normal(size=len(p)), p=p) for p in (inside, half)]
+    found = validate(model, records)
+    assert [r.extrapolation_share for r in found.records] == [0.0, 0.5]
+    assert found.extrapolation_share == pytest.approx(50 / 400)
+    assert validate(GAIN, records).extrapolation_share == 0.0
+
+
+def test_other_rates_are_resampled_and_said(rng: np.random.Generator) -> None:
+    slow = np.convolve(rng.normal(size=4000), np.hanning(80) / 40, "same")
+    fast = Record({"u": slow, "y": 2 * slow}, sample_time=TS / 2)
+    found = validate(GAIN, fast)
+    assert found.overall.free_run.n_samples == 2000
+    assert found.overall.free_run.esr < 1e-5
+    assert found.notes == ("1 record(s) resampled to the model's 100 Hz",)
+
+
+def test_velocity_is_derived_where_it_was_not_measured() -> None:
+    t = TS * np.arange(600)
+    model = GAIN.replace(inputs=("velocity",))
+    record = Record(
+        {"displacement": np.sin(3 * t), "y": 6 * np.cos(3 * t)}, sample_time=TS, units={"displacement": "m"}
+    )
+    assert validate(model, record).overall.free_run.esr < 1e-4
+
+
+def test_state_space_models_are_validated_from_short_pieces(rng: np.random.Generator) -> None:
+    model = LPVStateSpace(
+        [0.1 * rng.normal(size=(4, 4))],
+        [rng.normal(size=(4, 1))],
+        [rng.normal(size=(1, 4))],
+        [[[0.0]]],
+        Polynomial(),
+        TS,
+        inputs=("u",),
+        outputs=("y",),
+    )
+    y = rng.normal(size=40)
+    y[10] = np.nan  # the first piece is as short as may be
+    found = validate(model, a_record(rng.normal(size=40), y))
+    assert [r.free_run.n_samples for r in found.records] == [2, 21]
+    assert found.overall.free_run.esr is not None
+    y[9] = np.nan
+    assert len(validate(model, a_record(rng.normal(size=40), y)).records) == 1
+
+
+def test_continuous_models_are_refused() -> None:
+    model = LPVStateSpace(
+        [[[-1.0]]], [[[1.0]]], [[[1.0]]], [[[0.0]]], Polynomial(), None, inputs=("u",), outputs=("y",)
+    )
+    with pytest.raises(InputError, match=r"continuous in time.*discretise"):
+        validate(model, a_record(np.ones(5), np.ones(5)))
+
+
+# -- residual tests ---------------------------------------------------------------------------------------------
+def p_values(runs: int, residual, drive, seed: int, n: int = 1500, parts: int = 1) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    listed: dict[str, list[float]] = {"whiteness": [], "independence": []}
+    for _ in range(runs):
+        es, us = [], []
+        for _ in range(parts):
+            es.append(residual(rng.normal(size=n // parts)))
+            us.append(drive(rng.normal(size=n // parts)))
+        for test in residual_tests(es, us):
+            listed[test.name].append(test.p_value)
+    return {k: np.array(v) for k, v in listed.items()}
+
+
+def white(e: np.ndarray) -> np.ndarray:
+    return e
+
+
+def coloured(pole: float):
+    def colour(e: np.ndarray) -> np.ndarray:
+        return lfilter([1.0], [1.0, -pole], e)
+
+    return colour
+
+
+def test_whiteness_is_calibrated_and_notices_colour() -> None:
+    found = p_values(200, white, white, seed=11)
+    assert kstest(found["whiteness"], "uniform").pvalue > 1e-3
+    pooled = p_values(200, white, white, seed=12, n=3000, parts=3)
+    assert kstest(pooled["whiteness"], "uniform").pvalue > 1e-3
+    assert (p_values(30, coloured(0.5), white, seed=13)["whiteness"] < 1e-6).all()
+
+
+@pytest.mark.parametrize(
+    ("residual", "drive"),
+    [(white, white), (white, coloured(0.9)), (coloured(0.8), white), (coloured(0.8), coloured(0.9))],
+    ids=["ww", "wc", "cw", "cc"],
+)
+def test_independence_is_calibrated_under_colour(residual, drive) -> None:
+    """At the 1 % level a calibrated test rejects 3 ± 1.7 of 300; 12 would be 4 %."""
+    rejected = np.sum(p_values(300, residual, drive, seed=21, n=2000)["independence"] < 0.01)
+    assert rejected <= 12
+
+
+def test_a_missing_lag_is_noticed(rng: np.random.Generator) -> None:
+    u = rng.normal(size=4000)
+    y = lfilter([0.0, 1.0, 0.4], [1.0, -0.6], u) + 0.05 * rng.normal(size=4000)
+    record = a_record(u, y)
+    short = identify(record, ARX(na=0, nb=4, input="u", output="y")).training
+    assert short is not None
+    tests = {t.name: t for t in short.residual_tests}
+    assert not tests["independence"].passed
+    assert tests["independence"].p_value < 1e-6
+    assert "depends on past inputs" in tests["independence"].says
+
+
+def test_a_complete_model_passes(rng: np.random.Generator) -> None:
+    u, e = rng.normal(size=(2, 4000))
+    y = lfilter([0.0, 1.0, 0.4], [1.0, -0.6], u) + lfilter([1.0], [1.0, -0.6], 0.2 * e)
+    found = identify(a_record(u, y), ARX(na=1, nb=2, input="u", output="y")).training
+    assert found is not None
+    assert [t.name for t in found.residual_tests] == ["whiteness", "independence"]
+    assert all(t.passed for t in found.residual_tests)
+
+
+def test_the_statistics_by_hand(rng: np.random.Generator) -> None:
+    e, u = rng.normal(size=(2, 400))
+    tests = {t.name: t for t in residual_tests([e], [u])}
+    c = e - e.mean()
+    rho = np.array([np.sum(c[k:] * c[:-k]) for k in range(1, LAGS + 1)]) / np.sum(c * c)
+    assert tests["whiteness"].statistic == pytest.approx(400 * 402 * np.sum(rho**2 / (400 - np.arange(1, LAGS + 1))))
+
+
+def test_residuals_that_say_nothing() -> None:
+    long, short = np.zeros(500), np.zeros(4 * LAGS)
+    assert residual_tests([short], [short]) == ()
+    (whiteness,) = residual_tests([long], [np.ones(500)])  # an input that never moves is no input
+    assert (whiteness.passed, whiteness.p_value) == (True, 1.0)
+    tests = residual_tests([long], [np.random.default_rng(0).normal(size=500)])
+    assert [t.passed for t in tests] == [True, True]
+    assert len(residual_tests([np.random.default_rng(0).normal(size=500)], [None])) == 1
+
+
+def test_units_change_no_residual_test(rng: np.random.Generator) -> None:
+    e, u = rng.normal(size=(2, 600))
+    for mine, theirs in zip(residual_tests([e], [u]), residual_tests([1e-9 * e], [1e7 * u + 3e8]), strict=True):
+        assert theirs.p_value == pytest.approx(mine.p_value, rel=1e-5)
