@@ -51,14 +51,14 @@ class RigDamper:
     inf
     """
 
-    viscous: float = quantity(1400.0, "N*s/m", "viscous damping at zero current")
-    viscous_per_current: float = quantity(150.0, "N*s/(m*A)", "growth of the viscous damping with current")
-    yield_base: float = quantity(200.0, "N", "yield force at zero current")
-    yield_per_current: float = quantity(640.0, "N/A", "initial slope of the yield force over current")
-    yield_current: float = quantity(3.0, "A", "current scale of its saturation; inf for none")
-    yield_speed: float = quantity(0.030, "m/s", "fluid speed of the yield knee")
+    viscous: float = quantity(900.0, "N*s/m", "viscous damping at zero current")
+    viscous_per_current: float = quantity(300.0, "N*s/(m*A)", "growth of the viscous damping with current")
+    yield_base: float = quantity(60.0, "N", "yield force at zero current")
+    yield_per_current: float = quantity(1050.0, "N/A", "initial slope of the yield force over current")
+    yield_current: float = quantity(1.5, "A", "current scale of its saturation; inf for none")
+    yield_speed: float = quantity(0.025, "m/s", "fluid speed of the yield knee")
     asymmetry: float = quantity(1.3, "", "rebound over compression force")
-    series_stiffness: float = quantity(5e6, "N/m", "spring in series (fluid and mount); inf for none")
+    series_stiffness: float = quantity(4e6, "N/m", "spring in series (fluid and mount); inf for none")
     gas_preload: float = quantity(180.0, "N", "gas force at mid stroke")
     gas_stiffness: float = quantity(500.0, "N/m", "gas spring rate at mid stroke")
     friction: float = quantity(20.0, "N", "seal friction")
