@@ -259,6 +259,27 @@ def test_without_a_noise_model_every_horizon_is_the_free_run(rng: np.random.Gene
 
 
 # -- initial conditions -----------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    "case",
+    [
+        {"lagged": True},
+        {"affine": 3},
+        {"basis": DYNAMIC, "lagged": True, "affine": 2},
+        {"basis": Shifted(QUADRATIC, -1)},
+    ],
+    ids=str,
+)
+def test_before_a_run_from_rest_input_and_output_are_zero_and_the_scheduling_holds(
+    case: dict, rng: np.random.Generator
+) -> None:
+    model = io_model(rng, **case)
+    record, u, p, y = data(rng, model)
+    s = model.start
+    long_u, long_p = np.vstack([np.zeros((s, u.shape[1])), u]), np.vstack([np.repeat(p[:1], s, axis=0), p])
+    expected = naive(model, long_u, long_p, np.zeros((s + len(y), model.n_outputs)), None)[s:]
+    np.testing.assert_allclose(simulate(model, record, "zero").output, expected, rtol=1e-10, atol=1e-12)
+
+
 def test_the_given_past_is_where_the_run_starts(rng: np.random.Generator) -> None:
     model = io_model(rng, ny=2, nu=2)
     record, u, p, y = data(rng, model)
