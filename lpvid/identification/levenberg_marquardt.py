@@ -1,0 +1,221 @@
+"""Levenberg-Marquardt on a prediction-error problem, from triangular factors alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.identification.pem_problem import Point, Problem, Residuals
+from lpvid.model.transfer_function import LPVTransferFunction
+
+MAX_DAMPING = 1e12
+FROZEN_POINTS = 200
+"""trajectory points at which a trial step's frozen poles are checked."""
+LONGEST_STEP = 1.0
+"""a step changes no group of parameters by more than this many times its own norm (plus one for A, C and D)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Where a search ended.
+
+    Attributes
+    ----------
+    point : Point
+    residuals : Residuals
+    factors : list of arrays
+        Of [J_past J_shared e] at the point, record by record.
+    iterations : int
+    why : str
+        Why it stopped.
+    first_cost : float
+        Cost at its start.
+    """
+
+    point: Point
+    residuals: Residuals
+    factors: list[np.ndarray]
+    iterations: int
+    why: str
+    first_cost: float
+
+    @property
+    def cost(self) -> float:
+        """Weighted sum of squared prediction errors."""
+        return self.residuals.cost
+
+
+def minimise(problem: Problem, start: Point, *, max_iterations: int, tolerance: float,
+             bounds: tuple[np.ndarray, np.ndarray], progress: Callable[[int, float], None] | None = None) -> Search | None:
+    """Minimise the cost from `start`; None where the start itself diverges.
+
+    Damping by the gain ratio (Nielsen 1999), columns scaled to their largest norm so far (Moré 1978). A trial is refused
+    when it diverges, when its cost does not fall, or when its largest frozen pole along the training trajectory leaves
+    the unit circle or moves further out of it. The pasts of the records enter each step through their own factor
+    (block-angular elimination), so that many records cost no more than one.
+
+    Parameters
+    ----------
+    problem : Problem
+    start : Point
+    max_iterations : int
+    tolerance : float
+        Stop when the cost falls by less than this share of itself.
+    bounds : pair of arrays
+        Lowest and highest value of every shared parameter.
+    progress : callable, optional
+        ``progress(iteration, cost)`` after every step.
+
+    Returns
+    -------
+    Search or None
+    """
+    lower, upper = bounds
+    point = Point(np.clip(problem.projected(start.shared), lower, upper), start.past)
+    now = problem.residuals(point)
+    if now is None:
+        return None
+    first_cost, factors = now.cost, problem.factors(point, now)
+    damping, growth, small = 1e-3, 2.0, 0
+    scale = _scale(problem, factors, None)
+    radius = frozen_radius(problem, point)
+    why, iteration = "the limit of iterations", 0
+    while iteration < max_iterations:
+        if not all(np.isfinite(r).all() for r in factors):
+            why = "sensitivities out of range"
+            break
+        step = _step(problem, factors, point, damping, scale, bounds)
+        trial, predicted = step
+        moved = problem.residuals(trial)
+        reach = frozen_radius(problem, trial) if moved is not None and moved.cost < now.cost else np.inf
+        gain = -1.0 if moved is None else (now.cost - moved.cost) / max(predicted, 1e-300)
+        if moved is not None and gain > 1e-4 and moved.cost < now.cost and reach <= max(1.0, radius * (1 + 1e-9)):
+            iteration += 1
+            fall = (now.cost - moved.cost) / max(now.cost, 1e-300)
+            point, now, radius = trial, moved, reach
+            damping *= max(1 / 3, 1 - (2 * gain - 1) ** 3)
+            growth = 2.0
+            if progress is not None:
+                progress(iteration, now.cost)
+            factors = problem.factors(point, now)
+            scale = _scale(problem, factors, scale)
+            small = small + 1 if fall < tolerance else 0
+            if small >= 2 or fall == 0:
+                why = "the cost no longer falls"
+                break
+        else:
+            if predicted <= 1e-12 * now.cost:
+                why = "the cost no longer falls"
+                break
+            damping *= growth
+            growth *= 2.0
+            if damping > MAX_DAMPING:
+                why = "no shorter step helps"
+                break
+    return Search(point, now, factors, iteration, why, first_cost)
+
+
+def reduce(problem: Problem, factors: list[np.ndarray], damping: float = 0.0,
+           scale: np.ndarray | None = None) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Eliminate every record's past: the factor of the shared part [J_shared e], and each record's own rows.
+
+    With damping, √damping times the column norms in `scale` stands below each past's columns.
+    """
+    ni = problem.n_past
+    tails, heads = [], []
+    for r in factors:
+        if ni and damping:
+            below = np.zeros((ni, r.shape[1]))
+            norms = np.linalg.norm(r[:, :ni], axis=0)
+            below[:, :ni] = np.diag(np.sqrt(damping) * norms)
+            r = np.linalg.qr(np.vstack([r, below]), mode="r")
+        heads.append(r[:ni])
+        tails.append(r[ni:, ni:])
+    shared = tails[0] if len(tails) == 1 else np.linalg.qr(np.vstack(tails), mode="r")
+    return shared, heads
+
+
+def _step(problem: Problem, factors: list[np.ndarray], point: Point, damping: float, scale: np.ndarray,
+          bounds: tuple[np.ndarray, np.ndarray]) -> tuple[Point, float]:
+    """A trial point, and the fall of the cost that the linearisation predicts for it."""
+    lower, upper = bounds
+    shared, heads = reduce(problem, factors, damping)
+    k = shared.shape[1] - 1
+    jacobian, error = shared[:, :k], shared[:, k]
+    gradient = jacobian.T @ error
+    held = ((point.shared <= lower) & (gradient < 0)) | ((point.shared >= upper) & (gradient > 0))
+    free = np.flatnonzero(~held & (scale > 0))
+    d = scale[free]
+    stacked = np.vstack([jacobian[:, free] / d, np.sqrt(damping) * np.eye(free.size)])
+    solution = np.linalg.lstsq(stacked, np.concatenate([error, np.zeros(free.size)]), rcond=1e-14)[0]
+    move = np.zeros(k)
+    move[free] = solution / d
+    move *= _shortening(problem, point.shared, move)
+    target = problem.projected(np.clip(point.shared + move, lower, upper))
+    move = target - point.shared
+    pasts, predicted = [], 0.0
+    for r, head, past in zip(factors, heads, point.past, strict=True):
+        ni = problem.n_past
+        own = np.linalg.lstsq(head[:, :ni], head[:, -1] - head[:, ni:-1] @ move, rcond=1e-14)[0] if ni else np.zeros(0)
+        whole = np.concatenate([own, move])
+        predicted += float(np.sum(r[:, -1] ** 2) - np.sum((r[:, -1] - r[:, :-1] @ whole) ** 2))
+        pasts.append(past + own.reshape(past.shape) if ni else past)
+    return Point(target, tuple(pasts)), predicted
+
+
+def _shortening(problem: Problem, shared: np.ndarray, move: np.ndarray) -> float:
+    """Factor ≤ 1 that keeps a step within `LONGEST_STEP` in the recursive coefficients."""
+    part = problem.layout.table[:, 0]
+    recursive = np.concatenate([np.flatnonzero(part == 0), part.size + np.arange(problem.sizes[1])])
+    size = np.linalg.norm(move[recursive])
+    limit = LONGEST_STEP * (1.0 + np.linalg.norm(shared[recursive]))
+    return 1.0 if size <= limit else float(limit / size)
+
+
+def _scale(problem: Problem, factors: list[np.ndarray], previous: np.ndarray | None) -> np.ndarray:
+    """Norms of the shared columns; half their largest value so far stays a floor."""
+    ni = problem.n_past
+    norms = np.sqrt(sum(np.sum(r[:, ni:-1] ** 2, axis=0) for r in factors))
+    return norms if previous is None else np.maximum(norms, 0.5 * previous)
+
+
+# -- frozen poles ------------------------------------------------------------------------------------------------------
+def frozen_radius(problem: Problem, point: Point, points: int = FROZEN_POINTS) -> float:
+    """Largest modulus of the frozen poles of what must be stable, at points spread over the training trajectory.
+
+    That is A for output errors and Box-Jenkins models (and their C), and C for ARMAX models.
+    """
+    model = problem.model_at(point.shared)
+    return float(np.max(frozen_moduli(problem, model, points), initial=0.0))
+
+
+def frozen_moduli(problem: Problem, model: LPVTransferFunction, points: int) -> np.ndarray:
+    """(points,) largest frozen pole modulus at points spread evenly over all records."""
+    phi = [f for _, f in problem.drive(model)]
+    total = sum(f.shape[1] for f in phi)
+    step = max(1, total // points)
+    sample = np.hstack([f[:, ::step] for f in phi])
+    noise = model.noise
+    assert noise.c is not None
+    out = np.zeros(sample.shape[1])
+    if noise.kind != "armax":
+        out = np.maximum(out, _largest_root(np.einsum("ioqm,mk->kioq", model.a, sample)))
+    if noise.nc:
+        functions = np.ones((1, sample.shape[1])) if noise.c.shape[2] == 1 else sample
+        for o in range(model.n_outputs):
+            c = np.einsum("im,mk->ki", noise.c[:, o], functions)
+            out = np.maximum(out, _largest_root(c[:, :, None, None]))
+    return out
+
+
+def _largest_root(a: np.ndarray) -> np.ndarray:
+    """(k,) spectral radii of the block companions of (k, lags, ny, ny) coefficients."""
+    k, lags, ny, _ = a.shape
+    if not lags:
+        return np.zeros(k)
+    companion = np.zeros((k, lags * ny, lags * ny))
+    companion[:, :, :ny] = -a.reshape(k, lags * ny, ny)
+    companion[:, : (lags - 1) * ny, ny:] = np.eye((lags - 1) * ny)
+    return np.abs(np.linalg.eigvals(companion)).max(axis=1)
