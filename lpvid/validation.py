@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.condition import segments, with_velocity
+from lpvid.familiar import familiar
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.simulation import RATE_TOLERANCE, Model, Simulation, predict, simulate
@@ -147,7 +148,8 @@ def validate(model: Model, records: Record | Sequence[Record], *, sample_rate: f
     sample_rate : float, optional
         Rate [Hz] to which jittered records are resampled; the model's rate when left out.
     label : str
-        "held-out" or "training": what these data are to the model.
+        "held-out" or "training": what these data are to the model. Data that begin like a training record are
+        labelled as what they are, whatever is said here.
 
     Returns
     -------
@@ -169,7 +171,13 @@ def validate(model: Model, records: Record | Sequence[Record], *, sample_rate: f
         listed = [with_velocity(r) for r in listed]
     pieces = segments(listed, channels, sample_rate=rate if foreign else sample_rate,
                       minimum=model.start + 2)
-    notes = () if not foreign else (f"{len(foreign)} record(s) resampled to the model's {rate:.6g} Hz",)
+    notes = tuple(dict.fromkeys(n for r in listed for n in r.notes if "velocity" in n))
+    if foreign:
+        notes += (f"{len(foreign)} record(s) resampled to the model's {rate:.6g} Hz",)
+    seen = familiar(model.metadata, pieces, model.outputs[0].name)
+    if seen and label == "held-out":
+        label = "training" if len(seen) == len(pieces) else "partly training"
+        notes += (f"not held-out: {', '.join(seen[:4])} begins with samples that the model was fitted to",)
     return figures(model, pieces, label, notes)
 
 
@@ -183,13 +191,19 @@ def figures(model: Model, pieces: Sequence[Record], label: str, notes: tuple[str
         outside = float(np.mean(~model.box.contains(p))) if p.shape[1] else 0.0
         rows.append(RecordFigures(piece.name, piece.n_samples, free.add(y, run), one.add(y, step), outside))
         if step.diverged_at is None:
-            residuals.append((y - step.output)[step.start:, 0])
+            residuals.append(_residual(y[step.start:, 0], step.output[step.start:, 0]))
             inputs.append(piece[model.inputs[0].name][step.start:] if model.inputs else None)
     total = sum(r.n_samples for r in rows)
     share = sum(r.extrapolation_share * r.n_samples for r in rows) / total
     overall = Pair(free.total("free-run"), one.total("one-step"))
     tests = residual_tests(residuals, inputs) if residuals else ()
     return Validation(label, overall, tuple(rows), tests, share, notes)
+
+
+def _residual(y: np.ndarray, output: np.ndarray) -> np.ndarray:
+    """One-step residual; zero where it is no more than the rounding of an exact model."""
+    e = y - output
+    return e if np.linalg.norm(e) > EXACT * np.linalg.norm(y) else np.zeros_like(e)
 
 
 class _Pool:
@@ -231,15 +245,20 @@ def _figures(kind: str, error: np.ndarray, power: np.ndarray, count: int, unit: 
 # -- residual tests --------------------------------------------------------------------------------------------------
 LAGS = 25
 LEVEL = 0.01
+EXACT = 1e-11
+"""residual over output below which a model is exact, and its residual nothing but rounding."""
+RESOLVED = 1e-2
+"""directions of the lagged inputs with less than this share of the largest variance say nothing reliable."""
 
 
 def residual_tests(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray | None],
                    lags: int = LAGS) -> tuple[ResidualTest, ...]:
-    """Whiteness of the one-step residual and its independence from past inputs.
+    """Whiteness of the one-step residual and its independence from present and past inputs.
 
     Whiteness: Ljung & Box 1978, Q = N(N+2) Σ_τ ρ_ee²(τ)/(N−τ) against χ² with `lags` degrees of freedom. Independence:
-    Söderström & Stoica 1989 (11.14), N r_εuᵀ P⁻¹ r_εu against χ², with P the covariance of the lagged inputs times the
-    residual's own autocovariance summed over lags (Bartlett), so that a coloured residual does not fail by itself.
+    Söderström & Stoica 1989 (11.14), N r_εuᵀ P⁺ r_εu against χ², with P the covariance of the lagged inputs times the
+    residual's own autocovariance summed over lags (Bartlett), so that a coloured residual does not fail by itself. Lags
+    run from 0 (a missing direct term shows there and nowhere else; under feedback without a delay it shows too).
 
     Parameters
     ----------
@@ -283,7 +302,7 @@ def _independence(pairs: Sequence[tuple[np.ndarray, np.ndarray]], lags: int) -> 
     from scipy.stats import chi2
 
     n = sum(len(e) for e, _ in pairs)
-    cross = np.array([sum(float(e[k:] @ u[: len(u) - k]) for e, u in pairs) / n for k in range(1, lags + 1)])
+    cross = np.array([sum(float(e[k:] @ u[: len(u) - k]) for e, u in pairs) / n for k in range(lags)])
     reach = 4 * lags
     re = _autocovariance([e for e, _ in pairs], reach)
     ru = _autocovariance([u for _, u in pairs], reach + lags)
@@ -293,12 +312,13 @@ def _independence(pairs: Sequence[tuple[np.ndarray, np.ndarray]], lags: int) -> 
     difference = np.abs(np.subtract.outer(np.arange(lags), np.arange(lags)))
     covariance = np.array([np.sum(both * ru[np.abs(shift + d)]) for d in range(lags)])[difference]
     values, vectors = np.linalg.eigh(covariance)
-    keep = values > 1e-10 * values.max()
+    keep = values > max(RESOLVED * values.max(), 0.0)
     if not keep.any():
         return ResidualTest("independence", 0.0, 1.0, True, "the residual is zero")
     projected = vectors[:, keep].T @ cross
     statistic = float(n * np.sum(projected**2 / values[keep]))
     p = float(chi2.sf(statistic, int(keep.sum())))
-    says = (f"independent of past inputs at the {100 * LEVEL:.0f} % level" if p >= LEVEL else
-            f"depends on past inputs (p = {p:.1e}): more input lags, a higher degree or a shaped input may help")
+    says = (f"independent of present and past inputs at the {100 * LEVEL:.0f} % level" if p >= LEVEL else
+            f"depends on present or past inputs (p = {p:.1e}): other input lags, a higher degree or a shaped input "
+            "may help")
     return ResidualTest("independence", statistic, p, p >= LEVEL, says)

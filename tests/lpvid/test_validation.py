@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import butter, lfilter
 from scipy.stats import kstest
 
 from lpvid.errors import InputError
@@ -194,15 +194,32 @@ def test_whiteness_is_calibrated_and_notices_colour() -> None:
     assert (p_values(30, coloured(0.5), white, seed=13)["whiteness"] < 1e-6).all()
 
 
+def low_pass(e: np.ndarray) -> np.ndarray:
+    """Velocity of a rig sampled ten times too fast: 25 lags of it are nearly dependent."""
+    return lfilter(*butter(4, 0.1), e)
+
+
 @pytest.mark.parametrize(
     ("residual", "drive"),
-    [(white, white), (white, coloured(0.9)), (coloured(0.8), white), (coloured(0.8), coloured(0.9))],
-    ids=["ww", "wc", "cw", "cc"],
+    [(white, white), (white, coloured(0.9)), (coloured(0.8), white), (coloured(0.8), coloured(0.9)), (white, low_pass)],
+    ids=["ww", "wc", "cw", "cc", "wl"],
 )
 def test_independence_is_calibrated_under_colour(residual, drive) -> None:
-    """At the 1 % level a calibrated test rejects 3 ± 1.7 of 300; 12 would be 4 %."""
-    rejected = np.sum(p_values(300, residual, drive, seed=21, n=2000)["independence"] < 0.01)
-    assert rejected <= 12
+    """At the 1 % level a calibrated test rejects 3 ± 1.7 of 300, and half of them at the 50 % level."""
+    p = p_values(300, residual, drive, seed=21, n=2000)["independence"]
+    assert np.sum(p < 0.01) <= 12
+    assert 100 <= np.sum(p < 0.5) <= 200
+
+
+def test_independence_has_power_where_the_input_is_slow() -> None:
+    """A missing term of a third of the noise in the input's units is found in 4000 samples."""
+    hits = []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        u = low_pass(rng.normal(size=4000))
+        tests = {t.name: t for t in residual_tests([0.3 * np.roll(u, 2) + rng.normal(size=4000)], [u])}
+        hits.append(not tests["independence"].passed)
+    assert np.mean(hits) > 0.8
 
 
 def test_a_missing_lag_is_noticed(rng: np.random.Generator) -> None:
@@ -214,7 +231,23 @@ def test_a_missing_lag_is_noticed(rng: np.random.Generator) -> None:
     tests = {t.name: t for t in short.residual_tests}
     assert not tests["independence"].passed
     assert tests["independence"].p_value < 1e-6
-    assert "depends on past inputs" in tests["independence"].says
+    assert "depends on present or past inputs" in tests["independence"].says
+
+
+def test_a_missing_direct_term_is_noticed(rng: np.random.Generator) -> None:
+    u = rng.normal(size=4000)
+    y = lfilter([0.5, 1.0], [1.0], u) + 0.05 * rng.normal(size=4000)
+    late = identify(a_record(u, y), ARX(na=0, nb=1, nk=1, input="u", output="y")).training
+    assert late is not None
+    assert late.residual_tests[0].passed  # white all the same
+    assert not late.residual_tests[1].passed
+
+
+def test_an_exact_model_leaves_no_residual_to_test(rng: np.random.Generator) -> None:
+    u = rng.normal(size=2000)
+    exact = identify(a_record(u, lfilter([0.0, 1.0], [1.0, -0.5], u)), ARX(na=1, nb=1, input="u", output="y")).training
+    assert exact is not None
+    assert [t.says for t in exact.residual_tests] == ["the residual is zero"] * 2
 
 
 def test_a_complete_model_passes(rng: np.random.Generator) -> None:
@@ -248,3 +281,18 @@ def test_units_change_no_residual_test(rng: np.random.Generator) -> None:
     e, u = rng.normal(size=(2, 600))
     for mine, theirs in zip(residual_tests([e], [u]), residual_tests([1e-9 * e], [1e7 * u + 3e8]), strict=True):
         assert theirs.p_value == pytest.approx(mine.p_value, rel=1e-5)
+
+
+def test_data_that_the_model_has_seen_are_never_called_held_out() -> None:
+    rng = np.random.default_rng(4)
+    u = rng.normal(size=900)
+    y = np.zeros(900)
+    for k in range(1, 900):
+        y[k] = 0.8 * y[k - 1] + u[k - 1] + 0.1 * rng.normal()
+    whole = lpv.Record({"u": u, "y": y}, sample_time=0.01, name="whole")
+    found = lpv.identify(whole.slice(0, 600), lpv.ARX(na=1, nb=1, input="u", output="y"))
+    assert lpv.validate(found.model, whole.slice(600, 900)).label == "held-out"
+    assert lpv.validate(found.model, whole).label == "training"
+    both = lpv.validate(found.model, [whole, whole.slice(600, 900)])
+    assert both.label == "partly training"
+    assert any("not held-out" in note for note in both.notes)
