@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.condition import segments, with_velocity
-from lpvid.familiar import familiar
 from lpvid.errors import InputError
+from lpvid.familiar import familiar
 from lpvid.record import Record
 from lpvid.simulation import RATE_TOLERANCE, Model, Simulation, predict, simulate
 

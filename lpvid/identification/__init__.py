@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from lpvid.condition import segments, with_velocity
 from lpvid.errors import InputError
+from lpvid.familiar import heads
 from lpvid.identification.result import Identification
 from lpvid.identification.structure import Structure
 from lpvid.record import Record
@@ -58,11 +59,17 @@ def identify(records: Record | Sequence[Record], structure: Structure, *, sample
     if "velocity" in structure.channels:
         listed = [with_velocity(r) for r in listed]
     pieces = segments(listed, structure.channels, sample_rate=sample_rate, minimum=structure.start + 2)
-    found = structure.estimate(pieces)
+    found = _remember(structure.estimate(pieces), pieces)
     notes = tuple(dict.fromkeys((*(n for r in pieces for n in r.notes), *found.notes)))
     training = figures(found.model, pieces, "training")
     kept = None if held_out is None else validate(found.model, held_out, label="held-out")
     return found.replace(training=training, held_out=kept, notes=notes)
+
+
+def _remember(found: Identification, pieces: Sequence[Record]) -> Identification:
+    """Let the model know its training data again."""
+    training = {**found.model.metadata.get("training", {}), "heads": heads(pieces, found.model.outputs[0].name)}
+    return found.replace(model=found.model.replace(metadata={**found.model.metadata, "training": training}))
 
 
 __all__ = ["Identification", "Structure", "identify"]

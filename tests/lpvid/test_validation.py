@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import butter, lfilter
 from scipy.stats import kstest
 
+import lpvid as lpv
 from lpvid.errors import InputError
 from lpvid.identification import identify
 from lpvid.identification.arx import ARX
