@@ -108,10 +108,10 @@ def simulate(model: Model, record: Record, initial: str | np.ndarray = "measured
 def predict(model: Model, record: Record, horizon: int = 1) -> Simulation:
     """Predict every sample `horizon` steps ahead from the measured past.
 
-    A transfer function predicts by its equation from measured outputs up to k−horizon, with the innovations of its noise
-    model up to there and none after (Ljung 1999 (3.20), (3.31)); with output noise that is the free run. A state space with an observer
-    gain runs it as its observer; one without a gain has no noise model, and its predictor is the free run at any
-    horizon.
+    A transfer function predicts by its equation from measured outputs up to k−horizon, with the innovations of its
+    noise model up to there and none after (Ljung 1999 (3.20), (3.31)); with output noise that is the free run. A state
+    space with an observer gain runs it as its observer; one without a gain has no noise model, and its predictor is the
+    free run at any horizon.
 
     Parameters
     ----------

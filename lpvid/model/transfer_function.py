@@ -238,7 +238,8 @@ class LPVTransferFunction:
                 "outputs": [s.to_dict() for s in self.outputs],
                 "input_stage": None if self.input_stage is None else self.input_stage.to_dict(),
                 "scheduling_stage": None if self.scheduling_stage is None else self.scheduling_stage.to_dict(),
-                "noise_covariance": self.noise_covariance.tolist(), "noise": self.noise.to_dict(), "metadata": dict(self.metadata)}
+                "noise_covariance": self.noise_covariance.tolist(), "noise": self.noise.to_dict(),
+                "metadata": dict(self.metadata)}
 
     @classmethod
     def from_dict(cls, data: Mapping) -> LPVTransferFunction:
