@@ -121,6 +121,11 @@ class ARX(Structure):
         """First input lag of every input."""
         return self._nk()
 
+    @property
+    def width(self) -> tuple[int, ...]:
+        """Number of input lags of every input."""
+        return self._nb()
+
     def _nb(self) -> tuple[int, ...]:
         return self.nb  # type: ignore[return-value]
 

@@ -117,7 +117,7 @@ def _penalty(basis: Basis, order: int) -> np.ndarray:
     if isinstance(basis, Stacked):
         from scipy.linalg import block_diag
 
-        return block_diag(*(_penalty(f, order) for f in basis.factors))
+        return np.asarray(block_diag(*(_penalty(f, order) for f in basis.factors)))
     if isinstance(basis, Shifted):
         return _penalty(basis.basis, order)
     return np.diag([0.0 if label == "1" else 1.0 for label in basis.labels])
@@ -159,7 +159,7 @@ class _Problem:
         k, rank = self.r.shape[1], len(self.root)
         full = np.vstack([np.hstack([self.r, self.target]),
                           np.hstack([np.sqrt(strength) * self.root, np.zeros((rank, self.target.shape[1]))])])
-        stacked = np.linalg.qr(full, mode="r")
+        stacked = np.asarray(np.linalg.qr(full, mode="r"))
         return stacked[:k, :k], stacked[:, k:]
 
     def criterion(self, strength: float) -> float:

@@ -1,0 +1,158 @@
+"""What a candidate does in free run on blocks it was not fitted to, and whether its frozen poles stay inside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid._threads import single_thread
+from lpvid.analysis.frozen import family
+from lpvid.condition import folds, leaks, repetition_period
+from lpvid.errors import InputError, NumericalError
+from lpvid.identification.arx import ARX
+from lpvid.identification.structure import Structure
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.record import Record
+from lpvid.simulation import Model, simulate
+
+GAP = 4
+"""gap between training and held-out samples, in times the longest past of any candidate."""
+POLE_SAMPLES = 20_000
+"""training samples at which frozen poles are looked at."""
+
+Fold = tuple[list[Record], list[Record]]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Blocked cross-validation of one structure.
+
+    Attributes
+    ----------
+    esr : (k,) array
+        Squared free-run error of every fold over the mean power of a fold, so that their mean is the pooled ESR.
+    failure : str
+        Why there are no figures; empty when there are.
+    """
+
+    esr: np.ndarray
+    failure: str = ""
+
+    @property
+    def mean(self) -> float:
+        """Pooled ESR; inf after a failure."""
+        return float(np.mean(self.esr)) if not self.failure else float("inf")
+
+    @property
+    def error(self) -> float:
+        """Standard error of `mean` over the folds."""
+        return spread(self.esr)
+
+
+def spread(values: np.ndarray) -> float:
+    """Standard error of a mean over folds."""
+    return float(np.std(values, ddof=1) / np.sqrt(values.size)) if values.size > 1 else 0.0
+
+
+def make_folds(records: Sequence[Record], count: int, start: int, channel: str) -> tuple[list[Fold], list[str]]:
+    """Blocks for cross-validation, and what to say about them.
+
+    Where the excitation repeats and a stretch of its pattern is long enough to run on, folds hold out stretches of the
+    pattern; otherwise consecutive blocks.
+    """
+    notes: list[str] = []
+    sample_time = records[0].sample_time
+    assert sample_time is not None
+    found = [repetition_period(r[channel], sample_time) for r in records]
+    period = None
+    known = [f for f in found if f is not None]
+    if known and len(known) == len(found):
+        longest = max(f.seconds for f in known)
+        same = all(abs(f.seconds / longest - 1) < 1e-3 for f in known)
+        if same and longest / count >= (2 * GAP + 10) * start * sample_time:
+            period = longest
+            notes.append(f"the excitation repeats every {period:.4g} s: folds hold out stretches of the pattern")
+    made = folds(records, count, GAP * start * sample_time, period=period)
+    usable = [([r for r in training if r.n_samples > start + 2], [r for r in held if r.n_samples > 2 * start + 10])
+              for training, held in made]
+    if not all(training and held for training, held in usable):
+        raise InputError("the records are too short for these folds", got=f"{count} folds, pasts of {start} samples",
+                         mend="fewer folds, longer records, or smaller orders")
+    share = leaks(*usable[0], channel)
+    if share is not None and share > 0.01:
+        notes.append(f"{100 * share:.0f} % of the first held-out block's '{channel}' also occurs in its training "
+                     "part: cross-validation flatters every candidate")
+    return usable, notes
+
+
+def cross_validate(structure: Structure, parts: Sequence[Fold], all_records: Sequence[Record]) -> Trial:
+    """Fit on every fold's training part, run freely on its held-out part.
+
+    An ARX keeps the normalisation and the stages it comes with; every other structure is estimated anew.
+    """
+    error, power = np.zeros(len(parts)), np.zeros(len(parts))
+    box = None
+    if isinstance(structure, ARX) and not _open(structure):
+        from lpvid.identification.arx import scheduling_box
+
+        box = scheduling_box(all_records, structure.basis, check_basis=False)
+    for i, (training, held) in enumerate(parts):
+        try:
+            if box is not None and isinstance(structure, ARX):
+                model = structure.regress(training, box).model
+            else:
+                model = structure.estimate(training).model
+        except (InputError, NumericalError, np.linalg.LinAlgError) as problem:
+            why = problem.what if isinstance(problem, InputError) else str(problem)
+            return Trial(error, f"cannot be fitted in fold {i + 1}: {why}")
+        diverged, error[i], power[i] = _run(model, held)
+        if diverged:
+            return Trial(error, f"diverges in fold {i + 1}")
+    if not power.mean() > 0:
+        return Trial(error, "the held-out output does not move")
+    return Trial(error / power.mean())
+
+
+def _open(structure: ARX) -> bool:
+    return isinstance(structure.stage, str) or isinstance(structure.schedule_filter, str) or bool(structure.ridge)
+
+
+def _run(model: Model, held: Sequence[Record]) -> tuple[bool, float, float]:
+    """Divergence, squared error and power over the held-out pieces, outputs in equal standing."""
+    errors, powers = np.zeros(model.n_outputs), np.zeros(model.n_outputs)
+    for record in held:
+        if record.n_samples <= model.start + 1:
+            continue
+        run = simulate(model, record)
+        if run.diverged_at is not None:
+            return True, 0.0, 0.0
+        y = record.matrix([s.name for s in model.outputs])[run.start:]
+        errors += np.sum((y - run.output[run.start:]) ** 2, axis=0)
+        powers += np.sum((y - y.mean(axis=0)) ** 2, axis=0)
+    scale = np.maximum(powers, 1e-300)
+    return False, float(np.sum(errors / scale * powers.sum()) / len(powers)), float(powers.sum())
+
+
+def outside_share(model: Model, records: Sequence[Record]) -> float:
+    """Share of the samples at which a frozen pole lies outside the unit circle (on it counts as outside)."""
+    if not isinstance(model, LPVTransferFunction) or not model.na:
+        return 0.0
+    total = sum(r.n_samples for r in records)
+    step = max(1, -(-total // POLE_SAMPLES))
+    frozen = family(model)
+    unstable = count = 0
+    with single_thread():
+        for record in records:
+            p = record.matrix(list(model.box.names))
+            if not p.shape[1]:
+                p = np.empty((1, 0))
+            elif model.scheduling_stage is not None:
+                assert model.sample_time is not None
+                p = model.scheduling_stage.apply(p, model.sample_time)
+            modulus = np.abs(frozen.poles(p[::step])).max(axis=1)
+            unstable += int(np.sum(modulus >= 1.0))
+            count += modulus.size
+    return unstable / count
+

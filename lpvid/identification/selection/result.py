@@ -1,0 +1,132 @@
+"""Selection: what `select` found, ranked, with the reason for every place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.identification.arx import ARX
+from lpvid.identification.result import Identification
+from lpvid.identification.structure import Structure
+from lpvid.model.input_stage import InputStage
+from lpvid.model.scheduling_stage import SchedulingStage
+
+
+def describe(structure: Structure) -> str:
+    """A structure in a few words."""
+    if not isinstance(structure, ARX):
+        text = repr(structure)
+        return text if len(text) < 100 else text[:97] + "..."
+    nb = ",".join(map(str, structure.width))
+    nk = ",".join(map(str, structure.delay))
+    parts = [f"ARX na={structure.na} nb={nb} nk={nk}", f"{{{', '.join(structure.basis.labels)}}}"]
+    if structure.affine:
+        parts.append(f"affine {structure.affine}")
+    if structure.lagged:
+        parts.append("at p(k-i)")
+    stage, lag = structure.stage, structure.schedule_filter
+    if stage is not None:
+        parts.append(stage.to_dict()["kind"] if isinstance(stage, InputStage) else stage)
+    if lag is not None:
+        parts.append(f"filter {lag.to_dict()['kind'] if isinstance(lag, SchedulingStage) else lag}")
+    if structure.ridge:
+        parts.append("ridge")
+    return " ".join(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One candidate's figures; what was not computed is None.
+
+    Attributes
+    ----------
+    structure : Structure
+    n_parameters : int or None
+    bic, aicc : float or None
+        Of the one-step residual on the training data.
+    one_step : float or None
+        Training one-step fit [%].
+    outside : float or None
+        Share of training samples with a frozen pole outside the unit circle.
+    esr, esr_error : float or None
+        Cross-validated free-run ESR and its standard error over the folds.
+    reason : str
+        Why it stands where it stands.
+    """
+
+    structure: Structure
+    n_parameters: int | None = None
+    bic: float | None = None
+    aicc: float | None = None
+    one_step: float | None = None
+    outside: float | None = None
+    esr: float | None = None
+    esr_error: float | None = None
+    reason: str = ""
+
+    @property
+    def fit_percent(self) -> float | None:
+        """Cross-validated free-run fit [%]."""
+        return None if self.esr is None else float(100 * (1 - np.sqrt(self.esr)))
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"structure": describe(self.structure), "n_parameters": self.n_parameters,
+                "bic_one_step_training": self.bic, "aicc_one_step_training": self.aicc,
+                "one_step_fit_percent_training": self.one_step, "frozen_outside_share_training": self.outside,
+                "free_run_esr_cross_validated": self.esr, "free_run_esr_standard_error": self.esr_error,
+                "free_run_fit_percent_cross_validated": self.fit_percent, "reason": self.reason}
+
+    def __str__(self) -> str:
+        size = "" if self.n_parameters is None else f" ({self.n_parameters} parameters)"
+        figure = ""
+        if self.esr is not None:
+            figure = f": free-run CV ESR {self.esr:.4g} ± {self.esr_error:.1g} (fit {self.fit_percent:.1f} %)"
+        elif self.one_step is not None:
+            figure = f": one-step training fit {self.one_step:.1f} %"
+        return f"{describe(self.structure)}{size}{figure}; {self.reason}"
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """The structure chosen, the ranking behind it, and the estimate on all training data.
+
+    Attributes
+    ----------
+    best : Structure
+        As it was among the candidates: stages by name where they were asked for by name.
+    table : tuple of Row
+        Cross-validated candidates by free-run error, then the others by BIC, then those refused.
+    identification : Identification or None
+        Refit on all training records; None when the search was interrupted before it.
+    complete : bool
+        False after an interruption: the ranking holds what was done until then.
+    folds : int
+    notes : tuple of str
+    """
+
+    best: Structure
+    table: tuple[Row, ...]
+    identification: Identification | None
+    complete: bool = True
+    folds: int = 5
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"schema": "lpvid/selection/1", "best": describe(self.best), "complete": self.complete,
+                "folds": self.folds, "candidates": len(self.table), "table": [r.to_dict() for r in self.table],
+                "identification": None if self.identification is None else self.identification.to_dict(),
+                "notes": list(self.notes)}
+
+    def __repr__(self) -> str:
+        tested = sum(r.esr is not None for r in self.table)
+        head = f"Selection: {describe(self.best)}"
+        lines = [head if self.complete else head + " (INTERRUPTED: the ranking is not complete)",
+                 f"  {len(self.table)} candidates, {tested} cross-validated in free run over {self.folds} folds"]
+        if self.identification is not None:
+            fitted = self.identification
+            lines += [f"  {v.label}: {v.summary()}" for v in (fitted.training, fitted.held_out) if v is not None]
+        lines += [f"  {i}. {row}" for i, row in enumerate(self.table[:5], start=1)]
+        return "\n".join([*lines, *(f"  note: {n}" for n in self.notes[:2])])

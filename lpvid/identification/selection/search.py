@@ -1,0 +1,189 @@
+"""The search behind `select`: screen, filter, cross-validate, look around the winner, rank."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.identification.arx import ARX
+from lpvid.identification.selection.free_run import Fold, Trial, cross_validate, outside_share, spread
+from lpvid.identification.selection.result import Row
+from lpvid.identification.selection.screening import Refused, Screened, screen
+from lpvid.identification.structure import Structure
+from lpvid.record import Record
+
+BY_BIC, BY_AICC = 6, 3
+"""places on the short list by either criterion; the rest goes to variety."""
+ROUNDS = 3
+"""times the neighbours of the best are tried."""
+TOLERATED = 0.1
+"""share of the least ESR that one standard error may not exceed when a simpler structure is preferred."""
+
+Progress = Callable[[int, int, str], None]
+
+
+class Search:
+    """State of a search that may be interrupted at any time."""
+
+    def __init__(self, records: Sequence[Record], parts: Sequence[Fold], limit: float, places: int,
+                 progress: Progress | None) -> None:
+        self.records, self.parts, self.limit, self.places, self.progress = records, parts, limit, places, progress
+        self.screened: list[Screened] = []
+        self.refused: list[Row] = []
+        self.direct: list[Structure] = []
+        self.outside: dict[int, float] = {}
+        self.trials: dict[int, Trial] = {}
+        self.others: list[tuple[Structure, Trial]] = []
+
+    # -- steps --------------------------------------------------------------------------------------------------
+    def screen(self, candidates: Sequence[Structure]) -> None:
+        """Information criteria for every plain ARX; everything else waits for cross-validation."""
+        plain = [s for s in candidates if isinstance(s, ARX) and not s.ridge]
+        self.direct = [s for s in candidates if not (isinstance(s, ARX) and not s.ridge)]
+        if plain:
+            for found in screen(self.records, plain, lambda text: self._tell(0, text)):
+                if isinstance(found, Refused):
+                    self.refused.append(Row(found.asked, reason=found.reason))
+                else:
+                    self.screened.append(found)
+        self.screened.sort(key=lambda s: (s.bic, s.n_parameters))
+
+    def cross_validate(self) -> None:
+        """The short list, other structures, then the neighbours of the best."""
+        for index in self._short_list():
+            self._try(index)
+        for structure in self.direct:
+            self._tell(len(self.trials), "cross-validating")
+            self.others.append((structure, cross_validate(structure, self.parts, self.records)))
+        for _ in range(ROUNDS):
+            fresh = self._neighbours()
+            if not fresh:
+                return
+            for index in fresh:
+                self._try(index)
+
+    def admissible(self, index: int) -> bool:
+        """Whether a screened candidate keeps its frozen poles inside along the training trajectory."""
+        if index not in self.outside:
+            try:
+                model = self.screened[index].identification(self.records).model
+                self.outside[index] = outside_share(model, self.records)
+            except (InputError, np.linalg.LinAlgError):
+                self.outside[index] = 1.0
+        return self.outside[index] <= self.limit
+
+    def _try(self, index: int) -> None:
+        if index not in self.trials:
+            self._tell(len(self.trials), "cross-validating in free run")
+            self.trials[index] = cross_validate(self.screened[index].structure, self.parts, self.records)
+
+    def _tell(self, done: int, text: str) -> None:
+        if self.progress is not None:
+            self.progress(done, self.places + len(self.direct), text)
+
+    # -- who is tried -------------------------------------------------------------------------------------------
+    def _short_list(self) -> list[int]:
+        """The best admissible by BIC and by AICc, then the best of every trait not yet among them."""
+        chosen: list[int] = []
+        by_aicc = sorted(range(len(self.screened)), key=lambda i: (self.screened[i].aicc, i))
+        for order, count in ((range(len(self.screened)), BY_BIC), (by_aicc, BY_BIC + BY_AICC)):
+            for index in order:
+                if len(chosen) >= min(count, self.places):
+                    break
+                if index not in chosen and self.admissible(index):
+                    chosen.append(index)
+        seen = {trait for i in chosen for trait in _traits(self.screened[i].asked)}
+        for index, candidate in enumerate(self.screened):
+            if len(chosen) >= self.places:
+                break
+            fresh = _traits(candidate.asked) - seen
+            if fresh and self.admissible(index):
+                chosen.append(index)
+                seen |= _traits(candidate.asked)
+        return chosen
+
+    def _neighbours(self) -> list[int]:
+        """Untried admissible candidates that differ from the best in one trait, best BIC first."""
+        tried = [i for i, t in self.trials.items() if not t.failure]
+        if not tried:
+            return []
+        best = _traits(self.screened[min(tried, key=lambda i: self.trials[i].mean)].asked)
+        near = [i for i, s in enumerate(self.screened)
+                if i not in self.trials and len(_traits(s.asked) - best) == 1]
+        chosen: list[int] = []
+        for index in near:
+            if len(chosen) >= self.places:
+                break
+            if self.admissible(index):
+                chosen.append(index)
+        return chosen
+
+    # -- verdict ------------------------------------------------------------------------------------------------
+    def ranked(self) -> list[tuple[Structure, Row]]:
+        """Structures in order of preference with their rows: the first is the choice."""
+        tested = [(self.screened[i].asked, t, self._row(i)) for i, t in self.trials.items()]
+        tested += [(s, t, Row(s)) for s, t in self.others]
+        good = [(s, t, row) for s, t, row in tested if not t.failure]
+        failed = [(s, replace(row, reason=t.failure)) for s, t, row in tested if t.failure]
+        good.sort(key=lambda item: item[1].mean)
+        return [*_one_standard_error(good), *failed, *self._untried(), *((r.structure, r) for r in self.refused)]
+
+    def _row(self, index: int, reason: str = "") -> Row:
+        s = self.screened[index]
+        return Row(s.asked, s.n_parameters, s.bic, s.aicc, s.one_step, self.outside.get(index), reason=reason)
+
+    def _untried(self) -> list[tuple[Structure, Row]]:
+        rows = []
+        for i in range(len(self.screened)):
+            if i in self.trials:
+                continue
+            share = self.outside.get(i)
+            if share is not None and share > self.limit:
+                reason = f"frozen pole outside at {100 * share:.2g} % of training samples"
+            else:
+                reason = f"BIC {self.screened[i].bic - self.screened[0].bic:.4g} above the least: not cross-validated"
+            rows.append((self.screened[i].asked, self._row(i, reason)))
+        return rows
+
+
+def _traits(structure: ARX) -> set[tuple]:
+    terms = "none" if not structure.affine else "all" if structure.affine == structure.na + 1 else "one"
+    return {("na", structure.na), ("nb − na", tuple(b - structure.na for b in structure.width)),
+            ("nk", structure.delay), ("basis", structure.basis), ("affine", terms), ("lagged", structure.lagged),
+            ("stages", structure.stage, structure.schedule_filter)}
+
+
+def _one_standard_error(good: list[tuple[Structure, Trial, Row]]) -> list[tuple[Structure, Row]]:
+    """Rows with reasons; the simplest structure within one standard error of the least error comes first.
+
+    The standard error is that of the difference from the least, fold by fold, and at most `TOLERATED` of the least:
+    blocks of unequal difficulty would otherwise excuse anything.
+    """
+    if not good:
+        return []
+    least = good[0][1]
+    rows, within = [], []
+    for place, (structure, trial, row) in enumerate(good):
+        excess = trial.mean - least.mean
+        margin = min(spread(trial.esr - least.esr), TOLERATED * least.mean)
+        close = excess <= margin
+        if close and (row.n_parameters is not None or place == 0):
+            within.append(place)
+        reason = "" if close else f"free-run error {100 * excess / max(least.mean, 1e-300):.2g} % above the least"
+        rows.append((structure, replace(row, esr=trial.mean, esr_error=trial.error, reason=reason)))
+    sizes = {i: rows[i][1].n_parameters for i in within}
+    chosen = min(within, key=lambda i: (sizes[i] if sizes[i] is not None else np.inf, good[i][1].mean))
+    if rows[0][1].n_parameters is None:
+        chosen = 0
+    for i in within:
+        if i == chosen:
+            reason = "chosen: least free-run error" if i == 0 else (
+                "chosen: within one standard error of the best with fewer parameters")
+        else:
+            reason = "least free-run error, but more parameters than the choice" if i == 0 else (
+                "within one standard error of the best, but more parameters than the choice")
+        rows[i] = (rows[i][0], replace(rows[i][1], reason=reason))
+    return [rows[chosen], *(r for i, r in enumerate(rows) if i != chosen)]

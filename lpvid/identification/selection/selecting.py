@@ -1,0 +1,159 @@
+"""The verb `select`: records and candidates in, a ranked `Selection` out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+from lpvid import _checks
+from lpvid._threads import single_thread
+from lpvid.condition import segments, with_velocity
+from lpvid.errors import InputError
+from lpvid.identification import Identification, identify
+from lpvid.identification.arx import ARX
+from lpvid.identification.selection.free_run import make_folds, outside_share
+from lpvid.identification.selection.result import Selection
+from lpvid.identification.selection.search import Progress, Search
+from lpvid.identification.structure import Structure
+from lpvid.record import Record
+
+SAMPLES = 60_000
+"""samples on which candidates are compared; the final fit uses all."""
+PLACES = 14
+"""candidates on the short list for cross-validation."""
+
+
+def select(records: Record | Sequence[Record], candidates: Iterable[Structure], *, sample_rate: float | None = None,
+           folds: int = 5, outside: float = 0.0, held_out: Sequence[Record] | None = None,
+           progress: Progress | None = None) -> Selection:
+    """Choose a structure by what it does in free run on training data it was not fitted to.
+
+    ARX candidates are screened by BIC and AICc from nested QR factors, on the same equations. Those on a short list
+    (both criteria, and every trait at least once where it may be) whose frozen poles stay inside the unit circle along
+    the training trajectory go to blocked cross-validation in free run, then the neighbours of the best. The simplest
+    within one standard error wins. Other structures go to cross-validation directly. Stages asked for by name are
+    fitted once for every basis and held while orders are compared; the choice is refitted with them.
+
+    Parameters
+    ----------
+    records : Record or sequence of Record
+        Training data.
+    candidates : iterable of Structure
+        E.g. a `Candidates` grid.
+    sample_rate : float, optional
+        As for `identify`.
+    folds : int
+        Blocks of the cross-validation.
+    outside : float
+        Largest share of training samples at which a frozen pole may lie outside the unit circle.
+    held_out : sequence of Record, optional
+        Data that have no say in the choice; the final model's figures on them are reported.
+    progress : callable, optional
+        Called with steps done, steps in sight, and what is being done.
+
+    Returns
+    -------
+    Selection
+        With ``complete=False`` and what there is after a KeyboardInterrupt.
+
+    Raises
+    ------
+    InputError
+        No candidates, or none that these data can carry.
+    """
+    listed = [records] if isinstance(records, Record) else list(records)
+    structures = list(dict.fromkeys(candidates))
+    if not listed or not structures:
+        raise InputError("nothing to select from", got=f"{len(listed)} records and {len(structures)} candidates")
+    _checks.count(folds, "folds", at_least=2)
+    if len({s.output for s in structures if isinstance(s, ARX)}) > 1:
+        raise InputError("candidates must share their outputs to be compared")
+    channels = tuple(dict.fromkeys(c for s in structures for c in s.channels))
+    if "velocity" in channels:
+        listed = [with_velocity(r) for r in listed]
+    start = max(s.start for s in structures)
+    pieces = segments(listed, channels, sample_rate=sample_rate, minimum=start + 2)
+    sample = _shortened(pieces, start)
+    with single_thread():
+        parts, notes = make_folds(sample, folds, start, _excitation(structures[0]))
+        if len(sample) < len(pieces) or sample[0].n_samples < pieces[0].n_samples:
+            notes.append(f"candidates compared on {sum(r.n_samples for r in sample)} of "
+                         f"{sum(r.n_samples for r in pieces)} samples; the final fit uses all")
+        search = Search(sample, parts, outside, PLACES, progress)
+        complete = True
+        try:
+            search.screen(structures)
+            search.cross_validate()
+        except KeyboardInterrupt:
+            if not search.screened and not search.others:
+                raise
+            complete = False
+        return _concluded(search, pieces, held_out, folds, complete, notes)
+
+
+def _concluded(search: Search, pieces: Sequence[Record], held_out: Sequence[Record] | None, folds: int,
+               complete: bool, notes: list[str]) -> Selection:
+    """The first in the ranking whose refit on all data keeps its poles inside and does not diverge."""
+    ranked = search.ranked()
+    table = [row for _, row in ranked]
+    tested = [i for i, row in enumerate(table) if row.esr is not None]
+    if not tested and complete:
+        raise InputError("no candidate survives", got=table[0].reason if table else "none",
+                         why=f"the first of {len(table)} is dropped for that reason",
+                         mend="widen the candidates, or allow a share outside with outside=…")
+    final: Identification | None = None
+    chosen = tested[0] if tested else 0
+    try:
+        for i in tested:
+            found, fault = _refit(search, ranked[i][0], pieces)
+            if not fault:
+                final, chosen = found, i
+                break
+            table[i] = replace(table[i], reason=f"refitted on all training data: {fault}")
+        if final is None and tested:
+            notes.append("no refit on all training data keeps its frozen poles inside: the first choice stands")
+            final = identify(pieces, ranked[chosen][0])
+    except KeyboardInterrupt:
+        complete = False
+    if final is not None and held_out is not None:
+        final = _with_held_out(final, held_out)
+    table.insert(0, table.pop(chosen))
+    return Selection(table[0].structure, tuple(table), final, complete, folds, tuple(notes))
+
+
+def _refit(search: Search, structure: Structure, pieces: Sequence[Record]) -> tuple[Identification, str]:
+    """The estimate on all training data, and what is wrong with it; fitted stages are kept where a refit fails."""
+    found = identify(pieces, structure)
+    fault = _fault(search, found, pieces)
+    held = [s.structure for s in search.screened if s.asked is structure and s.structure != structure]
+    if held and isinstance(structure, ARX) and not structure.ridge:
+        other = identify(pieces, held[0])
+        other_fault = _fault(search, other, pieces)
+        if not other_fault and (fault or (other.fit or 0.0) > (found.fit or 0.0)):
+            return other, ""
+    return found, fault
+
+
+def _fault(search: Search, found: Identification, pieces: Sequence[Record]) -> str:
+    share = outside_share(found.model, pieces)
+    if share > search.limit:
+        return f"frozen pole outside at {100 * share:.2g} % of training samples"
+    return "diverges in free run" if found.fit is None else ""
+
+
+def _with_held_out(found: Identification, held_out: Sequence[Record]) -> Identification:
+    from lpvid.validation import validate
+
+    if any(s.name == "velocity" for s in found.model.inputs) or "velocity" in found.model.box.names:
+        held_out = [with_velocity(r) for r in held_out]
+    return found.replace(held_out=validate(found.model, held_out, label="held-out"))
+
+
+def _excitation(structure: Structure) -> str:
+    return structure.input[0] if isinstance(structure, ARX) else structure.channels[0]
+
+
+def _shortened(pieces: Sequence[Record], start: int) -> list[Record]:
+    from lpvid.identification.stage_fit import shorten
+
+    return shorten(pieces, SAMPLES, 20 * (start + 5))
