@@ -12,6 +12,9 @@ from lpvid.model.transfer_function import LPVTransferFunction
 if TYPE_CHECKING:
     from lpvid.identification.pem_problem import Problem
 
+FADED = 1e-60
+"""sensitivity below which what is carried into the next chunk counts as zero."""
+
 
 def sweep_record(problem: Problem, model: LPVTransferFunction, signals: tuple[np.ndarray, np.ndarray, np.ndarray],
                  state: tuple[np.ndarray, np.ndarray], slopes: Sequence[np.ndarray], absorb: Callable) -> None:
@@ -172,7 +175,9 @@ class _Sweep:
     def carry(self, rows: int) -> None:
         """Move the last samples in front of the next chunk."""
         for array in {id(a): a for a in (self.sens, self.coloured)}.values():
-            array[:, :, : self.history] = array[:, :, rows: rows + self.history].copy()
+            last = array[:, :, rows: rows + self.history].copy()
+            last[np.abs(last) < FADED] = 0.0  # a past that has faded would linger as slow subnormal numbers
+            array[:, :, : self.history] = last
 
     def writer(self, first: int, rows: int) -> Callable[[np.ndarray, int, int], None]:
         """A function that writes one output's weighted rows of this chunk into a transposed workspace."""

@@ -1,0 +1,111 @@
+"""Covariance of prediction-error estimates: Gauss-Newton, and the sandwich where the residual is coloured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from lpvid.identification.levenberg_marquardt import Search, reduce
+from lpvid.identification.pem_problem import Problem
+from lpvid.identification.pem_starts import autoregression
+
+LONGEST_COLOUR = 40
+"""highest order of the autoregression that describes a coloured residual."""
+
+
+def covariance(problem: Problem, search: Search, *, coloured: bool) -> tuple[np.ndarray, str]:
+    """Covariance of the shared parameters, the records' pasts estimated along, and what kind it is.
+
+    White innovations: σ² (JᵀJ)⁻¹ (Ljung 1999 (9.54)). Coloured output errors v: the sandwich
+    (JᵀJ)⁻¹ Jᵀ V J (JᵀJ)⁻¹ (Ljung 1999 (9.56) for fixed inputs), where Jᵀ V J = Σ_kl J_k r_v(k−l) J_lᵀ is formed as
+    Λ Σ_k J^f_k J^f_kᵀ with J^f = J filtered by the autoregression that describes v (its order by AIC, one filter for all
+    outputs). J is independent of v, so this needs no choice of a window.
+
+    Returns
+    -------
+    (k, k) array, str
+    """
+    shared, _ = reduce(problem, search.factors)
+    k = shared.shape[1] - 1
+    inverse = _inverse(shared[:, :k])
+    degrees = max(problem.counted - k - problem.n_past * len(search.factors), 1)
+    rows = [e[problem.head:] * problem.weights for e in search.residuals.errors]
+    spread = sum(e.T @ e for e in rows) * (problem.n_outputs / degrees)
+    if not coloured:
+        return _sandwich(problem, search, inverse, np.ones(1), spread), "Gauss-Newton, white innovations"
+    series = [e[:, o] / max(np.sqrt(spread[o, o]), 1e-300) for e in rows for o in range(problem.n_outputs)]
+    polynomial = _colour(series)
+    filtered = [np.apply_along_axis(lambda v: np.convolve(v, polynomial)[: len(v)], 0, e) for e in rows]
+    innovation = sum(e.T @ e for e in filtered) * (problem.n_outputs / degrees)
+    order = polynomial.size - 1
+    return (_sandwich(problem, search, inverse, polynomial, innovation),
+            f"sandwich, output error coloured by an autoregression of order {order}")
+
+
+def _colour(series: list[np.ndarray]) -> np.ndarray:
+    """Autoregression of the order that Akaike's criterion prefers."""
+    n = sum(len(v) for v in series)
+    most = int(min(LONGEST_COLOUR, max(1, min(len(v) for v in series) // 20)))
+    fits = [autoregression(series, order) for order in range(most + 1)]
+    aic = [n * np.log(variance) + 2 * order for order, (_, variance) in enumerate(fits)]
+    return fits[int(np.argmin(aic))][0]
+
+
+def _inverse(r: np.ndarray) -> np.ndarray:
+    """(RᵀR)⁻¹ with unit columns; parameters without influence get no covariance rather than an infinite one."""
+    scale = np.linalg.norm(r, axis=0)
+    alive = scale > 0
+    inverse = np.zeros((r.shape[1], r.shape[1]))
+    root = np.linalg.pinv(r[:, alive] / scale[alive], rcond=1e-12)
+    part = root @ root.T / np.outer(scale[alive], scale[alive])
+    inverse[np.ix_(alive, alive)] = part
+    return inverse
+
+
+def _sandwich(problem: Problem, search: Search, inverse: np.ndarray, polynomial: np.ndarray,
+              innovation: np.ndarray) -> np.ndarray:
+    """H⁻¹ (Σ J^fᵀ Λ J^f) H⁻¹ for the part of J that is orthogonal to the records' pasts."""
+    white = polynomial.size == 1
+    if white and problem.n_outputs == 1:
+        return float(innovation[0, 0]) * inverse
+    root = np.linalg.cholesky(innovation + 1e-300 * np.eye(len(innovation)))
+    middle = np.zeros_like(inverse)
+    factors = iter(search.factors)
+
+    def consumer(_: int) -> Callable:
+        factor = next(factors)
+        ni = problem.n_past
+        project = np.linalg.lstsq(factor[:ni, :ni], factor[:ni, ni:-1], rcond=1e-12)[0] if ni else None
+        past = np.zeros((problem.n_outputs, inverse.shape[0], max(polynomial.size - 1, 4)))
+
+        def absorb(write: Callable, rows: int) -> None:
+            nonlocal middle
+            block = np.zeros((ni + inverse.shape[0] + 1, rows))
+            parts = []
+            for output in range(problem.n_outputs):
+                write(block, 0, output)
+                clean = block[ni:-1] if project is None else block[ni:-1] - project.T @ block[:ni]
+                parts.append(_filtered(clean, polynomial, past, output))
+            stacked = np.einsum("oq,okr->qkr", root, np.array(parts))
+            for part in stacked:
+                middle += part @ part.T
+
+        return absorb
+
+    problem.sweep(search.point, search.residuals, consumer)
+    return inverse @ middle @ inverse
+
+
+def _filtered(rows: np.ndarray, polynomial: np.ndarray, past: np.ndarray, output: int) -> np.ndarray:
+    """Rows filtered by one over the polynomial, behind the past of earlier chunks."""
+    from lpvid import _sensitivity
+
+    history, n = past.shape[2], rows.shape[1]
+    z = np.concatenate([past[output], rows], axis=1)
+    if polynomial.size > 1:
+        _sensitivity.recur(np.repeat(polynomial[1:, None], n, axis=1), z, history, n)
+    past[output] = z[:, n: n + history]
+    return z[:, history:]
+
+

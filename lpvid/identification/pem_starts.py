@@ -1,0 +1,218 @@
+"""Where prediction-error searches begin: least squares under several filters, iterated, shrunk, perturbed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from lpvid.identification.pem_problem import CHUNK, Problem
+from lpvid.model.noise_model import NoiseModel
+from lpvid.model.transfer_function import LPVTransferFunction
+
+PREFILTERS = (0.5, 0.8, 0.95)
+"""double poles of the low-pass filters under which least squares is repeated."""
+ITERATIONS = 8
+"""rounds of Steiglitz & McBride, and of extended least squares."""
+SHRINKING = (1.0, 0.98, 0.95, 0.9, 0.8, 0.6, 0.3, 0.0)
+LONG_AR = 30
+Start = tuple[str, LPVTransferFunction]
+
+
+def output_starts(problem: Problem, first: LPVTransferFunction) -> list[Start]:
+    """Starts of an output-error search.
+
+    Least squares itself; least squares of equations filtered by 1/(1 − ρ q⁻¹)², which lets low frequencies count more;
+    and Steiglitz & McBride 1965, least squares of equations filtered by one over the mean of the last A, which for a
+    time-invariant system weighs its errors as output errors.
+    """
+    found: list[Start] = [("least squares", first)]
+    roots = [("least squares", first)]
+    for rho in PREFILTERS:
+        roots.append((f"least squares under a low-pass at {rho:g}",
+                      filtered_regression(problem, first, np.poly([rho, rho]))))
+    found += roots[1:]
+    for label, model in (roots[0], roots[2]):
+        for round_ in range(ITERATIONS):
+            model = filtered_regression(problem, model, mean_denominator(problem, model))
+            found.append((f"{label}, then Steiglitz-McBride {round_ + 1}", model))
+    return [(label, stabilised(problem, model)) for label, model in found]
+
+
+def perturbed(model: LPVTransferFunction, layout, covariance: np.ndarray, rng: np.random.Generator,
+              count: int) -> list[Start]:
+    """`count` models drawn from three times the standard errors around least squares."""
+    theta = layout.read(model)
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    root = 3.0 * vectors * np.sqrt(np.maximum(values, 0.0))
+    return [(f"random start {i + 1}", layout.fill(model, theta + root @ rng.standard_normal(theta.size)))
+            for i in range(count)]
+
+
+def stabilised(problem: Problem, model: LPVTransferFunction) -> LPVTransferFunction:
+    """The model with its poles drawn in, a_i ← γ^i a_i, as little as keeps its free run bounded and frozen-stable."""
+    from lpvid.identification.levenberg_marquardt import frozen_radius
+
+    for gamma in SHRINKING:
+        power = gamma ** np.arange(1, model.na + 1)
+        trial = model.replace(a=model.a * power[:, None, None, None])
+        point = problem.point(trial)
+        if frozen_radius(problem, point) < 1 and problem.residuals(point) is not None:
+            return trial
+    return model.replace(a=0.0 * model.a)
+
+
+def mean_denominator(problem: Problem, model: LPVTransferFunction) -> np.ndarray:
+    """Stable polynomial 1 + f_1 q⁻¹ + … of A at the mean of the basis along the data; roots outside are reflected."""
+    mean = np.mean([phi.mean(axis=1) for _, phi in problem.drive(model)], axis=0)
+    a = model.a @ mean
+    if not len(a):
+        return np.ones(1)
+    ny = model.n_outputs
+    companion = np.zeros((len(a) * ny, len(a) * ny))
+    companion[:, :ny] = -a.reshape(-1, ny)
+    companion[: (len(a) - 1) * ny, ny:] = np.eye((len(a) - 1) * ny)
+    return stable_polynomial(np.linalg.eigvals(companion))
+
+
+def stable_polynomial(roots: np.ndarray, limit: float = 0.99) -> np.ndarray:
+    """Polynomial with these roots, those outside the circle reflected into it."""
+    size = np.abs(roots)
+    size = np.where(size > 1, 1 / np.maximum(size, 1e-300), size)
+    angle = np.angle(roots)
+    return np.real(np.poly(np.minimum(size, limit) * np.exp(1j * angle)))
+
+
+def filtered_regression(problem: Problem, model: LPVTransferFunction, denominator: np.ndarray) -> LPVTransferFunction:
+    """Least squares of the equation A y = B u + e with both sides filtered by one over `denominator`."""
+    from lpvid import _sensitivity
+    from lpvid._kernels import ChunkedQR, fill_regressor
+
+    c, ny, lags = problem.columns, problem.n_outputs, denominator.size - 1
+    history, everything = max(lags, 4), np.arange(problem.columns.size + problem.n_outputs)
+    qr = ChunkedQR(everything.size, CHUNK)
+    for y, (u, phi) in zip(problem._y, problem.drive(model), strict=True):
+        signals = np.vstack([y.T, u, np.ones(len(y))])
+        z = np.zeros((everything.size, history + CHUNK))
+        for first in range(problem.start, len(y), CHUNK):
+            rows = min(CHUNK, len(y) - first)
+            fill_regressor(z[: c.size], history, first, rows, signals, phi, c.source, c.sign, c.lag, c.function,
+                           c.phi_lag)
+            z[c.size:, history: history + rows] = y[first: first + rows].T
+            if lags:
+                _sensitivity.recur(np.repeat(denominator[1:, None], rows, axis=1), z, history, rows)
+            _sensitivity.copy_columns(qr.block, qr.columns, z, history, rows, everything, 1.0)
+            qr.absorb(rows)
+            z[:, :history] = z[:, rows: rows + history].copy()
+    r = qr.r
+    return problem.layout.fill(model, _solve(r[:, : c.size], r[:, c.size:]).T.ravel())
+
+
+def _solve(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    scale = np.maximum(np.linalg.norm(x, axis=0), 1e-300)
+    return np.linalg.lstsq(x / scale, y, rcond=1e-12)[0] / (scale[:, None] if y.ndim == 2 else scale)
+
+
+# -- noise models ------------------------------------------------------------------------------------------------------
+def armax_starts(problem: Problem, first: LPVTransferFunction) -> list[Start]:
+    """Least squares, and extended least squares: past innovations as regressors, recomputed each round."""
+    model = first.replace(noise=problem.noise)
+    found: list[Start] = [("least squares", model)]
+    for round_ in range(ITERATIONS):
+        residuals = problem.residuals(problem.point(model))
+        if residuals is None:
+            break
+        model = _invertible(problem, _extended_regression(problem, model, residuals.errors))
+        found.append((f"extended least squares {round_ + 1}", model))
+    return found
+
+
+def _extended_regression(problem: Problem, model: LPVTransferFunction, errors: Sequence[np.ndarray]
+                         ) -> LPVTransferFunction:
+    from lpvid._kernels import ChunkedQR
+
+    assert problem.noise.c is not None
+    nc, ny, functions = problem.noise.c.shape
+    size, more = problem.columns.size, nc * functions
+    factors = [ChunkedQR(size + more + 1, CHUNK) for _ in range(ny)]
+    for y, e, (u, phi) in zip(problem._y, errors, problem.drive(model), strict=True):
+        signals = np.vstack([y.T, u, np.ones(len(y))])
+        for first in range(max(problem.start, nc), len(y), CHUNK):
+            rows = min(CHUNK, len(y) - first)
+            shared = problem._regressor(signals, phi, first, rows)
+            for o, qr in enumerate(factors):
+                block = qr.block[:, qr.columns: qr.columns + rows]
+                block[:size], block[-1] = shared, y[first: first + rows, o]
+                for i in range(nc):
+                    low = first - (i + 1 if model.lagged else 0)
+                    weight = phi[:, low: low + rows] if functions > 1 else np.ones((1, rows))
+                    past = e[first - i - 1: first - i - 1 + rows, o]
+                    block[size + i * functions: size + (i + 1) * functions] = past * weight
+                qr.absorb(rows)
+    solved = [_solve(qr.r[:, :-1], qr.r[:, -1]) for qr in factors]
+    noise = problem.noise.with_vector(np.concatenate([s[size:] for s in solved]))
+    return problem.layout.fill(model, np.concatenate([s[:size] for s in solved])).replace(noise=noise)
+
+
+def _invertible(problem: Problem, model: LPVTransferFunction) -> LPVTransferFunction:
+    """C with its roots drawn in until its frozen roots lie inside the circle and the innovations stay bounded."""
+    from lpvid.identification.levenberg_marquardt import frozen_radius
+
+    assert model.noise.c is not None
+    for gamma in SHRINKING:
+        power = gamma ** np.arange(1, model.noise.nc + 1)
+        trial = model.replace(noise=NoiseModel(model.noise.kind, model.noise.c * power[:, None, None]))
+        point = problem.point(trial)
+        if frozen_radius(problem, point) < 1 and problem.residuals(point) is not None:
+            return trial
+    return model.replace(noise=problem.noise)
+
+
+def box_jenkins_starts(problem: Problem, plant: LPVTransferFunction, output_errors: Callable) -> list[Start]:
+    """Noise models behind a plant: none, and an ARMA process fitted to its output error (Hannan & Rissanen 1982)."""
+    noise = problem.noise
+    white = plant.replace(noise=noise)
+    found: list[Start] = [("output error, white noise", white)]
+    errors = output_errors(plant)
+    if errors is not None and noise.nc + noise.nd:
+        pairs = [arma([e[problem.start:, o] for e in errors], noise.nc, noise.nd) for o in range(problem.n_outputs)]
+        c, d = np.array([p[0] for p in pairs]).T, np.array([p[1] for p in pairs]).T
+        coloured = NoiseModel("box-jenkins", c[:, :, None] if noise.nc else None, d if noise.nd else None)
+        found.append(("output error, then ARMA noise", plant.replace(noise=coloured)))
+    return found
+
+
+def arma(series: Sequence[np.ndarray], nc: int, nd: int) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients c (nc,), d (nd,) of D v = C e by a long autoregression and one regression on its innovations."""
+    rows, target = [], []
+    order = min(LONG_AR, max(1, min(len(v) for v in series) // 10))
+    long = autoregression(series, order)[0]
+    for v in series:
+        e = np.convolve(v, long)[: len(v)]
+        start = order + max(nc, nd)
+        if len(v) <= start:
+            continue
+        columns = [-v[start - i: len(v) - i] for i in range(1, nd + 1)]
+        columns += [e[start - i: len(v) - i] for i in range(1, nc + 1)]
+        rows.append(np.column_stack(columns))
+        target.append(v[start:])
+    if not rows:
+        return np.zeros(nc), np.zeros(nd)
+    solution = np.linalg.lstsq(np.vstack(rows), np.concatenate(target), rcond=1e-10)[0]
+    d, c = solution[:nd], solution[nd:]
+    return (stable_polynomial(np.roots(np.r_[1, c]), 0.95)[1:] if nc else c,
+            stable_polynomial(np.roots(np.r_[1, d]), 0.98)[1:] if nd else d)
+
+
+def autoregression(series: Sequence[np.ndarray], order: int) -> tuple[np.ndarray, float]:
+    """Polynomial 1 + f_1 q⁻¹ + … and innovation variance by Yule-Walker; always stable."""
+    n = sum(len(v) for v in series)
+    r = np.array([sum(float(v[: len(v) - k] @ v[k:]) for v in series) / n for k in range(order + 1)])
+    polynomial, variance = np.ones(1), max(float(r[0]), 1e-300)
+    for k in range(1, order + 1):
+        reflection = -float(polynomial @ r[k:0:-1]) / variance
+        polynomial = np.r_[polynomial, 0.0] + reflection * np.r_[0.0, polynomial[::-1]]
+        variance *= 1 - reflection**2
+        if variance <= 0:
+            break
+    return polynomial, max(variance, 1e-300)
