@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
@@ -322,8 +323,8 @@ def _signals(model: Model, record: Record) -> tuple[np.ndarray, np.ndarray]:
         raise InputError(f"record '{record.name}' has another rate than the model",
                          got=f"{1 / record.sample_time:.6g} Hz against {1 / model.sample_time:.6g} Hz",
                          mend="resample the record to the model's rate")
-    measured = _columns(record, [s.name for s in model.inputs])
-    p = _columns(record, list(model.box.names))
+    measured = _columns(record, model.inputs)
+    p = _columns(record, [Signal(n, u) for n, u in zip(model.box.names, model.box.units, strict=True)])
     if model.scheduling_stage is not None:
         p = model.scheduling_stage.apply(p, model.sample_time)
     u = measured if model.input_stage is None else model.input_stage.apply(measured, p)
@@ -331,16 +332,22 @@ def _signals(model: Model, record: Record) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _outputs(model: Model, record: Record) -> np.ndarray:
-    return np.ascontiguousarray(_columns(record, [s.name for s in model.outputs]))
+    return np.ascontiguousarray(_columns(record, model.outputs))
 
 
-def _columns(record: Record, names: Sequence[str]) -> np.ndarray:
-    for name in names:
-        channel = record.channel(name)
+def _columns(record: Record, wanted: Sequence[Signal]) -> np.ndarray:
+    names = [s.name for s in wanted]
+    for signal in wanted:
+        channel = record.channel(signal.name)
         if not channel.unit_known:
-            raise InputError(f"record '{record.name}', channel '{name}': unknown unit", got=f"'{channel.source_unit}'",
+            raise InputError(f"record '{record.name}', channel '{signal.name}': unknown unit",
+                             got=f"'{channel.source_unit}'",
                              mend="correct the unit in the header, or leave it out if the values are SI")
-    values = record.matrix(list(names))
+        if signal.unit and channel.unit and signal.unit != channel.unit:
+            raise InputError(f"record '{record.name}', channel '{signal.name}' has another unit than the model's",
+                             got=f"{channel.unit} against {signal.unit}", mend="correct the header, or map the channel "
+                             f"that is meant with --role {signal.name}=CHANNEL")
+    values = record.matrix(names)
     if not np.isfinite(values.sum()) and not np.isfinite(values).all():
         row, column = (int(i) for i in np.argwhere(~np.isfinite(values))[0])
         raise InputError(f"record '{record.name}', channel '{names[column]}', sample {row} is not finite",

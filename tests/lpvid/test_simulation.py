@@ -472,3 +472,12 @@ def test_the_input_stage_acts_before_the_filter(rng: np.random.Generator) -> Non
     np.testing.assert_allclose(
         simulate(model, record).output, naive(plain, shaped, p[:, None], record["y1"][:, None], None), rtol=1e-10
     )
+
+
+def test_a_channel_in_another_unit_is_refused() -> None:
+    from lpvid.model.signals import Signal
+
+    model = LPVTransferFunction.siso([[-0.5]], [[0.0], [1.0]], Polynomial(), 0.01, inputs=(Signal("velocity", "m/s"),))
+    record = Record({"velocity": np.ones(5)}, sample_time=0.01, units={"velocity": "m"})
+    with pytest.raises(InputError, match=r"m against m/s"):
+        simulate(model, record, "zero")

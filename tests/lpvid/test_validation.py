@@ -297,3 +297,28 @@ def test_data_that_the_model_has_seen_are_never_called_held_out() -> None:
     both = lpv.validate(found.model, [whole, whole.slice(600, 900)])
     assert both.label == "partly training"
     assert any("not held-out" in note for note in both.notes)
+
+
+def test_regimes_find_the_half_where_the_model_is_wrong() -> None:
+    rng = np.random.default_rng(9)
+    u, p = rng.normal(size=4000), rng.uniform(0, 1, 4000)
+    y = np.zeros(4000)
+    for k in range(1, 4000):
+        y[k] = 0.5 * y[k - 1] + (1.0 if u[k - 1] > 0 else 2.0) * u[k - 1] + (0.5 * rng.normal() if p[k] > 0.8 else 0)
+    model = lpv.LPVTransferFunction.siso([[-0.5, 0.0]], [[0, 0], [1.0, 0.0]], lpv.Polynomial("p", degree=1), 0.01,
+                                         scheduling=lpv.Scheduling(("p",), (0,), (1,)), inputs=("u",), outputs=("y",))
+    found = lpv.validate(model, lpv.Record({"u": u, "p": p, "y": y}, sample_time=0.01), horizons=(3,))
+    parts = {r.where: r for r in found.regimes}
+    assert sum(parts[w].error_share for w in ("u < 0", "u > 0")) == pytest.approx(1.0)
+    levels = [r for r in found.regimes if "p" in r.where and "Hz" not in r.where]
+    assert sum(r.share for r in levels) == pytest.approx(1.0)
+    assert sum(r.error_share for r in found.regimes if "Hz" in r.where) == pytest.approx(1.0)
+    assert found.k_steps[0].kind == "3-step"
+    assert found.to_dict()["overall"]["3_step"]["esr"] == found.k_steps[0].esr
+
+
+def test_another_rate_than_the_model_s_is_refused() -> None:
+    model = lpv.LPVTransferFunction.siso([[-0.5]], [[0], [1.0]], lpv.Polynomial(), 0.01, inputs=("u",), outputs=("y",))
+    record = lpv.Record({"u": np.ones(50), "y": np.arange(50.0)}, sample_time=0.01)
+    with pytest.raises(lpv.InputError, match="its own rate"):
+        lpv.validate(model, record, sample_rate=50.0)

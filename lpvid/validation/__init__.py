@@ -1,0 +1,9 @@
+"""How good a model is: free run and one step, training or held-out, where it is wrong, and what its residuals hold."""
+
+from lpvid.validation.figures import Figures, Pair, RecordFigures
+from lpvid.validation.regimes import Regime
+from lpvid.validation.report import Validation, figures, validate
+from lpvid.validation.residuals import LAGS, ResidualTest, residual_tests
+
+__all__ = ["LAGS", "Figures", "Pair", "RecordFigures", "Regime", "ResidualTest", "Validation", "figures",
+           "residual_tests", "validate"]

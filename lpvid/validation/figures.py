@@ -1,0 +1,115 @@
+"""Error figures: ESR, fit and rmse of one kind of run, per record and pooled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.simulation import Simulation
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Error of one kind of run over some samples.
+
+    Attributes
+    ----------
+    kind : str
+        "free-run", "one-step" or "k-step".
+    esr : float or None
+        Σ(y−ŷ)²/Σ(y−ȳ)², each record about its own mean, averaged over outputs; None after divergence.
+    fit_percent : float or None
+        100 (1 − √ESR), also called BFR.
+    rmse : float or None
+        Root mean square error in `rmse_unit` (first output).
+    n_samples : int
+        Samples in the figure: those the run started from are left out.
+    diverged_at : int or None
+        Sample of the first record that diverged.
+    """
+
+    kind: str
+    esr: float | None
+    fit_percent: float | None
+    rmse: float | None
+    rmse_unit: str
+    n_samples: int
+    diverged_at: int | None = None
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        data = {"esr": self.esr, "fit_percent": self.fit_percent, "rmse": self.rmse, "rmse_unit": self.rmse_unit,
+                "n_samples": self.n_samples}
+        return data if self.diverged_at is None else {**data, "diverged_at": self.diverged_at}
+
+    def __str__(self) -> str:
+        if self.diverged_at is not None:
+            return f"{self.kind} diverged at sample {self.diverged_at}"
+        if self.esr is None:
+            return f"{self.kind} without figures: the output does not move"
+        return f"{self.kind} ESR {self.esr:.4g} (fit {self.fit_percent:.1f} %, rmse {self.rmse:.4g} {self.rmse_unit})"
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Free-run and one-step figures of the same samples."""
+
+    free_run: Figures
+    one_step: Figures
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"free_run": self.free_run.to_dict(), "one_step": self.one_step.to_dict()}
+
+
+@dataclass(frozen=True)
+class RecordFigures:
+    """Figures of one record."""
+
+    name: str
+    n_samples: int
+    free_run: Figures
+    one_step: Figures
+    extrapolation_share: float
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"name": self.name, "n_samples": self.n_samples, "free_run": self.free_run.to_dict(),
+                "one_step": self.one_step.to_dict(), "extrapolation_share": self.extrapolation_share}
+
+
+class Pool:
+    """Sums of squares over records: pooled ESR sums numerators and denominators."""
+
+    def __init__(self) -> None:
+        self.error = np.zeros(0)
+        self.power = np.zeros(0)
+        self.count, self.unit = 0, ""
+        self.diverged: int | None = None
+
+    def add(self, y: np.ndarray, run: Simulation) -> Figures:
+        measured, model = y[run.start:], run.output[run.start:]
+        power = np.sum((measured - measured.mean(axis=0)) ** 2, axis=0)
+        power[np.ptp(measured, axis=0) == 0] = 0.0  # the mean of a constant may miss it by a rounding
+        error = np.sum((measured - model) ** 2, axis=0)
+        self.error = self.error + error if self.error.size else error
+        self.power = self.power + power if self.power.size else power
+        self.count += len(measured)
+        self.unit = run.units[0]
+        if self.diverged is None:
+            self.diverged = run.diverged_at
+        return _figures(run.kind, error, power, len(measured), self.unit, run.diverged_at)
+
+    def total(self, kind: str) -> Figures:
+        return _figures(kind, self.error, self.power, self.count, self.unit, self.diverged)
+
+
+def _figures(kind: str, error: np.ndarray, power: np.ndarray, count: int, unit: str, diverged: int | None) -> Figures:
+    if diverged is not None or count == 0:
+        return Figures(kind, None, None, None, unit, count, diverged)
+    rmse = float(np.sqrt(error[0] / count))
+    if not np.all(power > 0):
+        return Figures(kind, None, None, rmse, unit, count)
+    esr = float(np.mean(error / power))
+    return Figures(kind, esr, float(100 * (1 - np.sqrt(esr))), rmse, unit, count)

@@ -1,0 +1,164 @@
+"""`validate`: how good a model is, free run first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.condition import segments, with_velocity
+from lpvid.errors import InputError
+from lpvid.familiar import familiar
+from lpvid.record import Record
+from lpvid.simulation import RATE_TOLERANCE, Model, predict, simulate
+from lpvid.validation.figures import Figures, Pair, Pool, RecordFigures
+from lpvid.validation.regimes import Regime, Stretch, regimes
+from lpvid.validation.residuals import ResidualTest, residual_of, residual_tests
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """Figures of a model on a data set; `label` says whether the model has seen these data.
+
+    Attributes
+    ----------
+    label : str
+        "training", "held-out" or "partly training".
+    overall : Pair
+        Pooled free-run and one-step figures.
+    records : tuple of RecordFigures
+    residual_tests : tuple of ResidualTest
+        On one-step residuals.
+    extrapolation_share : float
+        Share of samples whose scheduling lies outside the training range.
+    regimes : tuple of Regime
+        Where the free run is wrong.
+    k_steps : tuple of Figures
+        Pooled figures of the prediction horizons asked for.
+    notes : tuple of str
+    """
+
+    label: str
+    overall: Pair
+    records: tuple[RecordFigures, ...]
+    residual_tests: tuple[ResidualTest, ...]
+    extrapolation_share: float
+    notes: tuple[str, ...] = ()
+    regimes: tuple[Regime, ...] = ()
+    k_steps: tuple[Figures, ...] = ()
+
+    def summary(self) -> str:
+        """One line of figures."""
+        return "; ".join(map(str, (self.overall.free_run, self.overall.one_step, *self.k_steps)))
+
+    def to_dict(self) -> dict:
+        """validation.json."""
+        return {"schema": "lpvid/validation/1", "data": self.label,
+                "overall": {**self.overall.to_dict(),
+                            **{f.kind.replace("-", "_"): f.to_dict() for f in self.k_steps}},
+                "records": [r.to_dict() for r in self.records],
+                "residual_tests": [t.to_dict() for t in self.residual_tests],
+                "regimes": [r.to_dict() for r in self.regimes],
+                "extrapolation_share": self.extrapolation_share, "notes": list(self.notes)}
+
+    def __repr__(self) -> str:
+        lines = [f"Validation ({self.label}): {self.summary()}"]
+        lines += [f"  {r.name}: {r.free_run}" for r in self.records[:8]]
+        if self.extrapolation_share >= 5e-4:
+            lines.append(f"  {100 * self.extrapolation_share:.1f} % of samples outside the training range of p: "
+                         "the model extrapolates there")
+        wrong = sorted((r for r in self.regimes if r.esr is not None), key=lambda r: r.error_share - r.share)
+        if wrong and wrong[-1].error_share > 1.3 * wrong[-1].share:
+            worst = wrong[-1]
+            lines.append(f"  worst where {worst.where}: {100 * worst.error_share:.0f} % of the free-run error in "
+                         f"{100 * worst.share:.0f} % of the data (ESR there {worst.esr:.3g})")
+        lines += [f"  {t.name}: {t.says}" for t in self.residual_tests]
+        return "\n".join(lines + [f"  note: {n}" for n in self.notes])
+
+
+def validate(model: Model, records: Record | Sequence[Record], *, sample_rate: float | None = None,
+             label: str = "held-out", horizons: Sequence[int] = ()) -> Validation:
+    """Figures of a model on measured records, free-run, one-step and at any further prediction horizons.
+
+    Raw data of another rate are resampled (anti-aliased) to the model's rate, and a note says so.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+    records : Record or sequence of Record
+        With the model's inputs, outputs and scheduling; cut at gaps and NaN.
+    sample_rate : float, optional
+        Only the model's own rate [Hz] is accepted; it is used in any case.
+    label : str
+        "held-out" or "training": what these data are to the model. Data that begin like a training record are
+        labelled as what they are, whatever is said here.
+    horizons : sequence of int
+        Further prediction horizons [samples].
+
+    Returns
+    -------
+    Validation
+
+    Raises
+    ------
+    InputError
+        Missing channels, another unit than the model's, no stretch long enough.
+    """
+    listed = [records] if isinstance(records, Record) else list(records)
+    if model.sample_time is None:
+        raise InputError("this model is continuous in time", why="records are sampled",
+                         mend="discretise the model first")
+    rate = 1.0 / model.sample_time
+    if sample_rate is not None and abs(sample_rate / rate - 1) > RATE_TOLERANCE:
+        raise InputError("a model is validated at its own rate", got=f"{sample_rate:.6g} Hz against {rate:.6g} Hz",
+                         mend=f"--sample-rate {rate:.6g}, or leave it out")
+    foreign = [r for r in listed if not r.time_base.steady or abs(r.time_base.period * rate - 1) > RATE_TOLERANCE]
+    channels = tuple(dict.fromkeys((*(s.name for s in (*model.inputs, *model.outputs)), *model.box.names)))
+    if "velocity" in channels:
+        listed = [with_velocity(r) for r in listed]
+    pieces = segments(listed, channels, sample_rate=rate if foreign else None, minimum=model.start + 2)
+    notes = tuple(dict.fromkeys(n for r in listed for n in r.notes if "velocity" in n))
+    if foreign:
+        notes += (f"{len(foreign)} record(s) resampled to the model's {rate:.6g} Hz",)
+    seen = familiar(model.metadata, pieces, model.outputs[0].name)
+    if seen and label == "held-out":
+        label = "training" if len(seen) == len(pieces) else "partly training"
+        notes += (f"not held-out: {', '.join(seen[:4])} begins with samples that the model was fitted to",)
+    return figures(model, pieces, label, notes, horizons)
+
+
+def figures(model: Model, pieces: Sequence[Record], label: str, notes: tuple[str, ...] = (),
+            horizons: Sequence[int] = ()) -> Validation:
+    """As `validate`, for uniform finite records at the model's rate."""
+    assert model.sample_time is not None
+    steps = [_checks.count(h, "a prediction horizon", at_least=2) for h in horizons]
+    rows, free, one = [], Pool(), Pool()
+    further = [Pool() for _ in steps]
+    residuals: list[np.ndarray] = []
+    inputs: list[np.ndarray | None] = []
+    stretches: list[Stretch] = []
+    for piece in pieces:
+        y = piece.matrix([s.name for s in model.outputs])
+        u = piece[model.inputs[0].name] if model.inputs else None
+        run, step = simulate(model, piece), predict(model, piece, 1)
+        p = piece.matrix(list(model.box.names))
+        outside = float(np.mean(~model.box.contains(p))) if p.shape[1] else 0.0
+        rows.append(RecordFigures(piece.name, piece.n_samples, free.add(y, run), one.add(y, step), outside))
+        for pool, horizon in zip(further, steps, strict=True):
+            pool.add(y, predict(model, piece, horizon))
+        if step.diverged_at is None:
+            residuals.append(residual_of(y[step.start:, 0], step.output[step.start:, 0]))
+            inputs.append(None if u is None else u[step.start:])
+        if run.diverged_at is None:
+            stretches.append(Stretch(y[run.start:, 0], run.output[run.start:, 0],
+                                     None if u is None else u[run.start:], p[run.start:]))
+    total = sum(r.n_samples for r in rows)
+    share = sum(r.extrapolation_share * r.n_samples for r in rows) / total
+    return Validation(
+        label, Pair(free.total("free-run"), one.total("one-step")), tuple(rows),
+        residual_tests(residuals, inputs) if residuals else (), share, notes,
+        regimes(stretches, model.inputs[0].name if model.inputs else "",
+                list(zip(model.box.names, model.box.units, strict=True)), model.sample_time),
+        tuple(pool.total(f"{h}-step") for pool, h in zip(further, steps, strict=True)))
