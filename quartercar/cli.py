@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from lpvid.record import Record
     from quartercar.demo import Demo
 
-app = new_app("Dampers and quarter cars: a virtual test rig, and the road from its records to a stability report.")
+app = new_app()
 DEMO_FOLDER = Path("quartercar-demo")
 PlanFile = Annotated[Path | None, typer.Argument(metavar="PLAN", help="A TOML plan; --template prints one.",
                                                  show_default=False)]
@@ -118,7 +118,7 @@ def _deliver(results: Results, found: Demo) -> None:
     results.add(f"{sample.name}.csv", _writer(write_csv, sample))
     figures = {"experiments.png": plot.experiments([(e.name, e.esr, e.plain_esr) for e in found.experiments], TARGET),
                "overview.png": plot.overview(next(c for c in shown if c.record.name == sample.name),
-                                             [c for c in shown if c.record.name.startswith("test-8-")])}
+                                             [c for c in shown if c.record.name.startswith("test-7-")])}
     figures |= {"locus.png": lpv_plot.locus(*found.study.loci[0], found.study.frozen.critical)}
     for name, figure in figures.items():
         results.bytes(name, lpv_plot.png(figure))

@@ -122,7 +122,7 @@ def plain_structure() -> ARX:
     from lpvid.identification.arx import ARX
     from lpvid.scheduling import Polynomial
 
-    return ARX(na=4, nb=4, nk=0, input="velocity", output="force", basis=Polynomial("current", degree=1))
+    return ARX(na=4, nb=4, nk=0, input="velocity", output="force", basis=Polynomial(("current",), degree=1))
 
 
 def rig_data(seed: int = 0) -> tuple[list[Record], list[Record]]:
@@ -243,8 +243,8 @@ def _experiments_figure(demo: Demo) -> list[Item]:
     drawn = plot.experiments([(e.name, e.esr, e.plain_esr) for e in demo.experiments], TARGET)
     return [Figure.of(drawn, "Free-run ESR of the eight experiments, each pooled over its held-out records."),
             Paragraph("Plain is a model of the same order and degree without input stage, current filter and constant "
-                      "term. The worst records of tests 6 to 8 are those at zero current: the force is small there, so that an error "
-                      "of a few dozen newtons weighs as much as the force itself.")]
+                      "term. The worst records of tests 6 to 8 are those at zero current: the force is small there, "
+                      "so that an error of a few dozen newtons weighs as much as the force itself.")]
 
 
 def _run_figures(shown: Sequence[Comparison]) -> list[Item]:

@@ -96,7 +96,7 @@ def loops_by_current(shown: Sequence[Comparison], current: str = "current",
             ax.axhline(0, color=INK, linewidth=0.5)
             ax.axvline(0, color=INK, linewidth=0.5)
             ax.set_ylim(*limits)
-            ax.set_title(f"{level:.2f} {c.record.unit(current)}")
+            ax.set_title(f"{round(level, 2) + 0.0:.2f} {c.record.unit(current)}")
             ax.set_xlabel(label(velocity, c.record.unit(velocity)))
         axes[0, 0].set_ylabel(label(chosen[0][1].output, chosen[0][1].unit))
         for ax in axes[0, 1:]:
@@ -121,6 +121,7 @@ def overview(driven: Comparison, constant: Sequence[Comparison], current: str = 
     -------
     matplotlib.figure.Figure
     """
+    from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
     t = driven.record.times - driven.record.times[0]
@@ -149,5 +150,5 @@ def overview(driven: Comparison, constant: Sequence[Comparison], current: str = 
                        zorder=2)
         right.set_xlabel(label("velocity", "m/s"))
         right.set_title("Constant currents (grey: measured)")
-        figure.colorbar(mpl.cm.ScalarMappable(scale, SCALE), ax=right, label=label(current, "A"))
+        figure.colorbar(ScalarMappable(scale, SCALE), ax=right, label=label(current, "A"))
     return figure

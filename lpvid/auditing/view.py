@@ -82,6 +82,8 @@ class View:
     def few_levels(self, name: str) -> bool:
         """True for a command that rests on few values and jumps between them."""
         values = self.finite(name)
+        if values.size < 2:
+            return False
         return distinct(values, _LEVELS) <= _LEVELS and bool(np.mean(np.diff(values) == 0) > 0.5)
 
     def rests(self, name: str) -> bool:

@@ -12,7 +12,7 @@ from lpvid.cli.running import new_app
 from lpvid.cli.stability import stability
 from lpvid.cli.validate import validate
 
-app = new_app("Identify LPV models from measured data, and say how good and how stable they are.")
+app = new_app()
 
 
 def _version(value: bool) -> None:

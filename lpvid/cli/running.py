@@ -24,9 +24,9 @@ SHORTFALL = 3
 """Exit code of a numerical outcome short of what was asked."""
 
 
-def new_app(says: str) -> typer.Typer:
+def new_app() -> typer.Typer:
     """A Typer application with this house's settings."""
-    return typer.Typer(help=says, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
+    return typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
                        context_settings={"help_option_names": ["-h", "--help"]})
 
 

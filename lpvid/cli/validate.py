@@ -33,11 +33,9 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
         named = {"input": split_names(input), "output": split_names(output), "schedule": split_names(schedule)}
         records = [r.with_roles(parts(loaded, named)) for r in records]
         from lpvid import validation
-        from lpvid.condition import with_velocity
 
         say("simulating")
         label = "training" if training else "held-out"
-        records = [with_velocity(r) if any(s.name == "velocity" for s in loaded.inputs) else r for r in records]
         found = validation.validate(loaded, records, sample_rate=sample_rate, label=label)
         if results.kept:
             from lpvid.report.figures import comparisons
@@ -45,5 +43,5 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
 
             say("drawing")
             results.json("validation.json", found.to_dict())
-            results.report(validation_page(found, loaded, comparisons(loaded, records, label), str(model)))
+            results.report(validation_page(found, loaded, comparisons(loaded, records, found.label), str(model)))
     conclude(results, found.to_dict(), repr(found), json)

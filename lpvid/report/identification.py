@@ -56,7 +56,7 @@ def identification_page(found: Identification, shown: Sequence[Comparison], gaps
 def _facts(found: Identification, best: Validation) -> tuple[tuple[str, str], ...]:
     rate = 1 / found.model.sample_time
     return (*validation.facts(best)[:3], ("parameters", f"{found.n_parameters}"),
-            ("equations", f"{found.n_samples:,}"), ("sampling", number(rate, 5, "Hz")),
+            ("sampling", number(rate, 5, "Hz")),
             ("condition number, unit columns", number(found.scaled_condition, 2)))
 
 
@@ -76,7 +76,8 @@ def _caveats(found: Identification) -> tuple[str, ...]:
 
 def _parameters(found: Identification) -> list[Item]:
     model, box = found.model, found.model.box
-    items: list[Item] = [Paragraph(repr(model))]
+    items: list[Item] = [Paragraph(repr(model)),
+                         Paragraph(f"{found.n_parameters} parameters from {found.n_samples:,} equations.")]
     if box.names:
         ranges = ", ".join(f"{n} {number(low)} … {number(high)} {u}".rstrip() for n, low, high, u in
                            zip(box.names, box.lower, box.upper, box.units, strict=True))
