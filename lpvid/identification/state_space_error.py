@@ -1,0 +1,242 @@
+"""LPV state space by prediction error: every matrix free and affine in the basis, coordinates chosen by the data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.identification.arx import ARX, scheduling_box
+from lpvid.identification.result import Identification
+from lpvid.identification.state_space_layout import StateSpaceLayout, stacks
+from lpvid.identification.state_space_result import checked_signals, empty_model, package, static_basis
+from lpvid.identification.state_space_search import Search, SearchData, bounded, evaluate, frozen_radius, refine
+from lpvid.identification.structure import Structure
+from lpvid.identification.subspace import Subspace
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.realization import realize
+from lpvid.record import Record
+from lpvid.scheduling import Basis, Polynomial, Scheduling
+
+if TYPE_CHECKING:
+    from lpvid.model.transfer_function import LPVTransferFunction
+
+NOISE = ("output", "innovation")
+REFINED = 2
+"""starts that are searched from to the end."""
+STABLE_EXCESS = 1.1
+"""cost, relative to the least, at which a model with stable frozen poles is still preferred."""
+SCOUTING = 8
+"""steps after which the starts are compared."""
+
+
+@dataclass(frozen=True)
+class StateSpaceError(Structure):
+    """LPV state space, fully parametrised, by prediction error.
+
+    ::
+
+        x(k+1) = A(p) x + B(p) u [+ f(p)] [+ K(p) e]
+        y(k)   = C(p) x [+ D(p) u] [+ g(p)] + e
+
+    Full matrices leave the state coordinates open; each Gauss-Newton step moves only along what the data see, the tangent
+    of the coordinate changes being projected out (Lee & Poolla 1999; McKelvey, Helmersson & Ribarits 2004). The
+    Jacobian comes from the sensitivity recursions, exactly, and is folded into a triangular factor chunk by chunk; every
+    record's initial state is estimated with it.
+
+    Parameters
+    ----------
+    order : int or None
+        States; None takes the order that `Subspace` reads off its singular values.
+    input, output : str or sequence of str
+        Channel (or role) names; any number of each.
+    basis : Basis
+        Dependence on p(k), the same for all matrices.
+    direct : bool
+        Whether y sees u at once (D).
+    affine : bool
+        Offsets f(p) and g(p).
+    noise : {"output", "innovation"}
+        White error on the output (the free run is fitted), or an innovation form whose K(p) is estimated too (the
+        one-step prediction is fitted).
+    start_from : None, Subspace or LPVStateSpace
+        Where to begin. None tries `Subspace` and, where the order is a multiple of the number of outputs, least
+        squares on the shifted form, which is an exact state-space model.
+    iterations : int
+        Linearisations at most.
+
+    Examples
+    --------
+    >>> StateSpaceError(order=2, input="u", output="y", basis=Polynomial("p", degree=1)).channels
+    ('u', 'y', 'p')
+    """
+
+    order: int | None = None
+    input: str | tuple[str, ...] = "velocity"
+    output: str | tuple[str, ...] = "force"
+    basis: Basis = field(default_factory=Polynomial)
+    direct: bool = False
+    affine: bool = False
+    noise: str = "output"
+    start_from: Subspace | LPVStateSpace | None = None
+    iterations: int = 60
+
+    def __post_init__(self) -> None:
+        inputs, outputs = checked_signals(self.input, self.output)
+        object.__setattr__(self, "input", inputs)
+        object.__setattr__(self, "output", outputs)
+        if self.order is not None:
+            _checks.count(self.order, "order", at_least=1)
+        _checks.count(self.iterations, "iterations")
+        _checks.one_of(self.noise, NOISE, "noise")
+        static_basis(self.basis)
+        given = self.start_from
+        if isinstance(given, LPVStateSpace):
+            if tuple(s.name for s in given.inputs) != inputs or tuple(s.name for s in given.outputs) != outputs:
+                raise InputError("the start has other inputs or outputs than the structure", got=repr(given))
+            if self.order not in (None, given.order):
+                raise InputError("the start has another order than the structure", got=f"{given.order} states")
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys((*self.input, *self.output, *self.basis.names)))
+
+    @property
+    def start(self) -> int:
+        if isinstance(self.start_from, LPVStateSpace):
+            return 2 * self.start_from.order
+        return self._subspace().start
+
+    def estimate(self, records: Sequence[Record]) -> Identification:
+        box = scheduling_box(records, self.basis)
+        bound = replace(self, basis=self.basis.bound(box))
+        starts = [pair for said, model in bound._starts(records, box) for pair in _begun(said, model, records)]
+        layout = StateSpaceLayout.full(starts[0][1].model, bound._free)
+        tried = len(starts)
+        if tried > REFINED:
+            starts = [(said, refine(s.model, layout, s.data, iterations=SCOUTING)) for said, s in starts]
+            starts.sort(key=lambda pair: pair[1].evaluation.cost)
+        ends = [(said, refine(s.model, layout, s.data, iterations=self.iterations)) for said, s in starts[:REFINED]]
+        said, best = _preferred(ends)
+        note = (f"prediction error ({self.noise}) from {said}, one of {tried} start(s): {best.iterations} "
+                f"Levenberg-Marquardt steps; stopped because {best.why}")
+        return package(replace(bound, order=best.model.order), best, layout, records, [note])
+
+    @property
+    def _free(self) -> tuple[str, ...]:
+        named = ["A", "B", "C"]
+        named += ["D"] if self.direct else []
+        named += ["state_offset", "output_offset"] if self.affine else []
+        named += ["observer_gain"] if self.noise == "innovation" else []
+        return tuple(named)
+
+    # -- where to begin -----------------------------------------------------------------------------------------
+    def _subspace(self) -> Subspace:
+        if isinstance(self.start_from, Subspace):
+            return replace(self.start_from, order=self.order or self.start_from.order, input=self.input,
+                           output=self.output, basis=self.basis, direct=self.direct, affine=self.affine)
+        return Subspace(order=self.order, input=self.input, output=self.output, basis=self.basis, direct=self.direct,
+                        affine=self.affine)
+
+    def _starts(self, records: Sequence[Record], box: Scheduling) -> Iterator[tuple[str, LPVStateSpace]]:
+        if isinstance(self.start_from, LPVStateSpace):
+            yield "the model given", self._own(self.start_from, records, box)
+            return
+        first = self._subspace().estimate(records).model
+        assert isinstance(first, LPVStateSpace)
+        yield "the subspace estimate", self._own(first, records, box)
+        if self.start_from is None and first.order % len(self.output) == 0:
+            for ridge in (0.0, 1e-5):
+                try:
+                    yield "least squares on the shifted form", self._own(
+                        self._shifted(records, first.order // len(self.output), ridge), records, box)
+                except InputError:
+                    continue  # these data cannot tell its parameters apart: penalise, or go without
+                return
+
+    def _shifted(self, records: Sequence[Record], lags: int, ridge: float) -> LPVStateSpace:
+        structure = ARX(na=lags, nb=lags + 1 if self.direct else lags, nk=0 if self.direct else 1, input=self.input,
+                        output=self.output, basis=self.basis, affine=lags + 1 if self.affine else 0, lagged=True,
+                        ridge=ridge)
+        model: LPVTransferFunction = structure.estimate(records).model  # type: ignore[assignment]
+        return realize(model, "shifted").model
+
+    def _own(self, model: LPVStateSpace, records: Sequence[Record], box: Scheduling) -> LPVStateSpace:
+        """The model over this structure's basis, without what the structure leaves out."""
+        p = np.vstack([r.matrix(box.names) for r in records])
+        p = p[:: max(1, len(p) // 5000)]
+        names = model.box.names
+        columns = [box.names.index(_checks.known_name(n, box.names, "scheduling variable of the start")) for n in names]
+        old, new = model.basis.evaluate(p[:, columns]), self.basis.evaluate(p)
+        change = np.linalg.lstsq(new, old, rcond=1e-10)[0]
+        fields = ("A", "B", "C", "D", "state_offset", "output_offset", "observer_gain")
+        arrays = dict(zip(fields, (np.tensordot(change, x, axes=1) for x in stacks(model)), strict=True))
+        for name in ("state_offset", "output_offset"):
+            arrays[name] = arrays[name][:, :, 0]
+        for name in fields:
+            if name not in self._free:
+                arrays[name] = np.zeros_like(arrays[name])
+        if self.noise == "output":
+            del arrays["observer_gain"]
+        empty = empty_model(records[0], box, self.basis, self.input, self.output, model.order)
+        return empty.replace(**arrays)
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        given = self.start_from
+        start = given.to_dict() if isinstance(given, Subspace) else None if given is None else "model"
+        return {"kind": "state-space-error", "order": self.order, "input": list(self.input),
+                "output": list(self.output), "basis": self.basis.to_dict(), "direct": self.direct,
+                "affine": self.affine, "noise": self.noise, "start": start, "iterations": self.iterations}
+
+
+def _begun(said: str, model: LPVStateSpace, records: Sequence[Record]) -> list[tuple[str, Search]]:
+    """A start made bounded; where its frozen poles leave the unit circle, a second one with them drawn inside."""
+    data = SearchData.of(records, model)
+    safe, shrunk = bounded(model, data)
+    safe = _sized(safe, data)
+    told = said if shrunk == 1 else f"{said} (its state matrix shrunk by {shrunk} to be bounded)"
+    begun = [(told, Search(safe, evaluate(safe, data), data, 0, "not begun"))]
+    radius = frozen_radius(safe, data)
+    if radius > 1:
+        drawn, _ = bounded(safe.replace(A=0.999 / radius * safe.A), data)
+        begun.append((f"{said} (its frozen poles drawn into the unit circle)",
+                      Search(drawn, evaluate(drawn, data), data, 0, "not begun")))
+    return begun
+
+
+def _preferred(ends: Sequence[tuple[str, Search]]) -> tuple[str, Search]:
+    """The end of least cost, or one nearly as good whose frozen poles stay in the unit circle."""
+    ranked = sorted(ends, key=lambda pair: pair[1].evaluation.cost)
+    for said, search in ranked:
+        near = search.evaluation.cost <= STABLE_EXCESS * ranked[0][1].evaluation.cost
+        if near and frozen_radius(search.model, search.data) <= 1:
+            return said, search
+    return ranked[0]
+
+
+def _sized(model: LPVStateSpace, data: SearchData) -> LPVStateSpace:
+    """The model in coordinates in which the states have unit covariance along the data."""
+    from lpvid._state_space_kernels import states_run
+
+    a, b, c, _, f, _, k = (x.copy() for x in stacks(model))
+    n, total, count = model.order, np.zeros((model.order, model.order)), 0
+    for phi, u, _ in data.pieces:
+        states = np.zeros((len(u), n))
+        states_run(a, b, f, phi, u, np.zeros(n), states)
+        total += states.T @ states
+        count += len(u)
+    if not np.isfinite(total).all():
+        return model
+    values, vectors = np.linalg.eigh(total / count)
+    root = np.sqrt(np.maximum(values, 1e-8 * values.max(initial=0.0)))
+    if not root.min(initial=np.inf) > 0:
+        return model
+    there, back = (vectors / root).T, vectors * root
+    gain = None if model.observer_gain is None else there @ k
+    return model.replace(A=there @ a @ back, B=there @ b, C=c @ back, state_offset=(there @ f)[:, :, 0],
+                         observer_gain=gain)

@@ -1,0 +1,76 @@
+"""Turn the end of a state-space search into an Identification; common parts of the state-space structures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.identification.result import COVARIANCE_LIMIT, Identification
+from lpvid.identification.state_space_layout import StateSpaceLayout
+from lpvid.identification.state_space_search import Search, precision
+from lpvid.identification.structure import Structure
+from lpvid.model.signals import Signal
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.record import Record
+from lpvid.scheduling import Basis, Scheduling
+
+
+def checked_signals(inputs: str | Sequence[str], outputs: str | Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Input and output names as tuples; no channel may be both."""
+    named, measured = _checks.names(inputs, "input"), _checks.names(outputs, "output")
+    shared = set(named) & set(measured)
+    if shared:
+        raise InputError("a channel cannot be input and output at once", got=", ".join(sorted(shared)))
+    return named, measured
+
+
+def static_basis(basis: Basis) -> Basis:
+    """The basis, if it reads p(k) alone, as the state equation does."""
+    if basis.lags != (0, 0):
+        raise InputError("a state-space estimate needs a basis that reads p(k) alone", got=f"lags {basis.lags}",
+                         mend="give the basis without Shifted")
+    return basis
+
+
+def empty_model(record: Record, box: Scheduling, basis: Basis, inputs: Sequence[str], outputs: Sequence[str],
+                order: int) -> LPVStateSpace:
+    """A model of zeros with the record's rate and units."""
+    m, nu, ny = basis.size, len(inputs), len(outputs)
+    return LPVStateSpace(np.zeros((m, order, order)), np.zeros((m, order, nu)), np.zeros((m, ny, order)),
+                         np.zeros((m, ny, nu)), basis, record.sample_time, box,
+                         inputs=tuple(Signal(n, record.unit(n)) for n in inputs),
+                         outputs=tuple(Signal(n, record.unit(n)) for n in outputs))
+
+
+def package(structure: Structure, search: Search, layout: StateSpaceLayout, records: Sequence[Record],
+            notes: Sequence[str], *, free_coordinates: bool = True) -> Identification:
+    """The Identification of a search's end, with covariance, noise and what to beware of."""
+    sure = precision(search, layout, free_coordinates=free_coordinates)
+    metadata: dict = {"structure": structure.to_dict(),  # type: ignore[attr-defined]
+                      "training": {"records": [r.name for r in records], "n_samples": search.data.rows}}
+    if layout.size <= COVARIANCE_LIMIT:
+        metadata["parameters"] = {"layout": layout.to_list(), "labels": list(layout.labels),
+                                  "covariance": sure.covariance.tolist()}
+    model = search.model.replace(noise_covariance=sure.noise, metadata=metadata)
+    said = list(notes)
+    if sure.free < layout.size and free_coordinates:
+        said.append(f"{sure.free} of the {layout.size} entries are free, the others choose the state coordinates; "
+                    "standard errors hold the coordinates fixed")
+    unstable = unstable_share(model, search)
+    if unstable > 0:
+        said.append(f"{100 * unstable:.2g} % of the training samples have a frozen pole outside the unit circle: "
+                    "the run is bounded there by the motion of the scheduling, not by the model")
+    return Identification(model, structure, layout, sure.covariance, sure.condition, sure.condition,
+                          search.data.rows, notes=tuple(said))
+
+
+def unstable_share(model: LPVStateSpace, search: Search) -> float:
+    """Share of the training samples at which the frozen model is unstable."""
+    if not model.order:
+        return 0.0
+    phi = np.vstack([piece[0][:: max(1, len(piece[0]) // 2000)] for piece in search.data.pieces])
+    poles = np.linalg.eigvals(np.tensordot(phi, model.A, axes=1))
+    return float(np.mean(np.abs(poles).max(axis=1) > 1.0))

@@ -1,0 +1,346 @@
+"""Prediction-error search over the parameters of a state-space model: exact sensitivities, chunked QR, safeguards."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvid._threads import single_thread
+from lpvid.identification.state_space_layout import StateSpaceLayout, stacks
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.record import Record
+from lpvid.simulation import _outputs, _signals
+
+INFLUENCED = 5000
+"""samples of a record to which its initial state is fitted."""
+CHUNK = 512
+"""samples whose sensitivities are folded into R at once."""
+BEYOND = 1e4
+"""a run that exceeds this many times the data's scale counts as diverged."""
+DAMPING = 1e-2
+"""first Levenberg-Marquardt damping, for unit Jacobian columns."""
+TOLERANCE = 1e-6
+"""relative decrease of the cost, expected or met, below which the search has converged."""
+CONVERGED = "the cost no longer falls"
+FROZEN_POINTS = 2000
+"""points along the training trajectory at which a trial's frozen poles are looked at."""
+NEGLIGIBLE = 1e-9
+"""singular values below this share of the largest are directions the data do not see."""
+
+
+@dataclass(frozen=True, eq=False)
+class SearchData:
+    """Basis values, filter inputs and outputs of every record.
+
+    Attributes
+    ----------
+    pieces : tuple of (phi (n, M), u (n, nu), y (n, ny))
+    weight : (ny,) array
+        Factor on each output's error.
+    limit : (ny,) array
+        What no sane output exceeds.
+    """
+
+    pieces: tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]
+    weight: np.ndarray
+    limit: np.ndarray
+
+    @classmethod
+    def of(cls, records: Sequence[Record], model: LPVStateSpace) -> SearchData:
+        """The data as the model's stages and basis see them; outputs weighted by their spread."""
+        pieces = []
+        for record in records:
+            u, p = _signals(model, record)
+            pieces.append((np.array(model.basis.evaluate(p), order="C"), np.array(u), np.array(_outputs(model, record))))
+        y = np.vstack([piece[2] for piece in pieces])
+        reach = np.abs(y).max(axis=0)
+        spread = np.where(y.std(axis=0) > 1e-12 * reach, y.std(axis=0), np.maximum(reach, 1.0))
+        return cls(tuple(pieces), 1.0 / spread, BEYOND * np.maximum(reach, spread))
+
+    @property
+    def rows(self) -> int:
+        """Number of scalar residuals."""
+        return sum(piece[2].size for piece in self.pieces)
+
+    @property
+    def ones(self) -> np.ndarray | None:
+        """(M,) coefficients with which the basis gives the constant 1, or None."""
+        phi = np.vstack([piece[0][:: max(1, len(piece[0]) // 2000)] for piece in self.pieces])
+        v = np.linalg.lstsq(phi, np.ones(len(phi)), rcond=1e-10)[0]
+        return v if np.abs(phi @ v - 1).max() < 1e-8 else None
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Weighted sum of squared errors of a model with the best initial states; infinite where a run diverges."""
+
+    cost: float
+    starts: tuple[np.ndarray, ...] = ()
+    errors: tuple[np.ndarray, ...] = ()
+
+
+def evaluate(model: LPVStateSpace, data: SearchData) -> Evaluation:
+    """Run the model's predictor over all records; each initial state is the least-squares one."""
+    from lpvid._state_space_kernels import predictor_run
+
+    arrays = [a.copy() for a in stacks(model)]
+    if not all(np.isfinite(a).all() for a in arrays):
+        return Evaluation(np.inf)
+    cost, starts, errors = 0.0, [], []
+    for phi, u, y in data.pieces:
+        n, (ny, nx) = min(len(y), INFLUENCED), model.C.shape[1:]
+        output, influence, x0 = np.zeros_like(y), np.zeros((n, ny, nx)), np.zeros(nx)
+        if predictor_run(*arrays, phi, u, y, x0, n, data.limit, output, influence) >= 0:
+            return Evaluation(np.inf)
+        left = (y - output) * data.weight
+        if nx:
+            matrix = (influence * data.weight[:, None]).reshape(-1, nx)
+            if not np.isfinite(matrix).all() or np.abs(matrix).max() > 1e12:
+                return Evaluation(np.inf)
+            x0 = np.linalg.lstsq(matrix, left[:n].ravel(), rcond=1e-8)[0]
+            if predictor_run(*arrays, phi, u, y, x0, 0, data.limit, output, influence) >= 0:
+                return Evaluation(np.inf)
+            left = (y - output) * data.weight
+        cost += float(np.sum(left**2))
+        starts.append(x0)
+        errors.append(left / data.weight)
+    return Evaluation(cost, tuple(starts), tuple(errors))
+
+
+def linearise(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData,
+              starts: Sequence[np.ndarray]) -> np.ndarray:
+    """(k+1, k+1) triangular factor of [∂ŷ/∂θ, ŷ − y] with every record's initial state projected out."""
+    from lpvid._kernels import ChunkedQR
+    from lpvid._state_space_kernels import sensitivity_rows
+
+    arrays, table = [a.copy() for a in stacks(model)], np.array(layout.table)
+    nx, ny, width = model.order, model.n_outputs, model.order + layout.size
+    total = np.zeros((layout.size + 1, layout.size + 1))
+    for (phi, u, y), x0 in zip(data.pieces, starts, strict=True):
+        qr = ChunkedQR(width + 1, CHUNK * ny)
+        x, moved = x0.copy(), np.hstack([np.eye(nx), np.zeros((nx, layout.size))])
+        for first in range(0, len(y), CHUNK):
+            last = min(first + CHUNK, len(y))
+            sensitivity_rows(*arrays, phi, u, y, table, data.weight, x, moved, first, last, qr.block, width + 1)
+            qr.absorb((last - first) * ny)
+        total = np.linalg.qr(np.vstack([total, qr.r[nx:, nx:]]), mode="r")
+    return total
+
+
+def gauge(model: LPVStateSpace, layout: StateSpaceLayout, ones: np.ndarray | None) -> np.ndarray:
+    """(k, directions) changes of a fully parametrised model that leave its input-output behaviour as it is.
+
+    A change of coordinates x → (I + S)⁻¹x moves A by AS − SA, B by −SB, C by CS (Lee & Poolla 1999; McKelvey,
+    Helmersson & Ribarits 2004), every coefficient matrix alike; with free offsets a shift of the state is another.
+    """
+    a, b, c, _, f, _, k = stacks(model)
+    free = {int(code) for code in np.unique(layout.table[:, 1])}
+    n, columns = model.order, []
+    for i, j in np.ndindex(n, n):
+        s = np.zeros((n, n))
+        s[i, j] = 1.0
+        columns.append(layout.direction({"A": a @ s - s @ a, "B": -s @ b, "C": c @ s, "state_offset": -s @ f,
+                                         "observer_gain": -s @ k}))
+    if ones is not None and {2, 6} <= free:
+        for i in range(n):
+            s = np.zeros((n, 1))
+            s[i] = 1.0
+            columns.append(layout.direction({"state_offset": ones[:, None, None] * s - a @ s, "output_offset": -c @ s}))
+    return np.column_stack(columns) if columns else np.zeros((layout.size, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Where the search ended.
+
+    Attributes
+    ----------
+    model : LPVStateSpace
+    evaluation : Evaluation
+    data : SearchData
+        With the weights last used.
+    iterations : int
+    why : str
+        Why it stopped.
+    """
+
+    model: LPVStateSpace
+    evaluation: Evaluation
+    data: SearchData
+    iterations: int
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Local:
+    """The linearised problem in coordinates that the data see: unit columns, gauge directions projected out."""
+
+    scale: np.ndarray
+    frame: np.ndarray
+    left: np.ndarray
+    singular: np.ndarray
+    right: np.ndarray
+    condition: float
+
+    @classmethod
+    def of(cls, factor: np.ndarray, directions: np.ndarray) -> _Local:
+        k = factor.shape[0] - 1
+        jacobian, residual = factor[:k, :k], factor[:k, k]
+        norms = np.linalg.norm(jacobian, axis=0)
+        scale = np.maximum(norms, 1e-8 * (norms.max(initial=0.0) or 1.0))
+        frame = _complement(directions * scale[:, None])
+        u, s, vt = np.linalg.svd((jacobian / scale) @ frame, full_matrices=False)
+        ratio = float(s[0] / s[-1]) if s.size and s[-1] > 0 else np.inf
+        return cls(scale, frame, u.T @ residual, s, vt, ratio)
+
+    def step(self, damping: float) -> np.ndarray:
+        shrunk = self.singular / (self.singular**2 + damping) * self.left
+        return -(self.frame @ (self.right.T @ shrunk)) / self.scale
+
+    def expected(self, damping: float) -> float:
+        """Decrease of the cost that the linear model promises."""
+        return float(np.sum(self.left**2 * (1 - (damping / (self.singular**2 + damping)) ** 2)))
+
+    def covariance(self, noise: float) -> tuple[np.ndarray, int]:
+        """Covariance of the parameters, and the number of directions that the data determine."""
+        seen = self.singular > NEGLIGIBLE * self.singular.max(initial=0.0)
+        root = (self.frame @ self.right[seen].T) / self.singular[seen] / self.scale[:, None]
+        return noise * root @ root.T, int(seen.sum())
+
+
+def _complement(directions: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of what is orthogonal to the columns."""
+    if not directions.shape[1]:
+        return np.eye(directions.shape[0])
+    u, s, _ = np.linalg.svd(directions)
+    return u[:, int(np.sum(s > 1e-10 * s.max(initial=0.0))):]
+
+
+def refine(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, *, iterations: int = 60,
+           free_coordinates: bool = True) -> Search:
+    """Levenberg-Marquardt with every trial judged by its own run; a trial that diverges is a step too long.
+
+    So is one whose frozen poles leave the unit circle along the training trajectory, or move further out of it: such a
+    model may run well there and diverge on the next record.
+
+    Parameters
+    ----------
+    model : LPVStateSpace
+        Start; its predictor must be bounded on the data.
+    layout : StateSpaceLayout
+        The free parameters.
+    data : SearchData
+    iterations : int
+        Linearisations at most.
+    free_coordinates : bool
+        True for a full parametrisation, whose steps then leave the state coordinates alone.
+
+    Returns
+    -------
+    Search
+    """
+    with single_thread():
+        found = _levenberg(model, layout, data, iterations, free_coordinates)
+        if model.n_outputs > 1 and np.isfinite(found.evaluation.cost):
+            rms = np.sqrt(np.mean(np.vstack(found.evaluation.errors) ** 2, axis=0))
+            reweighted = replace(data, weight=1.0 / np.maximum(rms, 1e-9 / data.weight))
+            again = _levenberg(found.model, layout, reweighted, max(iterations // 2, 5), free_coordinates)
+            found = replace(again, iterations=found.iterations + again.iterations)
+    return found
+
+
+def _levenberg(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, iterations: int,
+               free_coordinates: bool) -> Search:
+    theta, now, damping = layout.read(model), evaluate(model, data), DAMPING
+    ones = data.ones if free_coordinates else None
+    radius = outside = frozen_radius(model, data)
+    if not np.isfinite(now.cost):
+        return Search(model, now, data, 0, "its start diverges")
+    for count in range(iterations):
+        factor = linearise(model, layout, data, now.starts)
+        if not np.isfinite(factor).all():
+            return Search(model, now, data, count, "sensitivities out of range")
+        directions = gauge(model, layout, ones) if free_coordinates else np.zeros((layout.size, 0))
+        local = _Local.of(factor, directions)
+        if local.expected(0.0) < TOLERANCE * now.cost:
+            return Search(model, now, data, count, CONVERGED)
+        for _ in range(14):
+            step = local.step(damping)
+            trial = _filled(layout, model, theta + step)
+            after = Evaluation(np.inf) if trial is None else evaluate(trial, data)
+            if after.cost < now.cost:
+                assert trial is not None
+                outside = frozen_radius(trial, data)
+                if outside <= max(1.0, radius):
+                    break
+            damping *= 6.0
+        else:
+            return Search(model, now, data, count, "no shorter step helps")
+        assert trial is not None
+        gain = (now.cost - after.cost) / max(local.expected(damping), 1e-300)
+        small = now.cost - after.cost < TOLERANCE * now.cost and damping < 1.0
+        damping = max(damping / 8.0, 1e-10) if gain > 0.7 else damping * 2.0 if gain < 0.2 else damping
+        model, theta, now, radius = trial, theta + step, after, min(radius, outside)
+        if small:
+            return Search(model, now, data, count + 1, CONVERGED)
+    return Search(model, now, data, iterations, "the limit of iterations")
+
+
+def frozen_radius(model: LPVStateSpace, data: SearchData) -> float:
+    """Largest modulus of the frozen poles at points spread along the training trajectory."""
+    if not model.order:
+        return 0.0
+    step = max(1, sum(len(piece[0]) for piece in data.pieces) // FROZEN_POINTS)
+    phi = np.vstack([piece[0][::step] for piece in data.pieces])
+    return float(np.abs(np.linalg.eigvals(np.tensordot(phi, model.A, axes=1))).max())
+
+
+def _filled(layout: StateSpaceLayout, model: LPVStateSpace, theta: np.ndarray) -> LPVStateSpace | None:
+    return layout.fill(model, theta) if np.isfinite(theta).all() else None
+
+
+@dataclass(frozen=True, eq=False)
+class Precision:
+    """How sure the parameters of a search are: covariance, noise, condition number, number of free directions."""
+
+    covariance: np.ndarray
+    noise: np.ndarray
+    condition: float
+    free: int
+
+
+def precision(search: Search, layout: StateSpaceLayout, *, free_coordinates: bool = True) -> Precision:
+    """Covariance through the projected Jacobian, for errors that are white; zero along a change of coordinates."""
+    model, data = search.model, search.data
+    with single_thread():
+        factor = linearise(model, layout, data, search.evaluation.starts)
+        directions = (gauge(model, layout, data.ones) if free_coordinates else np.zeros((layout.size, 0)))
+        local = _Local.of(factor, directions)
+        lost = local.singular.size + model.order * len(data.pieces)
+        freedom = max(data.rows - lost, 1)
+        covariance, free = local.covariance(search.evaluation.cost / freedom)
+    errors = np.vstack(search.evaluation.errors)
+    noise = errors.T @ errors / max(len(errors) - lost / errors.shape[1], 1.0)
+    return Precision(covariance, noise, local.condition, free)
+
+
+def bounded(model: LPVStateSpace, data: SearchData) -> tuple[LPVStateSpace, float]:
+    """The model with its state matrix shrunk by the least factor that keeps its runs bounded, and that factor.
+
+    An observer gain whose predictor diverges is dropped first.
+    """
+    excess = 100.0 * data.rows
+    if evaluate(model, data).cost < excess:
+        return model, 1.0
+    if model.observer_gain is not None:
+        plain = model.replace(observer_gain=np.zeros_like(model.observer_gain))
+        if evaluate(plain, data).cost < excess:
+            return plain, 1.0
+        model = plain
+    for factor in (0.995, 0.98, 0.95, 0.9, 0.8, 0.6, 0.3):
+        shrunk = model.replace(A=factor * model.A)
+        if evaluate(shrunk, data).cost < excess:
+            return shrunk, factor
+    return model.replace(A=np.zeros_like(model.A)), 0.0

@@ -1,0 +1,245 @@
+"""LPV subspace identification: states from predictions, then every matrix by least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid._threads import single_thread
+from lpvid.errors import InputError
+from lpvid.identification.arx import scheduling_box
+from lpvid.identification.result import Identification
+from lpvid.identification.state_space_layout import StateSpaceLayout
+from lpvid.identification.state_space_result import checked_signals, empty_model, package, static_basis
+from lpvid.identification.state_space_search import Search, SearchData, bounded, evaluate
+from lpvid.identification.structure import Structure
+from lpvid.identification.subspace_words import KernelWords, Trace, Words, WrittenWords, number_of_words
+from lpvid.record import Record
+from lpvid.scheduling import Basis, Polynomial, Scheduling
+
+WRITTEN = 600
+"""words up to which the regression is written out; beyond, it works by inner products."""
+KERNEL_ROWS = 2000
+"""rows of the regression by inner products; more are thinned out evenly."""
+MAX_SAMPLES = 60_000
+"""samples used; more are thinned out to evenly spread pieces."""
+MAX_ORDER = 12
+"""highest order that is chosen automatically."""
+
+
+@dataclass(frozen=True)
+class Subspace(Structure):
+    """Predictor-based LPV subspace estimate (van Wingerden & Verhaegen 2009), in innovation form.
+
+    ::
+
+        x(k+1) = A(p) x + B(p) u [+ f(p)] + K(p) e
+        y(k)   = C(p) x [+ D(p) u] [+ g(p)] + e
+
+    The output is regressed on words of past inputs, outputs and scheduling, with a penalty found by generalised
+    cross-validation; the states are the leading singular directions of the predicted outputs; all matrices follow from two
+    least squares. No iteration and no local minima, but short of the accuracy of a prediction-error estimate: refine it
+    with `StateSpaceError`. The number of words grows as Mᵖᵃˢᵗ; beyond 600 the regression works with their inner products
+    on at most 2000 rows, and at most 60 000 samples are read (both spread evenly).
+
+    Parameters
+    ----------
+    order : int or None
+        States; None takes it from the largest gap between successive singular values.
+    past, future : int
+        Samples that the state is estimated from, and predicted outputs that it is read from.
+    input, output : str or sequence of str
+        Channel (or role) names; any number of each.
+    basis : Basis
+        Dependence on p(k), the same for all matrices.
+    direct : bool
+        Whether y sees u at once (D).
+    affine : bool
+        Offsets f(p) and g(p).
+    kernel : bool or None
+        True for inner products, False for written-out words, None to choose by their number.
+
+    Examples
+    --------
+    >>> Subspace(order=2, input="u", output="y", basis=Polynomial("p", degree=1)).start
+    6
+    """
+
+    order: int | None = None
+    past: int = 6
+    future: int = 4
+    input: str | tuple[str, ...] = "velocity"
+    output: str | tuple[str, ...] = "force"
+    basis: Basis = field(default_factory=Polynomial)
+    direct: bool = False
+    affine: bool = False
+    kernel: bool | None = None
+
+    def __post_init__(self) -> None:
+        inputs, outputs = checked_signals(self.input, self.output)
+        object.__setattr__(self, "input", inputs)
+        object.__setattr__(self, "output", outputs)
+        _checks.count(self.future, "future", at_least=1)
+        if _checks.count(self.past, "past", at_least=1) < self.future:
+            raise InputError("the past must not be shorter than the future", got=f"{self.past} and {self.future}")
+        static_basis(self.basis)
+        if self.order is not None and not 1 <= _checks.count(self.order, "order") <= self._most:
+            raise InputError(f"the order must lie between 1 and {self._most} here", got=self.order,
+                             why="the state is read from future · outputs · basis functions predicted values",
+                             mend="raise future (and past)")
+
+    @property
+    def _most(self) -> int:
+        return self.future * len(self.output) * self.basis.size
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys((*self.input, *self.output, *self.basis.names)))
+
+    @property
+    def start(self) -> int:
+        return self.past
+
+    def estimate(self, records: Sequence[Record]) -> Identification:
+        box = scheduling_box(records, self.basis)
+        bound = replace(self, basis=self.basis.bound(box))
+        used, notes = _thinned(records, self.past)
+        with single_thread():
+            return bound._estimate(used, box, notes)
+
+    def _estimate(self, records: Sequence[Record], box: Scheduling, notes: list[str]) -> Identification:
+        traces, scales = self._traces(records, box)
+        words, said = self._words(traces)
+        letter = np.mean(np.vstack([t.phi for t in traces]), axis=0)
+        predicted = [words.rows(t, letter, self.future) for t in traces]
+        singular, basis = _principal(predicted)
+        order = self.order or _order_by_gap(singular, min(self._most - 1, MAX_ORDER))
+        states = [g @ basis[:, :order] for g in predicted]
+        listed = ", ".join(f"{s:.3g}" for s in singular[: max(order + 3, 6)])
+        notes += [said, f"singular values {listed}; order {order} "
+                        + ("as asked" if self.order else "from the largest gap")]
+        model = self._matrices(records, box, traces, states, scales)
+        data = SearchData.of(records, model)
+        safe, shrunk = bounded(model, data)
+        if safe is not model:
+            notes.append("the estimated observer diverges on these data: "
+                         + ("its gain was set to zero" if shrunk == 1 else f"the state matrix was shrunk by {shrunk}"))
+        arrays = ("A", "B", "C", "observer_gain", *(("D",) if self.direct else ()),
+                  *(("state_offset", "output_offset") if self.affine else ()))
+        layout = StateSpaceLayout.full(safe, arrays)
+        notes.append("standard errors are those of an efficient estimate at this point: a lower bound")
+        return package(replace(self, order=order), Search(safe, evaluate(safe, data), data, 0, "not begun"), layout, records,
+                       notes)
+
+    # -- the regression -----------------------------------------------------------------------------------------
+    def _traces(self, records: Sequence[Record], box: Scheduling) -> tuple[list[Trace], tuple[np.ndarray, np.ndarray]]:
+        """The records in units of their spread, letters of unit mean square."""
+        u, y = [r.matrix(self.input) for r in records], [r.matrix(self.output) for r in records]
+        su, sy = _spread(np.vstack(u)), _spread(np.vstack(y))
+        phi = [self.basis.evaluate(r.matrix(box.names)) for r in records]
+        unit = 1.0 / np.sqrt(np.mean(np.sum(np.vstack(phi) ** 2, axis=1)))
+        traces = []
+        for letters, inputs, outputs in zip(phi, u, y, strict=True):
+            one = np.ones((len(inputs), 1 if self.affine else 0))
+            now = np.hstack([inputs / su, one]) if self.direct else one
+            traces.append(Trace(unit * letters, np.hstack([inputs / su, outputs / sy, one]), now, outputs / sy))
+        return traces, (su, sy)
+
+    def _words(self, traces: Sequence[Trace]) -> tuple[Words, str]:
+        first = traces[0]
+        number = number_of_words(first.phi.shape[1], first.z.shape[1], first.now.shape[1], self.past)
+        total = sum(len(t.y) - self.past for t in traces)
+        by_kernel = number > WRITTEN if self.kernel is None else self.kernel
+        if not by_kernel:
+            written = WrittenWords.fit(traces, self.past)
+            return written, f"regression on {number} words and {total} rows, penalty {written.penalty:.3g}"
+        kernel = KernelWords.fit(traces, self.past, KERNEL_ROWS)
+        rows = sum(k.size for _, k in kernel.chosen)
+        return kernel, f"kernel regression on {rows} of {total} rows, penalty {kernel.penalty:.3g}"
+
+    # -- the matrices -------------------------------------------------------------------------------------------
+    def _matrices(self, records: Sequence[Record], box: Scheduling, traces: Sequence[Trace],
+                  states: Sequence[np.ndarray], scales: tuple[np.ndarray, np.ndarray]):
+        """Output equation first, then the state equation with its residuals as the innovation."""
+        su, sy = scales
+        m, n, nu, ny = self.basis.size, states[0].shape[1], len(self.input), len(self.output)
+        phi = [self.basis.evaluate(r.matrix(box.names))[self.past:] for r in records]
+        u = [t.z[self.past:, :nu] for t in traces]
+        y = [t.y[self.past:] for t in traces]
+        one = [t.z[self.past:, nu + ny:] for t in traces]
+        seen = [np.hstack([x, *([v] if self.direct else []), o]) for x, v, o in zip(states, u, one, strict=True)]
+        output = _solve(phi, seen, y)
+        errors = [b - _apply(p, s, output) for p, s, b in zip(phi, seen, y, strict=True)]
+        drive = [np.hstack([x, v, o, e])[:-1] for x, v, o, e in zip(states, u, one, errors, strict=True)]
+        state = _solve([p[:-1] for p in phi], drive, [x[1:] for x in states])
+        c, rest = output[:, :n], output[:, n:]
+        d = rest[:, :nu] if self.direct else np.zeros((m, nu, ny))
+        g = rest[:, -1] if self.affine else np.zeros((m, ny))
+        f = state[:, n + nu] if self.affine else np.zeros((m, n))
+        turned = (0, 2, 1)
+        return empty_model(records[0], box, self.basis, self.input, self.output, n).replace(
+            A=state[:, :n].transpose(turned), B=state[:, n: n + nu].transpose(turned) / su, state_offset=f,
+            observer_gain=state[:, -ny:].transpose(turned) / sy, C=c.transpose(turned) * sy[:, None],
+            D=d.transpose(turned) * sy[:, None] / su, output_offset=g * sy)
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"kind": "subspace", "order": self.order, "past": self.past, "future": self.future,
+                "input": list(self.input), "output": list(self.output), "basis": self.basis.to_dict(),
+                "direct": self.direct, "affine": self.affine, "kernel": self.kernel}
+
+
+def _spread(values: np.ndarray) -> np.ndarray:
+    """Root mean square of every column, 1 where it is zero."""
+    rms = np.sqrt(np.mean(values**2, axis=0))
+    return np.where(rms > 0, rms, 1.0)
+
+
+def _principal(predicted: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Singular values (per root sample) and directions, scaled so that the states have unit mean square."""
+    total, count = sum(g.T @ g for g in predicted), sum(len(g) for g in predicted)
+    values, vectors = np.linalg.eigh(total / count)  # type: ignore[operator]
+    values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
+    singular = np.sqrt(values)
+    return singular, vectors / np.maximum(singular, 1e-8 * max(singular[0], 1e-300))
+
+
+def _order_by_gap(singular: np.ndarray, most: int) -> int:
+    """Number of singular values before the largest relative drop."""
+    floor = 1e-10 * max(float(singular[0]), 1e-300)
+    head = np.maximum(singular[: most + 1], floor)
+    return int(np.argmax(head[:-1] / head[1:])) + 1
+
+
+def _solve(phi: Sequence[np.ndarray], signals: Sequence[np.ndarray], targets: Sequence[np.ndarray]) -> np.ndarray:
+    """(M, signals, targets) coefficients of target(k) = Σ_m φ_m(k) Θ_mᵀ signal(k), by QR record after record."""
+    m, width = phi[0].shape[1], signals[0].shape[1]
+    factor = np.zeros((0, m * width + targets[0].shape[1]))
+    for p, s, t in zip(phi, signals, targets, strict=True):
+        columns = np.einsum("km,kw->kmw", p, s).reshape(len(p), -1)
+        factor = np.linalg.qr(np.vstack([factor, np.hstack([columns, t])]), mode="r")
+    k = m * width
+    norms = np.linalg.norm(factor[:, :k], axis=0)
+    scale = np.where(norms > 0, norms, 1.0)
+    theta = np.linalg.lstsq(factor[:, :k] / scale, factor[:, k:], rcond=1e-10)[0] / scale[:, None]
+    return theta.reshape(m, width, -1)
+
+
+def _apply(phi: np.ndarray, signals: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    return np.einsum("km,kw,mwo->ko", phi, signals, coefficients)
+
+
+def _thinned(records: Sequence[Record], past: int) -> tuple[list[Record], list[str]]:
+    """Evenly spread pieces where there are more samples than `MAX_SAMPLES`."""
+    total = sum(r.n_samples for r in records)
+    if total <= MAX_SAMPLES:
+        return list(records), []
+    piece = max(2000, 20 * past)
+    pieces = [r.slice(first, first + piece) for r in records for first in range(0, r.n_samples - piece + 1, piece)]
+    if not pieces:  # many short records
+        return list(records), []
+    keep = np.unique(np.linspace(0, len(pieces) - 1, MAX_SAMPLES // piece).astype(int))
+    return [pieces[i] for i in keep], [f"states from {len(keep) * piece} of {total} samples, in evenly spread pieces"]
