@@ -11,7 +11,7 @@ from lpvid.identification.pem_problem import Point, Problem, Residuals
 from lpvid.model.transfer_function import LPVTransferFunction
 
 MAX_DAMPING = 1e12
-FROZEN_POINTS = 200
+FROZEN_POINTS = 1000
 """trajectory points at which a trial step's frozen poles are checked."""
 LONGEST_STEP = 1.0
 """a step changes no group of parameters by more than this many times its own norm (plus one for A, C and D)."""

@@ -13,7 +13,7 @@ from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.errors import InputError
 from lpvid.identification.arx import ARX
-from lpvid.identification.levenberg_marquardt import Search, frozen_moduli, minimise, reduce
+from lpvid.identification.levenberg_marquardt import Search, frozen_moduli, frozen_radius, minimise, reduce
 from lpvid.identification.pem_covariance import covariance
 from lpvid.identification.pem_problem import Problem
 from lpvid.identification.pem_starts import Start, perturbed, stabilised
@@ -31,7 +31,8 @@ SHORT = 12
 """iterations that each of the best starts gets before the best goes on."""
 REWEIGHTED = 3
 """rounds in which several outputs are weighed by their own prediction errors."""
-CHECKED_POINTS = 2000
+CHECKED_POINTS = 5000
+EDGE = 0.999
 
 
 @dataclass(frozen=True)
@@ -190,14 +191,15 @@ class PredictionError(Structure):
 
     @staticmethod
     def _ranked(problem: Problem, models: Sequence[Start]) -> list[tuple[float, str, LPVTransferFunction]]:
-        """Starts that do not diverge, by rising cost."""
-        rows = []
+        """Starts that do not diverge by rising cost, those with all frozen poles inside the unit circle first."""
+        stable, rest = [], []
         for label, model in models:
-            residuals = problem.residuals(problem.point(model))
+            point = problem.point(model)
+            residuals = problem.residuals(point)
             if residuals is not None:
-                rows.append((residuals.cost, label, model))
-        rows.sort(key=lambda row: row[0])
-        return _different(rows)
+                inside = frozen_radius(problem, point) < 1
+                (stable if inside else rest).append((residuals.cost, label, model))
+        return _different(sorted(stable, key=lambda row: row[0])) + _different(sorted(rest, key=lambda row: row[0]))
 
     def _follow(self, problem: Problem, tried: Sequence[tuple[float, str, LPVTransferFunction]],
                 bounds: tuple[np.ndarray, np.ndarray]) -> tuple[Search, str]:
@@ -230,6 +232,9 @@ class PredictionError(Structure):
                          f"{len(search.point.past)} record(s), not counted as parameters (first record: {values})")
         moduli = frozen_moduli(problem, problem.model_at(search.point.shared), CHECKED_POINTS)
         share = float(np.mean(moduli >= 1))
+        if moduli.max(initial=0.0) < 1 and moduli.max(initial=0.0) > EDGE:
+            notes.append(f"the search ended at the edge of frozen stability (largest frozen pole {moduli.max():.6f}): "
+                         "a lower order or degree may do")
         if share:
             notes.append(f"{100 * share:.2g} % of the training trajectory has a frozen pole outside the unit circle "
                          f"(largest {moduli.max():.4f}): the free run may diverge elsewhere")
@@ -257,7 +262,7 @@ class PredictionError(Structure):
         model = model.replace(noise_covariance=rows.T @ rows / degrees, metadata=metadata)
         return Identification(model, structure, first.layout, whole[:k, :k], float(np.linalg.cond(jacobian)),
                               float(np.linalg.cond(jacobian[:, alive] / scale[alive])), len(rows),
-                              notes=(*notes, f"covariance: {kind}"))
+                              notes=tuple(notes), covariance_kind=kind)
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""

@@ -37,6 +37,8 @@ class Identification:
         Figures on the data used, and on the data kept back.
     notes : tuple of str
         What was done to the data and what to beware of.
+    covariance_kind : str
+        What the covariance assumes of the residual.
     """
 
     model: LPVTransferFunction
@@ -49,6 +51,7 @@ class Identification:
     training: Validation | None = None
     held_out: Validation | None = None
     notes: tuple[str, ...] = ()
+    covariance_kind: str = "least squares, white equation error"
 
     @property
     def parameters(self) -> np.ndarray:
@@ -57,9 +60,9 @@ class Identification:
 
     @property
     def n_parameters(self) -> int:
-        """Number of linear parameters plus those of the input stage and the scheduling filter."""
-        stages = (self.model.input_stage, self.model.scheduling_stage)
-        return self.layout.size + sum(s.vector.size for s in stages if s is not None)
+        """Number of linear parameters plus those of the noise model, the input stage and the scheduling filter."""
+        parts = (self.model.noise, self.model.input_stage, self.model.scheduling_stage)
+        return self.layout.size + sum(s.vector.size for s in parts if s is not None)
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -84,6 +87,13 @@ class Identification:
         """Models drawn from the estimate's normal law."""
         return ParameterCloud(self.model, self.layout, self.covariance).draw(rng, count)
 
+    def with_covariance(self, covariance: np.ndarray) -> Identification:
+        """The same estimate with another covariance of its parameters, in the model's metadata too."""
+        metadata = dict(self.model.metadata)
+        if "parameters" in metadata:
+            metadata["parameters"] = {**metadata["parameters"], "covariance": covariance.tolist()}
+        return replace(self, covariance=covariance, model=self.model.replace(metadata=metadata))
+
     def replace(self, **changes) -> Identification:
         """A copy with some fields changed."""
         return replace(self, **changes)
@@ -101,6 +111,7 @@ class Identification:
                               "half_width": box.half_width.tolist()},
             "input_stage": None if stage is None else stage.to_dict(),
             "scheduling_stage": None if lag is None else lag.to_dict(),
+            "noise": self.model.noise.to_dict(), "covariance_kind": self.covariance_kind,
             "n_parameters": self.n_parameters, "n_samples": self.n_samples,
             "condition": self.condition, "scaled_condition": self.scaled_condition,
             "training": None if self.training is None else self.training.to_dict(),
