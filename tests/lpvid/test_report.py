@@ -1,0 +1,243 @@
+"""Reports: self-contained, escaped, and opened in a real browser."""
+
+from __future__ import annotations
+
+import base64
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lpvid as lpv
+from lpvid import plot
+from lpvid.auditing import audit
+from lpvid.plot.style import thinned
+from lpvid.report import Figure, Notes, Page, Paragraph, Section, Table, number, render
+from lpvid.report.figures import comparisons
+from lpvid.report.forms import form_gaps
+from lpvid.report.identification import identification_page
+from lpvid.report.inspection import inspection_page
+from lpvid.report.stability import stability_page, study_stability
+from lpvid.report.validation import validation_page
+
+BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))),
+               None)
+RATE = 200.0
+
+
+def record(seed: int = 0, n: int = 1200, name: str = "run") -> lpv.Record:
+    """A damper-like system of first order, with displacement and velocity that belong together."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(n) / RATE
+    lines = 2 * np.pi * np.array([0.7, 1.9, 3.3, 7.1])
+    phase, size = rng.uniform(0, 6, 4), np.array([0.02, 0.01, 0.005, 0.002])
+    x = (size * np.sin(np.outer(t, lines) + phase)).sum(axis=1)
+    v = (size * lines * np.cos(np.outer(t, lines) + phase)).sum(axis=1)
+    p = np.repeat(rng.uniform(0, 2, n // 20 + 1), 20)[:n]
+    y = np.zeros(n)
+    for k in range(1, n):
+        y[k] = (0.5 + 0.1 * p[k]) * y[k - 1] + (200 + 150 * p[k]) * v[k]
+    y += 0.02 * y.std() * rng.standard_normal(n)
+    return lpv.Record({"displacement": x, "velocity": v, "current": p, "force": y}, sample_time=1 / RATE,
+                      units={"displacement": "m", "velocity": "m/s", "current": "A", "force": "N"}, name=name)
+
+
+@pytest.fixture(scope="module")
+def found() -> lpv.Identification:
+    structure = lpv.ARX(na=1, nb=1, nk=0, basis=lpv.Polynomial("current", degree=1))
+    return lpv.identify([record(1)], structure, held_out=[record(2, name="other")])
+
+
+@pytest.fixture(scope="module")
+def pages(found) -> dict[str, Page]:
+    data = [record(1), record(2, name="other")]
+    shown = comparisons(found.model, [record(2, name="other")], "held-out")
+    return {"inspect": inspection_page(audit(data), data),
+            "identify": identification_page(found, shown, form_gaps(found.model, [record(1)]), audit(data)),
+            "validate": validation_page(found.held_out, found.model, shown, "model.json"),
+            "stability": stability_page(study_stability(found.model), "model.json")}
+
+
+COMMANDS = ("inspect", "identify", "validate", "stability")
+
+
+# -- the page ---------------------------------------------------------------------------------------------------------
+def outside_references(html: str) -> list[str]:
+    """Addresses that a browser would fetch: anything in src, href, url() or @import that is not data."""
+    addresses = re.findall(r"""(?:src|href|srcset|action|data)\s*=\s*["']([^"']*)["']|url\(([^)]*)\)|@import\s+(\S+)""",
+                           html)
+    listed = [a or b or c for a, b, c in addresses]
+    return [a for a in listed if not a.strip("'\" ").startswith(("data:", "#"))]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_self_contained(pages, command):
+    html = render(pages[command])
+    assert outside_references(html) == []
+    assert "<script" not in html and "<link" not in html
+    for data in re.findall(r"base64,([A-Za-z0-9+/=]+)", html):
+        inside = base64.b64decode(data).decode("utf-8")
+        assert outside_references(inside.replace("xlink:href", "href")) == []
+    assert len(re.findall(r"<img ", html)) >= 1 and 'alt=""' not in html
+
+
+def test_the_search_for_references_finds_them():
+    assert outside_references('<img src="http://a/b.png"><link href="c.css"> url(d.woff)') == [
+        "http://a/b.png", "c.css", "d.woff"]
+
+
+def test_text_is_escaped():
+    page = Page("<b>&", "a < b", sections=(Section("s", (Paragraph("<script>x</script>"), Notes(("<i>",)),
+                                                        Table(("<c>",), (("<d>",),)))),))
+    html = render(page)
+    assert "<script>" not in html and "&lt;script&gt;" in html and "&lt;d&gt;" in html
+
+
+def test_same_page_same_bytes(pages):
+    again = stability_page(study_stability(lpv.LPVTransferFunction.siso(
+        [[-0.5, 0.1]], [[1.0, 0.0]], lpv.Polynomial("p", degree=1), 0.1)), "m")
+    twice = stability_page(study_stability(lpv.LPVTransferFunction.siso(
+        [[-0.5, 0.1]], [[1.0, 0.0]], lpv.Polynomial("p", degree=1), 0.1)), "m")
+    assert render(again) == render(twice)
+
+
+def test_verdict_comes_first_and_numbers_agree(pages, found):
+    html = render(pages["identify"])
+    esr = found.held_out.overall.free_run.esr
+    assert html.index('class="verdict') < html.index("<h2>")
+    assert f"ESR {esr:.4g}" in pages["identify"].verdict and "held-out" in pages["identify"].verdict
+    for heading in ("Figures", "Measured and simulated", "What is left in the residuals", "Frozen poles",
+                    "State-space forms", "Parameters", "Audit of the data"):
+        assert f"<h2>{heading}</h2>" in html
+    for name, value in zip(found.parameter_names, found.parameters, strict=True):
+        assert f"<td>{name}</td><td class=\"n\">{number(value, 6)}</td>" in html
+
+
+def test_stability_page_warns_in_words(pages):
+    html = render(pages["stability"])
+    assert "does not cover a moving scheduling variable" in html and "Critical values" in html
+
+
+def test_unstable_page_is_marked():
+    model = lpv.LPVTransferFunction.siso([[-0.5, 0.8]], [[1.0, 0.0]], lpv.Polynomial("p", degree=1), 0.1)
+    study = study_stability(model)
+    page = stability_page(study, "m")
+    assert page.mark == "bad" and page.verdict.startswith("NOT stable") and not study.certified
+    assert "inside the range" in render(page)
+
+
+def test_diverging_run_is_reported_not_drawn_away():
+    model = lpv.LPVTransferFunction.siso([[-1.5]], [[1.0]], lpv.Polynomial(), 1 / RATE, inputs="velocity",
+                                         outputs="force")
+    data = [record(3)]
+    checked = lpv.validate(model, data)
+    page = validation_page(checked, model, comparisons(model, data, "held-out"), "m")
+    assert "diverges" in page.verdict and page.mark == "bad"
+    assert "diverged at" in render(page)
+
+
+@pytest.mark.parametrize("value, text", [(0.0, "0"), (-1.5, "-1.5"), (None, "–"), (float("inf"), "–"),
+                                         (1e-12, "1e-12"), (123456.0, "1.235e+05")])
+def test_numbers(value, text):
+    assert number(value) == text
+
+
+# -- figures ----------------------------------------------------------------------------------------------------------
+def test_axes_carry_names_and_units(found):
+    c = comparisons(found.model, [record(2)], "held-out")
+    figures = [plot.free_run(c[0], ("current",)), plot.loops(c, ("velocity", "displacement")), plot.residuals(c),
+               plot.channel_traces(record()), plot.spectra([record(), record(5)], ["force", "velocity"]),
+               plot.locus(lpv.pole_locus(found.model)), plot.poles(np.array([0.5, -0.2]))]
+    for figure in figures:
+        for ax in figure.axes:
+            if ax.get_visible():
+                assert re.search(r"\[.+\]", ax.get_ylabel()) or ax is not figure.axes[0] and not ax.get_ylabel()
+        lowest = [ax.get_xlabel() for ax in figure.axes if ax.get_xlabel()]
+        assert lowest and all(re.search(r"\[.+\]", label) for label in lowest)
+
+
+def test_curves_are_those_of_the_simulation(found):
+    c = comparisons(found.model, [record(2)], "held-out")[0]
+    run = lpv.simulate(found.model, record(2)).output[:, 0]
+    close_up = {line.get_label(): line for line in plot.free_run(c).axes[1].lines}
+    times = close_up["free run"].get_xdata()
+    at = np.round(np.asarray(times) * RATE).astype(int)
+    assert np.array_equal(close_up["free run"].get_ydata(), run[at])
+    assert np.array_equal(close_up["measured"].get_ydata(), record(2)["force"][at])
+    error = (record(2)["force"] - run)[c.free_run.start:]
+    best = max(float(np.sum(error[k:k + at.size] ** 2)) for k in range(error.size - at.size + 1))
+    assert float(np.sum((record(2)["force"] - run)[at] ** 2)) == pytest.approx(best, rel=1e-9)
+
+
+def test_loops_need_their_channels(found):
+    bare = lpv.Record({k: record(2).channels[k] for k in ("velocity", "current", "force")}, sample_time=1 / RATE)
+    assert plot.loops(comparisons(found.model, [bare], "held-out"), ("temperature",)) is None
+
+
+@pytest.mark.parametrize("n", [10, 999, 1000, 1001, 12345])
+def test_thinning_keeps_both_ends_and_extremes(n):
+    y = np.cumsum(np.random.default_rng(n).standard_normal(n))
+    y[n // 3] = np.nan
+    x, kept = thinned(np.arange(float(n)), y, most=1000)
+    assert kept.size <= 1002 and np.nanmax(kept) == np.nanmax(y) and np.nanmin(kept) == np.nanmin(y)
+    assert np.all(np.diff(x) >= 0) and x[-1] >= n - 1 - 2 * n / 1000 and x[0] <= 2 * n / 1000
+
+
+def test_figures_leave_no_global_state(found):
+    import matplotlib as mpl
+
+    before = dict(mpl.rcParams)
+    plot.png(plot.locus(lpv.pole_locus(found.model)))
+    assert dict(mpl.rcParams) == before
+
+
+def test_embedded_figure_is_svg():
+    figure = Figure.of(plot.poles(np.array([0.5])), "poles")
+    assert base64.b64decode(figure.source.split(",", 1)[1]).lstrip().startswith(b"<?xml")
+
+
+# -- a real browser ---------------------------------------------------------------------------------------------------
+PROBE = """<script>
+window.onerror = (message) => { document.documentElement.setAttribute('data-error', message); };
+window.addEventListener('load', () => {
+  const images = Array.from(document.images), root = document.documentElement;
+  root.setAttribute('data-images', images.length);
+  root.setAttribute('data-loaded', images.filter(i => i.complete && i.naturalWidth > 0).length);
+  root.setAttribute('data-headings', document.querySelectorAll('h1, h2').length);
+  root.setAttribute('data-fetched', performance.getEntriesByType('resource').filter(
+    e => !e.name.startsWith('data:')).length);
+  root.setAttribute('data-overflow', document.documentElement.scrollWidth > window.innerWidth + 1);
+});
+</script></body>"""
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium here")
+def test_a_browser_shows_them(pages, tmp_path):
+    """Four reports in one browser run each: figures loaded, headings there, nothing fetched, no script error."""
+    for command in COMMANDS:
+        html = render(pages[command])
+        file = tmp_path / f"{command}.html"
+        file.write_text(html.replace("</body>", PROBE))
+        seen = attributes(dump(file, tmp_path / f"profile-{command}"))
+        assert "error" not in seen
+        assert int(seen["images"]) == html.count("<img ") >= 1
+        assert seen["loaded"] == seen["images"]
+        assert int(seen["headings"]) == 1 + html.count("<h2>")
+        assert seen["fetched"] == "0" and seen["overflow"] == "false"
+
+
+def dump(file: Path, profile: Path) -> str:
+    assert BROWSER is not None
+    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
+               "--disable-background-networking", "--disable-component-update", "--disable-sync",
+               f"--user-data-dir={profile}", "--window-size=1200,2000", "--virtual-time-budget=5000", "--dump-dom",
+               file.as_uri()]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
+
+
+def attributes(dom: str) -> dict[str, str]:
+    head = dom[: dom.index(">", dom.index("<html"))]
+    return dict(re.findall(r'data-(\w+)="([^"]*)"', head))
