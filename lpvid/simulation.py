@@ -9,12 +9,13 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.model.quasi import SelfScheduled
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 
-Model = LPVTransferFunction | LPVStateSpace
+Model = LPVTransferFunction | LPVStateSpace | SelfScheduled
 RATE_TOLERANCE = 1e-3
 """relative difference of sampling periods that still counts as the same rate."""
 SPAN = 16_384
@@ -71,7 +72,7 @@ def simulate(model: Model, record: Record, initial: str | np.ndarray = "measured
 
     Parameters
     ----------
-    model : LPVTransferFunction or LPVStateSpace
+    model : LPVTransferFunction, LPVStateSpace or SelfScheduled
         Discrete-time model.
     record : Record
         Uniform record at the model's rate with the model's inputs and scheduling (and outputs for "measured").
@@ -103,6 +104,8 @@ def simulate(model: Model, record: Record, initial: str | np.ndarray = "measured
     y = _outputs(model, record) if needs_output else np.zeros((record.n_samples, model.n_outputs))
     if isinstance(model, LPVTransferFunction):
         return _simulate_io(model, u, p, y, initial)
+    if isinstance(model, SelfScheduled):
+        return _simulate_self(model, u, p, y, initial)
     return _simulate_ss(model, u, p, y, initial)
 
 
@@ -112,11 +115,11 @@ def predict(model: Model, record: Record, horizon: int = 1) -> Simulation:
     A transfer function predicts by its equation from measured outputs up to k−horizon, with the innovations of its
     noise model up to there and none after (Ljung 1999 (3.20), (3.31)); with output noise that is the free run. A state
     space with an observer gain runs it as its observer; one without a gain has no noise model, and its predictor is the
-    free run at any horizon.
+    free run at any horizon. A self-scheduled model starts afresh from the measured output at k−horizon.
 
     Parameters
     ----------
-    model : LPVTransferFunction or LPVStateSpace
+    model : LPVTransferFunction, LPVStateSpace or SelfScheduled
     record : Record
         As for `simulate`; the outputs must be measured.
     horizon : int
@@ -133,6 +136,10 @@ def predict(model: Model, record: Record, horizon: int = 1) -> Simulation:
     y = _outputs(model, record)
     if len(y) <= model.start:
         raise _too_short(model, len(y))
+    if isinstance(model, SelfScheduled):
+        ahead = model.ahead(u, p, y[:, 0], horizon)[:, None]
+        beyond = _first_beyond(ahead, _limit(model, u, _scale(y)))
+        return _finish(model, ahead, model.start, horizon, beyond, "measured past")
     if isinstance(model, LPVTransferFunction) and model.noise.kind != "equation":
         return _predict_coloured(model, u, p, y, horizon)
     phi = np.ascontiguousarray(model.basis.evaluate(p))
@@ -311,6 +318,53 @@ def _predict_coloured(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, 
     return _finish(model, out, start, horizon, diverged, "measured past")
 
 
+# -- self-scheduled models ---------------------------------------------------------------------------------------------
+def _simulate_self(model: SelfScheduled, u: np.ndarray, p: np.ndarray, y: np.ndarray,
+                   initial: str | np.ndarray) -> Simulation:
+    start, limit = model.start, _limit(model, u, _scale(y))
+    if len(y) <= start:
+        raise _too_short(model, len(y))
+    if not isinstance(initial, str):
+        given = _checks.shaped(_checks.frozen_array(initial, "initial", ndim=2), (start, 1), "initial past outputs")
+        out, diverged = model.free_run(u, p, _checks.finite(given, "initial")[:, 0], limit)
+        return _finish(model, out[:, None], start, None, diverged, "given past")
+    if _checks.one_of(initial, ("measured", "zero", "estimate"), "initial") == "measured":
+        out, diverged = model.free_run(u, p, y[:start, 0], limit)
+        return _finish(model, out[:, None], start, None, diverged, "measured samples")
+    u, p = _pad(u, start), _pad(p, start, hold=True)
+    past, said = np.zeros(start), "zero"
+    if initial == "estimate":
+        past, said = _estimate_self(model, u, p, y[:, 0], limit), "estimated past"
+    out, diverged = model.free_run(u, p, past, limit)
+    return _finish(model, out[start:, None], 0, None, _earlier(diverged, start), said)
+
+
+def _estimate_self(model: SelfScheduled, u: np.ndarray, p: np.ndarray, y: np.ndarray, limit: float) -> np.ndarray:
+    """Past outputs that fit the first samples best, by damped Gauss-Newton steps with difference quotients."""
+    start, memory = model.start, model.memory
+    length = min(len(y), FIT_SAMPLES)
+    scale = _scale(y)
+
+    def error(unknown: np.ndarray) -> np.ndarray:
+        past = np.concatenate([np.zeros(start - memory), unknown])
+        out, diverged = model.free_run(u[: start + length], p[: start + length], past, limit)
+        return np.full(length, scale * DIVERGED) if diverged is not None else out[start:] - y[:length]
+
+    best = np.full(memory, y[0])
+    now = error(best)
+    for _ in range(10):
+        slopes = np.column_stack([(error(best + 1e-6 * scale * e) - now) / (1e-6 * scale) for e in np.eye(memory)])
+        move = np.linalg.lstsq(slopes, -now, rcond=1e-8)[0]
+        for share in (1.0, 0.25, 0.06):
+            trial = error(best + share * move)
+            if trial @ trial < now @ now:
+                best, now = best + share * move, trial
+                break
+        else:
+            break
+    return np.concatenate([np.zeros(start - memory), best])
+
+
 # -- shared ----------------------------------------------------------------------------------------------------------
 def _signals(model: Model, record: Record) -> tuple[np.ndarray, np.ndarray]:
     """Filter inputs and scheduling of a record that fits the model."""
@@ -367,7 +421,9 @@ def _scale(y: np.ndarray) -> float:
 def _limit(model: Model, u: np.ndarray, scale: float, x0: np.ndarray | None = None) -> float:
     """What no sane run exceeds: `DIVERGED` times the scale of the data or of one step's forcing, in any units."""
     reach = float(np.abs(u).max(initial=0.0))
-    if isinstance(model, LPVTransferFunction):
+    if isinstance(model, SelfScheduled):
+        forcing = reach * np.abs(model.vector).sum() + np.abs(model.vector).sum()
+    elif isinstance(model, LPVTransferFunction):
         assert model.c is not None
         forcing = reach * np.abs(model.b).sum() + np.abs(model.c).sum()
     else:

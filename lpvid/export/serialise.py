@@ -52,7 +52,9 @@ class Kind:
 
 KINDS: tuple[Kind, ...] = (
     Kind("model", 1, (("lpv-transfer-function", "lpvid.model.transfer_function", "LPVTransferFunction"),
-                      ("lpv-state-space", "lpvid.model.state_space", "LPVStateSpace"))),
+                      ("lpv-state-space", "lpvid.model.state_space", "LPVStateSpace"),
+                      ("quasi-lpv", "lpvid.model.quasi", "QuasiLPVModel"),
+                      ("compliance", "lpvid.model.compliance", "ComplianceModel"))),
 )
 """Every sort of file that `save` writes and `load` reads, in order; a new noun adds its line here."""
 
