@@ -185,7 +185,7 @@ def _experiment_lines(figures) -> list:
 
 _STAGES: dict[str, tuple[str, Callable]] = {
     "rig": ("1 Virtual rig", _rig_lines),
-    "audit": ("2 Audit of the records", lambda found: str(found).splitlines()[:10]),
+    "audit": ("2 Audit of the training records", lambda found: str(found).splitlines()[:10]),
     "identification": ("3 LPV-ARX identification", lambda found: repr(found).splitlines()[:10]),
     "experiments": ("4 Every experiment", _experiment_lines),
     "forms": ("5 State-space forms", lambda gaps: [str(g) for g in gaps]),

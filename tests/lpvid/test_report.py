@@ -154,7 +154,7 @@ def test_axes_carry_names_and_units(found):
     for figure in figures:
         for ax in figure.axes:
             if ax.get_visible():
-                assert re.search(r"\[.+\]", ax.get_ylabel()) or ax is not figure.axes[0] and not ax.get_ylabel()
+                assert re.search(r"\[.+\]", ax.get_ylabel()) or (ax is not figure.axes[0] and not ax.get_ylabel())
         lowest = [ax.get_xlabel() for ax in figure.axes if ax.get_xlabel()]
         assert lowest and all(re.search(r"\[.+\]", label) for label in lowest)
 

@@ -133,7 +133,7 @@ def test_demo_writes_everything(short_demo):
 
 def test_demo_tells_every_stage(short_demo):
     _, shown = short_demo
-    for heading in ("1 Virtual rig", "2 Audit", "3 LPV-ARX", "4 Every experiment", "5 State-space forms", "6 Stability"):
+    for heading in ("1 Virtual rig", "2 Audit", "3 LPV-ARX", "4 Every experiment", "5 State-space", "6 Stability"):
         assert heading in shown
     assert "does not cover a moving scheduling variable" in shown
     for name in EXPERIMENTS:
