@@ -11,6 +11,7 @@ from lpvid import _checks
 from lpvid.condition import segments, with_velocity
 from lpvid.errors import InputError
 from lpvid.familiar import familiar
+from lpvid.model.hull import outside_share
 from lpvid.record import Record
 from lpvid.simulation import RATE_TOLERANCE, Model, predict, simulate
 from lpvid.validation.figures import Figures, Pair, Pool, RecordFigures
@@ -32,7 +33,8 @@ class Validation:
     residual_tests : tuple of ResidualTest
         On one-step residuals.
     extrapolation_share : float
-        Share of samples whose scheduling lies outside the training range.
+        Share of samples whose scheduling lies outside the training box, or outside the convex hull of the training
+        scheduling where the model knows it.
     regimes : tuple of Regime
         Where the free run is wrong.
     k_steps : tuple of Figures
@@ -144,7 +146,7 @@ def figures(model: Model, pieces: Sequence[Record], label: str, notes: tuple[str
         u = piece[model.inputs[0].name] if model.inputs else None
         run, step = simulate(model, piece), predict(model, piece, 1)
         p = piece.matrix(list(model.box.names))
-        outside = float(np.mean(~model.box.contains(p))) if p.shape[1] else 0.0
+        outside = outside_share(model, p)
         rows.append(RecordFigures(piece.name, piece.n_samples, free.add(y, run), one.add(y, step), outside))
         for pool, horizon in zip(further, steps, strict=True):
             pool.add(y, predict(model, piece, horizon))

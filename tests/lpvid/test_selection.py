@@ -12,7 +12,7 @@ from lpvid.errors import InputError
 from lpvid.identification import identify
 from lpvid.identification.arx import ARX
 from lpvid.identification.ridge import Ridge
-from lpvid.identification.selection import Candidates, auto, noise_ceiling, outside_share, select
+from lpvid.identification.selection import Candidates, auto, noise_ceiling, select, unstable_share
 from lpvid.identification.selection.screening import Screened, screen
 from lpvid.record import Record
 from lpvid.scheduling import Polynomial
@@ -91,7 +91,7 @@ def test_frozen_poles_outside_are_a_hard_filter(record):
         y[k] = (0.3 + 0.75 * p[k]) * y[k - 1] + u[k - 1] + 0.01 * rng.normal()
     bad = Record({"u": u, "p": p, "y": y}, sample_time=0.01)
     found = identify(bad, ARX(na=1, nb=1, input="u", output="y", basis=Polynomial("p", degree=1)))
-    share = outside_share(found.model, [bad])
+    share = unstable_share(found.model, [bad])
     assert share == pytest.approx(np.mean(np.abs(0.3 + 0.75 * p) >= 1), abs=0.005) and share > 0.01
     pair = [ARX(na=1, nb=1, input="u", output="y", basis=Polynomial("p", degree=1)),
             ARX(na=1, nb=1, input="u", output="y", basis=Polynomial())]

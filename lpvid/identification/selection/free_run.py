@@ -135,7 +135,7 @@ def _run(model: Model, held: Sequence[Record]) -> tuple[bool, float, float]:
     return False, float(np.sum(errors / scale * powers.sum()) / len(powers)), float(powers.sum())
 
 
-def outside_share(model: Model, records: Sequence[Record]) -> float:
+def unstable_share(model: Model, records: Sequence[Record]) -> float:
     """Share of the samples at which a frozen pole lies outside the unit circle (on it counts as outside)."""
     if not isinstance(model, LPVTransferFunction) or not model.na:
         return 0.0

@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.identification.arx import ARX
-from lpvid.identification.selection.free_run import Fold, Trial, cross_validate, outside_share, spread
+from lpvid.identification.selection.free_run import Fold, Trial, cross_validate, spread, unstable_share
 from lpvid.identification.selection.result import Row
 from lpvid.identification.selection.screening import Refused, Screened, screen
 from lpvid.identification.structure import Structure
@@ -70,7 +70,7 @@ class Search:
         if index not in self.outside:
             try:
                 model = self.screened[index].identification(self.records).model
-                self.outside[index] = outside_share(model, self.records)
+                self.outside[index] = unstable_share(model, self.records)
             except (InputError, np.linalg.LinAlgError):
                 self.outside[index] = 1.0
         return self.outside[index] <= self.limit

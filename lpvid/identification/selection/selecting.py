@@ -11,7 +11,7 @@ from lpvid.condition import segments, with_velocity
 from lpvid.errors import InputError
 from lpvid.identification import Identification, identify
 from lpvid.identification.arx import ARX
-from lpvid.identification.selection.free_run import make_folds, outside_share
+from lpvid.identification.selection.free_run import make_folds, unstable_share
 from lpvid.identification.selection.result import Selection
 from lpvid.identification.selection.search import Progress, Search
 from lpvid.identification.structure import Structure
@@ -135,7 +135,7 @@ def _refit(search: Search, structure: Structure, pieces: Sequence[Record]) -> tu
 
 
 def _fault(search: Search, found: Identification, pieces: Sequence[Record]) -> str:
-    share = outside_share(found.model, pieces)
+    share = unstable_share(found.model, pieces)
     if share > search.limit:
         return f"frozen pole outside at {100 * share:.2g} % of training samples"
     return "diverges in free run" if found.fit is None else ""

@@ -1,0 +1,182 @@
+"""The region of scheduling space that the training data covered: outside it a model extrapolates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.model.quasi import SelfScheduled
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
+
+Model = LPVTransferFunction | LPVStateSpace | SelfScheduled
+FACETS = 200
+"""half spaces that a hull may have at most."""
+EXACT_VARIABLES = 4
+"""variables up to which the exact convex hull is sought."""
+SLACK = 1e-9
+"""tolerance, in half widths of the box, within which a point counts as inside."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """Convex region ``normals @ z ≤ offsets`` with z = (p − centre)/half_width, around the training scheduling.
+
+    The convex hull itself where it has at most 200 facets in at most four variables; otherwise the tightest region with
+    that many fixed directions (the box's sides among them), which holds the hull.
+
+    Attributes
+    ----------
+    names : tuple of str
+    centre, half_width : (n,) arrays
+        The training box [units of the variables].
+    normals : (facets, n) array
+        Unit length, outward.
+    offsets : (facets,) array
+    exact : bool
+        True for the convex hull itself.
+
+    Examples
+    --------
+    >>> corner = Hull.of(("p", "q"), np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    >>> corner.contains(np.array([[0.2, 0.2], [0.9, 0.9]]))
+    array([ True, False])
+    """
+
+    names: tuple[str, ...]
+    centre: np.ndarray
+    half_width: np.ndarray
+    normals: np.ndarray
+    offsets: np.ndarray
+    exact: bool
+
+    def __post_init__(self) -> None:
+        n = len(self.names)
+        set_ = object.__setattr__
+        set_(self, "names", tuple(self.names))
+        set_(self, "normals", _checks.shaped(_checks.frozen_array(self.normals, "normals"), (None, n), "normals"))
+        count = self.normals.shape[0]
+        for name, length in (("centre", n), ("half_width", n), ("offsets", count)):
+            array = _checks.frozen_array(getattr(self, name), f"{name} of a hull", ndim=1)
+            set_(self, name, _checks.finite(_checks.shaped(array, (length,), name), name))
+
+    @classmethod
+    def of(cls, names: Sequence[str], p: np.ndarray) -> Hull:
+        """The hull of samples `p` of shape (n, len(names))."""
+        points = _checks.finite(np.asarray(p, dtype=float), "scheduling samples")
+        if points.ndim != 2 or points.shape[1] != len(names) or not points.size:
+            raise InputError("a hull needs samples of every variable", got=f"shape {points.shape}")
+        low, high = points.min(axis=0), points.max(axis=0)
+        centre, half = 0.5 * (low + high), 0.5 * (high - low)
+        half = np.where(half > 0, half, 1.0)
+        z = (points - centre) / half
+        facets = _facets(z) if 2 <= len(names) <= EXACT_VARIABLES else None
+        if facets is not None:
+            return cls(tuple(names), centre, half, facets[:, :-1], -facets[:, -1], True)
+        normals = directions(len(names), FACETS)
+        return cls(tuple(names), centre, half, normals, (z @ normals.T).max(axis=0), len(names) == 1)
+
+    def contains(self, p: np.ndarray) -> np.ndarray:
+        """(n,) bool: which samples of `p` (n, len(names)) lie inside."""
+        z = (np.asarray(p, dtype=float) - self.centre) / self.half_width
+        inside = np.ones(len(z), dtype=bool)
+        for first in range(0, len(z), 65_536):
+            part = slice(first, first + 65_536)
+            inside[part] = np.all(z[part] @ self.normals.T <= self.offsets + SLACK, axis=1)
+        return inside
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"names": list(self.names), "centre": self.centre.tolist(), "half_width": self.half_width.tolist(),
+                "normals": self.normals.tolist(), "offsets": self.offsets.tolist(), "exact": self.exact}
+
+    @classmethod
+    def from_dict(cls, data: Mapping) -> Hull:
+        """Inverse of `to_dict`."""
+        n = len(data["names"])
+        return cls(tuple(data["names"]), np.array(data["centre"]), np.array(data["half_width"]),
+                   np.array(data["normals"], dtype=float).reshape(-1, n), np.array(data["offsets"]), data["exact"])
+
+
+def _facets(z: np.ndarray) -> np.ndarray | None:
+    """(facets, n + 1) outward normals and offsets (negative), or None where there are too many or the data are flat."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        equations = ConvexHull(_candidates(z)).equations
+    except QhullError:
+        return None
+    equations = np.unique(np.round(equations, 12), axis=0)
+    if len(equations) > FACETS:
+        return None
+    # rounding must leave no sample outside
+    equations[:, -1] = -np.max(z @ equations[:, :-1].T, axis=0)
+    return equations
+
+
+def _candidates(z: np.ndarray) -> np.ndarray:
+    """Few points are a hull's vertices: with many samples, those that are extreme in none of many directions go first.
+
+    A sample strictly inside the hull of the extreme ones cannot be a vertex.
+    """
+    if len(z) <= 20_000:
+        return z
+    from scipy.spatial import ConvexHull
+
+    extreme = z[np.unique(np.argmax(z @ directions(z.shape[1], FACETS).T, axis=0))]
+    equations = ConvexHull(extreme).equations
+    outside = np.zeros(len(z), dtype=bool)
+    for normal, offset in zip(equations[:, :-1], equations[:, -1], strict=True):
+        outside |= z @ normal + offset > 1e-12
+    return np.vstack([extreme, z[outside]])
+
+
+def directions(n: int, count: int) -> np.ndarray:
+    """(≤ count, n) unit vectors: the axes, the diagonals of every pair, then an even spread that never changes."""
+    rows = [sign * row for row in np.eye(n) for sign in (1.0, -1.0)]
+    for i, j in combinations(range(n), 2):
+        for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+            row = np.zeros(n)
+            row[i], row[j] = a, b
+            rows.append(row / np.sqrt(2))
+    rows = rows[:count] if len(rows) > count else rows
+    if n == 1:
+        return np.array(rows)
+    if n == 2:
+        angles = 2 * np.pi * np.arange(count - len(rows)) / max(count - len(rows), 1)
+        return np.vstack([*rows, np.column_stack([np.cos(angles), np.sin(angles)])])
+    spread = np.random.default_rng(0).standard_normal((count - len(rows), n))
+    return np.vstack([*rows, spread / np.linalg.norm(spread, axis=1, keepdims=True)])
+
+
+def hull_of(model: Model) -> Hull | None:
+    """The training hull that a model's metadata describes, or None."""
+    data = model.metadata.get("hull")
+    return Hull.from_dict(data) if isinstance(data, Mapping) else None
+
+
+def inside(model: Model, p: np.ndarray) -> np.ndarray:
+    """(n,) bool: samples of `p` (n, n_scheduling) in the training box and, where the model knows it, the hull."""
+    within = model.box.contains(p)
+    hull = hull_of(model) if p.shape[1] > 1 else None
+    return within if hull is None else within & hull.contains(p)
+
+
+def outside_share(model: Model, p: np.ndarray) -> float:
+    """Share of scheduling samples at which the model extrapolates.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction, LPVStateSpace or SelfScheduled
+    p : (n, n_scheduling) array
+
+    Returns
+    -------
+    float
+    """
+    return float(np.mean(~inside(model, p))) if p.shape[1] and len(p) else 0.0
