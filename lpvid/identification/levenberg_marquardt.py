@@ -11,6 +11,8 @@ from lpvid.identification.pem_problem import Point, Problem, Residuals
 from lpvid.model.transfer_function import LPVTransferFunction
 
 MAX_DAMPING = 1e12
+ROUNDING = 1e-14
+"""a fall of the cost by less than this share cannot be told from rounding."""
 FROZEN_POINTS = 1000
 """trajectory points at which a trial step's frozen poles are checked."""
 LONGEST_STEP = 1.0
@@ -86,16 +88,18 @@ def minimise(problem: Problem, start: Point, *, max_iterations: int, tolerance: 
         if not all(np.isfinite(r).all() for r in factors):
             why = "sensitivities out of range"
             break
-        step = _step(problem, factors, point, damping, scale, bounds)
-        trial, predicted = step
+        trial, predicted = _step(problem, factors, point, damping, scale, bounds)
+        if not predicted > ROUNDING * now.cost:
+            why = "the cost no longer falls"
+            break
         moved = problem.residuals(trial)
         reach = frozen_radius(problem, trial) if moved is not None and moved.cost < now.cost else np.inf
-        gain = -1.0 if moved is None else (now.cost - moved.cost) / max(predicted, 1e-300)
+        gain = -1.0 if moved is None else (now.cost - moved.cost) / predicted
         if moved is not None and gain > 1e-4 and moved.cost < now.cost and reach <= max(1.0, radius * (1 + 1e-9)):
             iteration += 1
             fall = (now.cost - moved.cost) / max(now.cost, 1e-300)
             point, now, radius = trial, moved, reach
-            damping *= max(1 / 3, 1 - (2 * gain - 1) ** 3)
+            damping *= max(1 / 3, 1 - (2 * min(gain, 1.0) - 1) ** 3)
             growth = 2.0
             if progress is not None:
                 progress(iteration, now.cost)
@@ -106,9 +110,6 @@ def minimise(problem: Problem, start: Point, *, max_iterations: int, tolerance: 
                 why = "the cost no longer falls"
                 break
         else:
-            if predicted <= 1e-12 * now.cost:
-                why = "the cost no longer falls"
-                break
             damping *= growth
             growth *= 2.0
             if damping > MAX_DAMPING:
