@@ -142,12 +142,12 @@ def predict(model: Model, record: Record, horizon: int = 1) -> Simulation:
         return _finish(model, ahead, model.start, horizon, beyond, "measured past")
     if isinstance(model, LPVTransferFunction) and model.noise.kind != "equation":
         return _predict_coloured(model, u, p, y, horizon)
+    if isinstance(model, LPVTransferFunction):
+        out = _predict_equation(model, u, p, y, horizon)
+        return _finish(model, out, model.start, horizon, _first_beyond(out, _limit(model, u, _scale(y))),
+                       "measured past")
     phi = np.ascontiguousarray(model.basis.evaluate(p))
     out = y.copy()
-    if isinstance(model, LPVTransferFunction):
-        start = model.start
-        _kernels.predict_io(model.a, model.b, model.c, _first_lag(model), model.lagged, phi, u, y, start, horizon, out)
-        return _finish(model, out, start, horizon, _first_beyond(out, _limit(model, u, _scale(y))), "measured past")
     if model.observer_gain is None:
         free = _simulate_ss(model, u, p, y, "measured")
         return _finish(model, free.output, free.start, horizon, free.diverged_at, "measured (no noise model)")
@@ -155,6 +155,25 @@ def predict(model: Model, record: Record, horizon: int = 1) -> Simulation:
     _kernels.predict_ss(model.A, model.B, model.C, model.D, model.state_offset, model.output_offset,
                         model.observer_gain, phi, u, x0, y, horizon, out)
     return _finish(model, out, model.start, horizon, _first_beyond(out, _limit(model, u, _scale(y))), "observer")
+
+
+def _predict_equation(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, y: np.ndarray,
+                      horizon: int) -> np.ndarray:
+    """k-step prediction by the equation, span by span, so that the basis of the whole record is never held."""
+    from lpvid import _kernels
+
+    out, n, start = y.copy(), len(y), model.start
+    local = model.basis.lags == (0, 0)
+    span = SPAN if local else n
+    for first in range(start, n, span):
+        last = min(first + span, n)
+        low = max(first - start - (horizon - 1), 0) if local else 0
+        phi = np.ascontiguousarray(model.basis.evaluate(p[low:last]))
+        piece = y[low:last].copy()
+        _kernels.predict_io(model.a, model.b, model.c, _first_lag(model), model.lagged, phi, u[low:last], y[low:last],
+                            start, horizon, piece)
+        out[first:last] = piece[first - low:]
+    return out
 
 
 # -- transfer function -----------------------------------------------------------------------------------------------

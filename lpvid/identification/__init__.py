@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from lpvid.condition import segments, with_velocity
 from lpvid.errors import InputError
 from lpvid.familiar import heads
 from lpvid.identification.result import Identification
+from lpvid.identification.sandwich import residual_memory
 from lpvid.identification.structure import Structure
+from lpvid.model.hull import Hull
 from lpvid.record import Record
+from lpvid.simulation import predict
 from lpvid.validation import figures, validate
+
+COLOURED_LIMIT = 400_000
+"""samples up to which a coloured residual's covariance is worth two more passes over the data."""
 
 
 def identify(records: Record | Sequence[Record], structure: Structure, *, sample_rate: float | None = None,
@@ -63,13 +71,33 @@ def identify(records: Record | Sequence[Record], structure: Structure, *, sample
     notes = tuple(dict.fromkeys((*(n for r in pieces for n in r.notes), *found.notes)))
     training = figures(found.model, pieces, "training")
     kept = None if held_out is None else validate(found.model, held_out, label="held-out")
-    return found.replace(training=training, held_out=kept, notes=notes)
+    return _coloured(found.replace(training=training, held_out=kept, notes=notes), pieces)
+
+
+def _coloured(found: Identification, pieces: Sequence[Record]) -> Identification:
+    """The same estimate with a covariance that allows for a coloured residual, where its residual is coloured."""
+    assert found.training is not None
+    white = all(t.passed for t in found.training.residual_tests if t.name == "whiteness")
+    if white or sum(r.n_samples for r in pieces) > COLOURED_LIMIT:
+        return found
+    residuals = [r.matrix([s.name for s in found.model.outputs])[:, 0] - predict(found.model, r, 1).output[:, 0]
+                 for r in pieces]
+    memory = residual_memory([e[found.model.start:] for e in residuals])
+    covariance = found.structure.coloured_covariance(pieces, found, memory)
+    if covariance is None:
+        return found
+    said = f"the residual is correlated over {memory} samples: standard errors in sandwich form"
+    return found.with_covariance(covariance).replace(notes=(*found.notes, said))
 
 
 def _remember(found: Identification, pieces: Sequence[Record]) -> Identification:
-    """Let the model know its training data again."""
+    """Let the model know its training data again, and the region of scheduling space that they covered."""
     training = {**found.model.metadata.get("training", {}), "heads": heads(pieces, found.model.outputs[0].name)}
-    return found.replace(model=found.model.replace(metadata={**found.model.metadata, "training": training}))
+    metadata = {**found.model.metadata, "training": training}
+    names = list(found.model.box.names)
+    if len(names) > 1:
+        metadata["hull"] = Hull.of(names, np.vstack([r.matrix(names) for r in pieces])).to_dict()
+    return found.replace(model=found.model.replace(metadata=metadata))
 
 
 __all__ = ["Identification", "Structure", "identify"]

@@ -14,6 +14,7 @@ from lpvid.identification.layout import Layout
 from lpvid.identification.regression import Columns, Factor, RegressionData, Solution, factorize
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.ridge import Ridge
+from lpvid.identification.sandwich import sandwich_covariance
 from lpvid.identification.structure import Structure
 from lpvid.model.input_stage import STAGES, InputStage
 from lpvid.model.scheduling_stage import FITTED, SchedulingStage
@@ -209,11 +210,20 @@ class ARX(Structure):
 
     def factor(self, records: Sequence[Record], box: Scheduling, start: int | None = None) -> Factor:
         """R of [X Y] with the basis bound and the stage fixed; rows from `start` on (by default the structure's)."""
+        return factorize(records, self._data(box, start))
+
+    def coloured_covariance(self, records: Sequence[Record], found: Identification, memory: int) -> np.ndarray | None:
+        if self.ridge:
+            return None
+        data = self._data(found.model.box, None)
+        theta = found.parameters.reshape(len(self.output), -1).T
+        return sandwich_covariance(records, data, factorize(records, data), theta, memory)
+
+    def _data(self, box: Scheduling, start: int | None) -> RegressionData:
         stage = self.stage if isinstance(self.stage, InputStage) else None
         _, columns = self._places(self._filter_width())
-        data = RegressionData(self.input, self.output, box.names, self.basis, columns,  # type: ignore[arg-type]
+        return RegressionData(self.input, self.output, box.names, self.basis, columns,  # type: ignore[arg-type]
                               self.start if start is None else start, stage, self._filter(), self.weight)
-        return factorize(records, data)
 
     def solved(self, records: Sequence[Record], box: Scheduling, factor: Factor) -> Identification:
         """The estimate that a factor of these records holds."""

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from lpvid.identification.layout import Layout, ParameterCloud
+from lpvid.identification.layout import ModelLayout, ParameterCloud
+from lpvid.model.noise_model import NoiseModel
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.validation import Validation
 
@@ -22,10 +23,10 @@ class Identification:
 
     Attributes
     ----------
-    model : LPVTransferFunction
+    model : LPVTransferFunction or LPVStateSpace
     structure : Structure
         The settings that led to it.
-    layout : Layout
+    layout : Layout or StateSpaceLayout
         Where each parameter stands in the model.
     covariance : (k, k) array
         Covariance of the parameters, conditional on a fitted input stage; for equation noise that is white.
@@ -41,9 +42,9 @@ class Identification:
         What the covariance assumes of the residual.
     """
 
-    model: LPVTransferFunction
+    model: Any
     structure: Any
-    layout: Layout
+    layout: ModelLayout
     covariance: np.ndarray
     condition: float
     scaled_condition: float
@@ -59,9 +60,14 @@ class Identification:
         return self.layout.read(self.model)
 
     @property
+    def noise(self) -> NoiseModel | None:
+        """The noise model of a transfer function; a state space says it by its observer gain."""
+        return self.model.noise if isinstance(self.model, LPVTransferFunction) else None
+
+    @property
     def n_parameters(self) -> int:
         """Number of linear parameters plus those of the noise model, the input stage and the scheduling filter."""
-        parts = (self.model.noise, self.model.input_stage, self.model.scheduling_stage)
+        parts = (self.noise, self.model.input_stage, self.model.scheduling_stage)
         return self.layout.size + sum(s.vector.size for s in parts if s is not None)
 
     @property
@@ -79,11 +85,11 @@ class Identification:
         """Free-run fit in percent on the training data."""
         return None if self.training is None else self.training.overall.free_run.fit_percent
 
-    def with_parameters(self, theta: Sequence[float] | np.ndarray) -> LPVTransferFunction:
+    def with_parameters(self, theta: Sequence[float] | np.ndarray) -> Any:
         """The model at other parameters."""
         return self.layout.fill(self.model, np.asarray(theta, dtype=float))
 
-    def draw(self, rng: np.random.Generator, count: int) -> list[LPVTransferFunction]:
+    def draw(self, rng: np.random.Generator, count: int) -> list:
         """Models drawn from the estimate's normal law."""
         return ParameterCloud(self.model, self.layout, self.covariance).draw(rng, count)
 
@@ -111,7 +117,7 @@ class Identification:
                               "half_width": box.half_width.tolist()},
             "input_stage": None if stage is None else stage.to_dict(),
             "scheduling_stage": None if lag is None else lag.to_dict(),
-            "noise": self.model.noise.to_dict(), "covariance_kind": self.covariance_kind,
+            "noise": None if self.noise is None else self.noise.to_dict(), "covariance_kind": self.covariance_kind,
             "n_parameters": self.n_parameters, "n_samples": self.n_samples,
             "condition": self.condition, "scaled_condition": self.scaled_condition,
             "training": None if self.training is None else self.training.to_dict(),

@@ -10,7 +10,7 @@ from lpvid._threads import single_thread
 from lpvid.identification.regression import CHUNK, Factor, RegressionData, rows_of
 from lpvid.record import Record
 
-BLOCKS = 60
+BLOCKS = 40
 """fewest blocks for which the spread of block sums says anything about 24 parameters together."""
 SHORTEST = 10
 """shortest block [samples]."""
@@ -20,8 +20,8 @@ def sandwich_covariance(records: Sequence[Record], data: RegressionData, factor:
                         memory: int) -> np.ndarray | None:
     r"""(XᵀX)⁻¹ S (XᵀX)⁻¹ with S the long-run covariance of the scores x(t) e(t).
 
-    S = Σ_b s_b s_bᵀ B/(B − 1), where s_b sums the scores over a block of ten times the residual's `memory` (batch means;
-    Carlstein 1986, and White 1980 for the sandwich). It corrects the standard errors for colour; it does not remove the
+    S = Σ_b s_b s_bᵀ B/(B − 1), where s_b sums the scores over blocks of three times the residual's `memory` (batch
+    means; Carlstein 1986, and White 1980 for the sandwich). It corrects the standard errors for colour; it does not remove the
     bias that colour gives least squares.
 
     Parameters
@@ -42,8 +42,8 @@ def sandwich_covariance(records: Sequence[Record], data: RegressionData, factor:
     from scipy.linalg import solve_triangular
 
     k, ny = factor.columns, theta.shape[1]
-    length = max(10 * memory, SHORTEST)
-    if factor.rows < BLOCKS * length:
+    length = min(max(3 * memory, SHORTEST), factor.rows // BLOCKS)
+    if length < max(memory, SHORTEST):
         return None
     with single_thread():
         inverse = solve_triangular(factor.r[:k, :k], np.eye(k))

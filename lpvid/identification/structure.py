@@ -5,6 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
+import numpy as np
+
 from lpvid.identification.result import Identification
 from lpvid.record import Record
 
@@ -25,3 +27,10 @@ class Structure(ABC):
     @abstractmethod
     def estimate(self, records: Sequence[Record]) -> Identification:
         """Fit to uniform, finite records of one rate (what `condition.segments` returns)."""
+
+    def coloured_covariance(self, records: Sequence[Record], found: Identification, memory: int) -> np.ndarray | None:
+        """Covariance of the estimate when its residual is correlated over `memory` samples.
+
+        None where the estimator has no such form, has used it already, or the data are too short for it.
+        """
+        return None

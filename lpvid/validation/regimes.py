@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
+THINNED = 100_000
+"""samples from which levels of the scheduling are found."""
+CHUNK = 65_536
+"""samples worked on at once."""
 BANDS = 5
 """frequency bands, equal on a logarithmic scale."""
 LEVELS = 3
@@ -78,53 +82,80 @@ def regimes(stretches: Sequence[Stretch], input_name: str, scheduling: Sequence[
     """
     if not stretches:
         return ()
-    deviation = np.concatenate([s.measured - s.measured.mean() for s in stretches])
-    error = np.concatenate([s.measured - s.model for s in stretches])
-    parts: list[tuple[str, np.ndarray]] = []
-    if all(s.input is not None for s in stretches):
-        u = np.concatenate([s.input for s in stretches])  # type: ignore[misc]
-        if u.min() < 0 < u.max():
-            parts += [(f"{input_name} < 0", u < 0), (f"{input_name} > 0", u > 0)]
-    p = np.vstack([s.scheduling for s in stretches])
-    for column, (name, unit) in enumerate(scheduling):
-        parts += _levels(p[:, column], name, unit)
-    found = [_regime(where, error[mask], deviation[mask], error, mask.mean()) for where, mask in parts if mask.any()]
+    sorters = _sorters(stretches, input_name, scheduling)
+    sums = [np.zeros((len(told), 3)) for told, _ in sorters]  # samples, squared error, squared deviation
+    total, count = 0.0, 0
+    for stretch, mean in _chunks(stretches):
+        squared = (stretch.measured - stretch.model) ** 2
+        power = (stretch.measured - mean) ** 2
+        total, count = total + float(squared.sum()), count + squared.size
+        for table, (told, group_of) in zip(sums, sorters, strict=True):
+            group = group_of(stretch)
+            for column, values in enumerate((np.ones(squared.size), squared, power)):
+                table[:, column] += np.bincount(group, weights=values, minlength=len(told))
+    every = total if total > 0 else 1.0
+    found = [Regime(where, row[0] / count, row[1] / every, row[1] / row[2] if row[2] > 0 else None)
+             for table, (told, _) in zip(sums, sorters, strict=True)
+             for where, row in zip(told, table.tolist(), strict=True) if row[0] > 0]
     return (*found, *_bands(stretches, sample_time))
 
 
-def _regime(where: str, error: np.ndarray, deviation: np.ndarray, every: np.ndarray, share: float) -> Regime:
-    power, total = float(deviation @ deviation), float(every @ every)
-    squared = float(error @ error)
-    return Regime(where, float(share), squared / total if total > 0 else 0.0, squared / power if power > 0 else None)
+def _chunks(stretches: Sequence[Stretch]) -> Iterator[tuple[Stretch, float]]:
+    """Pieces of stretches, each with its stretch's mean, so that no temporary is as long as a record."""
+    for s in stretches:
+        mean = float(s.measured.mean())
+        for first in range(0, len(s.measured), CHUNK):
+            part = slice(first, first + CHUNK)
+            yield Stretch(s.measured[part], s.model[part], None if s.input is None else s.input[part],
+                          s.scheduling[part]), mean
 
 
-def _levels(values: np.ndarray, name: str, unit: str) -> list[tuple[str, np.ndarray]]:
-    """Each distinct value where there are few, groups of equal size otherwise."""
+Sorter = tuple[list[str], Callable[[Stretch], np.ndarray]]
+"""Names of some groups, and the group of every sample of a stretch."""
+
+
+def _sorters(stretches: Sequence[Stretch], input_name: str, scheduling: Sequence[tuple[str, str]]) -> list[Sorter]:
+    sorters: list[Sorter] = []
+    if all(s.input is not None for s in stretches):
+        low = min(float(s.input.min()) for s in stretches)  # type: ignore[union-attr]
+        high = max(float(s.input.max()) for s in stretches)  # type: ignore[union-attr]
+        if low < 0 < high:
+            sorters.append(([f"{input_name} < 0", f"{input_name} >= 0"],
+                            lambda s: (s.input >= 0).astype(np.intp)))  # type: ignore[operator]
+    step = max(1, sum(len(s.measured) for s in stretches) // THINNED)
+    for column, (name, unit) in enumerate(scheduling):
+        values = np.concatenate([s.scheduling[::step, column] for s in stretches])
+        sorters += _levels(values, column, name, unit)
+    return sorters
+
+
+def _levels(values: np.ndarray, column: int, name: str, unit: str) -> list[Sorter]:
+    """Each distinct value where there are few, groups of about equal size otherwise."""
     tag = f" {unit}" if unit else ""
     distinct = np.unique(np.round(values, 9))
     if distinct.size == 1:
         return []
     if distinct.size <= LEVELS:
-        return [(f"{name} = {x:.4g}{tag}", np.isclose(values, x, rtol=0, atol=1e-8)) for x in distinct]
-    edges = np.unique(np.quantile(values, np.linspace(0, 1, LEVELS + 1)[1:-1]))
-    edges = edges[(edges > values.min()) & (edges <= values.max())]
-    if not edges.size:
-        return []
-    told = [f"{name} < {edges[0]:.4g}{tag}",
-            *(f"{a:.4g} <= {name} < {b:.4g}{tag}" for a, b in itertools.pairwise(edges)),
-            f"{edges[-1]:.4g}{tag} <= {name}"]
-    group = np.searchsorted(edges, values, side="right")
-    return [(where, group == i) for i, where in enumerate(told)]
+        edges = 0.5 * (distinct[:-1] + distinct[1:])
+        told = [f"{name} = {x:.4g}{tag}" for x in distinct]
+    else:
+        edges = np.unique(np.quantile(values, np.linspace(0, 1, LEVELS + 1)[1:-1]))
+        edges = edges[(edges > values.min()) & (edges <= values.max())]
+        if not edges.size:
+            return []
+        told = [f"{name} < {edges[0]:.4g}{tag}", *(f"{a:.4g} <= {name} < {b:.4g}{tag}" for a, b in pairwise(edges)),
+                f"{edges[-1]:.4g}{tag} <= {name}"]
+    return [(told, lambda s: np.searchsorted(edges, s.scheduling[:, column], side="right"))]
 
 
 def _bands(stretches: Sequence[Stretch], sample_time: float) -> list[Regime]:
     """Welch spectra of error and measurement, summed over stretches and over bands."""
     from scipy.signal import welch
 
-    long = [s for s in stretches if len(s.measured) >= 256]
-    if not long:
+    segment = min(1024, max(len(s.measured) for s in stretches))
+    if segment < 64:
         return []
-    segment = min(1024, min(len(s.measured) for s in long))
+    long = [s for s, _ in _chunks(stretches) if len(s.measured) >= segment]
 
     def spectrum(pick: Callable[[Stretch], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         total = np.zeros(segment // 2 + 1)
@@ -139,7 +170,7 @@ def _bands(stretches: Sequence[Stretch], sample_time: float) -> list[Regime]:
     edges = np.geomspace(frequency[1], frequency[-1], BANDS + 1)
     edges[0], edges[-1] = 0.0, np.inf
     found = []
-    for low, high in itertools.pairwise(edges):
+    for low, high in pairwise(edges):
         inside = (frequency >= low) & (frequency < high)
         if not inside.any() or not power[inside].sum() > 0:
             continue

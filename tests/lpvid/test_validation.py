@@ -309,7 +309,7 @@ def test_regimes_find_the_half_where_the_model_is_wrong() -> None:
                                          scheduling=lpv.Scheduling(("p",), (0,), (1,)), inputs=("u",), outputs=("y",))
     found = lpv.validate(model, lpv.Record({"u": u, "p": p, "y": y}, sample_time=0.01), horizons=(3,))
     parts = {r.where: r for r in found.regimes}
-    assert sum(parts[w].error_share for w in ("u < 0", "u > 0")) == pytest.approx(1.0)
+    assert sum(parts[w].error_share for w in ("u < 0", "u >= 0")) == pytest.approx(1.0)
     levels = [r for r in found.regimes if "p" in r.where and "Hz" not in r.where]
     assert sum(r.share for r in levels) == pytest.approx(1.0)
     assert sum(r.error_share for r in found.regimes if "Hz" in r.where) == pytest.approx(1.0)
