@@ -119,8 +119,8 @@ class RightCoprime(Structure):
                 for s, layout in found[:2]]
         best, layout = min(ends, key=lambda pair: pair[0].evaluation.cost)
         return package(bound, best, layout, records,
-                       [f"output error from {len(ends)} of {len(found)} starts, {best.iterations} Levenberg-Marquardt steps; "
-                        f"stopped because {best.why}"], free_coordinates=False)
+                       [f"output error from {len(ends)} of {len(found)} starts, {best.iterations} Levenberg-Marquardt "
+                        f"steps; stopped because {best.why}"], free_coordinates=False)
 
     # -- the warm start -----------------------------------------------------------------------------------------
     def _warm_structure(self, ridge: float, *, lagged: bool) -> ARX:

@@ -4,11 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
 from lpvid import _checks
+from lpvid.identification.state_space_layout import StateSpaceLayout
+from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
+
+
+class ModelLayout(Protocol):
+    """What a result asks of a layout, whatever kind of model it belongs to."""
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        ...
+
+    def fill(self, model: Any, theta: np.ndarray) -> Any:
+        """The model with these parameters in place of its own."""
+        ...
+
+    def read(self, model: Any) -> np.ndarray:
+        """(k,) parameters of a model of this layout."""
+        ...
+
+    def names(self, model: Any) -> tuple[str, ...]:
+        """A readable name of every parameter."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,19 +100,22 @@ class ParameterCloud:
     knows how sure the poles are.
     """
 
-    model: LPVTransferFunction
-    layout: Layout
+    model: Any
+    layout: ModelLayout
     covariance: np.ndarray
 
     @classmethod
-    def of(cls, model: LPVTransferFunction) -> ParameterCloud | None:
+    def of(cls, model: LPVTransferFunction | LPVStateSpace) -> ParameterCloud | None:
         """The cloud that a model's metadata describes, or None when it has none."""
         data = model.metadata.get("parameters")
         if not isinstance(data, Mapping) or "covariance" not in data:
             return None
-        return cls(model, Layout(np.array(data["layout"])), np.array(data["covariance"], dtype=float))
+        table = np.array(data["layout"])
+        layout = (Layout(table) if isinstance(model, LPVTransferFunction)
+                  else StateSpaceLayout(table, tuple(data["labels"])))
+        return cls(model, layout, np.array(data["covariance"], dtype=float))
 
-    def draw(self, rng: np.random.Generator, count: int) -> list[LPVTransferFunction]:
+    def draw(self, rng: np.random.Generator, count: int) -> list:
         """`count` models with parameters drawn from the normal law of the estimate."""
         theta = self.layout.read(self.model)
         values, vectors = np.linalg.eigh(0.5 * (self.covariance + self.covariance.T))

@@ -28,8 +28,10 @@ if TYPE_CHECKING:
 NOISE = ("output", "innovation")
 REFINED = 2
 """starts that are searched from to the end."""
-STABLE_EXCESS = 1.1
-"""cost, relative to the least, at which a model with stable frozen poles is still preferred."""
+NEARLY = 1.05
+"""cost, relative to the least, at which the frozen poles decide between two models."""
+CLEAR = 0.99
+"""frozen radius below which stability is no matter."""
 SCOUTING = 8
 """steps after which the starts are compared."""
 
@@ -43,10 +45,11 @@ class StateSpaceError(Structure):
         x(k+1) = A(p) x + B(p) u [+ f(p)] [+ K(p) e]
         y(k)   = C(p) x [+ D(p) u] [+ g(p)] + e
 
-    Full matrices leave the state coordinates open; each Gauss-Newton step moves only along what the data see, the tangent
-    of the coordinate changes being projected out (Lee & Poolla 1999; McKelvey, Helmersson & Ribarits 2004). The
-    Jacobian comes from the sensitivity recursions, exactly, and is folded into a triangular factor chunk by chunk; every
-    record's initial state is estimated with it.
+    Full matrices leave the state coordinates open; each Gauss-Newton step moves only along what the data see, the
+    tangent of the coordinate changes being projected out (Lee & Poolla 1999; McKelvey, Helmersson & Ribarits 2004).
+    The Jacobian comes from the sensitivity recursions, exactly, and is folded into a triangular factor chunk by chunk;
+    every record's initial state is estimated with it. No step may take a frozen pole out of the unit circle along the
+    training trajectory, and of several ends of nearly the same cost the one with the most stable poles is taken.
 
     Parameters
     ----------
@@ -120,7 +123,7 @@ class StateSpaceError(Structure):
         if tried > REFINED:
             starts = [(said, refine(s.model, layout, s.data, iterations=SCOUTING)) for said, s in starts]
             starts.sort(key=lambda pair: pair[1].evaluation.cost)
-        ends = [(said, refine(s.model, layout, s.data, iterations=self.iterations)) for said, s in starts[:REFINED]]
+        ends = [(said, _further(s, layout, self.iterations)) for said, s in starts[:REFINED]]
         said, best = _preferred(ends)
         note = (f"prediction error ({self.noise}) from {said}, one of {tried} start(s): {best.iterations} "
                 f"Levenberg-Marquardt steps; stopped because {best.why}")
@@ -209,14 +212,16 @@ def _begun(said: str, model: LPVStateSpace, records: Sequence[Record]) -> list[t
     return begun
 
 
+def _further(search: Search, layout: StateSpaceLayout, iterations: int) -> Search:
+    found = refine(search.model, layout, search.data, iterations=iterations)
+    return replace(found, iterations=search.iterations + found.iterations)
+
+
 def _preferred(ends: Sequence[tuple[str, Search]]) -> tuple[str, Search]:
-    """The end of least cost, or one nearly as good whose frozen poles stay in the unit circle."""
-    ranked = sorted(ends, key=lambda pair: pair[1].evaluation.cost)
-    for said, search in ranked:
-        near = search.evaluation.cost <= STABLE_EXCESS * ranked[0][1].evaluation.cost
-        if near and frozen_radius(search.model, search.data) <= 1:
-            return said, search
-    return ranked[0]
+    """Among the ends of nearly the least cost, the one whose frozen poles lie furthest inside the unit circle."""
+    least = min(search.evaluation.cost for _, search in ends)
+    near = [pair for pair in ends if pair[1].evaluation.cost <= NEARLY * least]
+    return min(near, key=lambda pair: max(frozen_radius(pair[1].model, pair[1].data), CLEAR))
 
 
 def _sized(model: LPVStateSpace, data: SearchData) -> LPVStateSpace:

@@ -18,7 +18,8 @@ from lpvid.record import Record
 from lpvid.scheduling import Basis, Scheduling
 
 
-def checked_signals(inputs: str | Sequence[str], outputs: str | Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def checked_signals(inputs: str | Sequence[str],
+                    outputs: str | Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Input and output names as tuples; no channel may be both."""
     named, measured = _checks.names(inputs, "input"), _checks.names(outputs, "output")
     shared = set(named) & set(measured)
@@ -64,7 +65,7 @@ def package(structure: Structure, search: Search, layout: StateSpaceLayout, reco
         said.append(f"{100 * unstable:.2g} % of the training samples have a frozen pole outside the unit circle: "
                     "the run is bounded there by the motion of the scheduling, not by the model")
     return Identification(model, structure, layout, sure.covariance, sure.condition, sure.condition,
-                          search.data.rows, notes=tuple(said))
+                          search.data.rows, notes=tuple(said), covariance_kind="projected Jacobian, white errors")
 
 
 def unstable_share(model: LPVStateSpace, search: Search) -> float:

@@ -53,7 +53,8 @@ class SearchData:
         pieces = []
         for record in records:
             u, p = _signals(model, record)
-            pieces.append((np.array(model.basis.evaluate(p), order="C"), np.array(u), np.array(_outputs(model, record))))
+            phi = np.array(model.basis.evaluate(p), order="C")
+            pieces.append((phi, np.array(u), np.array(_outputs(model, record))))
         y = np.vstack([piece[2] for piece in pieces])
         reach = np.abs(y).max(axis=0)
         spread = np.where(y.std(axis=0) > 1e-12 * reach, y.std(axis=0), np.maximum(reach, 1.0))

@@ -40,10 +40,10 @@ class Subspace(Structure):
         y(k)   = C(p) x [+ D(p) u] [+ g(p)] + e
 
     The output is regressed on words of past inputs, outputs and scheduling, with a penalty found by generalised
-    cross-validation; the states are the leading singular directions of the predicted outputs; all matrices follow from two
-    least squares. No iteration and no local minima, but short of the accuracy of a prediction-error estimate: refine it
-    with `StateSpaceError`. The number of words grows as Mᵖᵃˢᵗ; beyond 600 the regression works with their inner products
-    on at most 2000 rows, and at most 60 000 samples are read (both spread evenly).
+    cross-validation; the states are the leading singular directions of the predicted outputs; all matrices follow
+    from two least squares. No iteration and no local minima, but short of the accuracy of a prediction-error estimate:
+    refine it with `StateSpaceError`. The number of words grows as Mᵖᵃˢᵗ; beyond 600 the regression works with their
+    inner products on at most 2000 rows, and at most 60 000 samples are read (both spread evenly).
 
     Parameters
     ----------
@@ -131,8 +131,8 @@ class Subspace(Structure):
                   *(("state_offset", "output_offset") if self.affine else ()))
         layout = StateSpaceLayout.full(safe, arrays)
         notes.append("standard errors are those of an efficient estimate at this point: a lower bound")
-        return package(replace(self, order=order), Search(safe, evaluate(safe, data), data, 0, "not begun"), layout, records,
-                       notes)
+        end = Search(safe, evaluate(safe, data), data, 0, "not begun")
+        return package(replace(self, order=order), end, layout, records, notes)
 
     # -- the regression -----------------------------------------------------------------------------------------
     def _traces(self, records: Sequence[Record], box: Scheduling) -> tuple[list[Trace], tuple[np.ndarray, np.ndarray]]:

@@ -1,7 +1,8 @@
 """Past data as words of the scheduling: the regression behind a predictor-based LPV subspace estimate.
 
-The predictor's state is linear in the words z(k−v) ⊗ φ(k−v) ⊗ … ⊗ φ(k−1) of the past z = (u, y, 1), v = 1 … past. Their
-number grows as Mᵛ, so two equal estimates stand here: one with the words written out, one with their inner products alone.
+The predictor's state is linear in the words z(k−v) ⊗ φ(k−v) ⊗ … ⊗ φ(k−1) of the past z = (u, y, 1), v = 1 … past.
+Their number grows as Mᵛ, so two equal estimates stand here: one with the words written out, one with their inner
+products alone.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class Trace:
 
 
 class Words(ABC):
-    """Ridge regression of y(k) = Σ_m φ_m(k) [C_m x(k) + …] on words; its λ minimises the generalised cross-validation."""
+    """Ridge regression of y(k) = Σ_m φ_m(k) [C_m x(k) + …] on words, its penalty by generalised cross-validation."""
 
     penalty: float
 
