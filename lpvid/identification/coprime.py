@@ -41,7 +41,8 @@ class RightCoprime(Structure):
     The controllable canonical form of Díaz Salas 2011 (3.8)-(3.13), A(p_k) companion, B constant, C(p_k), realises
     exactly this (equation sheet 5.6 (a)); the transfer function with the same coefficients is another system as soon as
     p moves. What is estimated here *is* that state-space model. The error is minimised over its free run by
-    Levenberg-Marquardt with exact sensitivities, warm-started from least squares (for slow p the coefficients agree).
+    Levenberg-Marquardt with exact sensitivities. It starts from least squares (for slow p the coefficients agree), whose
+    a_i are kept at first and whose numerators are fitted again, a linear problem.
 
     Parameters
     ----------
@@ -113,7 +114,8 @@ class RightCoprime(Structure):
             layout = bound.layout(template)
             data = SearchData.of(records, template)
             theta = bound._from_transfer_function(warm, template, layout)
-            found.append((bound._bounded(template, layout, theta, data), layout))
+            begun = bound._bounded(template, layout, theta, data)
+            found.append((refine(begun.model, layout.outputs, data, iterations=2, free_coordinates=False), layout))
         found.sort(key=lambda pair: pair[0].evaluation.cost)
         ends = [(refine(s.model, layout, s.data, iterations=self.iterations, free_coordinates=False), layout)
                 for s, layout in found[:2]]

@@ -48,6 +48,14 @@ class StateSpaceLayout:
         """Number of parameters."""
         return int(self.table[:, 0].max(initial=-1)) + 1
 
+    @property
+    def outputs(self) -> StateSpaceLayout:
+        """The parameters of the output equation alone: the free run is linear in them."""
+        rows = self.table[self.table[:, 1] >= ARRAYS.index("C")]
+        kept, place = np.unique(rows[:, 0], return_inverse=True)
+        table = np.column_stack([place, rows[:, 1:]])
+        return StateSpaceLayout(table, tuple(self.labels[i] for i in kept) if self.labels else ())
+
     def fill(self, model: LPVStateSpace, theta: np.ndarray) -> LPVStateSpace:
         """The model with these parameters in place of its own; all other entries stay."""
         return model.replace(**self.arrays(model, theta))
