@@ -118,7 +118,13 @@ def read_records(paths: Sequence[str], *, roles: Sequence[str] | None = None, fl
     """
     from lpvid.files import read
 
-    records = read(paths, roles=parse_roles(roles), sample_rate=sample_rate)
+    mapping = parse_roles(roles)
+    try:
+        records = read(paths, roles=mapping)
+    except InputError:
+        if sample_rate is None:
+            raise
+        records = read(paths, roles=mapping, sample_rate=sample_rate)  # files that have no clock of their own
     for name in split_names(flip):
         records = [r.flip(name) for r in records]
     return records

@@ -172,6 +172,7 @@ def _leak_note(pieces: Sequence[Record], held_out: Sequence[Record], found: Iden
     """Whether the held-out excitation already occurred in the training data."""
     from lpvid.condition import leaks
     from lpvid.report.figures import comparisons
+    from lpvid.report.identification import LEAK
 
     if not held_out or sum(r.n_samples for r in pieces) > LEAK_SAMPLES:
         return ()
@@ -180,5 +181,4 @@ def _leak_note(pieces: Sequence[Record], held_out: Sequence[Record], found: Iden
     part = leaks(pieces, kept, name)
     if part is None or part < 0.05:
         return ()
-    return (f"{100 * part:.0f} % of the held-out {name} also occurs in the training data: the held-out figures test "
-            "less than they seem to",)
+    return (f"{100 * part:.0f} % of the held-out {name} also occurs in the training data: {LEAK}",)

@@ -85,7 +85,7 @@ def thinned(x: np.ndarray, y: np.ndarray, most: int = DENSE) -> tuple[np.ndarray
     Examples
     --------
     >>> x, y = thinned(np.arange(1000.0), np.sin(np.arange(1000.0)), most=100)
-    >>> x.size, float(y.max()) == np.sin(np.arange(1000.0)).max()
+    >>> x.size, bool(y.max() == np.sin(np.arange(1000.0)).max())
     (100, True)
     """
     if x.size <= most:

@@ -16,6 +16,8 @@ from lpvid.report.stability import locus_items
 from lpvid.validation import Validation
 
 MOST_PARAMETERS = 200
+LEAK = "the held-out figures test less than they seem to"
+"""How a note ends that says the held-out excitation has been seen in training."""
 
 
 def identification_page(found: Identification, shown: Sequence[Comparison], gaps: Sequence[FormGap],
@@ -64,6 +66,7 @@ def _caveats(found: Identification) -> tuple[str, ...]:
     lines = []
     if found.held_out is None:
         lines.append("All figures are on training data: nothing was held out, so they say little about other data.")
+    lines += [f"{n[:1].upper()}{n[1:]}." for n in found.notes if n.endswith(LEAK)]
     judged = found.held_out or found.training
     if judged is not None and any(not t.passed for t in judged.residual_tests):
         lines.append("The one-step residuals are not white: the standard errors, which assume white equation error, "

@@ -11,6 +11,9 @@ from lpvid.record import Record
 from lpvid.report.page import Figure, Item, Mark, Page, Section, Table, listing, number
 
 SHOWN_RECORDS = 3
+"""Records drawn over time."""
+SHOWN_ALIKE = 2
+"""Findings of one kind that are spelled out."""
 _MARKS: dict[str, Mark] = {"fault": "bad", "warning": "warn", "note": "plain"}
 
 
@@ -39,15 +42,23 @@ def inspection_page(audit: Audit, records: Sequence[Record], channels: Sequence[
 
 
 def findings_table(audit: Audit) -> Item:
-    """Findings with their evidence and mend; those of one name stand together."""
+    """Findings with their evidence and mend, gravest first; of one kind at most `SHOWN_ALIKE` are spelled out."""
     rows: list[tuple[str, ...]] = []
     marks: list[Mark] = []
-    for finding in audit.findings:
-        where = " · ".join(part for part in (finding.record, finding.channel) if part) or "whole data set"
-        rows.append((finding.name, finding.severity, where, finding.evidence, finding.mend or "–"))
-        marks.append(_MARKS[finding.severity])
+    kinds = dict.fromkeys((f.severity, f.name) for f in audit.findings)
+    for severity, name in kinds:
+        alike = [f for f in audit.findings if (f.severity, f.name) == (severity, name)]
+        shown = alike if len(alike) <= SHOWN_ALIKE + 1 else alike[:SHOWN_ALIKE]
+        for finding in shown:
+            where = " · ".join(part for part in (finding.record, finding.channel) if part) or "whole data set"
+            rows.append((name, severity, where, finding.evidence, finding.mend or "–"))
+        if len(shown) < len(alike):
+            others = [" · ".join(part for part in (f.record, f.channel) if part) for f in alike[len(shown):]]
+            rows.append((name, severity, f"{len(others)} more", listing(others, 12), "as above"))
+        marks += [_MARKS[severity]] * (len(rows) - len(marks))
     if not rows:
-        rows, marks = [("none", "–", "whole data set", "no check found anything", "–")], ["good"]
+        rows.append(("none", "–", "whole data set", "no check found anything", "–"))
+        marks.append("good")
     return Table(("finding", "severity", "where", "evidence", "mend"), tuple(rows), marks=tuple(marks))
 
 
@@ -57,7 +68,9 @@ def _records_table(records: Sequence[Record]) -> Table:
         rate = number(1 / r.time_base.period, 6) if r.time_base.period > 0 else "–"
         channels = ", ".join(f"{k} [{c.unit or '1'}]" for k, c in r.channels.items())
         rows.append((r.name, f"{r.n_samples:,}", rate, channels, "; ".join(r.notes) or "–"))
-    return Table(("record", "samples", "rate [Hz]", "channels", "remarks"), tuple(rows), numeric=(1, 2))
+    columns = ("record", "samples", "rate [Hz]", "channels", "remarks")
+    width = 5 if any(r.notes for r in records) else 4
+    return Table(columns[:width], tuple(row[:width] for row in rows), numeric=(1, 2))
 
 
 def _rates(records: Sequence[Record]) -> str:

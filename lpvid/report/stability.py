@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid import _checks, plot
 from lpvid.analysis.certificates import Rate, certify_stability
-from lpvid.analysis.frozen import CAVEAT
+from lpvid.analysis.frozen import CAVEAT, Model
 from lpvid.analysis.frozen_stability import FrozenStability, frozen_stability
 from lpvid.analysis.pole_locus import PoleLocus, pole_locus
 from lpvid.analysis.stability_certificate import StabilityCertificate
@@ -18,7 +18,6 @@ from lpvid.identification.layout import ParameterCloud
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.report.page import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number, percent
 from lpvid.scheduling import Scheduling
-from lpvid.simulation import Model
 
 DRAWS = 300
 """Models drawn from the parameter covariance."""

@@ -339,3 +339,28 @@ def test_rates_and_ranges():
     assert words.interval("-1:2", "--range") == ("", (-1.0, 2.0))
     with pytest.raises(InputError, match="NAME=R"):
         words.rates(["p=1", "2"], ["p", "q"])
+
+
+def test_sample_rate_of_a_file_without_clock(tmp_path):
+    s = true_system(600)
+    file = write(tmp_path / "bare.csv", "velocity [m/s],current [A],force [N]", *s.values())
+    run("identify", file, "--schedule", "current", code=2)
+    told = json.loads(run("identify", file, "--schedule", "current", "--na", 1, "--nb", 2, "--nk", 0, "--sample-rate",
+                          200, "--json").stdout)
+    assert told["training"]["overall"]["free_run"]["esr"] < 1e-20
+
+
+def test_an_interrupt_from_the_keyboard(tmp_path):
+    """A real signal to a real process, while it works: 130, one line, nothing written."""
+    program = ("import os, signal, threading, lpvid.auditing as a\n"
+               "def slow(*_, **__):\n"
+               "    os.kill(os.getpid(), signal.SIGINT)\n"
+               "    threading.Event().wait(20)\n"
+               "a.audit = slow\n"
+               "from lpvid.cli import main\n"
+               "main()")
+    file = measured(tmp_path / "run.csv", 50)
+    done = subprocess.run([sys.executable, "-c", program, "inspect", str(file), "--out", str(tmp_path / "o")],
+                          capture_output=True, text=True, timeout=30, check=False)
+    assert done.returncode == 130 and done.stderr == "interrupted: nothing was written\n" and done.stdout == ""
+    assert [p.name for p in tmp_path.iterdir()] == ["run.csv"]
