@@ -51,3 +51,8 @@ def test_critical_current(tmp_path: Path) -> None:
 def test_gyroscope(shared_data: Path, tmp_path: Path) -> None:
     fit = load("gyroscope").main(str(shared_data / "gyroscope" / "estimation.csv"), str(tmp_path / "gyroscope.json"))
     assert fit >= 94.0
+
+
+def test_fixed_voltage(shared_data: Path) -> None:
+    data = shared_data / "mr_damper_fixed_voltage" / "estimation.csv"
+    assert load("fixed_voltage").main(str(data)) >= 91.0

@@ -50,7 +50,7 @@ class ComplianceModel(SelfScheduled):
         y(k) = Σ_e F_e(k) + Σ_j d_j v(k−j) + Σ_q s_q x_q(k) + offset
         Ḟ_e = k_e (v − w_e),  F_e = F_{s,e}(w_e, i)  ⇔  Ḟ_e = k_e (v − ρ_e F_e),  ρ_e = g_e(F_e, i)/F_e > 0
 
-    g, the inverse of F_s in w, is the law by which fluid passes: first-order LPV in its own force, with the pole −k_h ρ.
+    g, the inverse of F_s in w, is the law by which fluid passes: first-order LPV in its own force, with pole −k_h ρ.
     F_s is piecewise linear on `knots`, rising and zero at w = 0 by construction, for every current a convex mixture of
     rising laws. Two such elements in series are one (1/k_h and g add up), so that several elements stand in parallel.
 

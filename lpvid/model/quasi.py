@@ -232,7 +232,7 @@ class QuasiLPVModel(SelfScheduled):
                 np.ascontiguousarray(drive))
 
     @property
-    def kernel_settings(self) -> tuple:
+    def kernel_settings(self) -> tuple[int, np.ndarray, np.ndarray, np.ndarray, float, int]:
         """Own functions, parameters and feedback in the order of the compiled loops."""
         if isinstance(self.own, Spline):
             kind, knots = 0, np.array(self.own.knots)

@@ -1,0 +1,184 @@
+"""Least squares on the free run of a self-scheduled model, with a prior that counts as so many equations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from lpvid.identification.result import COVARIANCE_LIMIT, Identification
+from lpvid.identification.sandwich import residual_memory
+from lpvid.identification.structure import Structure
+from lpvid.model.quasi import SelfScheduled
+from lpvid.model.scheduling_stage import FITTED, SchedulingStage
+from lpvid.record import Record
+
+MAX_DAMPING = 1e12
+LONGEST_STEP = 1.5
+"""no parameter moves by more than this many of its scales in one step."""
+NUDGE = 1e-6
+"""relative step of the difference quotient by a scheduling filter's parameters."""
+
+Piece = tuple[np.ndarray, np.ndarray | None]
+
+
+class Problem(Protocol):
+    """What is minimised: errors record by record at a parameter vector, with their exact Jacobian on request."""
+
+    def pieces(self, x: np.ndarray, jacobian: bool) -> Iterable[Piece]:
+        """(n,) errors ŷ − y and (n, k) ∂ŷ/∂x of every record; an error that is not finite marks divergence."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Rows W and values t of equations W x = t in the output's unit, each as sure as one sample."""
+
+    rows: np.ndarray
+    values: np.ndarray
+
+    def error(self, x: np.ndarray) -> np.ndarray:
+        """W x − t."""
+        return self.rows @ x - self.values
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Where a search ended: parameters, cost with prior, Gauss-Newton matrix, iterations, and why it stopped."""
+
+    x: np.ndarray
+    cost: float
+    first_cost: float
+    gram: np.ndarray
+    iterations: int
+    why: str
+
+
+def minimise(problem: Problem, prior: Prior, start: np.ndarray, scales: np.ndarray, *, max_iterations: int,
+             tolerance: float) -> Found | None:
+    """Levenberg-Marquardt from `start`; None where the free run diverges there.
+
+    A trial whose run diverges, or whose cost does not fall, is refused and the damping grows, so that the search cannot
+    leave the set of models that run. Columns are scaled; no step is longer than `LONGEST_STEP` scales.
+    """
+    x = np.array(start, dtype=float)
+    cost = _cost(problem, prior, x)
+    if not np.isfinite(cost):
+        return None
+    first, damping, small = cost, 1e-2, 0
+    gram, gradient = _normal(problem, prior, x)
+    why, iteration = "the limit of iterations", 0
+    while iteration < max_iterations:
+        scaled = gram * np.outer(scales, scales)
+        diagonal = np.diag(scaled)
+        lift = damping * np.maximum(diagonal, 1e-10 * diagonal.max(initial=1e-300))
+        move = -np.linalg.lstsq(scaled + np.diag(lift), scales * gradient, rcond=1e-14)[0]
+        move *= min(1.0, LONGEST_STEP / max(float(np.abs(move).max(initial=0.0)), 1e-300))
+        trial = x + scales * move
+        new = _cost(problem, prior, trial)
+        if new < cost:
+            iteration += 1
+            fall, x, cost = (cost - new) / max(cost, 1e-300), trial, new
+            damping = max(damping / 5, 1e-10)
+            gram, gradient = _normal(problem, prior, x)
+            small = small + 1 if fall < tolerance else 0
+            if small >= 2 or fall == 0:
+                why = "the cost no longer falls"
+                break
+        else:
+            damping *= 4
+            if damping > MAX_DAMPING:
+                why = "no shorter step helps"
+                break
+    return Found(x, cost, first, gram, iteration, why)
+
+
+def _cost(problem: Problem, prior: Prior, x: np.ndarray) -> float:
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = float(np.sum(prior.error(x) ** 2))
+        for error, _ in problem.pieces(x, False):
+            total += float(error @ error)
+    return total if np.isfinite(total) else np.inf
+
+
+def _normal(problem: Problem, prior: Prior, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    gram, gradient = prior.rows.T @ prior.rows, prior.rows.T @ prior.error(x)
+    for error, jacobian in problem.pieces(x, True):
+        assert jacobian is not None
+        gram += jacobian.T @ jacobian
+        gradient += jacobian.T @ error
+    return gram, gradient
+
+
+def covariance(problem: Problem, found: Found) -> tuple[np.ndarray, float]:
+    """Sandwich H⁻¹ S H⁻¹ of the estimate, and the mean squared error of the free run.
+
+    S sums the lagged products of the scores J(t) e(t) with Bartlett weights over the residual's memory (Newey & West
+    1987): a free run's error is never white. H holds the prior's equations too.
+    """
+    pieces = list(problem.pieces(found.x, True))
+    memory = residual_memory([e for e, _ in pieces])
+    total = np.zeros_like(found.gram)
+    for error, jacobian in pieces:
+        assert jacobian is not None
+        scores = jacobian * error[:, None]
+        total += scores.T @ scores
+        for lag in range(1, min(memory, len(scores) - 1) + 1):
+            product = (1 - lag / (memory + 1)) * (scores[lag:].T @ scores[:-lag])
+            total += product + product.T
+    scale = np.sqrt(np.maximum(np.diag(found.gram), 1e-300))
+    inverse = np.linalg.pinv(found.gram / np.outer(scale, scale), rcond=1e-12, hermitian=True) / np.outer(scale, scale)
+    rows = sum(len(e) for e, _ in pieces)
+    return inverse @ total @ inverse, sum(float(e @ e) for e, _ in pieces) / max(rows, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class VectorLayout:
+    """Layout of a self-scheduled model: its parameters in the order of its `vector`."""
+
+    size: int
+
+    def fill(self, model: SelfScheduled, theta: np.ndarray) -> SelfScheduled:
+        """The model with these parameters."""
+        return model.with_vector(theta)
+
+    def read(self, model: SelfScheduled) -> np.ndarray:
+        """(k,) parameters of a model."""
+        return model.vector
+
+    def names(self, model: SelfScheduled) -> tuple[str, ...]:
+        """(k,) their names."""
+        return model.parameter_names
+
+    def to_list(self) -> list[int]:
+        """Plain data for JSON."""
+        return list(range(self.size))
+
+
+def package(structure: Structure, model: SelfScheduled, problem: Problem, found: Found, records: Sequence[Record],
+            notes: Sequence[str]) -> Identification:
+    """The Identification of a search's end, with covariance and metadata."""
+    size = model.vector.size
+    spread, variance = covariance(problem, found)
+    rows = sum(r.n_samples - model.start for r in records)
+    metadata: dict = {"structure": structure.to_dict(),  # type: ignore[attr-defined]
+                      "training": {"records": [r.name for r in records], "n_samples": rows}}
+    if size <= COVARIANCE_LIMIT:
+        metadata["standard_errors"] = np.sqrt(np.maximum(np.diag(spread)[:size], 0.0)).tolist()
+    scale = np.sqrt(np.maximum(np.diag(found.gram), 1e-300))
+    conditions = [float(np.linalg.cond(g)) ** 0.5 for g in (found.gram, found.gram / np.outer(scale, scale))]
+    model = model.replace(noise_variance=variance, metadata=metadata)
+    said = (f"free-run search: {found.iterations} iterations, cost {found.first_cost:.4g} to {found.cost:.4g}; "
+            f"{found.why}")
+    kind = "sandwich over the free run's coloured error, with the prior's equations"
+    return Identification(model, structure, VectorLayout(size), spread[:size, :size], conditions[0],  # type: ignore[arg-type]
+                          conditions[1], rows, notes=(*notes, said), covariance_kind=kind)
+
+
+def wanted_filter(schedule_filter: SchedulingStage | str | None, sample_time: float) -> SchedulingStage | None:
+    """The filter to start from: the first start of a named one."""
+    if isinstance(schedule_filter, str):
+        return FITTED[schedule_filter].starts(sample_time)[0]
+    return schedule_filter

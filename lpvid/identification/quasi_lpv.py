@@ -1,0 +1,329 @@
+"""Quasi-LPV: an input-output model scheduled on its own simulated output, fitted to its free run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid._threads import single_thread
+from lpvid.errors import InputError, NumericalError
+from lpvid.identification.arx import _moves, scheduling_box
+from lpvid.identification.free_run_search import NUDGE, Found, Piece, Prior, minimise, package, wanted_filter
+from lpvid.identification.result import Identification
+from lpvid.identification.structure import Structure
+from lpvid.model.quasi import ON, QuasiLPVModel, checked_own
+from lpvid.model.scheduling_stage import FITTED, SchedulingStage
+from lpvid.model.signals import Signal
+from lpvid.record import Record
+from lpvid.scheduling import Basis, Polynomial, Scheduling, Spline
+
+TRIALS = (0.2, 0.0, 0.6)
+"""starting trial weights, in units of output spread over input spread."""
+DIVERGED = 1e6
+"""a training run that exceeds this many times the largest output is given up."""
+
+
+@dataclass(frozen=True)
+class QuasiLPV(Structure):
+    """LPV input-output structure whose scheduling variable is simulated along with it.
+
+    The equations stand at `lpvid.model.quasi.QuasiLPVModel`. Its start is the least squares of one step; then the
+    prediction error of the free run is minimised by Levenberg-Marquardt with exact sensitivities, which carry the path
+    ∂φ/∂ρ·∂ρ/∂θ through the scheduling variable. A step whose run leaves all bounds is refused.
+
+    With na = 0 (the default) and hat functions, the output is a convex mixture of finitely many linear functions of the
+    input's recent past: bounded for every bounded input, whatever the data were (`QuasiLPVModel.output_bound`). All
+    memory beyond the input lags then lives in the scheduling variable.
+
+    Parameters
+    ----------
+    na : int
+        Linear output lags. With na > 0, certify ``model.embedding()``.
+    nb, nk : int or one per input
+        Number of input lags, and the first of them.
+    input, output : str or sequence of str
+        Channels; one output.
+    basis : Basis
+        `Spline(output, segments, order=1)` (hat functions) or `Polynomial(output, degree)` of the scheduling variable,
+        named like the output, or like the first input for on="input".
+    on : {"output", "trial", "input"}
+        ρ = y(k−1); y(k−1) plus fitted weights on the first input (the trial force of a yielding element); u(k−1).
+    trial : int
+        Input lags in the trial variable.
+    external : Basis, optional
+        Dependence on a measured scheduling variable, multiplied with `basis`.
+    schedule_filter : None, name or SchedulingStage
+        Filter on the measured scheduling variable; a name is fitted along.
+    smoothness : float
+        Weight of the second differences of neighbouring hat coefficients, in equivalent samples: a prior, for ranges
+        that the data do not visit.
+    ridge : float
+        Weight of every coefficient itself, in equivalent samples.
+    oddness : float
+        Weight of the odd symmetry y(−u) = −y(u), in equivalent samples; the hats then stand symmetrically.
+    max_iterations : int
+    tolerance : float
+        Stop when the cost falls by less than this share.
+
+    Examples
+    --------
+    >>> QuasiLPV(nb=4, input="velocity", output="force", basis=Spline("force", segments=10, order=1)).start
+    3
+    """
+
+    na: int = 0
+    nb: int | tuple[int, ...] = 4
+    nk: int | tuple[int, ...] = 0
+    input: str | tuple[str, ...] = "velocity"
+    output: str | tuple[str, ...] = "force"
+    basis: Basis = field(default_factory=lambda: Spline("force", segments=8, order=1))
+    on: str = "output"
+    trial: int = 1
+    external: Basis = field(default_factory=Polynomial)
+    schedule_filter: SchedulingStage | str | None = None
+    smoothness: float = 4.0
+    ridge: float = 0.1
+    oddness: float = 0.0
+    max_iterations: int = 80
+    tolerance: float = 1e-6
+
+    def __post_init__(self) -> None:
+        set_ = object.__setattr__
+        set_(self, "input", _checks.names(self.input, "input"))
+        set_(self, "output", _checks.names(self.output, "output"))
+        if len(self.output) != 1 or self.output[0] in self.input:
+            raise InputError("a quasi-LPV structure has one output that is no input", got=", ".join(self.output))
+        _checks.count(self.na, "na")
+        set_(self, "nb", _checks.counts(self.nb, len(self.input), "nb", at_least=1))
+        set_(self, "nk", _checks.counts(self.nk, len(self.input), "nk"))
+        _checks.one_of(self.on, ON, "on")
+        _checks.count(self.trial, "trial", at_least=1)
+        _checks.count(self.max_iterations, "max_iterations")
+        checked_own(self.basis)
+        own = self.input[0] if self.on == "input" else self.output[0]
+        if self.basis.names != (own,):
+            raise InputError(f"a quasi-LPV structure on='{self.on}' has a basis of '{own}'",
+                             got=", ".join(self.basis.names))
+        if isinstance(self.schedule_filter, str):
+            _checks.one_of(self.schedule_filter, tuple(FITTED), "schedule_filter")
+        if self.schedule_filter is not None and not self.external.names:
+            raise InputError("a scheduling filter needs a measured scheduling variable", mend="give an external basis")
+        for name in ("smoothness", "ridge", "oddness"):
+            if not _checks.real(getattr(self, name), name) >= 0:
+                raise InputError(f"{name} must not be negative", got=getattr(self, name))
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys((*self.input, *self.output, *self.external.names)))
+
+    @property
+    def start(self) -> int:
+        lags = zip(self._tuple(self.nb), self._tuple(self.nk), strict=True)
+        trial = self._tuple(self.nk)[0] + self.trial - 1 if self.on == "trial" else 0
+        return max(self.na, 1, trial, *(b + k - 1 for b, k in lags))
+
+    @staticmethod
+    def _tuple(value: int | tuple[int, ...]) -> tuple[int, ...]:
+        assert isinstance(value, tuple)
+        return value
+
+    # -- estimate -----------------------------------------------------------------------------------------------
+    def estimate(self, records: Sequence[Record]) -> Identification:
+        for name in (*self.input, *self.output):
+            _moves(records, name, "input" if name in self.input else "output")
+        box = scheduling_box(records, self.external)
+        with single_thread():
+            tried = [t for k in self._kappas(records) if (t := self._from(records, box, k)) is not None]
+            if not tried:
+                raise NumericalError("every start of the quasi-LPV search diverges in free run; lower the degree, or "
+                                     "use hat functions with na=0, which cannot diverge")
+            problem, found = min(tried, key=lambda t: t[1].cost)
+            note = () if len(tried) < 2 else (f"best of {len(tried)} starts",)
+            return package(self, problem.model_at(found.x), problem, found, records, note)
+
+    def _kappas(self, records: Sequence[Record]) -> list[np.ndarray]:
+        if self.on != "trial":
+            return [np.zeros(0)]
+        y, u = (np.concatenate([r[n] for r in records]) for n in (self.output[0], self.input[0]))
+        unit = float(np.std(y) / np.std(u)) * np.sign(np.corrcoef(y, u)[0, 1] or 1.0)
+        return [np.append(share * unit, np.zeros(self.trial - 1)) for share in TRIALS]
+
+    def _from(self, records: Sequence[Record], box: Scheduling,
+              kappa: np.ndarray) -> tuple[QuasiProblem, Found] | None:
+        """One search from trial weights `kappa`."""
+        assert records[0].sample_time is not None
+        external = self.external.bound(box) if box.names else self.external
+        stage = wanted_filter(self.schedule_filter, records[0].sample_time)
+        nb, nk = self._tuple(self.nb), self._tuple(self.nk)
+        shape = (self.basis.size, external.size, self.na + sum(nb) + 1)
+        model = QuasiLPVModel(np.zeros(shape), self.basis.bound(self._range(records, kappa)), self.na, nb, nk,
+                              records[0].sample_time, tuple(Signal(n, records[0].unit(n)) for n in self.input),
+                              (Signal(self.output[0], records[0].unit(self.output[0])),), self.on, kappa, external, box,
+                              stage)
+        problem = QuasiProblem.of(records, model, isinstance(self.schedule_filter, str))
+        scales, prior = self._prior(problem)
+        start = problem.one_step(prior)
+        found = minimise(problem, prior, start, scales, max_iterations=self.max_iterations, tolerance=self.tolerance)
+        if found is None and self.na:  # a start that runs: without feedback through the linear lags
+            calm = start.copy()
+            theta = calm[: model.theta.size].reshape(shape)
+            theta[:, :, : self.na] *= 0.5
+            found = minimise(problem, prior, calm, scales, max_iterations=self.max_iterations,
+                             tolerance=self.tolerance)
+        return None if found is None else (problem, found)
+
+    def _range(self, records: Sequence[Record], kappa: np.ndarray) -> Scheduling:
+        """Range of the scheduling variable along the measured training data."""
+        name = self.basis.names[0]
+        low, high = np.inf, -np.inf
+        for r in records:
+            rho = np.array(r[name][self.start - 1: -1])
+            for j, weight in enumerate(kappa):
+                first = self.start - self._tuple(self.nk)[0] - j
+                rho += weight * r[self.input[0]][first: first + rho.size]
+            low, high = min(low, float(rho.min())), max(high, float(rho.max()))
+        if self.oddness:
+            high = max(-low, high)
+            low = -high
+        return Scheduling((name,), (low,), (high,))
+
+    def _prior(self, problem: QuasiProblem) -> tuple[np.ndarray, Prior]:
+        """Scales of the parameters, and the prior's equations in units of the output."""
+        model, m = problem.model, self.basis.size
+        _, e, r = model.theta.shape
+        regressors = np.vstack([rows[model.start:] for rows in problem.measured_rows()])
+        size = np.sqrt(np.maximum(np.mean(regressors**2, axis=0), 1e-300))
+        unit = np.kron(np.eye(e), np.diag(size))
+        blocks = [np.sqrt(self.ridge) * np.kron(np.eye(m), unit)]
+        hats = isinstance(self.basis, Spline)
+        if hats and m > 2:
+            blocks.append(np.sqrt(self.smoothness) * np.kron(np.diff(np.eye(m), 2, axis=0), unit))
+        if self.oddness:
+            constant = np.kron(np.eye(e), np.diag(np.arange(r) == r - 1)).astype(float)
+            mirror = np.eye(m)[::-1] if hats else np.diag((-1.0) ** np.arange(m))
+            for keep, sign in ((constant, 1.0), (np.eye(e * r) - constant, -1.0)):
+                blocks.append(np.sqrt(self.oddness) * 0.5 * np.kron(np.eye(m) + sign * mirror, keep @ unit))
+        rows = np.vstack(blocks)
+        extra = model.kappa.size + problem.filter_size
+        scales = np.tile(1 / size, m * e)
+        trial = np.full(model.kappa.size, float(np.std(problem.outputs[0])) * 0.1 / size[self.na])
+        own = problem.filter_scales
+        return np.concatenate([scales, trial, own]), Prior(np.hstack([rows, np.zeros((len(rows), extra))]),
+                                                           np.zeros(len(rows)))
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        lag = self.schedule_filter
+        return {"kind": "quasi-lpv", "na": self.na, "nb": list(self._tuple(self.nb)), "nk": list(self._tuple(self.nk)),
+                "input": list(self.input), "output": list(self.output), "basis": self.basis.to_dict(), "on": self.on,
+                "trial": self.trial, "external": self.external.to_dict(),
+                "schedule_filter": lag.to_dict() if isinstance(lag, SchedulingStage) else lag,
+                "smoothness": self.smoothness, "ridge": self.ridge, "oddness": self.oddness}
+
+
+@dataclass(frozen=True, eq=False)
+class QuasiProblem:
+    """Free-run errors of a quasi-LPV model over records, and their exact Jacobian.
+
+    The parameter vector is the model's, then the filter's where that is fitted (its columns are difference quotients).
+    """
+
+    model: QuasiLPVModel
+    inputs: tuple[np.ndarray, ...]
+    outputs: tuple[np.ndarray, ...]
+    scheduling: tuple[np.ndarray, ...]
+    free_filter: bool
+
+    @classmethod
+    def of(cls, records: Sequence[Record], model: QuasiLPVModel, free_filter: bool) -> QuasiProblem:
+        """Read the records once."""
+        return cls(model, tuple(np.ascontiguousarray(r.matrix([s.name for s in model.inputs])) for r in records),
+                   tuple(np.array(r[model.outputs[0].name]) for r in records),
+                   tuple(r.matrix(list(model.box.names)) for r in records), free_filter)
+
+    @property
+    def filter_size(self) -> int:
+        """Number of fitted filter parameters."""
+        return self.filter_scales.size
+
+    @property
+    def filter_scales(self) -> np.ndarray:
+        """Search steps of the filter's parameters."""
+        stage = self.model.scheduling_stage
+        return stage.scales() if self.free_filter and stage is not None else np.zeros(0)
+
+    def model_at(self, x: np.ndarray) -> QuasiLPVModel:
+        """The model at a parameter vector."""
+        cut = x.size - self.filter_size
+        model = self.model.with_vector(x[:cut])
+        if self.filter_size:
+            assert model.scheduling_stage is not None
+            model = model.replace(scheduling_stage=model.scheduling_stage.with_vector(x[cut:]))
+        return model
+
+    def _scheduling(self, model: QuasiLPVModel, p: np.ndarray) -> np.ndarray:
+        return p if model.scheduling_stage is None else model.scheduling_stage.apply(p, model.sample_time)
+
+    def measured_rows(self) -> Iterator[np.ndarray]:
+        """Regressors with measured outputs in the output columns."""
+        for u, y, p in zip(self.inputs, self.outputs, self.scheduling, strict=True):
+            _, rows, _ = self.model.arrays(u, p)
+            for i in range(self.model.na):
+                rows[i + 1:, i] = -y[: -i - 1]
+            yield rows
+
+    def one_step(self, prior: Prior) -> np.ndarray:
+        """Least squares of one step on measured outputs, at the model's trial weights and filter."""
+        model = self.model
+        gram, right = prior.rows.T @ prior.rows, prior.rows.T @ prior.values
+        gram, right = gram[: model.theta.size, : model.theta.size], right[: model.theta.size]
+        weights = np.ones(1) if model.on == "input" else model.kappa
+        for u, y, p, rows in zip(self.inputs, self.outputs, self.scheduling, self.measured_rows(), strict=True):
+            phi, _, drive = model.arrays(u, self._scheduling(model, p))
+            rho = drive @ weights
+            if model.on != "input":
+                rho[1:] += y[:-1]
+            low, high = model.range
+            own = model.own.evaluate(np.clip(rho, low, high)[:, None])
+            x = np.einsum("nm,ne,nr->nmer", own, phi, rows)[model.start:].reshape(len(y) - model.start, -1)
+            gram, right = gram + x.T @ x, right + x.T @ y[model.start:]
+        scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        theta = np.linalg.lstsq(gram / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
+        stage = model.scheduling_stage
+        lag = stage.vector if self.free_filter and stage is not None else np.zeros(0)
+        return np.concatenate([theta, model.kappa, lag])
+
+    def pieces(self, x: np.ndarray, jacobian: bool) -> Iterator[Piece]:
+        """Errors of the free run and their Jacobian, record by record."""
+        from lpvid._quasi_kernels import free_run_quasi, sensitivity_quasi
+
+        model = self.model_at(x)
+        start, size = model.start, model.vector.size
+        for u, y, p in zip(self.inputs, self.outputs, self.scheduling, strict=True):
+            limit = DIVERGED * float(np.abs(y).max())
+            arrays = model.arrays(u, self._scheduling(model, p))
+            out = np.array(y)
+            if not jacobian:
+                code = free_run_quasi(*model.kernel_settings, *arrays, out, start, limit)
+                yield (out - y)[start:] if code < 0 else np.array([np.inf]), None
+                continue
+            columns = size if model.on != "input" else size + 1  # the kernel also gives the fixed weight's column
+            slopes = np.zeros((len(y), columns))
+            sensitivity_quasi(*model.kernel_settings, *arrays, out, start, limit, slopes)
+            moved = [self._filter_slope(x, size + j, u, y, p, out) for j in range(self.filter_size)]
+            yield (out - y)[start:], np.column_stack([slopes[:, :size], *moved])[start:]
+
+    def _filter_slope(self, x: np.ndarray, place: int, u: np.ndarray, y: np.ndarray, p: np.ndarray,
+                      out: np.ndarray) -> np.ndarray:
+        from lpvid._quasi_kernels import free_run_quasi
+
+        step = NUDGE * max(abs(x[place]), float(self.filter_scales[place - x.size + self.filter_size]))
+        shifted = x.copy()
+        shifted[place] += step
+        model = self.model_at(shifted)
+        near = np.array(y)
+        free_run_quasi(*model.kernel_settings, *model.arrays(u, self._scheduling(model, p)), near, model.start, np.inf)
+        return (near - out) / step
