@@ -10,8 +10,10 @@ from lpvid._threads import single_thread
 from lpvid.identification.regression import CHUNK, Factor, RegressionData, rows_of
 from lpvid.record import Record
 
-BLOCKS = 40
-"""fewest blocks for which the spread of block sums says anything about 24 parameters together."""
+BLOCKS = 100
+"""fewest blocks for which the spread of block sums says anything."""
+BLOCKS_PER_PARAMETER = 5
+"""fewest blocks for each parameter."""
 SHORTEST = 10
 """shortest block [samples]."""
 
@@ -42,7 +44,7 @@ def sandwich_covariance(records: Sequence[Record], data: RegressionData, factor:
     from scipy.linalg import solve_triangular
 
     k, ny = factor.columns, theta.shape[1]
-    length = min(max(3 * memory, SHORTEST), factor.rows // BLOCKS)
+    length = min(max(3 * memory, SHORTEST), factor.rows // max(BLOCKS, BLOCKS_PER_PARAMETER * k))
     if length < max(memory, SHORTEST):
         return None
     with single_thread():

@@ -9,7 +9,7 @@ import lpvid as lpv
 from lpvid.identification.sandwich import residual_memory
 
 
-def fir_record(rng: np.random.Generator, n: int = 6000, pole: float = 0.9) -> lpv.Record:
+def fir_record(rng: np.random.Generator, n: int = 12_000, pole: float = 0.9) -> lpv.Record:
     """y = u(k-1) + 0.5 u(k-2) + v with slow u and AR(1) v: least squares is unbiased, its white covariance wrong."""
     u = lfilter([1.0], [1, -0.9], rng.normal(size=n))
     y = np.convolve(u, [0, 1.0, 0.5])[:n] + lfilter([1.0], [1, -pole], rng.normal(size=n))
