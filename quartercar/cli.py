@@ -160,13 +160,21 @@ class _Teller:
 
 def _rig_lines(result) -> list:
     training, held_out = result
-    rows = [f"{len(training)} training records: {', '.join(r.name for r in training)}",
-            f"{len(held_out)} held-out records: {', '.join(r.name for r in held_out)}"]
+    rows = [f"{len(training)} training records: {_counted(training)}",
+            f"{len(held_out)} held-out records: {_counted(held_out)}"]
     samples = sum(r.n_samples for r in (*training, *held_out))
     return [*rows, f"{samples:,} samples at {1 / training[0].sample_time:g} Hz: displacement [m], velocity [m/s], "
                    "current [A], force [N]",
             "the damper: series compliance, yield that saturates with current, coil 5 ms up and 10 ms down, asymmetry "
             "1.3, gas, 1 % noise"]
+
+
+def _counted(records: list[Record]) -> str:
+    """Experiments with the number of their records."""
+    from collections import Counter
+
+    counts = Counter(r.name.rpartition("-r")[0] for r in records)
+    return ", ".join(name if n == 1 else f"{name} ×{n}" for name, n in counts.items())
 
 
 def _experiment_lines(figures) -> list:

@@ -114,7 +114,7 @@ class Results:
         self.bytes("report.html", render(page).encode("utf-8"))
 
     def write(self) -> list[Path]:
-        """Write all files beside the folder, then move them into it.
+        """Write all files to a hidden folder beside or inside, then move them into place.
 
         Returns
         -------
@@ -132,7 +132,8 @@ class Results:
     def _write(self, folder: Path) -> list[Path]:
         missing = [p for p in (folder.absolute(), *folder.absolute().parents) if not p.exists()]
         folder.absolute().parent.mkdir(parents=True, exist_ok=True)
-        stage = Path(tempfile.mkdtemp(prefix=f".{folder.name or 'results'}.", dir=folder.absolute().parent))
+        home = folder if folder.is_dir() else folder.absolute().parent  # the same file system, so that moves are atomic
+        stage = Path(tempfile.mkdtemp(prefix=f".{folder.name or 'results'}.", dir=home))
         try:
             for name, writer in self._writers:
                 writer(stage / name)

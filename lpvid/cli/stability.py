@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -29,6 +30,7 @@ def stability(model: options.ModelFile,
 
     results = Results(out)
     loaded = load(model)
+    _refuse_self_scheduled(loaded, model)
     with working("looking for a certificate") as say:
         from lpvid.report.stability import stability_page, study_stability
 
@@ -43,6 +45,17 @@ def stability(model: options.ModelFile,
     conclude(results, data, str(found), json)
     if not found.certified:
         raise typer.Exit(SHORTFALL)
+
+
+def _refuse_self_scheduled(loaded: object, path: Path) -> None:
+    from lpvid.errors import InputError
+    from lpvid.model.state_space import LPVStateSpace
+    from lpvid.model.transfer_function import LPVTransferFunction
+
+    if not isinstance(loaded, (LPVTransferFunction, LPVStateSpace)):
+        raise InputError(f"'{path}' holds a {type(loaded).__name__}",
+                         why="stability is judged over a scheduling variable from outside",
+                         mend="give a transfer function or a state-space model")
 
 
 def _ranges(given: list[str] | None, names: tuple[str, ...]) -> dict[str, tuple[float, float]]:

@@ -55,7 +55,7 @@ def findings_table(audit: Audit) -> Item:
         if len(shown) < len(alike):
             others = [" · ".join(part for part in (f.record, f.channel) if part) for f in alike[len(shown):]]
             rows.append((name, severity, f"{len(others)} more", listing(others, 12), "as above"))
-        marks += [_MARKS[severity]] * (len(rows) - len(marks))
+        marks.extend(_MARKS[severity] for _ in rows[len(marks):])
     if not rows:
         rows.append(("none", "–", "whole data set", "no check found anything", "–"))
         marks.append("good")

@@ -204,6 +204,11 @@ def test_bad_stability_options(tmp_path, good_model, options, parts):
     refused(tmp_path, "stability", tmp_path / "model.json", *options, "--out", tmp_path / "out", parts=parts)
 
 
+def test_stability_of_something_else(tmp_path, monkeypatch):
+    monkeypatch.setattr("lpvid.export.serialise.load", lambda path: object())
+    refused(tmp_path, "stability", "m.json", parts=("m.json", "transfer function"))
+
+
 def test_validate_misses_a_channel(tmp_path, good_model):
     (tmp_path / "a.csv").write_text(table(HEADER.replace("current", "amps")))
     refused(tmp_path, "validate", tmp_path / "model.json", tmp_path / "a.csv", parts=("current", "amps"))
