@@ -117,6 +117,7 @@ class SparseARX(Structure):
 
     def _package(self, whole: Identification, full: ARX, factor: Factor, supports: list[np.ndarray]) -> Identification:
         k, ny = factor.columns, len(supports)
+        assert isinstance(whole.layout, Layout)
         r11, r12, r22 = factor.r[:k, :k], factor.r[:k, k:], factor.r[k:, k:]
         inverses = [np.linalg.pinv(r11[:, s]) for s in supports]
         theta = [a @ r12[:, o] for o, a in enumerate(inverses)]
@@ -203,6 +204,8 @@ def dependence(found: Identification) -> dict[str, tuple[str, ...]]:
     """Scheduling variables that every kept coefficient depends on, e.g. ``{"a1": (), "b1": ("current",)}``."""
     model = found.model
     of_function = variables_of(model.basis, model.box)
+    if not isinstance(found.layout, Layout):
+        raise InputError("dependence is read off the layout of an input-output model", got=type(found.model).__name__)
     listed: dict[str, set[str]] = {}
     for name, place in zip(found.parameter_names, found.layout.table, strict=True):
         listed.setdefault(name.split("[")[0], set()).update(of_function[place[4]])

@@ -110,6 +110,24 @@ def test_other_structures_go_straight_to_cross_validation(record):
     assert found.folds == 3 and found.identification.structure.ridge
 
 
+def test_structures_beyond_the_grid_compete(record):
+    """Output error and a sparse ARX of the leader's orders: equal here, so the fewest parameters win."""
+    from lpvid.identification.output_error import OutputError
+    from lpvid.identification.sparsity import SparseARX
+
+    def further(arx: ARX) -> list:
+        assert arx.basis.centre != (0.0,)  # bound to the data's box
+        return [OutputError(arx.na, arx.nb, arx.nk, "u", "y", arx.basis), SparseARX(arx)]
+
+    grid = Candidates("u", "y", "p", na=(2,), nb=(2,), nk=(1,), degree=(1,), affine=("all",), lagged=(False,))
+    found = select(record, grid, then=further, folds=3)
+    kinds = {type(row.structure).__name__: row for row in found.table if row.esr is not None}
+    assert set(kinds) == {"ARX", "OutputError", "SparseARX"}
+    assert isinstance(found.best, SparseARX) and kinds["SparseARX"].n_parameters == 6
+    assert kinds["OutputError"].esr == pytest.approx(kinds["ARX"].esr, rel=0.05)
+    assert "SparseARX na=2" in repr(found)
+
+
 def test_an_interruption_keeps_what_is_done(record, grid):
     calls = []
 
@@ -175,10 +193,13 @@ def test_gyroscope_by_itself_comes_within_half_a_point_of_the_ceiling(shared_dat
 
 
 @pytest.mark.slow
-def test_random_damper_by_itself(shared_data):
+def test_dampers_by_themselves(shared_data):
     from lpvid.files import read
 
     training, held_out = split_tail(read(shared_data / "mr_damper_random" / "estimation.csv")[0])
     found = auto(training, "velocity", "force", "voltage", sample_rate=500.8, held_out=[held_out])
     assert found.identification.held_out.overall.free_run.esr < 0.016
     assert found.best.stage == "tanh" and found.best.schedule_filter == "rise-fall"
+    training, held_out = split_tail(read(shared_data / "mr_damper_fixed_voltage" / "estimation.csv")[0])
+    found = auto(training, "velocity", "force", held_out=[held_out])
+    assert found.identification.held_out.overall.free_run.fit_percent > 88

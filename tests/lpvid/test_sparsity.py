@@ -93,7 +93,7 @@ def test_path_solves_its_problem(rng, positive):
     top = np.abs(z.T @ y).max()
     for mu in top * np.logspace(-0.05, -3, 12):
         c = np.zeros(8)
-        for _ in range(4000):
+        for _ in range(1500):
             for j in range(8):
                 rest = z[:, j] @ (y - z @ c + z[:, j] * c[j])
                 c[j] = (max(rest - mu, 0.0) if positive else np.sign(rest) * max(abs(rest) - mu, 0.0))

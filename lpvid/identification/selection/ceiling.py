@@ -11,7 +11,10 @@ from lpvid._threads import single_thread
 from lpvid.condition import segments, with_velocity
 from lpvid.errors import InputError
 from lpvid.identification.arx import ARX, scheduling_box
+from lpvid.identification.prediction_error import PredictionError
 from lpvid.identification.selection.screening import nested
+from lpvid.identification.sparsity import SparseARX
+from lpvid.identification.structure import Structure
 from lpvid.record import Record
 
 ORDERS = (2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 26, 30)
@@ -66,7 +69,7 @@ class Ceiling:
                 f"{self.unit} in '{self.name}'; ARX of order {self.order}{end})")
 
 
-def noise_ceiling(records: Record | Sequence[Record], structure: ARX, *,
+def noise_ceiling(records: Record | Sequence[Record], structure: Structure, *,
                   sample_rate: float | None = None) -> Ceiling:
     """Estimate the noise in the output, and with it the highest free-run fit that any model can reach.
 
@@ -78,7 +81,7 @@ def noise_ceiling(records: Record | Sequence[Record], structure: ARX, *,
     Parameters
     ----------
     records : Record or sequence of Record
-    structure : ARX
+    structure : ARX, SparseARX or prediction-error structure
         Its channels, basis, stage and kind of affine terms; its orders are replaced.
     sample_rate : float, optional
         As for `identify`.
@@ -88,6 +91,11 @@ def noise_ceiling(records: Record | Sequence[Record], structure: ARX, *,
     Ceiling
         For the first output.
     """
+    if isinstance(structure, SparseARX | PredictionError):
+        structure = structure.arx
+    if not isinstance(structure, ARX):
+        raise InputError("a noise ceiling comes from an ARX of high order", got=type(structure).__name__,
+                         mend="give an ARX with the same channels")
     listed = [records] if isinstance(records, Record) else list(records)
     if "velocity" in structure.channels:
         listed = [with_velocity(r) for r in listed]

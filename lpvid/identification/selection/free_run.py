@@ -11,7 +11,7 @@ from lpvid._threads import single_thread
 from lpvid.analysis.frozen import family
 from lpvid.condition import folds, leaks, repetition_period
 from lpvid.errors import InputError, NumericalError
-from lpvid.identification.arx import ARX
+from lpvid.identification.arx import ARX, scheduling_box
 from lpvid.identification.structure import Structure
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
@@ -35,10 +35,16 @@ class Trial:
         Squared free-run error of every fold over the mean power of a fold, so that their mean is the pooled ESR.
     failure : str
         Why there are no figures; empty when there are.
+    n_parameters : int or None
+        Of the last fold's estimate.
+    outside : float or None
+        Largest share of a fold's training samples with a frozen pole outside, where it was looked at.
     """
 
     esr: np.ndarray
     failure: str = ""
+    n_parameters: int | None = None
+    outside: float | None = None
 
     @property
     def mean(self) -> float:
@@ -87,32 +93,37 @@ def make_folds(records: Sequence[Record], count: int, start: int, channel: str) 
     return usable, notes
 
 
-def cross_validate(structure: Structure, parts: Sequence[Fold], all_records: Sequence[Record]) -> Trial:
+def cross_validate(structure: Structure, parts: Sequence[Fold], all_records: Sequence[Record],
+                   limit: float = 1.0) -> Trial:
     """Fit on every fold's training part, run freely on its held-out part.
 
-    An ARX keeps the normalisation and the stages it comes with; every other structure is estimated anew.
+    An ARX without ridge keeps the normalisation and the stages it comes with; every other structure is estimated anew,
+    and fails where more than `limit` of a fold's training samples have a frozen pole outside.
     """
     error, power = np.zeros(len(parts)), np.zeros(len(parts))
-    box = None
-    if isinstance(structure, ARX) and not _open(structure):
-        from lpvid.identification.arx import scheduling_box
-
-        box = scheduling_box(all_records, structure.basis, check_basis=False)
+    fixed = isinstance(structure, ARX) and not _open(structure)
+    box = scheduling_box(all_records, structure.basis, check_basis=False) if isinstance(structure, ARX) else None
+    size, outside = None, None
     for i, (training, held) in enumerate(parts):
         try:
-            if box is not None and isinstance(structure, ARX):
-                model = structure.regress(training, box).model
+            if fixed and isinstance(structure, ARX) and box is not None:
+                found = structure.regress(training, box)
             else:
-                model = structure.estimate(training).model
+                found = structure.estimate(training)
+                outside = max(outside or 0.0, unstable_share(found.model, training))
         except (InputError, NumericalError, np.linalg.LinAlgError) as problem:
             why = problem.what if isinstance(problem, InputError) else str(problem)
             return Trial(error, f"cannot be fitted in fold {i + 1}: {why}")
-        diverged, error[i], power[i] = _run(model, held)
+        size = found.n_parameters
+        if outside is not None and outside > limit:
+            why = f"frozen pole outside at {100 * outside:.2g} % of training samples in fold {i + 1}"
+            return Trial(error, why, size, outside)
+        diverged, error[i], power[i] = _run(found.model, held)
         if diverged:
-            return Trial(error, f"diverges in fold {i + 1}")
+            return Trial(error, f"diverges in fold {i + 1}", size, outside)
     if not power.mean() > 0:
         return Trial(error, "the held-out output does not move")
-    return Trial(error / power.mean())
+    return Trial(error / power.mean(), "", size, outside)
 
 
 def _open(structure: ARX) -> bool:

@@ -7,20 +7,29 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.identification.arx import ARX
+from lpvid.identification.prediction_error import PredictionError
+from lpvid.identification.quasi_lpv import QuasiLPV
 from lpvid.identification.result import Identification
+from lpvid.identification.sparsity import SparseARX
 from lpvid.identification.structure import Structure
 from lpvid.model.input_stage import InputStage
 from lpvid.model.scheduling_stage import SchedulingStage
+from lpvid.scheduling import Basis, Spline
 
 
 def describe(structure: Structure) -> str:
     """A structure in a few words."""
+    if isinstance(structure, SparseARX | PredictionError):
+        return type(structure).__name__ + describe(structure.arx).removeprefix("ARX")
+    if isinstance(structure, QuasiLPV):
+        return (f"QuasiLPV on {structure.on} na={structure.na} nb={structure.nb} nk={structure.nk} "
+                + _words(structure.basis))
     if not isinstance(structure, ARX):
         text = repr(structure)
         return text if len(text) < 100 else text[:97] + "..."
     nb = ",".join(map(str, structure.width))
     nk = ",".join(map(str, structure.delay))
-    parts = [f"ARX na={structure.na} nb={nb} nk={nk}", f"{{{', '.join(structure.basis.labels)}}}"]
+    parts = [f"ARX na={structure.na} nb={nb} nk={nk}", _words(structure.basis)]
     if structure.affine:
         parts.append(f"affine {structure.affine}")
     if structure.lagged:
@@ -33,6 +42,15 @@ def describe(structure: Structure) -> str:
     if structure.ridge:
         parts.append("ridge")
     return " ".join(parts)
+
+
+def _words(basis: Basis) -> str:
+    """A basis in a few words."""
+    if basis.size <= 5 and not isinstance(basis, Spline):
+        return f"{{{', '.join(basis.labels)}}}"
+    kind = f"spline of order {basis.order}" if isinstance(basis, Spline) else f"{basis.size} functions"
+    size = f", {basis.segments} segments" if isinstance(basis, Spline) else ""
+    return f"{{{kind} in {', '.join(basis.names)}{size}}}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -55,15 +55,22 @@ class Search:
         """The short list, other structures, then the neighbours of the best."""
         for index in self._short_list():
             self._try(index)
-        for structure in self.direct:
-            self._tell(len(self.trials), "cross-validating")
-            self.others.append((structure, cross_validate(structure, self.parts, self.records)))
+        self.try_others(self.direct)
         for _ in range(ROUNDS):
-            fresh = self._neighbours()
-            if not fresh:
-                return
-            for index in fresh:
+            for index in self._neighbours():
                 self._try(index)
+
+    def try_others(self, structures: Iterable[Structure]) -> None:
+        """Structures that no factor can screen."""
+        for structure in structures:
+            self._tell(len(self.trials) + len(self.others), f"cross-validating {type(structure).__name__}")
+            trial = cross_validate(structure, self.parts, self.records, self.limit)
+            self.others.append((structure, trial))
+
+    def leader(self) -> ARX | None:
+        """The screened ARX of least free-run error, with its basis bound and its stages fitted."""
+        tried = [i for i, t in self.trials.items() if not t.failure]
+        return self.screened[min(tried, key=lambda i: self.trials[i].mean)].structure if tried else None
 
     def admissible(self, index: int) -> bool:
         """Whether a screened candidate keeps its frozen poles inside along the training trajectory."""
@@ -125,7 +132,7 @@ class Search:
     def ranked(self) -> list[tuple[Structure, Row]]:
         """Structures in order of preference with their rows: the first is the choice."""
         tested = [(self.screened[i].asked, t, self._row(i)) for i, t in self.trials.items()]
-        tested += [(s, t, Row(s)) for s, t in self.others]
+        tested += [(s, t, Row(s, t.n_parameters, outside=t.outside)) for s, t in self.others]
         good = [(s, t, row) for s, t, row in tested if not t.failure]
         failed = [(s, replace(row, reason=t.failure)) for s, t, row in tested if t.failure]
         good.sort(key=lambda item: item[1].mean)
@@ -170,20 +177,18 @@ def _one_standard_error(good: list[tuple[Structure, Trial, Row]]) -> list[tuple[
         excess = trial.mean - least.mean
         margin = min(spread(trial.esr - least.esr), TOLERATED * least.mean)
         close = excess <= margin
-        if close and (row.n_parameters is not None or place == 0):
+        if close:
             within.append(place)
         reason = "" if close else f"free-run error {100 * excess / max(least.mean, 1e-300):.2g} % above the least"
         rows.append((structure, replace(row, esr=trial.mean, esr_error=trial.error, reason=reason)))
     sizes = {i: rows[i][1].n_parameters for i in within}
     chosen = min(within, key=lambda i: (sizes[i] if sizes[i] is not None else np.inf, good[i][1].mean))
-    if rows[0][1].n_parameters is None:
-        chosen = 0
     for i in within:
         if i == chosen:
             reason = "chosen: least free-run error" if i == 0 else (
                 "chosen: within one standard error of the best with fewer parameters")
         else:
-            reason = "least free-run error, but more parameters than the choice" if i == 0 else (
-                "within one standard error of the best, but more parameters than the choice")
+            reason = "least free-run error, but no simpler than the choice" if i == 0 else (
+                "within one standard error of the best, but no simpler than the choice")
         rows[i] = (rows[i][0], replace(rows[i][1], reason=reason))
     return [rows[chosen], *(r for i, r in enumerate(rows) if i != chosen)]

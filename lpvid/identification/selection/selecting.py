@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 from lpvid import _checks
@@ -24,8 +24,8 @@ PLACES = 14
 
 
 def select(records: Record | Sequence[Record], candidates: Iterable[Structure], *, sample_rate: float | None = None,
-           folds: int = 5, outside: float = 0.0, held_out: Sequence[Record] | None = None,
-           progress: Progress | None = None) -> Selection:
+           folds: int = 5, outside: float = 0.0, then: Callable[[ARX], Iterable[Structure]] | None = None,
+           held_out: Record | Sequence[Record] | None = None, progress: Progress | None = None) -> Selection:
     """Choose a structure by what it does in free run on training data it was not fitted to.
 
     ARX candidates are screened by BIC and AICc from nested QR factors, on the same equations. Those on a short list
@@ -46,7 +46,10 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
         Blocks of the cross-validation.
     outside : float
         Largest share of training samples at which a frozen pole may lie outside the unit circle.
-    held_out : sequence of Record, optional
+    then : callable, optional
+        Further structures to try, given the ARX of least free-run error with its basis bound and its stages fitted,
+        e.g. the output-error structure of the same orders.
+    held_out : Record or sequence of Record, optional
         Data that have no say in the choice; the final model's figures on them are reported.
     progress : callable, optional
         Called with steps done, steps in sight, and what is being done.
@@ -84,6 +87,9 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
         try:
             search.screen(structures)
             search.cross_validate()
+            leader = search.leader()
+            if then is not None and leader is not None:
+                search.try_others(then(leader))
         except KeyboardInterrupt:
             if not search.screened and not search.others:
                 raise
@@ -91,7 +97,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
         return _concluded(search, pieces, held_out, folds, complete, notes)
 
 
-def _concluded(search: Search, pieces: Sequence[Record], held_out: Sequence[Record] | None, folds: int,
+def _concluded(search: Search, pieces: Sequence[Record], held_out: Record | Sequence[Record] | None, folds: int,
                complete: bool, notes: list[str]) -> Selection:
     """The first in the ranking whose refit on all data keeps its poles inside and does not diverge."""
     ranked = search.ranked()
@@ -141,11 +147,9 @@ def _fault(search: Search, found: Identification, pieces: Sequence[Record]) -> s
     return "diverges in free run" if found.fit is None else ""
 
 
-def _with_held_out(found: Identification, held_out: Sequence[Record]) -> Identification:
+def _with_held_out(found: Identification, held_out: Record | Sequence[Record]) -> Identification:
     from lpvid.validation import validate
 
-    if any(s.name == "velocity" for s in found.model.inputs) or "velocity" in found.model.box.names:
-        held_out = [with_velocity(r) for r in held_out]
     return found.replace(held_out=validate(found.model, held_out, label="held-out"))
 
 
