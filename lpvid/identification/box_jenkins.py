@@ -24,8 +24,8 @@ class BoxJenkins(PredictionError):
 
         A(p) x(k) = B(p) u(k) + c(p),    y(k) = x(k) + v(k),    D v(k) = C e(k)
 
-    minimising Σ e(k)² (Ljung 1999 (4.31) with A and B over a basis; C and D constant). Plant and noise share nothing, so
-    the plant is consistent even where C and D are too small; efficient where they are not.
+    minimising Σ e(k)² (Ljung 1999 (4.31) with A and B over a basis; C and D constant). Plant and noise share nothing,
+    so the plant is consistent even where C and D are too small; efficient where they are not.
 
     Parameters
     ----------
@@ -65,10 +65,11 @@ class BoxJenkins(PredictionError):
         plain = Problem(records, problem.structure, problem.model, problem.layout, NoiseModel("output"),
                         problem.free_stages, problem.estimate_past)
         plain.weights = problem.weights
-        models = [model for _, _, model in self._ranked(plain, output_starts(plain, first))]
+        inside, outside = self._ranked(plain, output_starts(plain, first))
+        models = [model for _, _, model in (*inside[: self.starts], *outside[:1])]
         k = sum(plain.sizes)
         found = []
-        for model in models[: self.starts]:
+        for model in models:
             search = minimise(plain, plain.point(model), max_iterations=SHORT, tolerance=self.tolerance,
                               bounds=(np.full(k, -np.inf), np.full(k, np.inf)))
             if search is not None:

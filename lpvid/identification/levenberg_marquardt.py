@@ -50,12 +50,13 @@ class Search:
 
 
 def minimise(problem: Problem, start: Point, *, max_iterations: int, tolerance: float,
-             bounds: tuple[np.ndarray, np.ndarray], progress: Callable[[int, float], None] | None = None) -> Search | None:
+             bounds: tuple[np.ndarray, np.ndarray], frozen_limit: float = 1.0,
+             progress: Callable[[int, float], None] | None = None) -> Search | None:
     """Minimise the cost from `start`; None where the start itself diverges.
 
-    Damping by the gain ratio (Nielsen 1999), columns scaled to their largest norm so far (Moré 1978). A trial is refused
-    when it diverges, when its cost does not fall, or when its largest frozen pole along the training trajectory leaves
-    the unit circle or moves further out of it. The pasts of the records enter each step through their own factor
+    Damping by the gain ratio (Nielsen 1999), columns scaled to their largest norm so far (Moré 1978). A trial is
+    refused when it diverges, when its cost does not fall, or when its largest frozen pole along the training trajectory
+    leaves a circle or moves further out of it. The pasts of the records enter each step through their own factor
     (block-angular elimination), so that many records cost no more than one.
 
     Parameters
@@ -67,6 +68,8 @@ def minimise(problem: Problem, start: Point, *, max_iterations: int, tolerance: 
         Stop when the cost falls by less than this share of itself.
     bounds : pair of arrays
         Lowest and highest value of every shared parameter.
+    frozen_limit : float
+        Radius of that circle; infinite for no limit.
     progress : callable, optional
         ``progress(iteration, cost)`` after every step.
 
@@ -82,7 +85,8 @@ def minimise(problem: Problem, start: Point, *, max_iterations: int, tolerance: 
     first_cost, factors = now.cost, problem.factors(point, now)
     damping, growth, small = 1e-3, 2.0, 0
     scale = _scale(problem, factors, None)
-    radius = frozen_radius(problem, point)
+    guarded = np.isfinite(frozen_limit)
+    radius = frozen_radius(problem, point) if guarded else 0.0
     why, iteration = "the limit of iterations", 0
     while iteration < max_iterations:
         if not all(np.isfinite(r).all() for r in factors):
@@ -93,9 +97,10 @@ def minimise(problem: Problem, start: Point, *, max_iterations: int, tolerance: 
             why = "the cost no longer falls"
             break
         moved = problem.residuals(trial)
-        reach = frozen_radius(problem, trial) if moved is not None and moved.cost < now.cost else np.inf
+        better = moved is not None and moved.cost < now.cost
+        reach = frozen_radius(problem, trial) if guarded and better else radius
         gain = -1.0 if moved is None else (now.cost - moved.cost) / predicted
-        if moved is not None and gain > 1e-4 and moved.cost < now.cost and reach <= max(1.0, radius * (1 + 1e-9)):
+        if moved is not None and better and gain > 1e-4 and reach <= max(frozen_limit, radius * (1 + 1e-9)):
             iteration += 1
             fall = (now.cost - moved.cost) / max(now.cost, 1e-300)
             point, now, radius = trial, moved, reach
@@ -131,11 +136,15 @@ def reduce(problem: Problem, factors: list[np.ndarray], damping: float = 0.0,
             below = np.zeros((ni, r.shape[1]))
             norms = np.linalg.norm(r[:, :ni], axis=0)
             below[:, :ni] = np.diag(np.sqrt(damping) * norms)
-            r = np.linalg.qr(np.vstack([r, below]), mode="r")
+            r = _triangle(np.vstack([r, below]))
         heads.append(r[:ni])
         tails.append(r[ni:, ni:])
-    shared = tails[0] if len(tails) == 1 else np.linalg.qr(np.vstack(tails), mode="r")
+    shared = tails[0] if len(tails) == 1 else _triangle(np.vstack(tails))
     return shared, heads
+
+
+def _triangle(rows: np.ndarray) -> np.ndarray:
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def _step(problem: Problem, factors: list[np.ndarray], point: Point, damping: float, scale: np.ndarray,

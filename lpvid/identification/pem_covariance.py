@@ -19,8 +19,8 @@ def covariance(problem: Problem, search: Search, *, coloured: bool) -> tuple[np.
 
     White innovations: σ² (JᵀJ)⁻¹ (Ljung 1999 (9.54)). Coloured output errors v: the sandwich
     (JᵀJ)⁻¹ Jᵀ V J (JᵀJ)⁻¹ (Ljung 1999 (9.56) for fixed inputs), where Jᵀ V J = Σ_kl J_k r_v(k−l) J_lᵀ is formed as
-    Λ Σ_k J^f_k J^f_kᵀ with J^f = J filtered by the autoregression that describes v (its order by AIC, one filter for all
-    outputs). J is independent of v, so this needs no choice of a window.
+    Λ Σ_k J^f_k J^f_kᵀ with J^f = J filtered by the autoregression that describes v (its order by AIC, one filter for
+    all outputs). J is independent of v, so this needs no choice of a window.
 
     Returns
     -------

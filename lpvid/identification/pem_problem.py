@@ -116,8 +116,8 @@ class Problem:
         noise = model.noise.vector if model.noise.kind == self.noise.kind else np.zeros(0)
         if noise.size != self.noise.vector.size:
             noise = np.zeros(self.noise.vector.size)
-        stages = [v.vector[s > 0] for v, s in zip((model.input_stage, model.scheduling_stage), self._scales, strict=True)
-                  if v is not None and s.size]
+        own = (model.input_stage, model.scheduling_stage)
+        stages = [v.vector[s > 0] for v, s in zip(own, self._scales, strict=True) if v is not None and s.size]
         rows = slice(self.start - self.depth, self.start)
         past = tuple(np.zeros((self.depth, self.n_outputs)) if self.noise.kind == "armax" else y[rows].copy()
                      for y in self._y)

@@ -9,6 +9,7 @@ import numpy as np
 from lpvid.identification.pem_problem import CHUNK, Problem
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.record import Record
 
 PREFILTERS = (0.5, 0.8, 0.95)
 """double poles of the low-pass filters under which least squares is repeated."""
@@ -36,7 +37,33 @@ def output_starts(problem: Problem, first: LPVTransferFunction) -> list[Start]:
         for round_ in range(ITERATIONS):
             model = filtered_regression(problem, model, mean_denominator(problem, model))
             found.append((f"{label}, then Steiglitz-McBride {round_ + 1}", model))
-    return [(label, stabilised(problem, model)) for label, model in found]
+    drawn = [(label, stabilised(problem, model)) for label, model in found]
+    return [*drawn, *(pair for pair, other in zip(found, drawn, strict=True) if pair[1] is not other[1])]
+
+
+def equation_start(records: Sequence[Record], problem: Problem, first: LPVTransferFunction,
+                   iterations: int) -> list[Start]:
+    """A and B of an ARMAX model whose C is as rich as A, as found and drawn in.
+
+    With C = A that is the output-error model, but its prediction error stays tame where free runs burst: the way in for
+    systems whose frozen poles leave the circle for a while.
+    """
+    from lpvid.identification.levenberg_marquardt import minimise
+
+    noise = NoiseModel("armax", np.zeros((first.na, first.n_outputs, first.basis.size)))
+    plain = Problem(records, problem.structure, problem.model, problem.layout, noise, problem.free_stages)
+    plain.weights = problem.weights
+    k = sum(plain.sizes)
+    found = []
+    for _, model in armax_starts(plain, first):
+        search = minimise(plain, plain.point(model), max_iterations=iterations, tolerance=1e-4,
+                          bounds=(np.full(k, -np.inf), np.full(k, np.inf)))
+        if search is not None:
+            found.append((search.cost, plain.model_at(search.point.shared)))
+    if not found:
+        return []
+    best = min(found, key=lambda row: row[0])[1].replace(noise=problem.noise)
+    return [("ARMAX", best), ("ARMAX, poles drawn in", stabilised(problem, best))]
 
 
 def perturbed(model: LPVTransferFunction, layout, covariance: np.ndarray, rng: np.random.Generator,
@@ -58,7 +85,7 @@ def stabilised(problem: Problem, model: LPVTransferFunction) -> LPVTransferFunct
         trial = model.replace(a=model.a * power[:, None, None, None])
         point = problem.point(trial)
         if frozen_radius(problem, point) < 1 and problem.residuals(point) is not None:
-            return trial
+            return model if gamma == 1 else trial
     return model.replace(a=0.0 * model.a)
 
 
@@ -88,7 +115,7 @@ def filtered_regression(problem: Problem, model: LPVTransferFunction, denominato
     from lpvid import _sensitivity
     from lpvid._kernels import ChunkedQR, fill_regressor
 
-    c, ny, lags = problem.columns, problem.n_outputs, denominator.size - 1
+    c, lags = problem.columns, denominator.size - 1
     history, everything = max(lags, 4), np.arange(problem.columns.size + problem.n_outputs)
     qr = ChunkedQR(everything.size, CHUNK)
     for y, (u, phi) in zip(problem._y, problem.drive(model), strict=True):

@@ -13,10 +13,11 @@ from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.errors import InputError
 from lpvid.identification.arx import ARX
+from lpvid.identification.layout import Layout
 from lpvid.identification.levenberg_marquardt import Search, frozen_moduli, frozen_radius, minimise, reduce
 from lpvid.identification.pem_covariance import covariance
 from lpvid.identification.pem_problem import Problem
-from lpvid.identification.pem_starts import Start, perturbed, stabilised
+from lpvid.identification.pem_starts import Start, equation_start, perturbed, stabilised
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.stage_fit import SAMPLES, shorten
 from lpvid.identification.structure import Structure
@@ -33,6 +34,9 @@ REWEIGHTED = 3
 """rounds in which several outputs are weighed by their own prediction errors."""
 CHECKED_POINTS = 5000
 EDGE = 0.999
+WORTH_LEAVING = 0.9
+"""cost, relative to the best model with all frozen poles inside the unit circle, that justifies one without."""
+Ranked = tuple[float, str, LPVTransferFunction]
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,8 @@ class PredictionError(Structure):
     Parameters
     ----------
     na, nb, nk, input, output, basis, affine, lagged, stage, schedule_filter
-        As in `ARX`. A stage given by name starts where `ARX` fits it and joins the search; one given as an object stays.
+        As in `ARX`. A stage given by name starts where `ARX` fits it and joins the search; one given as an object
+        stays as it is.
     starts : int
         How many of the starting points are followed; all are ranked by their cost first.
     seed : int
@@ -151,24 +156,58 @@ class PredictionError(Structure):
         rng = np.random.default_rng(self.seed)
         models = self.starting_models(sample, coarse, first.model)
         models += perturbed(models[0][1], first.layout, first.covariance, rng, max(self.starts - 1, 1))
-        ranked = self._ranked(coarse, models)
-        several = sum(r.n_samples for r in sample) < sum(r.n_samples for r in records) or len(ranked) > 1
-        tried: list[tuple[float, str, LPVTransferFunction]] = []
-        for _, label, model in ranked[: self.starts]:
-            limit = min(SHORT, self.max_iterations) if several else 1
-            found = minimise(coarse, coarse.point(model), max_iterations=limit, tolerance=self.tolerance, bounds=bounds)
+        inside, outside = self._ranked(coarse, models)
+        tried = self._tried(coarse, inside, bounds, 1.0)
+        tried += [(np.inf, "least squares, poles drawn in", stabilised(problem, first.model))]
+        search, label = self._follow(problem, tried, bounds, 1.0)
+        free = self._unguarded(sample, coarse, problem, first.model, outside, search, bounds)
+        if free is not None and (search is None or free[0].cost < WORTH_LEAVING * search.cost):
+            search, label = free
+        if search is None:
+            raise InputError("no starting point has a bounded free run on these data", got=f"{len(models)} starts",
+                             mend="lower the orders or the degree, or check the units of the channels")
+        notes = [*first.notes, *self._notes(problem, search, label, len(models), len(inside) + len(outside))]
+        return self._package(records, first, problem, search, notes)
+
+    def _unguarded(self, sample: Sequence[Record], coarse: Problem, problem: Problem, first: LPVTransferFunction,
+                   outside: Sequence[Ranked], search: Search | None, bounds: tuple[np.ndarray, np.ndarray]
+                   ) -> tuple[Search, str] | None:
+        """The same search without the circle for frozen poles, where that circle holds the guarded one up.
+
+        A stable varying system may have frozen poles outside the circle for a while; a model with such poles is taken
+        only where it fits markedly better.
+        """
+        held = search is None or frozen_radius(problem, search.point) > EDGE
+        if not held and not (outside and search is not None and outside[0][0] < search.cost):
+            return None
+        models = list(outside[: self.starts])
+        if search is not None:
+            model = problem.model_at(search.point.shared)
+            residuals = coarse.residuals(coarse.point(model))
+            models += [] if residuals is None else [(residuals.cost, "the guarded search", model)]
+        if self.coloured or self.kind == "bj":
+            found = self._ranked(coarse, equation_start(sample, coarse, first, SHORT))
+            models += [*found[0], *found[1]]
+        found, label = self._follow(problem, self._tried(coarse, models, bounds, np.inf), bounds, np.inf)
+        return None if found is None else (found, label)
+
+    def _tried(self, coarse: Problem, ranked: Sequence[Ranked], bounds: tuple[np.ndarray, np.ndarray],
+               frozen_limit: float) -> list[Ranked]:
+        """A short search from each of the best starts, best result first."""
+        tried = []
+        count = self.starts if frozen_limit == 1 else len(ranked)
+        for _, label, model in ranked[:count]:
+            found = minimise(coarse, coarse.point(model), max_iterations=min(SHORT, self.max_iterations),
+                             tolerance=self.tolerance, bounds=bounds, frozen_limit=frozen_limit)
             if found is not None:
                 tried.append((found.cost, label, coarse.model_at(found.point.shared)))
-        tried.sort(key=lambda row: row[0])
-        tried += [(np.inf, "least squares, poles drawn in", stabilised(problem, first.model))]
-        search, label = self._follow(problem, tried, bounds)
-        notes = [*first.notes, *self._notes(problem, search, label, len(models), len(ranked))]
-        return self._package(records, first, problem, search, notes)
+        return sorted(tried, key=lambda row: row[0])
 
     def _problem(self, records: Sequence[Record], first: Identification) -> Problem:
         model = first.model
         noise = self.noise_model(model.n_outputs, model.basis.size)
         free = (isinstance(self.stage, str), isinstance(self.schedule_filter, str))
+        assert isinstance(first.layout, Layout)
         problem = Problem(records, first.structure, model, first.layout, noise, free, self.initial == "estimate")
         if problem.n_outputs > 1:
             spread = [np.var(np.concatenate([r[name] for r in records])) for name in self.output]
@@ -190,8 +229,8 @@ class PredictionError(Structure):
         return (*problem.layout.names(problem.model), *problem.noise.names(problem.model.basis.labels, outputs))
 
     @staticmethod
-    def _ranked(problem: Problem, models: Sequence[Start]) -> list[tuple[float, str, LPVTransferFunction]]:
-        """Starts that do not diverge by rising cost, those with all frozen poles inside the unit circle first."""
+    def _ranked(problem: Problem, models: Sequence[Start]) -> tuple[list[Ranked], list[Ranked]]:
+        """Starts that do not diverge, by rising cost: with all frozen poles inside the unit circle, and others."""
         stable, rest = [], []
         for label, model in models:
             point = problem.point(model)
@@ -199,25 +238,25 @@ class PredictionError(Structure):
             if residuals is not None:
                 inside = frozen_radius(problem, point) < 1
                 (stable if inside else rest).append((residuals.cost, label, model))
-        return _different(sorted(stable, key=lambda row: row[0])) + _different(sorted(rest, key=lambda row: row[0]))
+        return _different(sorted(stable, key=lambda row: row[0])), _different(sorted(rest, key=lambda row: row[0]))
 
-    def _follow(self, problem: Problem, tried: Sequence[tuple[float, str, LPVTransferFunction]],
-                bounds: tuple[np.ndarray, np.ndarray]) -> tuple[Search, str]:
+    def _follow(self, problem: Problem, tried: Sequence[Ranked], bounds: tuple[np.ndarray, np.ndarray],
+                frozen_limit: float) -> tuple[Search | None, str]:
         """The full search from the first start that runs on all data."""
         for _, label, model in tried:
             search = minimise(problem, problem.point(model), max_iterations=self.max_iterations,
-                              tolerance=self.tolerance, bounds=bounds, progress=self.progress)
+                              tolerance=self.tolerance, bounds=bounds, frozen_limit=frozen_limit,
+                              progress=self.progress)
             if search is None:
                 continue
             for _ in range(REWEIGHTED if problem.n_outputs > 1 else 0):
                 errors = np.vstack([e[problem.head:] for e in search.residuals.errors])
                 problem.weights = 1.0 / np.maximum(np.sqrt(np.mean(errors**2, axis=0)), 1e-300)
                 again = minimise(problem, search.point, max_iterations=self.max_iterations, tolerance=self.tolerance,
-                                 bounds=bounds, progress=self.progress)
+                                 bounds=bounds, frozen_limit=frozen_limit, progress=self.progress)
                 search = search if again is None else again
             return search, label
-        raise InputError("no starting point has a bounded free run on these data", got=f"{len(tried)} starts",
-                         mend="lower the orders or the degree, or check the units of the channels")
+        return None, ""
 
     # -- result --------------------------------------------------------------------------------------------------
     def _notes(self, problem: Problem, search: Search, label: str, starts: int, running: int) -> list[str]:
@@ -255,7 +294,7 @@ class PredictionError(Structure):
         metadata: dict = {"structure": structure.to_dict(), "covariance_kind": kind,
                           "training": {"records": [r.name for r in records], "n_samples": len(rows)}}
         if first.layout.size <= COVARIANCE_LIMIT:
-            metadata["parameters"] = {"layout": first.layout.to_list(), "covariance": whole[:k, :k].tolist()}
+            metadata["parameters"] = {"layout": problem.layout.to_list(), "covariance": whole[:k, :k].tolist()}
         if q:
             metadata["noise_parameters"] = {"names": list(self._names(problem)[k:]),
                                             "covariance": whole[k: k + q, k: k + q].tolist()}
@@ -268,8 +307,9 @@ class PredictionError(Structure):
         """Plain data for JSON."""
         data = self.arx.to_dict()
         del data["ridge"], data["weight"]
-        return {**data, "kind": self.kind, **{name: getattr(self, name) for name in self._orders}, "starts": self.starts,
-                "seed": self.seed, "max_iterations": self.max_iterations, "tolerance": self.tolerance,
+        orders = {name: getattr(self, name) for name in self._orders}
+        return {**data, "kind": self.kind, **orders, "starts": self.starts, "seed": self.seed,
+                "max_iterations": self.max_iterations, "tolerance": self.tolerance,
                 "bounds": {name: [low, high] for name, low, high in self.bounds}, "initial": self.initial}
 
 
@@ -280,9 +320,9 @@ def _interval(name: object, pair: Sequence[float]) -> tuple[float, float]:
     return values[0], values[1]
 
 
-def _different(rows: list[tuple[float, str, LPVTransferFunction]]) -> list[tuple[float, str, LPVTransferFunction]]:
+def _different(rows: list[Ranked]) -> list[Ranked]:
     """Rows without those whose cost repeats an earlier one's within a thousandth."""
-    kept: list[tuple[float, str, LPVTransferFunction]] = []
+    kept: list[Ranked] = []
     for row in rows:
         if not kept or row[0] > kept[-1][0] * (1 + 1e-3):
             kept.append(row)

@@ -53,7 +53,8 @@ class NoiseModel:
         set_(self, "c", _checks.finite(_checks.frozen_array(c, "c of a noise model", ndim=3), "c of a noise model"))
         set_(self, "d", _checks.finite(_checks.frozen_array(d, "d of a noise model", ndim=2), "d of a noise model"))
         if self.kind in ("equation", "output") and (self.nc or self.nd):
-            raise InputError(f"a noise model of kind '{self.kind}' has no coefficients", got=f"{self.nc} c, {self.nd} d")
+            raise InputError(f"a noise model of kind '{self.kind}' has no coefficients",
+                             got=f"{self.nc} c, {self.nd} d")
         if self.kind == "armax" and self.nd:
             raise InputError("an ARMAX noise model has no D", got=f"{self.nd} coefficients", mend="use box-jenkins")
         if self.kind == "box-jenkins" and self.c.shape[2] != 1:  # type: ignore[union-attr]

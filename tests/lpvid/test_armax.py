@@ -18,7 +18,7 @@ from lpvid.simulation import predict, simulate
 
 TRUTH = np.array([-1.0, 0.3, 0.4, -0.2, 0.6, 0.3, 0.3, -0.2])
 BASIS = Polynomial("p", degree=1)
-SETTINGS = dict(na=2, nb=2, nk=1, input="u", output="y", basis=BASIS)
+SETTINGS = {"na": 2, "nb": 2, "nk": 1, "input": "u", "output": "y", "basis": BASIS}
 
 
 def system(rng: np.random.Generator, n: int = 2000, slope: float = 0.0) -> Record:
@@ -31,6 +31,10 @@ def system(rng: np.random.Generator, n: int = 2000, slope: float = 0.0) -> Recor
         y[k] = ((1.0 - 0.3 * p[k]) * y[k - 1] - (0.4 - 0.2 * p[k]) * y[k - 2] + (0.6 + 0.3 * p[k]) * u[k - 1]
                 + (0.3 - 0.2 * p[k]) * u[k - 2] + e[k] + (0.7 + slope * p[k]) * e[k - 1])
     return Record({"u": u, "p": p, "y": y}, sample_time=1.0)
+
+
+def random_record(rng: np.random.Generator, n: int) -> Record:
+    return Record({"u1": rng.normal(size=n), "p": rng.uniform(-1, 1, n), "y1": rng.normal(size=n)}, sample_time=1.0)
 
 
 def study(structure, runs: int, **changes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -97,15 +101,16 @@ def test_prediction_by_hand(horizon, lagged, rng):
     noise = NoiseModel("armax", [[[0.4, 0.2]], [[0.1, -0.1]], [[0.05, 0.0]]])
     model = LPVTransferFunction.siso([[-0.8, 0.1], [0.2, 0.0]], [[0.3, 0], [1.0, 0.5]], BASIS, 1.0, lagged=lagged,
                                      noise=noise)
-    record = Record({"u1": rng.normal(size=60), "p": rng.uniform(-1, 1, 60), "y1": rng.normal(size=60)}, sample_time=1.0)
-    np.testing.assert_allclose(predict(model, record, horizon).output[:, 0], by_hand(model, record, horizon), atol=1e-12)
+    record = random_record(rng, 60)
+    ahead = predict(model, record, horizon).output[:, 0]
+    np.testing.assert_allclose(ahead, by_hand(model, record, horizon), atol=1e-12)
 
 
 def test_far_ahead_the_prediction_is_the_free_run_but_for_the_first_innovations(rng):
     """After nc samples no innovation is left, and what remains is the free run."""
     plain = LPVTransferFunction.siso([[-0.5, 0.1]], [[0, 0], [1.0, 0.5]], BASIS, 1.0)
     model = plain.replace(noise=NoiseModel("armax", [[[0.6]]]))
-    record = Record({"u1": rng.normal(size=80), "p": rng.uniform(-1, 1, 80), "y1": rng.normal(size=80)}, sample_time=1.0)
+    record = random_record(rng, 80)
     np.testing.assert_allclose(predict(model, record, 1000).output, simulate(plain, record).output, atol=1e-12)
 
 

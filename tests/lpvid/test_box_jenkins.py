@@ -19,7 +19,7 @@ from lpvid.simulation import predict, simulate
 
 TRUTH = np.array([-1.0, 0.3, 0.4, -0.2, 0.6, 0.3, 0.3, -0.2])
 BASIS = Polynomial("p", degree=1)
-SETTINGS = dict(na=2, nb=2, nk=1, input="u", output="y", basis=BASIS)
+SETTINGS = {"na": 2, "nb": 2, "nk": 1, "input": "u", "output": "y", "basis": BASIS}
 
 
 def system(rng: np.random.Generator, n: int = 2000) -> Record:
@@ -32,6 +32,10 @@ def system(rng: np.random.Generator, n: int = 2000) -> Record:
         x[k] = ((1.0 - 0.3 * p[k]) * x[k - 1] - (0.4 - 0.2 * p[k]) * x[k - 2]
                 + (0.6 + 0.3 * p[k]) * u[k - 1] + (0.3 - 0.2 * p[k]) * u[k - 2])
     return Record({"u": u, "p": p, "y": x + lfilter([1, 0.5], [1, -0.85], 0.3 * rng.normal(size=n))}, sample_time=1.0)
+
+
+def random_record(rng: np.random.Generator, n: int) -> Record:
+    return Record({"u1": rng.normal(size=n), "p": rng.uniform(-1, 1, n), "y1": rng.normal(size=n)}, sample_time=1.0)
 
 
 def study(structure, runs: int) -> tuple[np.ndarray, np.ndarray, list]:
@@ -82,8 +86,9 @@ def by_hand(model: LPVTransferFunction, record: Record, horizon: int) -> np.ndar
 def test_prediction_by_hand(horizon, rng):
     noise = NoiseModel("box-jenkins", [[[0.4]], [[0.1]]], [[-0.9], [0.3], [0.1]])
     model = LPVTransferFunction.siso([[-0.8, 0.1], [0.2, 0.0]], [[0, 0], [1.0, 0.5]], BASIS, 1.0, noise=noise)
-    record = Record({"u1": rng.normal(size=60), "p": rng.uniform(-1, 1, 60), "y1": rng.normal(size=60)}, sample_time=1.0)
-    np.testing.assert_allclose(predict(model, record, horizon).output[:, 0], by_hand(model, record, horizon), atol=1e-12)
+    record = random_record(rng, 60)
+    ahead = predict(model, record, horizon).output[:, 0]
+    np.testing.assert_allclose(ahead, by_hand(model, record, horizon), atol=1e-12)
 
 
 def test_the_innovations_of_the_truth_are_what_drove_it(rng):
@@ -105,8 +110,8 @@ def test_without_noise_orders_it_is_output_error(rng):
 
 
 def test_noise_models_refuse_what_does_not_fit():
-    for bad in (dict(kind="pink"), dict(kind="output", c=[[[0.1]]]), dict(kind="armax", d=[[0.1]]),
-                dict(kind="box-jenkins", c=[[[0.1, 0.2]]]), dict(kind="armax", c=[[[np.nan]]])):
+    for bad in ({"kind": "pink"}, {"kind": "output", "c": [[[0.1]]]}, {"kind": "armax", "d": [[0.1]]},
+                {"kind": "box-jenkins", "c": [[[0.1, 0.2]]]}, {"kind": "armax", "c": [[[np.nan]]]}):
         with pytest.raises(InputError):
             NoiseModel(**bad)
     with pytest.raises(InputError, match="functions"):

@@ -21,7 +21,7 @@ from lpvid.simulation import predict, simulate
 
 TRUTH = np.array([-1.0, 0.3, 0.4, -0.2, 0.6, 0.3, 0.3, -0.2])
 BASIS = Polynomial("p", degree=1)
-SETTINGS = dict(na=2, nb=2, nk=1, input="u", output="y", basis=BASIS)
+SETTINGS = {"na": 2, "nb": 2, "nk": 1, "input": "u", "output": "y", "basis": BASIS}
 
 
 def coloured(rng: np.random.Generator, n: int = 2000, scale: float = 0.3) -> Record:
@@ -34,6 +34,10 @@ def coloured(rng: np.random.Generator, n: int = 2000, scale: float = 0.3) -> Rec
         x[k] = ((1.0 - 0.3 * p[k]) * x[k - 1] - (0.4 - 0.2 * p[k]) * x[k - 2]
                 + (0.6 + 0.3 * p[k]) * u[k - 1] + (0.3 - 0.2 * p[k]) * u[k - 2])
     return Record({"u": u, "p": p, "y": x + lfilter([1, 0.5], [1, -0.85], scale * rng.normal(size=n))}, sample_time=1.0)
+
+
+def random_record(rng: np.random.Generator, n: int) -> Record:
+    return Record({"u1": rng.normal(size=n), "p": rng.uniform(-1, 1, n), "y1": rng.normal(size=n)}, sample_time=1.0)
 
 
 def study(structure, runs: int, system=coloured) -> tuple[np.ndarray, np.ndarray]:
@@ -73,7 +77,7 @@ def test_never_worse_than_its_start():
 
 def test_the_prediction_is_the_free_run(rng):
     model = LPVTransferFunction.siso([[-0.8, 0.1]], [[0, 0], [1.0, 0.5]], BASIS, 1.0, noise=NoiseModel("output"))
-    record = Record({"u1": rng.normal(size=50), "p": rng.uniform(-1, 1, 50), "y1": rng.normal(size=50)}, sample_time=1.0)
+    record = random_record(rng, 50)
     free = simulate(model, record)
     for horizon in (1, 7):
         ahead = predict(model, record, horizon)
@@ -87,8 +91,9 @@ def test_a_realisation_has_an_observer_gain_only_for_equation_noise(rng):
     coloured_model = model.replace(noise=NoiseModel("output"))
     found = realize(coloured_model, "augmented").model
     assert found.observer_gain is None
-    record = Record({"u1": rng.normal(size=30), "p": rng.uniform(-1, 1, 30), "y1": rng.normal(size=30)}, sample_time=1.0)
-    np.testing.assert_allclose(simulate(found, record, "zero").output, simulate(model, record, "zero").output, atol=1e-12)
+    record = random_record(rng, 30)
+    expected = simulate(model, record, "zero").output
+    np.testing.assert_allclose(simulate(found, record, "zero").output, expected, atol=1e-12)
 
 
 def test_two_outputs_and_two_inputs(rng):
@@ -126,7 +131,7 @@ def test_a_scheduling_filter_by_name_joins_the_search_and_an_object_stays(rng):
     for k in range(1, n):
         x[k] = (0.6 + 0.3 * q[k]) * x[k - 1] + (1 + 0.5 * q[k]) * u[k - 1]
     record = Record({"u": u, "p": p, "y": x + 0.02 * rng.normal(size=n)}, sample_time=0.01)
-    settings = dict(na=1, nb=1, input="u", output="y", basis=BASIS)
+    settings = {"na": 1, "nb": 1, "input": "u", "output": "y", "basis": BASIS}
     found = identify(record, OutputError(**settings, schedule_filter="rise-fall", starts=1))
     stage = found.model.scheduling_stage
     np.testing.assert_allclose([stage.tau_rise, stage.tau_fall], [0.03, 0.08], rtol=0.02)
@@ -143,8 +148,8 @@ def thirds(record: Record) -> tuple[Record, Record]:
 
 def test_gyroscope_held_out_is_no_worse_than_least_squares(shared_data):
     training, held = thirds(files.read(shared_data / "gyroscope" / "estimation.csv")[0])
-    settings = dict(na=4, nb=4, nk=1, input="motor current", output="gimbal speed", affine=5, lagged=True,
-                    basis=Polynomial(("p1", "p2", "p3"), degree=1))
+    settings = {"na": 4, "nb": 4, "nk": 1, "input": "motor current", "output": "gimbal speed", "affine": 5,
+                "lagged": True, "basis": Polynomial(("p1", "p2", "p3"), degree=1)}
     first = identify(training, ARX(**settings), held_out=[held])
     found = identify(training, OutputError(**settings), held_out=[held])
     one, two = (f.held_out.overall.free_run.fit_percent for f in (first, found))

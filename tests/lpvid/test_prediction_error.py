@@ -83,16 +83,16 @@ def finite_differences(problem: Problem, point: Point, step: float = 1e-6) -> np
 
 
 CASES = {
-    "oe": dict(kind="output"),
-    "oe lagged": dict(kind="output", lagged=True),
-    "oe five lags": dict(kind="output", na=5),
-    "oe two outputs": dict(kind="output", outputs=2),
-    "oe finite response": dict(kind="output", na=0),
-    "bj": dict(kind="box-jenkins"),
-    "bj two outputs lagged": dict(kind="box-jenkins", outputs=2, lagged=True),
-    "armax": dict(kind="armax"),
-    "armax varying": dict(kind="armax", functions=2),
-    "armax varying two outputs lagged": dict(kind="armax", functions=2, outputs=2, lagged=True),
+    "oe": {"kind": "output"},
+    "oe lagged": {"kind": "output", "lagged": True},
+    "oe five lags": {"kind": "output", "na": 5},
+    "oe two outputs": {"kind": "output", "outputs": 2},
+    "oe finite response": {"kind": "output", "na": 0},
+    "bj": {"kind": "box-jenkins"},
+    "bj two outputs lagged": {"kind": "box-jenkins", "outputs": 2, "lagged": True},
+    "armax": {"kind": "armax"},
+    "armax varying": {"kind": "armax", "functions": 2},
+    "armax varying two outputs lagged": {"kind": "armax", "functions": 2, "outputs": 2, "lagged": True},
 }
 
 
@@ -186,7 +186,7 @@ def simple(rng: np.random.Generator, n: int = 800, noise: float = 0.05, slope: f
     return Record({"u": u, "p": p, "y": x + noise * rng.normal(size=n)}, sample_time=0.01)
 
 
-SETTINGS = dict(na=1, nb=1, input="u", output="y", basis=BASIS)
+SETTINGS = {"na": 1, "nb": 1, "input": "u", "output": "y", "basis": BASIS}
 
 
 def test_bounds_hold_and_the_rest_still_fits(rng):
@@ -226,7 +226,7 @@ def test_an_interrupt_reaches_the_caller(rng):
 
 
 def test_an_unstable_least_squares_start_is_drawn_in(rng):
-    """Heavy noise on a barely sampled resonance: the equation-error model runs away, the output-error model does not."""
+    """Heavy noise on a slow resonance: the equation-error model fails, the output-error model does not."""
     n = 1500
     u, p, x = rng.normal(size=n), np.sin(np.arange(n) / 40), np.zeros(n)
     for k in range(2, n):
@@ -310,6 +310,6 @@ def test_monte_carlo_statistics_tell_bias_from_scatter(rng):
     draws = truth + rng.normal(size=(200, 3)) * [0.1, 0.2, 0.3]
     assert joint_bias_test(draws, truth) > 0.001
     assert known_bias_test(draws, truth, covariance) > 0.001
-    assert joint_bias_test(draws, truth + [0.05, 0, 0]) < 1e-4
-    assert known_bias_test(draws, truth + [0.05, 0, 0], covariance) < 1e-4
+    assert joint_bias_test(draws, truth + np.array([0.05, 0, 0])) < 1e-4
+    assert known_bias_test(draws, truth + np.array([0.05, 0, 0]), covariance) < 1e-4
     assert coverage(draws, np.tile([0.1, 0.2, 0.3], (200, 1)), truth) == pytest.approx(0.95, abs=0.03)
