@@ -208,7 +208,8 @@ def demo_page(demo: Demo, shown: Sequence[Comparison]) -> Page:
 
     model = identification_page(demo.found, (), demo.gaps, demo.audit)
     stability = stability_page(demo.study, "the damper model")
-    parameters = [s for s in model.sections if s.title in ("What is left in the residuals", "Parameters", "Remarks")]
+    parameters = [s for s in model.sections if s.title in ("Where the error lies", "What is left in the residuals",
+                                                           "Parameters", "Remarks")]
     sections = (
         Section("Eight experiments", (experiments_table(demo.experiments), *_experiments_figure(demo))),
         Section("Measured and simulated", tuple(_run_figures(shown))),

@@ -14,6 +14,9 @@ from lpvid.cli.running import Results, command, conclude, working
 def validate(model: options.ModelFile, data: options.Data, input: options.Inputs = None, output: options.Outputs = None,
              schedule: options.Schedule = None, role: options.Role = None, flip: options.Flip = None,
              sample_rate: options.SampleRate = None,
+             horizon: Annotated[list[int] | None, typer.Option("--horizon", metavar="K", min=2,
+                                help="Also predict this "
+                                "many samples ahead; repeat for several.")] = None,
              training: Annotated[bool, typer.Option("--training", help="These data are those the model was fitted to: "
                                                     "label the figures so.")] = False,
              out: options.Out = None, json: options.Json = False) -> None:
@@ -36,7 +39,7 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
 
         say("simulating")
         label = "training" if training else "held-out"
-        found = validation.validate(loaded, records, sample_rate=sample_rate, label=label)
+        found = validation.validate(loaded, records, sample_rate=sample_rate, label=label, horizons=horizon or ())
         if results.kept:
             from lpvid.report.figures import comparisons
             from lpvid.report.validation import validation_page

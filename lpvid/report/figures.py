@@ -58,11 +58,11 @@ def overall_table(found: Sequence[Validation]) -> Table:
     """Pooled figures, one row per data set and kind of run."""
     rows, marks = [], []
     for v in found:
-        for kind, f in (("free-run", v.overall.free_run), ("one-step", v.overall.one_step)):
+        for f in (v.overall.free_run, v.overall.one_step, *v.k_steps):
             diverged = "" if f.diverged_at is None else f"diverged at sample {f.diverged_at}"
-            rows.append((v.label, kind, number(f.esr), number(f.fit_percent), number(f.rmse, 4, f.rmse_unit),
+            rows.append((v.label, f.kind, number(f.esr), number(f.fit_percent), number(f.rmse, 4, f.rmse_unit),
                          f"{f.n_samples:,}", diverged or "–"))
-            marks.append(grade(f.esr) if kind == "free-run" else "plain")
+            marks.append(grade(f.esr) if f.kind == "free-run" else "plain")
     return Table(("data", "run", "ESR [1]", "fit [%]", "rmse", "samples", "remark"), tuple(rows),
                  "Pooled over records, each about its own mean.", (2, 3, 4, 5), tuple(marks))
 
@@ -91,6 +91,17 @@ def tests_table(found: Validation) -> Table | None:
     marks: tuple[Mark, ...] = tuple("good" if t.passed else "warn" for t in found.residual_tests)
     return Table(("test", "outcome", "statistic", "p-value", "what it says"), rows,
                  f"Tests on the one-step residuals, {found.label}.", (2, 3), marks)
+
+
+def regimes_table(found: Validation) -> Table | None:
+    """Where the free run is wrong, or None where that was not worked out."""
+    if not found.regimes:
+        return None
+    rows = tuple((r.where, percent(r.share), percent(r.error_share), number(r.esr)) for r in found.regimes)
+    marks: tuple[Mark, ...] = tuple("warn" if r.error_share > 1.3 * r.share else "plain" for r in found.regimes)
+    return Table(("where", "share of the data", "share of the error", "ESR there"), rows,
+                 f"Free run, {found.label}; marked where the error weighs more than the data. For a frequency band, "
+                 "the share of the data is that of the measured power.", (1, 2, 3), marks)
 
 
 def run_figures(shown: Sequence[Comparison], scheduling: Sequence[str]) -> list[Item]:

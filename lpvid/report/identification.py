@@ -8,7 +8,7 @@ from lpvid.auditing import Audit
 from lpvid.identification.result import Identification
 from lpvid.plot import Comparison
 from lpvid.report import validation
-from lpvid.report.figures import grade, overall_table, records_table, run_figures, tests_table
+from lpvid.report.figures import grade, overall_table, records_table, regimes_table, run_figures, tests_table
 from lpvid.report.forms import FormGap, forms_table
 from lpvid.report.inspection import findings_table
 from lpvid.report.page import Item, Notes, Page, Paragraph, Section, Table, number
@@ -42,7 +42,9 @@ def identification_page(found: Identification, shown: Sequence[Comparison], gaps
     best = figures[0]
     tables: list[Item] = [overall_table(figures), *(records_table(v) for v in figures)]
     tests = [t for v in figures if (t := tests_table(v)) is not None]
+    regimes = regimes_table(best)
     sections = [Section("Figures", tuple(tables)),
+                Section("Where the error lies", () if regimes is None else (regimes,)),
                 Section("Measured and simulated", tuple(run_figures(shown, model.box.names))),
                 Section("What is left in the residuals", tuple(tests)),
                 Section("Frozen poles", tuple(locus_items(model))),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from lpvid.plot import Comparison
-from lpvid.report.figures import grade, overall_table, records_table, run_figures, tests_table
+from lpvid.report.figures import grade, overall_table, records_table, regimes_table, run_figures, tests_table
 from lpvid.report.page import Item, Notes, Page, Paragraph, Section, number, percent
 from lpvid.simulation import Model
 from lpvid.validation import Validation
@@ -26,9 +26,11 @@ def validation_page(found: Validation, model: Model, shown: Sequence[Comparison]
     -------
     Page
     """
-    tests = tests_table(found)
+    tests, regimes = tests_table(found), regimes_table(found)
     figures: list[Item] = [overall_table([found]), records_table(found)]
     sections = [Section("Figures", tuple(figures))]
+    if regimes is not None:
+        sections.append(Section("Where the error lies", (regimes,)))
     if tests is not None:
         sections.append(Section("What is left in the residuals", (tests,)))
     sections.append(Section("Measured and simulated", tuple(run_figures(shown, model.box.names))))

@@ -150,7 +150,17 @@ def test_validate_takes_other_names_and_signs(model, tmp_path):
     assert json.loads(wrong.stdout)["overall"]["free_run"]["esr"] == pytest.approx(4.0, rel=0.05)  # (y+y)²/y²
 
 
-def test_validate_knows_training_data(model, run1):
+def test_validate_further_ahead(model, tmp_path):
+    other = measured(tmp_path / "run2.csv", 400, seed=9)
+    told = json.loads(run("validate", model, other, "--horizon", 5, "--horizon", 20, "--json").stdout)
+    assert told["overall"]["5_step"]["esr"] < 1e-20 and told["overall"]["20_step"]["esr"] < 1e-20
+
+
+def test_validate_knows_training_data(model, run1, tmp_path):
+    """The first two thirds of the file were fitted: the model says so, whatever it is asked."""
+    lines = run1.read_text().splitlines()
+    (tmp_path / "head.csv").write_text("\n".join(lines[:900]) + "\n")
+    assert json.loads(run("validate", model, tmp_path / "head.csv", "--json").stdout)["data"] == "training"
     assert json.loads(run("validate", model, run1, "--training", "--json").stdout)["data"] == "training"
 
 
