@@ -247,7 +247,8 @@ def _assembled(structure: RefinedIV, records: Sequence[Record], whole: Identific
              conditions(s.found.factor, s.problem.size) for s in singles]
     return Identification(layout.fill(empty, np.concatenate(theta)), structure, layout, matrix,
                           max(w[0] for w in worst), max(w[1] for w in worst), whole.n_samples,
-                          notes=(*whole.notes, *(n for s in singles for n in s.notes), *notes))
+                          notes=(*whole.notes, *(n for s in singles for n in s.notes), *notes),
+                          covariance_kind="refined IV, " + ("coloured output error" if notes else "white innovations"))
 
 
 def _to(structure: RefinedIV, output: int) -> str:

@@ -139,7 +139,8 @@ def test_bad_arguments(arguments, said) -> None:
 # -- noise ---------------------------------------------------------------------------------------------------------
 def test_units_do_not_matter(rng) -> None:
     data = record(rng, 1500, 15.0, RED)
-    scaled = data.with_channel("u", 1e3 * data["u"]).with_channel("y", 1e-6 * data["y"]).with_channel("p", 50 * data["p"])
+    scaled = data.with_channel("u", 1e3 * data["u"]).with_channel("y", 1e-6 * data["y"])
+    scaled = scaled.with_channel("p", 50 * data["p"])
     one, two = identify(data, BJ), identify(scaled, BJ)
     factor = np.where(one.layout.table[:, 0] == 0, 1.0, 1e-9)
     np.testing.assert_allclose(two.parameters, one.parameters * factor, rtol=1e-4, atol=1e-12)

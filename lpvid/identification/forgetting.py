@@ -1,0 +1,82 @@
+"""How a recursive estimate forgets, and when it opens its covariance again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+
+
+@dataclass(frozen=True)
+class VariableForgetting:
+    """Forget fast where the prediction error is large: λ = 1 − ε²/(memory σ² (1 + φᵀPφ)), not below `lowest`.
+
+    Fortescue, Kershenbaum & Ydstie 1981. The noise variance σ² is learnt from the start and from a slow average of the
+    errors.
+
+    Parameters
+    ----------
+    memory : float
+        Samples remembered when the error is what the noise makes it.
+    lowest : float
+        Least λ.
+
+    Examples
+    --------
+    >>> VariableForgetting(memory=200).to_dict()
+    {'kind': 'variable', 'memory': 200.0, 'lowest': 0.9}
+    """
+
+    memory: float = 1000.0
+    lowest: float = 0.9
+
+    def __post_init__(self) -> None:
+        memory = _checks.positive(self.memory, "the memory of variable forgetting", "samples")
+        object.__setattr__(self, "memory", memory)
+        object.__setattr__(self, "lowest", forgetting_factor(self.lowest, "the lowest forgetting factor"))
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"kind": "variable", "memory": self.memory, "lowest": self.lowest}
+
+
+@dataclass(frozen=True)
+class CovarianceReset:
+    """Set P back to ``to · diag(1/mean square of each regressor)`` when its mean variance leaves [below, above].
+
+    Variances are in unit-column scaling: 1 is what one sample of typical size tells about a lone parameter. Above: old
+    knowledge has been forgotten without new excitation (wind-up), and the next sample would throw the parameters about.
+    Below: the recursion has fallen asleep.
+
+    Parameters
+    ----------
+    above, below : float
+        Bounds; infinity and 0 never act.
+    to : float
+        Variance after a reset.
+    """
+
+    above: float = 1e6
+    below: float = 0.0
+    to: float = 100.0
+
+    def __post_init__(self) -> None:
+        _checks.positive(self.to, "the variance after a reset")
+        if not 0 <= self.below <= self.to <= self.above:
+            raise InputError("a covariance reset needs 0 <= below <= to <= above",
+                             got=f"below {self.below}, to {self.to}, above {self.above}")
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"above": self.above if np.isfinite(self.above) else None, "below": self.below, "to": self.to}
+
+
+def forgetting_factor(value: object, name: str) -> float:
+    """A forgetting factor, above 0 and up to 1."""
+    number = _checks.real(value, name)
+    if not 0 < number <= 1:
+        raise InputError(f"{name} must lie above 0 and not above 1", got=value)
+    return number
