@@ -13,8 +13,9 @@ from lpvid.errors import InputError
 from lpvid.identification._support import Supports, units_of, variables_of
 from lpvid.identification.arx import ARX, scheduling_box
 from lpvid.identification.layout import Layout
-from lpvid.identification.regression import Factor
+from lpvid.identification.regression import Columns, Factor, factorize
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
+from lpvid.identification.sandwich import sandwich_covariance
 from lpvid.identification.structure import Structure
 from lpvid.record import Record
 
@@ -95,6 +96,17 @@ class SparseARX(Structure):
             factor = full.factor(records, box)
             supports = [self._support(records, full, box, factor, o) for o in range(len(full.output))]
             return self._package(whole, full, factor, supports)
+
+    def coloured_covariance(self, records: Sequence[Record], found: Identification, memory: int) -> np.ndarray | None:
+        if len(self.arx.output) > 1 or not isinstance(found.layout, Layout):
+            return None
+        full = self.arx._data(found.model.box, None)
+        place = {tuple(row): i for i, row in enumerate(self.arx.places().tolist())}
+        kept = [place[tuple(row)] for row in found.layout.table[:, [0, 1, 3, 4]].tolist()]
+        c = full.columns
+        columns = Columns(c.source[kept], c.sign[kept], c.lag[kept], c.function[kept], c.phi_lag[kept])
+        data = replace(full, columns=columns)
+        return sandwich_covariance(records, data, factorize(records, data), found.parameters[:, None], memory)
 
     def _support(self, records: Sequence[Record], full: ARX, box, factor: Factor, output: int) -> np.ndarray:
         units, always = units_of(full.places(), full.basis, box, self.group)

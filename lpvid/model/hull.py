@@ -19,6 +19,10 @@ FACETS = 200
 """half spaces that a hull may have at most."""
 EXACT_VARIABLES = 4
 """variables up to which the exact convex hull is sought."""
+CORNERS = 2000
+"""vertices beyond which a hull cannot have few facets."""
+CHUNK = 16_384
+"""samples looked at together."""
 SLACK = 1e-9
 """tolerance, in half widths of the box, within which a point counts as inside."""
 
@@ -75,18 +79,17 @@ class Hull:
         centre, half = 0.5 * (low + high), 0.5 * (high - low)
         half = np.where(half > 0, half, 1.0)
         z = (points - centre) / half
-        facets = _facets(z) if 2 <= len(names) <= EXACT_VARIABLES else None
-        if facets is not None:
-            return cls(tuple(names), centre, half, facets[:, :-1], -facets[:, -1], True)
-        normals = directions(len(names), FACETS)
-        return cls(tuple(names), centre, half, normals, (z @ normals.T).max(axis=0), len(names) == 1)
+        normals = _facets(z) if 2 <= len(names) <= EXACT_VARIABLES else None
+        exact = normals is not None or len(names) == 1
+        normals = directions(len(names), FACETS) if normals is None else normals
+        return cls(tuple(names), centre, half, normals, _reach(z, normals), exact)
 
     def contains(self, p: np.ndarray) -> np.ndarray:
         """(n,) bool: which samples of `p` (n, len(names)) lie inside."""
         z = (np.asarray(p, dtype=float) - self.centre) / self.half_width
         inside = np.ones(len(z), dtype=bool)
-        for first in range(0, len(z), 65_536):
-            part = slice(first, first + 65_536)
+        for first in range(0, len(z), CHUNK):
+            part = slice(first, first + CHUNK)
             inside[part] = np.all(z[part] @ self.normals.T <= self.offsets + SLACK, axis=1)
         return inside
 
@@ -104,36 +107,25 @@ class Hull:
 
 
 def _facets(z: np.ndarray) -> np.ndarray | None:
-    """(facets, n + 1) outward normals and offsets (negative), or None where there are too many or the data are flat."""
+    """(facets, n) outward normals of the convex hull, or None where there are too many or the data are flat."""
     from scipy.spatial import ConvexHull, QhullError
 
+    corners = np.empty((0, z.shape[1]))
     try:
-        equations = ConvexHull(_candidates(z)).equations
+        for first in range(0, len(z), CHUNK):
+            hull = ConvexHull(np.vstack([corners, z[first: first + CHUNK]]))
+            corners = hull.points[hull.vertices]
+            if len(corners) > CORNERS:
+                return None
     except QhullError:
         return None
-    equations = np.unique(np.round(equations, 12), axis=0)
-    if len(equations) > FACETS:
-        return None
-    # rounding must leave no sample outside
-    equations[:, -1] = -np.max(z @ equations[:, :-1].T, axis=0)
-    return equations
+    normals = np.unique(np.round(hull.equations[:, :-1], 12), axis=0)
+    return normals if len(normals) <= FACETS else None
 
 
-def _candidates(z: np.ndarray) -> np.ndarray:
-    """Few points are a hull's vertices: with many samples, those that are extreme in none of many directions go first.
-
-    A sample strictly inside the hull of the extreme ones cannot be a vertex.
-    """
-    if len(z) <= 20_000:
-        return z
-    from scipy.spatial import ConvexHull
-
-    extreme = z[np.unique(np.argmax(z @ directions(z.shape[1], FACETS).T, axis=0))]
-    equations = ConvexHull(extreme).equations
-    outside = np.zeros(len(z), dtype=bool)
-    for normal, offset in zip(equations[:, :-1], equations[:, -1], strict=True):
-        outside |= z @ normal + offset > 1e-12
-    return np.vstack([extreme, z[outside]])
+def _reach(z: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """(facets,) largest n·z over the samples: no sample is left outside by rounding."""
+    return np.max([(z[i: i + CHUNK] @ normals.T).max(axis=0) for i in range(0, len(z), CHUNK)], axis=0)
 
 
 def directions(n: int, count: int) -> np.ndarray:

@@ -99,7 +99,7 @@ def test_frozen_poles_outside_are_a_hard_filter(record):
     assert chosen.best is pair[1]
     assert "frozen pole outside at" in chosen.table[1].reason and "% of training samples" in chosen.table[1].reason
     assert select(bad, pair, outside=0.2).best is pair[0]
-    with pytest.raises(InputError, match="no candidate survives"):
+    with pytest.raises(InputError, match="none of 1 candidates survives"):
         select(bad, pair[:1])
 
 

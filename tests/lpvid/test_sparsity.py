@@ -134,6 +134,20 @@ def test_outputs_keep_parameters_of_their_own(rng):
     assert found.covariance.shape == (6, 6) and np.all(np.linalg.eigvalsh(found.covariance) > 0)
 
 
+def test_standard_errors_allow_for_colour(rng):
+    """With nothing to drop, the sandwich is that of the full ARX on the same columns."""
+    n = 8000
+    u, e, y = rng.normal(size=n), rng.normal(size=n), np.zeros(n)
+    for k in range(1, n):
+        y[k] = 0.6 * y[k - 1] + u[k - 1] + 0.5 * (e[k] + 0.9 * e[k - 1])
+    record = Record({"u": u, "y": y}, sample_time=0.01)
+    arx = ARX(na=1, nb=1, input="u", output="y")
+    full, sparse = identify(record, arx), sparsify(record, arx)
+    assert sparse.layout.size == full.layout.size
+    assert any("sandwich" in note for note in sparse.notes)
+    np.testing.assert_allclose(sparse.covariance, full.covariance, rtol=1e-6)
+
+
 def test_which_function_depends_on_what():
     box = Scheduling(("p", "q"), (0.0, -1.0), (2.0, 1.0))
     listed = variables_of(Polynomial(("p", "q"), degree=2).bound(box), box)

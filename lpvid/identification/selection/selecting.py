@@ -104,9 +104,10 @@ def _concluded(search: Search, pieces: Sequence[Record], held_out: Record | Sequ
     table = [row for _, row in ranked]
     tested = [i for i, row in enumerate(table) if row.esr is not None]
     if not tested and complete:
-        raise InputError("no candidate survives", got=table[0].reason if table else "none",
-                         why=f"the first of {len(table)} is dropped for that reason",
-                         mend="widen the candidates, or allow a share outside with outside=…")
+        reasons = list(dict.fromkeys(row.reason for row in table))
+        mend = "allow a share outside with outside=…, or try other" if "frozen" in reasons[0] else "try other"
+        raise InputError(f"none of {len(table)} candidates survives", got="; ".join(reasons[:2]),
+                         mend=f"{mend} orders, bases or longer records")
     final: Identification | None = None
     chosen = tested[0] if tested else 0
     try:
