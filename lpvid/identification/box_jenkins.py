@@ -9,8 +9,9 @@ import numpy as np
 
 from lpvid.identification.levenberg_marquardt import minimise
 from lpvid.identification.pem_problem import Problem
+from lpvid.identification.pem_search import SHORT, ranked
 from lpvid.identification.pem_starts import Start, box_jenkins_starts, output_starts
-from lpvid.identification.prediction_error import SHORT, PredictionError
+from lpvid.identification.prediction_error import PredictionError
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
@@ -65,7 +66,7 @@ class BoxJenkins(PredictionError):
         plain = Problem(records, problem.structure, problem.model, problem.layout, NoiseModel("output"),
                         problem.free_stages, problem.estimate_past)
         plain.weights = problem.weights
-        inside, outside = self._ranked(plain, output_starts(plain, first))
+        inside, outside = ranked(plain, output_starts(plain, first))
         models = [model for _, _, model in (*inside[: self.starts], *outside[:1])]
         k = sum(plain.sizes)
         found = []

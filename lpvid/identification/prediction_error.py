@@ -14,9 +14,10 @@ from lpvid._threads import single_thread
 from lpvid.errors import InputError
 from lpvid.identification.arx import ARX
 from lpvid.identification.layout import Layout
-from lpvid.identification.levenberg_marquardt import Search, frozen_moduli, frozen_radius, minimise, reduce
+from lpvid.identification.levenberg_marquardt import Search, frozen_moduli, reduce
 from lpvid.identification.pem_covariance import covariance
 from lpvid.identification.pem_problem import Problem
+from lpvid.identification.pem_search import EDGE, SHORT, Campaign, Outcome, better, mean_square, ranked
 from lpvid.identification.pem_starts import Start, equation_start, perturbed, stabilised
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.stage_fit import SAMPLES, shorten
@@ -28,15 +29,7 @@ from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.scheduling import Basis, Polynomial
 
-SHORT = 12
-"""iterations that each of the best starts gets before the best goes on."""
-REWEIGHTED = 3
-"""rounds in which several outputs are weighed by their own prediction errors."""
 CHECKED_POINTS = 5000
-EDGE = 0.999
-WORTH_LEAVING = 0.9
-"""cost, relative to the best model with all frozen poles inside the unit circle, that justifies one without."""
-Ranked = tuple[float, str, LPVTransferFunction]
 
 
 @dataclass(frozen=True)
@@ -152,63 +145,50 @@ class PredictionError(Structure):
     def _estimate(self, records: list[Record], first: Identification) -> Identification:
         sample = shorten(records, SAMPLES, self.start + 50)
         coarse, problem = self._problem(sample, first), self._problem(records, first)
-        bounds = self._bounds(problem)
         rng = np.random.default_rng(self.seed)
         models = self.starting_models(sample, coarse, first.model)
-        models += perturbed(models[0][1], first.layout, first.covariance, rng, max(self.starts - 1, 1))
-        inside, outside = self._ranked(coarse, models)
-        tried = self._tried(coarse, inside, bounds, 1.0)
-        tried += [(np.inf, "least squares, poles drawn in", stabilised(problem, first.model))]
-        search, label = self._follow(problem, tried, bounds, 1.0)
-        free = self._unguarded(sample, coarse, problem, first.model, outside, search, bounds)
-        if free is not None and (search is None or free[0].cost < WORTH_LEAVING * search.cost):
-            search, label = free
-        if search is None:
+        models += perturbed(models[0][1], problem.layout, first.covariance, rng, max(self.starts - 1, 1))
+        inside, outside = ranked(coarse, models)
+        campaign = Campaign(coarse, problem, self._bounds(problem), self.starts, self.max_iterations, self.tolerance,
+                            self.progress)
+        found = campaign.follow(inside[: self.starts], 1.0)
+        if found is None:
+            drawn = stabilised(problem, first.model)
+            found = campaign.finish([(np.inf, "least squares, poles drawn in", drawn)], 1.0)
+        if found is None or problem.noise.kind != "armax":
+            found = better(found, campaign.unguarded(
+                found, outside, lambda: equation_start(sample, coarse, first.model, SHORT)))
+        if found is None:
             raise InputError("no starting point has a bounded free run on these data", got=f"{len(models)} starts",
                              mend="lower the orders or the degree, or check the units of the channels")
-        notes = [*first.notes, *self._notes(problem, search, label, len(models), len(inside) + len(outside))]
-        return self._package(records, first, problem, search, notes)
+        problem.weights = found.weights
+        if problem.noise.kind == "output" and problem.estimate_past:
+            problem, found = self._no_worse(records, first, problem, found)
+        told = f"{len(models)} starts ranked, {len(inside) + len(outside)} different and bounded"
+        return self._package(records, first, problem, found.search,
+                             [*self._first_notes(first), *self._notes(problem, first, found, told)])
 
-    def _unguarded(self, sample: Sequence[Record], coarse: Problem, problem: Problem, first: LPVTransferFunction,
-                   outside: Sequence[Ranked], search: Search | None, bounds: tuple[np.ndarray, np.ndarray]
-                   ) -> tuple[Search, str] | None:
-        """The same search without the circle for frozen poles, where that circle holds the guarded one up.
+    def _no_worse(self, records: Sequence[Record], first: Identification, problem: Problem, found: Outcome
+                  ) -> tuple[Problem, Outcome]:
+        """The outcome, or one from measured starts where the free run from those would be worse than least squares'."""
+        measured = self._problem(records, first, estimate_past=False)
+        measured.weights = found.weights
+        least = measured.residuals(measured.point(first.model))
+        ours = measured.residuals(measured.point(problem.model_at(found.search.point.shared)))
+        if least is None or (ours is not None and ours.cost <= least.cost):
+            return problem, found
+        campaign = Campaign(measured, measured, self._bounds(measured), self.starts, self.max_iterations,
+                            self.tolerance, self.progress)
+        again = campaign.finish([(least.cost, "least squares, from measured samples", first.model)], np.inf)
+        return (problem, found) if again is None else (measured, again)
 
-        A stable varying system may have frozen poles outside the circle for a while; a model with such poles is taken
-        only where it fits markedly better.
-        """
-        held = search is None or frozen_radius(problem, search.point) > EDGE
-        if not held and not (outside and search is not None and outside[0][0] < search.cost):
-            return None
-        models = list(outside[: self.starts])
-        if search is not None:
-            model = problem.model_at(search.point.shared)
-            residuals = coarse.residuals(coarse.point(model))
-            models += [] if residuals is None else [(residuals.cost, "the guarded search", model)]
-        if self.coloured or self.kind == "bj":
-            found = self._ranked(coarse, equation_start(sample, coarse, first, SHORT))
-            models += [*found[0], *found[1]]
-        found, label = self._follow(problem, self._tried(coarse, models, bounds, np.inf), bounds, np.inf)
-        return None if found is None else (found, label)
-
-    def _tried(self, coarse: Problem, ranked: Sequence[Ranked], bounds: tuple[np.ndarray, np.ndarray],
-               frozen_limit: float) -> list[Ranked]:
-        """A short search from each of the best starts, best result first."""
-        tried = []
-        count = self.starts if frozen_limit == 1 else len(ranked)
-        for _, label, model in ranked[:count]:
-            found = minimise(coarse, coarse.point(model), max_iterations=min(SHORT, self.max_iterations),
-                             tolerance=self.tolerance, bounds=bounds, frozen_limit=frozen_limit)
-            if found is not None:
-                tried.append((found.cost, label, coarse.model_at(found.point.shared)))
-        return sorted(tried, key=lambda row: row[0])
-
-    def _problem(self, records: Sequence[Record], first: Identification) -> Problem:
+    def _problem(self, records: Sequence[Record], first: Identification, estimate_past: bool = True) -> Problem:
         model = first.model
         noise = self.noise_model(model.n_outputs, model.basis.size)
         free = (isinstance(self.stage, str), isinstance(self.schedule_filter, str))
         assert isinstance(first.layout, Layout)
-        problem = Problem(records, first.structure, model, first.layout, noise, free, self.initial == "estimate")
+        problem = Problem(records, first.structure, model, first.layout, noise, free,
+                          estimate_past and self.initial == "estimate")
         if problem.n_outputs > 1:
             spread = [np.var(np.concatenate([r[name] for r in records])) for name in self.output]
             problem.weights = 1.0 / np.sqrt(np.maximum(spread, 1e-300))
@@ -228,42 +208,24 @@ class PredictionError(Structure):
         outputs = tuple(s.name for s in problem.model.outputs)
         return (*problem.layout.names(problem.model), *problem.noise.names(problem.model.basis.labels, outputs))
 
-    @staticmethod
-    def _ranked(problem: Problem, models: Sequence[Start]) -> tuple[list[Ranked], list[Ranked]]:
-        """Starts that do not diverge, by rising cost: with all frozen poles inside the unit circle, and others."""
-        stable, rest = [], []
-        for label, model in models:
-            point = problem.point(model)
-            residuals = problem.residuals(point)
-            if residuals is not None:
-                inside = frozen_radius(problem, point) < 1
-                (stable if inside else rest).append((residuals.cost, label, model))
-        return _different(sorted(stable, key=lambda row: row[0])), _different(sorted(rest, key=lambda row: row[0]))
-
-    def _follow(self, problem: Problem, tried: Sequence[Ranked], bounds: tuple[np.ndarray, np.ndarray],
-                frozen_limit: float) -> tuple[Search | None, str]:
-        """The full search from the first start that runs on all data."""
-        for _, label, model in tried:
-            search = minimise(problem, problem.point(model), max_iterations=self.max_iterations,
-                              tolerance=self.tolerance, bounds=bounds, frozen_limit=frozen_limit,
-                              progress=self.progress)
-            if search is None:
-                continue
-            for _ in range(REWEIGHTED if problem.n_outputs > 1 else 0):
-                errors = np.vstack([e[problem.head:] for e in search.residuals.errors])
-                problem.weights = 1.0 / np.maximum(np.sqrt(np.mean(errors**2, axis=0)), 1e-300)
-                again = minimise(problem, search.point, max_iterations=self.max_iterations, tolerance=self.tolerance,
-                                 bounds=bounds, frozen_limit=frozen_limit, progress=self.progress)
-                search = search if again is None else again
-            return search, label
-        return None, ""
-
     # -- result --------------------------------------------------------------------------------------------------
-    def _notes(self, problem: Problem, search: Search, label: str, starts: int, running: int) -> list[str]:
-        per = problem.counted
-        notes = [f"prediction error: {search.iterations} iterations from {label} ({starts} starts ranked, {running} "
-                 f"different and bounded, {min(self.starts, running)} followed); mean square "
-                 f"{search.first_cost / per:.6g} -> {search.cost / per:.6g}; stopped: {search.why}"]
+    def _first_notes(self, first: Identification) -> list[str]:
+        """Notes of the least-squares start, but for those on stages that have moved since."""
+        free = isinstance(self.stage, str) or isinstance(self.schedule_filter, str)
+        return [n for n in first.notes if not (free and n.startswith("fitted to the free run"))]
+
+    def _notes(self, problem: Problem, first: Identification, found: Outcome, told: str) -> list[str]:
+        search = found.search
+        least = problem.residuals(problem.point(first.model))
+        begun = "diverges" if least is None else f"{mean_square(least.errors):.6g}"
+        notes = [f"prediction error: {search.iterations} iterations from {found.label} ({told}, {self.starts} at most "
+                 f"followed); mean square {begun} (least squares) -> {found.size:.6g}; stopped: {search.why}"]
+        model = problem.model_at(search.point.shared)
+        for noun, stage, asked in (("input stage", model.input_stage, self.stage),
+                                   ("scheduling filter", model.scheduling_stage, self.schedule_filter)):
+            if stage is not None and isinstance(asked, str):
+                values = ", ".join(f"{k} {v:.4g}" for k, v in stage.to_dict().items() if isinstance(v, float))
+                notes.append(f"{noun} {asked} fitted along with the model: {values}")
         if problem.n_past:
             what = "past innovations" if problem.noise.kind == "armax" else "past outputs"
             values = ", ".join(f"{v:.4g}" for v in search.point.past[0].ravel()[:4])
@@ -318,12 +280,3 @@ def _interval(name: object, pair: Sequence[float]) -> tuple[float, float]:
     if len(values) != 2 or not values[0] < values[1]:
         raise InputError(f"the bounds of '{name}' must be a lower and a higher number", got=pair)
     return values[0], values[1]
-
-
-def _different(rows: list[Ranked]) -> list[Ranked]:
-    """Rows without those whose cost repeats an earlier one's within a thousandth."""
-    kept: list[Ranked] = []
-    for row in rows:
-        if not kept or row[0] > kept[-1][0] * (1 + 1e-3):
-            kept.append(row)
-    return kept

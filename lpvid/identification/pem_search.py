@@ -1,0 +1,148 @@
+"""A prediction-error search: starts ranked on a sample, the best followed on all data, frozen poles watched."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.identification.levenberg_marquardt import Search, frozen_radius, minimise
+from lpvid.identification.pem_problem import Point, Problem
+from lpvid.identification.pem_starts import Start
+from lpvid.model.transfer_function import LPVTransferFunction
+
+SHORT = 12
+"""iterations that each of the best starts gets before the best goes on."""
+REWEIGHTED = 3
+"""rounds in which several outputs are weighed by their own prediction errors."""
+EDGE = 0.999
+"""frozen pole modulus from which a search counts as held up by the unit circle."""
+WORTH_LEAVING = 0.9
+"""cost, relative to the best model with all frozen poles inside the unit circle, that justifies one without."""
+Ranked = tuple[float, str, LPVTransferFunction]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A finished search, where it began, and the weights of the outputs in its cost."""
+
+    search: Search
+    label: str
+    weights: np.ndarray
+
+    @property
+    def size(self) -> float:
+        """Geometric mean over the outputs of the mean squared prediction error."""
+        return mean_square(self.search.residuals.errors)
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """Settings of a search.
+
+    Attributes
+    ----------
+    coarse, problem : Problem
+        On a sample of the data, and on all.
+    bounds : pair of arrays
+    starts : int
+        How many starts are followed.
+    max_iterations : int
+    tolerance : float
+    progress : callable or None
+    """
+
+    coarse: Problem
+    problem: Problem
+    bounds: tuple[np.ndarray, np.ndarray]
+    starts: int
+    max_iterations: int
+    tolerance: float
+    progress: Callable[[int, float], None] | None
+
+    def follow(self, ranked: Sequence[Ranked], frozen_limit: float) -> Outcome | None:
+        """A short search on the sample from each of these starts, and the full search from the best of them."""
+        return self.finish(self._tried(ranked, frozen_limit), frozen_limit)
+
+    def _tried(self, ranked: Sequence[Ranked], frozen_limit: float) -> list[Ranked]:
+        tried = []
+        for _, label, model in ranked:
+            found = minimise(self.coarse, self.coarse.point(model), max_iterations=min(SHORT, self.max_iterations),
+                             tolerance=self.tolerance, bounds=self.bounds, frozen_limit=frozen_limit)
+            if found is not None:
+                tried.append((found.cost, label, self.coarse.model_at(found.point.shared)))
+        return sorted(tried, key=lambda row: row[0])
+
+    def finish(self, tried: Sequence[Ranked], frozen_limit: float) -> Outcome | None:
+        """The full search from the first start that runs on all data."""
+        problem = self.problem
+        problem.weights = self.coarse.weights
+        for _, label, model in tried:
+            search = self._full(problem.point(model), frozen_limit)
+            if search is None:
+                continue
+            for _ in range(REWEIGHTED if problem.n_outputs > 1 else 0):
+                errors = np.vstack([e[problem.head:] for e in search.residuals.errors])
+                problem.weights = 1.0 / np.maximum(np.sqrt(np.mean(errors**2, axis=0)), 1e-300)
+                search = self._full(search.point, frozen_limit) or search
+            return Outcome(search, label, problem.weights)
+        return None
+
+    def _full(self, point: Point, frozen_limit: float) -> Search | None:
+        return minimise(self.problem, point, max_iterations=self.max_iterations, tolerance=self.tolerance,
+                        bounds=self.bounds, frozen_limit=frozen_limit, progress=self.progress)
+
+    def unguarded(self, guarded: Outcome | None, outside: Sequence[Ranked],
+                  more: Callable[[], Sequence[Start]]) -> Outcome | None:
+        """The search without the circle for frozen poles, where that circle holds the guarded one up.
+
+        A stable varying system may have frozen poles outside the circle for a while. ``more`` gives further starts for
+        such systems.
+        """
+        if guarded is not None:
+            each = guarded.search.cost / self.problem.counted
+            held = frozen_radius(self.problem, guarded.search.point) > EDGE
+            if not held and not (outside and outside[0][0] / self.coarse.counted < each):
+                return None
+        models = list(outside[: self.starts])
+        if guarded is not None:
+            inside, rest = ranked(self.coarse, [("the guarded search",
+                                                 self.problem.model_at(guarded.search.point.shared))])
+            models += [*inside, *rest]
+        inside, rest = ranked(self.coarse, more())
+        return self.follow([*models, *inside, *rest], np.inf)
+
+
+def better(guarded: Outcome | None, free: Outcome | None) -> Outcome | None:
+    """The guarded outcome unless the other is markedly better."""
+    if guarded is None or free is None:
+        return guarded or free
+    return free if free.size < WORTH_LEAVING * guarded.size else guarded
+
+
+def ranked(problem: Problem, models: Sequence[Start]) -> tuple[list[Ranked], list[Ranked]]:
+    """Starts that do not diverge, by rising cost: with all frozen poles inside the unit circle, and others."""
+    stable, rest = [], []
+    for label, model in models:
+        point = problem.point(model)
+        residuals = problem.residuals(point)
+        if residuals is not None:
+            inside = frozen_radius(problem, point) < 1
+            (stable if inside else rest).append((residuals.cost, label, model))
+    return _different(sorted(stable, key=lambda row: row[0])), _different(sorted(rest, key=lambda row: row[0]))
+
+
+def _different(rows: list[Ranked]) -> list[Ranked]:
+    """Rows without those whose cost repeats an earlier one's within a thousandth."""
+    kept: list[Ranked] = []
+    for row in rows:
+        if not kept or row[0] > kept[-1][0] * (1 + 1e-3):
+            kept.append(row)
+    return kept
+
+
+def mean_square(errors: Sequence[np.ndarray]) -> float:
+    """Geometric mean over the outputs of Σe² per sample."""
+    total = np.sum([np.sum(e**2, axis=0) for e in errors], axis=0) / sum(len(e) for e in errors)
+    return float(np.exp(np.mean(np.log(np.maximum(total, 1e-300)))))
