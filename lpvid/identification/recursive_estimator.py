@@ -100,11 +100,15 @@ class RecursiveEstimator:
             weight = _checks.shaped(np.atleast_1d(np.asarray(weight, dtype=float)), (n,), "weight")
             if not np.all(weight >= 0):
                 raise InputError("weights must not be negative", got=float(weight.min()))
-        return self._absorb(self.stream.push(*arrays, weight))
+        return self._absorb(self.stream.push(arrays[0], arrays[1], arrays[2], weight))
 
     def follow(self, record: Record) -> None:
         """Take in a whole record, which does not continue what came before."""
         self.cut()
+        self.go_on(record)
+
+    def go_on(self, record: Record) -> None:
+        """Take in a whole record, which continues what came before."""
         for rows in self.stream.blocks(record):
             self._absorb(rows)
 
