@@ -22,7 +22,7 @@ def main(figure: Path | None = None) -> float:
     print(certificate)
     print(lpv.verify(certificate, MODEL))
     if figure is not None:
-        plot.pole_locus_figure(lpv.pole_locus(MODEL)).savefig(figure)
+        plot.locus(lpv.pole_locus(MODEL), critical=critical).savefig(figure)
     return max(c.value for c in critical.values)
 
 

@@ -71,9 +71,8 @@ def sandwich_covariance(records: Sequence[Record], data: RegressionData, factor:
 
 
 def residual_memory(residuals: Sequence[np.ndarray], longest: int = 200) -> int:
-    """Lag from which on the residual's autocorrelation stays within its 95 % band for ten lags."""
+    """Lag from which on the residual's autocorrelation stays within its 95 % band (Bartlett's) for ten lags."""
     n = sum(len(e) for e in residuals)
-    band = 2.0 / np.sqrt(n)
     longest = min(longest, max(n // 50, 1))
     centred = [e - e.mean() for e in residuals if len(e) > longest + 1]
     if not centred:
@@ -81,10 +80,11 @@ def residual_memory(residuals: Sequence[np.ndarray], longest: int = 200) -> int:
     power = sum(float(e @ e) for e in centred)
     if not power > 0:
         return 1
-    inside = 0
+    inside, squares = 0, 0.0
     for lag in range(1, longest):
         rho = sum(float(e[lag:] @ e[:-lag]) for e in centred) / power
-        inside = inside + 1 if abs(rho) < band else 0
+        inside = inside + 1 if abs(rho) < 2 * np.sqrt((1 + 2 * squares) / n) else 0
+        squares += rho**2
         if inside == 10:
             return max(lag - 9, 1)
     return longest
