@@ -41,8 +41,8 @@ class RightCoprime(Structure):
     The controllable canonical form of Díaz Salas 2011 (3.8)-(3.13), A(p_k) companion, B constant, C(p_k), realises
     exactly this (equation sheet 5.6 (a)); the transfer function with the same coefficients is another system as soon as
     p moves. What is estimated here *is* that state-space model. The error is minimised over its free run by
-    Levenberg-Marquardt with exact sensitivities. It starts from least squares (for slow p the coefficients agree), whose
-    a_i are kept at first and whose numerators are fitted again, a linear problem.
+    Levenberg-Marquardt with exact sensitivities. It starts from least squares (for slow p the coefficients agree); at
+    first its a_i are kept and the numerators fitted again, a linear problem.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from lpvid.identification.arx import ARX, scheduling_box
 from lpvid.identification.result import Identification
 from lpvid.identification.state_space_layout import StateSpaceLayout, stacks
 from lpvid.identification.state_space_result import checked_signals, empty_model, package, static_basis
-from lpvid.identification.state_space_search import Search, SearchData, bounded, evaluate, frozen_radius, refine
+from lpvid.identification.state_space_search import CONVERGED, Search, SearchData, bounded, frozen_radius, refine
 from lpvid.identification.structure import Structure
 from lpvid.identification.subspace import Subspace
 from lpvid.model.state_space import LPVStateSpace
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from lpvid.model.transfer_function import LPVTransferFunction
 
 NOISE = ("output", "innovation")
-REFINED = 2
-"""starts that are searched from to the end."""
 NEARLY = 1.05
-"""cost, relative to the least, at which the frozen poles decide between two models."""
+"""mean square error, relative to the least, at which the frozen poles decide between two models."""
 CLEAR = 0.99
 """frozen radius below which stability is no matter."""
-SCOUTING = 8
-"""steps after which the starts are compared."""
+PROBED = 12
+"""steps after which a search without the limit must have got ahead of the one with it."""
+TOUCHING = 1 - 1e-5
+"""frozen radius beyond which the limit at 1 may have held a search back."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,9 @@ class StateSpaceError(Structure):
     Full matrices leave the state coordinates open; each Gauss-Newton step moves only along what the data see, the
     tangent of the coordinate changes being projected out (Lee & Poolla 1999; McKelvey, Helmersson & Ribarits 2004).
     The Jacobian comes from the sensitivity recursions, exactly, and is folded into a triangular factor chunk by chunk;
-    every record's initial state is estimated with it. No step may take a frozen pole out of the unit circle along the
-    training trajectory, and of several ends of nearly the same cost the one with the most stable poles is taken.
+    every record's initial state is estimated with it. A search first keeps the frozen poles along the training
+    trajectory in the unit circle; one that is free to leave it is preferred only where it lowers the mean square error
+    by more than 5 %, since such models may diverge on the next record.
 
     Parameters
     ----------
@@ -117,15 +118,11 @@ class StateSpaceError(Structure):
     def estimate(self, records: Sequence[Record]) -> Identification:
         box = scheduling_box(records, self.basis)
         bound = replace(self, basis=self.basis.bound(box))
-        starts = [pair for said, model in bound._starts(records, box) for pair in _begun(said, model, records)]
-        layout = StateSpaceLayout.full(starts[0][1].model, bound._free)
-        tried = len(starts)
-        if tried > REFINED:
-            starts = [(said, refine(s.model, layout, s.data, iterations=SCOUTING)) for said, s in starts]
-            starts.sort(key=lambda pair: pair[1].evaluation.cost)
-        ends = [(said, _further(s, layout, self.iterations)) for said, s in starts[:REFINED]]
+        ends = [pair for said, model in bound._starts(records, box)
+                for pair in _ends(said, model, records, bound._free, self.iterations)]
         said, best = _preferred(ends)
-        note = (f"prediction error ({self.noise}) from {said}, one of {tried} start(s): {best.iterations} "
+        layout = StateSpaceLayout.full(best.model, bound._free)
+        note = (f"prediction error ({self.noise}) from {said}, one of {len(ends)} searches: {best.iterations} "
                 f"Levenberg-Marquardt steps; stopped because {best.why}")
         return package(replace(bound, order=best.model.order), best, layout, records, [note])
 
@@ -197,30 +194,34 @@ class StateSpaceError(Structure):
                 "affine": self.affine, "noise": self.noise, "start": start, "iterations": self.iterations}
 
 
-def _begun(said: str, model: LPVStateSpace, records: Sequence[Record]) -> list[tuple[str, Search]]:
-    """A start made bounded; where its frozen poles leave the unit circle, a second one with them drawn inside."""
-    data = SearchData.of(records, model)
+def _ends(said: str, model: LPVStateSpace, records: Sequence[Record], free: tuple[str, ...],
+          iterations: int) -> list[tuple[str, Search]]:
+    """Where searches from one start end: frozen poles held in the unit circle; and free, where that is much better."""
+    data, layout = SearchData.of(records, model), StateSpaceLayout.full(model, free)
     safe, shrunk = bounded(model, data)
     safe = _sized(safe, data)
     told = said if shrunk == 1 else f"{said} (its state matrix shrunk by {shrunk} to be bounded)"
-    begun = [(told, Search(safe, evaluate(safe, data), data, 0, "not begun"))]
     radius = frozen_radius(safe, data)
-    if radius > 1:
-        drawn, _ = bounded(safe.replace(A=0.999 / radius * safe.A), data)
-        begun.append((f"{said} (its frozen poles drawn into the unit circle)",
-                      Search(drawn, evaluate(drawn, data), data, 0, "not begun")))
-    return begun
+    inside = safe if radius <= 1 else bounded(safe.replace(A=0.999 / radius * safe.A), data)[0]
+    held = refine(inside, layout, data, iterations=iterations, stable=True)
+    ends = [(f"{told}, frozen poles kept stable", held)]
+    if held.why != CONVERGED or frozen_radius(held.model, data) > TOUCHING:
+        probe = refine(safe if radius > 1 else held.model, layout, data, iterations=min(PROBED, iterations))
+        if _log_error(probe) < _log_error(held) - np.log(NEARLY):
+            ends.append((told, refine(probe.model, layout, data, iterations=iterations)))
+    return ends
 
 
-def _further(search: Search, layout: StateSpaceLayout, iterations: int) -> Search:
-    found = refine(search.model, layout, search.data, iterations=iterations)
-    return replace(found, iterations=search.iterations + found.iterations)
+def _log_error(search: Search) -> float:
+    """Mean logarithm of the outputs' mean square errors."""
+    mean_squares = np.mean(np.vstack(search.evaluation.errors) ** 2, axis=0)
+    return float(np.log(np.maximum(mean_squares, 1e-300)).mean())
 
 
 def _preferred(ends: Sequence[tuple[str, Search]]) -> tuple[str, Search]:
-    """Among the ends of nearly the least cost, the one whose frozen poles lie furthest inside the unit circle."""
-    least = min(search.evaluation.cost for _, search in ends)
-    near = [pair for pair in ends if pair[1].evaluation.cost <= NEARLY * least]
+    """Among the ends of nearly the least error, the one whose frozen poles lie furthest inside the unit circle."""
+    least = min(_log_error(search) for _, search in ends)
+    near = [pair for pair in ends if _log_error(pair[1]) <= least + np.log(NEARLY)]
     return min(near, key=lambda pair: max(frozen_radius(pair[1].model, pair[1].data), CLEAR))
 
 

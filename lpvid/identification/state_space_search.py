@@ -21,8 +21,9 @@ BEYOND = 1e4
 """a run that exceeds this many times the data's scale counts as diverged."""
 DAMPING = 1e-2
 """first Levenberg-Marquardt damping, for unit Jacobian columns."""
-TOLERANCE = 1e-6
-"""relative decrease of the cost, expected or met, below which the search has converged."""
+DECIDED, SLOW = 0.01, 0.2
+"""decrease of the cost, in noise variances, that ends the search at once (a tenth of a standard error), or at the third
+time in a row."""
 CONVERGED = "the cost no longer falls"
 FROZEN_POINTS = 2000
 """points along the training trajectory at which a trial's frozen poles are looked at."""
@@ -220,11 +221,8 @@ def _complement(directions: np.ndarray) -> np.ndarray:
 
 
 def refine(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, *, iterations: int = 60,
-           free_coordinates: bool = True) -> Search:
+           free_coordinates: bool = True, stable: bool = False) -> Search:
     """Levenberg-Marquardt with every trial judged by its own run; a trial that diverges is a step too long.
-
-    So is one whose frozen poles leave the unit circle along the training trajectory, or move further out of it: such a
-    model may run well there and diverge on the next record.
 
     Parameters
     ----------
@@ -237,26 +235,30 @@ def refine(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, *, 
         Linearisations at most.
     free_coordinates : bool
         True for a full parametrisation, whose steps then leave the state coordinates alone.
+    stable : bool
+        Refuse also steps that take frozen poles out of the unit circle along the training trajectory, or further out:
+        such a model may run well there and diverge on the next record.
 
     Returns
     -------
     Search
     """
     with single_thread():
-        found = _levenberg(model, layout, data, iterations, free_coordinates)
+        found = _levenberg(model, layout, data, iterations, free_coordinates, stable)
         if model.n_outputs > 1 and np.isfinite(found.evaluation.cost):
             rms = np.sqrt(np.mean(np.vstack(found.evaluation.errors) ** 2, axis=0))
             reweighted = replace(data, weight=1.0 / np.maximum(rms, 1e-9 / data.weight))
-            again = _levenberg(found.model, layout, reweighted, max(iterations // 2, 5), free_coordinates)
+            again = _levenberg(found.model, layout, reweighted, max(iterations // 2, 5), free_coordinates,
+                               stable)
             found = replace(again, iterations=found.iterations + again.iterations)
     return found
 
 
 def _levenberg(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, iterations: int,
-               free_coordinates: bool) -> Search:
-    theta, now, damping = layout.read(model), evaluate(model, data), DAMPING
+               free_coordinates: bool, stable: bool) -> Search:
+    theta, now, damping, slow = layout.read(model), evaluate(model, data), DAMPING, 0
     ones = data.ones if free_coordinates else None
-    radius = outside = frozen_radius(model, data)
+    radius = outside = frozen_radius(model, data) if stable else 0.0
     if not np.isfinite(now.cost):
         return Search(model, now, data, 0, "its start diverges")
     for count in range(iterations):
@@ -265,7 +267,7 @@ def _levenberg(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData,
             return Search(model, now, data, count, "sensitivities out of range")
         directions = gauge(model, layout, ones) if free_coordinates else np.zeros((layout.size, 0))
         local = _Local.of(factor, directions)
-        if local.expected(0.0) < TOLERANCE * now.cost:
+        if local.expected(0.0) * data.rows < DECIDED * now.cost:
             return Search(model, now, data, count, CONVERGED)
         for _ in range(14):
             step = local.step(damping)
@@ -273,7 +275,7 @@ def _levenberg(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData,
             after = Evaluation(np.inf) if trial is None else evaluate(trial, data)
             if after.cost < now.cost:
                 assert trial is not None
-                outside = frozen_radius(trial, data)
+                outside = frozen_radius(trial, data) if stable else 0.0
                 if outside <= max(1.0, radius):
                     break
             damping *= 6.0
@@ -281,10 +283,11 @@ def _levenberg(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData,
             return Search(model, now, data, count, "no shorter step helps")
         assert trial is not None
         gain = (now.cost - after.cost) / max(local.expected(damping), 1e-300)
-        small = now.cost - after.cost < TOLERANCE * now.cost and damping < 1.0
+        fall = (now.cost - after.cost) * data.rows / now.cost
+        slow = slow + 1 if fall < SLOW else 0
         damping = max(damping / 8.0, 1e-10) if gain > 0.7 else damping * 2.0 if gain < 0.2 else damping
         model, theta, now, radius = trial, theta + step, after, min(radius, outside)
-        if small:
+        if slow >= 3 or (fall < DECIDED and damping < 1.0):
             return Search(model, now, data, count + 1, CONVERGED)
     return Search(model, now, data, iterations, "the limit of iterations")
 

@@ -20,7 +20,9 @@ from lpvid.identification.subspace_words import KernelWords, Trace, Words, Writt
 from lpvid.record import Record
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 
-WRITTEN = 600
+SHORTEST, LONGEST, KERNEL_PAST = 3, 12, 4
+"""past chosen automatically: the longest between these two that can be written out, or else the third."""
+WRITTEN = 700
 """words up to which the regression is written out; beyond, it works by inner products."""
 KERNEL_ROWS = 2000
 """rows of the regression by inner products; more are thinned out evenly."""
@@ -42,15 +44,17 @@ class Subspace(Structure):
     The output is regressed on words of past inputs, outputs and scheduling, with a penalty found by generalised
     cross-validation; the states are the leading singular directions of the predicted outputs; all matrices follow
     from two least squares. No iteration and no local minima, but short of the accuracy of a prediction-error estimate:
-    refine it with `StateSpaceError`. The number of words grows as Mᵖᵃˢᵗ; beyond 600 the regression works with their
+    refine it with `StateSpaceError`. The number of words grows as Mᵖᵃˢᵗ; beyond 700 the regression works with their
     inner products on at most 2000 rows, and at most 60 000 samples are read (both spread evenly).
 
     Parameters
     ----------
     order : int or None
         States; None takes it from the largest gap between successive singular values.
-    past, future : int
-        Samples that the state is estimated from, and predicted outputs that it is read from.
+    past : int or None
+        Samples that the state is estimated from; None for as many as keep the words within what is written out.
+    future : int
+        Predicted outputs that the state is read from; no more than the past.
     input, output : str or sequence of str
         Channel (or role) names; any number of each.
     basis : Basis
@@ -64,12 +68,12 @@ class Subspace(Structure):
 
     Examples
     --------
-    >>> Subspace(order=2, input="u", output="y", basis=Polynomial("p", degree=1)).start
+    >>> Subspace(order=2, input="u", output="y", basis=Polynomial("p", degree=1)).past
     6
     """
 
     order: int | None = None
-    past: int = 6
+    past: int | None = None
     future: int = 4
     input: str | tuple[str, ...] = "velocity"
     output: str | tuple[str, ...] = "force"
@@ -83,17 +87,33 @@ class Subspace(Structure):
         object.__setattr__(self, "input", inputs)
         object.__setattr__(self, "output", outputs)
         _checks.count(self.future, "future", at_least=1)
-        if _checks.count(self.past, "past", at_least=1) < self.future:
-            raise InputError("the past must not be shorter than the future", got=f"{self.past} and {self.future}")
         static_basis(self.basis)
+        if self.past is None:
+            object.__setattr__(self, "past", self._affordable())
+        _checks.count(self.past, "past", at_least=1)
         if self.order is not None and not 1 <= _checks.count(self.order, "order") <= self._most:
             raise InputError(f"the order must lie between 1 and {self._most} here", got=self.order,
                              why="the state is read from future · outputs · basis functions predicted values",
-                             mend="raise future (and past)")
+                             mend="raise future and past")
 
     @property
     def _most(self) -> int:
-        return self.future * len(self.output) * self.basis.size
+        return self._ahead * len(self.output) * self.basis.size
+
+    @property
+    def _back(self) -> int:
+        return self.past  # type: ignore[return-value]
+
+    @property
+    def _ahead(self) -> int:
+        return min(self.future, self._back)
+
+    def _affordable(self) -> int:
+        signals = len(self.input) + len(self.output) + (1 if self.affine else 0)
+        direct = (len(self.input) if self.direct else 0) + (1 if self.affine else 0)
+        fits = [v for v in range(SHORTEST, LONGEST + 1)
+                if number_of_words(self.basis.size, signals, direct, v) <= WRITTEN]
+        return max(fits, default=KERNEL_PAST)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -101,12 +121,12 @@ class Subspace(Structure):
 
     @property
     def start(self) -> int:
-        return self.past
+        return self._back
 
     def estimate(self, records: Sequence[Record]) -> Identification:
         box = scheduling_box(records, self.basis)
         bound = replace(self, basis=self.basis.bound(box))
-        used, notes = _thinned(records, self.past)
+        used, notes = _thinned(records, self._back)
         with single_thread():
             return bound._estimate(used, box, notes)
 
@@ -114,7 +134,7 @@ class Subspace(Structure):
         traces, scales = self._traces(records, box)
         words, said = self._words(traces)
         letter = np.mean(np.vstack([t.phi for t in traces]), axis=0)
-        predicted = [words.rows(t, letter, self.future) for t in traces]
+        predicted = [words.rows(t, letter, self._ahead) for t in traces]
         singular, basis = _principal(predicted)
         order = self.order or _order_by_gap(singular, min(self._most - 1, MAX_ORDER))
         states = [g @ basis[:, :order] for g in predicted]
@@ -150,13 +170,13 @@ class Subspace(Structure):
 
     def _words(self, traces: Sequence[Trace]) -> tuple[Words, str]:
         first = traces[0]
-        number = number_of_words(first.phi.shape[1], first.z.shape[1], first.now.shape[1], self.past)
-        total = sum(len(t.y) - self.past for t in traces)
+        number = number_of_words(first.phi.shape[1], first.z.shape[1], first.now.shape[1], self._back)
+        total = sum(len(t.y) - self._back for t in traces)
         by_kernel = number > WRITTEN if self.kernel is None else self.kernel
         if not by_kernel:
-            written = WrittenWords.fit(traces, self.past)
+            written = WrittenWords.fit(traces, self._back)
             return written, f"regression on {number} words and {total} rows, penalty {written.penalty:.3g}"
-        kernel = KernelWords.fit(traces, self.past, KERNEL_ROWS)
+        kernel = KernelWords.fit(traces, self._back, KERNEL_ROWS)
         rows = sum(k.size for _, k in kernel.chosen)
         return kernel, f"kernel regression on {rows} of {total} rows, penalty {kernel.penalty:.3g}"
 
@@ -166,10 +186,10 @@ class Subspace(Structure):
         """Output equation first, then the state equation with its residuals as the innovation."""
         su, sy = scales
         m, n, nu, ny = self.basis.size, states[0].shape[1], len(self.input), len(self.output)
-        phi = [self.basis.evaluate(r.matrix(box.names))[self.past:] for r in records]
-        u = [t.z[self.past:, :nu] for t in traces]
-        y = [t.y[self.past:] for t in traces]
-        one = [t.z[self.past:, nu + ny:] for t in traces]
+        phi = [self.basis.evaluate(r.matrix(box.names))[self._back:] for r in records]
+        u = [t.z[self._back:, :nu] for t in traces]
+        y = [t.y[self._back:] for t in traces]
+        one = [t.z[self._back:, nu + ny:] for t in traces]
         seen = [np.hstack([x, *([v] if self.direct else []), o]) for x, v, o in zip(states, u, one, strict=True)]
         output = _solve(phi, seen, y)
         errors = [b - _apply(p, s, output) for p, s, b in zip(phi, seen, y, strict=True)]
