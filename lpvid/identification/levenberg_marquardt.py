@@ -56,8 +56,8 @@ def minimise(problem: Problem, start: Point, *, max_iterations: int, tolerance: 
 
     Damping by the gain ratio (Nielsen 1999), columns scaled to their largest norm so far (Moré 1978). A trial is
     refused when it diverges, when its cost does not fall, or when its largest frozen pole along the training trajectory
-    leaves a circle or moves further out of it. The pasts of the records enter each step through their own factor
-    (block-angular elimination), so that many records cost no more than one.
+    leaves a circle, or goes further out than it was at the start. The pasts of the records enter each step through
+    their own factor (block-angular elimination), so that many records cost no more than one.
 
     Parameters
     ----------
@@ -85,8 +85,7 @@ def minimise(problem: Problem, start: Point, *, max_iterations: int, tolerance: 
     first_cost, factors = now.cost, problem.factors(point, now)
     damping, growth, small = 1e-3, 2.0, 0
     scale = _scale(problem, factors, None)
-    guarded = np.isfinite(frozen_limit)
-    radius = frozen_radius(problem, point) if guarded else 0.0
+    limit = frozen_limit if frozen_inside(problem, point, frozen_limit) else frozen_radius(problem, point) * (1 + 1e-9)
     why, iteration = "the limit of iterations", 0
     while iteration < max_iterations:
         if not all(np.isfinite(r).all() for r in factors):
@@ -98,12 +97,11 @@ def minimise(problem: Problem, start: Point, *, max_iterations: int, tolerance: 
             break
         moved = problem.residuals(trial)
         better = moved is not None and moved.cost < now.cost
-        reach = frozen_radius(problem, trial) if guarded and better else radius
         gain = -1.0 if moved is None else (now.cost - moved.cost) / predicted
-        if moved is not None and better and gain > 1e-4 and reach <= max(frozen_limit, radius * (1 + 1e-9)):
+        if moved is not None and better and gain > 1e-4 and frozen_inside(problem, trial, limit):
             iteration += 1
             fall = (now.cost - moved.cost) / max(now.cost, 1e-300)
-            point, now, radius = trial, moved, reach
+            point, now = trial, moved
             damping *= max(1 / 3, 1 - (2 * min(gain, 1.0) - 1) ** 3)
             growth = 2.0
             if progress is not None:
@@ -201,22 +199,48 @@ def frozen_radius(problem: Problem, point: Point, points: int = FROZEN_POINTS) -
     return float(np.max(frozen_moduli(problem, model, points), initial=0.0))
 
 
+def frozen_inside(problem: Problem, point: Point, limit: float, points: int = FROZEN_POINTS) -> bool:
+    """Whether `frozen_radius` is below `limit`: by step-down (Schur-Cohn) for one output, without any eigenvalue."""
+    if not np.isfinite(limit):
+        return True
+    if problem.n_outputs > 1:
+        return frozen_radius(problem, point, points) < limit
+    return all(_schur(a[:, :, 0, 0], limit) for a in _frozen(problem, problem.model_at(point.shared), points))
+
+
+def _schur(a: np.ndarray, limit: float) -> bool:
+    """Whether all polynomials z^n + a[k, 0] z^(n−1) + … have their roots within |z| < limit."""
+    rows = a / limit ** np.arange(1, a.shape[1] + 1)
+    for order in range(a.shape[1], 0, -1):
+        last = rows[:, order - 1]
+        if not np.all(np.abs(last) < 1):
+            return False
+        rest = rows[:, : order - 1]
+        rows = (rest - last[:, None] * rest[:, ::-1]) / (1 - last**2)[:, None]
+    return True
+
+
 def frozen_moduli(problem: Problem, model: LPVTransferFunction, points: int) -> np.ndarray:
     """(points,) largest frozen pole modulus at points spread evenly over all records."""
+    return np.max([_largest_root(a) for a in _frozen(problem, model, points)], axis=0)
+
+
+def _frozen(problem: Problem, model: LPVTransferFunction, points: int) -> list[np.ndarray]:
+    """Frozen coefficients (points, lags, ny, ny) of every polynomial that must be stable."""
     phi = [f for _, f in problem.drive(model)]
     total = sum(f.shape[1] for f in phi)
     step = max(1, total // points)
     sample = np.hstack([f[:, ::step] for f in phi])
     noise = model.noise
     assert noise.c is not None
-    out = np.zeros(sample.shape[1])
+    out = [np.zeros((sample.shape[1], 0, 1, 1))]
     if noise.kind != "armax":
-        out = np.maximum(out, _largest_root(np.einsum("ioqm,mk->kioq", model.a, sample)))
+        out.append(np.einsum("ioqm,mk->kioq", model.a, sample))
     if noise.nc:
         functions = np.ones((1, sample.shape[1])) if noise.c.shape[2] == 1 else sample
         for o in range(model.n_outputs):
             c = np.einsum("im,mk->ki", noise.c[:, o], functions)
-            out = np.maximum(out, _largest_root(c[:, :, None, None]))
+            out.append(c[:, :, None, None])
     return out
 
 

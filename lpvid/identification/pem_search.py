@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.identification.levenberg_marquardt import Search, frozen_radius, minimise
+from lpvid.identification.levenberg_marquardt import Search, frozen_inside, minimise
 from lpvid.identification.pem_problem import Point, Problem
 from lpvid.identification.pem_starts import Start
 from lpvid.model.transfer_function import LPVTransferFunction
@@ -102,7 +102,7 @@ class Campaign:
         """
         if guarded is not None:
             each = guarded.search.cost / self.problem.counted
-            held = frozen_radius(self.problem, guarded.search.point) > EDGE
+            held = not frozen_inside(self.problem, guarded.search.point, EDGE)
             if not held and not (outside and outside[0][0] / self.coarse.counted < each):
                 return None
         models = list(outside[: self.starts])
@@ -128,7 +128,7 @@ def ranked(problem: Problem, models: Sequence[Start]) -> tuple[list[Ranked], lis
         point = problem.point(model)
         residuals = problem.residuals(point)
         if residuals is not None:
-            inside = frozen_radius(problem, point) < 1
+            inside = frozen_inside(problem, point, 1.0)
             (stable if inside else rest).append((residuals.cost, label, model))
     return _different(sorted(stable, key=lambda row: row[0])), _different(sorted(rest, key=lambda row: row[0]))
 

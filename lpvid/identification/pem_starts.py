@@ -78,13 +78,13 @@ def perturbed(model: LPVTransferFunction, layout, covariance: np.ndarray, rng: n
 
 def stabilised(problem: Problem, model: LPVTransferFunction) -> LPVTransferFunction:
     """The model with its poles drawn in, a_i ← γ^i a_i, as little as keeps its free run bounded and frozen-stable."""
-    from lpvid.identification.levenberg_marquardt import frozen_radius
+    from lpvid.identification.levenberg_marquardt import frozen_inside
 
     for gamma in SHRINKING:
         power = gamma ** np.arange(1, model.na + 1)
         trial = model.replace(a=model.a * power[:, None, None, None])
         point = problem.point(trial)
-        if frozen_radius(problem, point) < 1 and problem.residuals(point) is not None:
+        if frozen_inside(problem, point, 1.0) and problem.residuals(point) is not None:
             return model if gamma == 1 else trial
     return model.replace(a=0.0 * model.a)
 
@@ -183,14 +183,14 @@ def _extended_regression(problem: Problem, model: LPVTransferFunction, errors: S
 
 def _invertible(problem: Problem, model: LPVTransferFunction) -> LPVTransferFunction:
     """C with its roots drawn in until its frozen roots lie inside the circle and the innovations stay bounded."""
-    from lpvid.identification.levenberg_marquardt import frozen_radius
+    from lpvid.identification.levenberg_marquardt import frozen_inside
 
     assert model.noise.c is not None
     for gamma in SHRINKING:
         power = gamma ** np.arange(1, model.noise.nc + 1)
         trial = model.replace(noise=NoiseModel(model.noise.kind, model.noise.c * power[:, None, None]))
         point = problem.point(trial)
-        if frozen_radius(problem, point) < 1 and problem.residuals(point) is not None:
+        if frozen_inside(problem, point, 1.0) and problem.residuals(point) is not None:
             return trial
     return model.replace(noise=problem.noise)
 

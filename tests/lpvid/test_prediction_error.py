@@ -16,7 +16,7 @@ from lpvid.identification import identify
 from lpvid.identification.armax import ARMAX
 from lpvid.identification.arx import ARX
 from lpvid.identification.box_jenkins import BoxJenkins
-from lpvid.identification.levenberg_marquardt import minimise, reduce
+from lpvid.identification.levenberg_marquardt import frozen_inside, frozen_radius, minimise, reduce
 from lpvid.identification.output_error import OutputError
 from lpvid.identification.pem_problem import Point, Problem
 from lpvid.identification.pem_starts import arma, autoregression, stable_polynomial
@@ -176,6 +176,14 @@ def test_a_start_that_diverges_is_no_start(rng):
     shared[problem.layout.table[:, 0] == 0] = 2.0
     free = (np.full(shared.size, -np.inf), np.full(shared.size, np.inf))
     assert minimise(problem, replace(point, shared=shared), max_iterations=3, tolerance=1e-8, bounds=free) is None
+
+
+@pytest.mark.parametrize("kind", ["output", "armax", "box-jenkins"])
+def test_step_down_agrees_with_eigenvalues(kind, rng):
+    problem, point = problem_of(rng, kind, na=5)
+    radius = frozen_radius(problem, point)
+    assert frozen_inside(problem, point, radius * (1 + 1e-6))
+    assert not frozen_inside(problem, point, radius * (1 - 1e-6))
 
 
 def simple(rng: np.random.Generator, n: int = 800, noise: float = 0.05, slope: float = 0.2) -> Record:
