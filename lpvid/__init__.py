@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from lpvid.analysis.bands import free_run_band, frequency_band
     from lpvid.analysis.certificates import certify_stability, verify
     from lpvid.analysis.critical import critical_scheduling
     from lpvid.analysis.frozen_stability import frozen_stability
@@ -27,7 +28,21 @@ if TYPE_CHECKING:
     from lpvid.export.serialise import load, model_hash, save
     from lpvid.files import read
     from lpvid.identification import Identification, identify
+    from lpvid.identification.armax import ARMAX
     from lpvid.identification.arx import ARX
+    from lpvid.identification.box_jenkins import BoxJenkins
+    from lpvid.identification.compliance import Compliance
+    from lpvid.identification.coprime import RightCoprime
+    from lpvid.identification.output_error import OutputError
+    from lpvid.identification.quasi_lpv import QuasiLPV
+    from lpvid.identification.recursive import Recursive
+    from lpvid.identification.refined_iv import RefinedIV
+    from lpvid.identification.ridge import Ridge
+    from lpvid.identification.selection import Candidates, Selection, select
+    from lpvid.identification.sparsity import sparsify
+    from lpvid.identification.state_space_error import StateSpaceError
+    from lpvid.identification.streaming import identify_stream
+    from lpvid.identification.subspace import Subspace
     from lpvid.model.input_stage import TanhStage, ThreeZoneStage
     from lpvid.model.signals import Signal
     from lpvid.model.state_space import LPVStateSpace
@@ -39,11 +54,12 @@ if TYPE_CHECKING:
     from lpvid.validation import Validation, validate
 
 _EXPORTS = {
+    "lpvid.analysis.bands": ("free_run_band", "frequency_band"),
     "lpvid.analysis.certificates": ("certify_stability", "verify"),
-    "lpvid.analysis.stability_certificate": ("StabilityCertificate", "Verification"),
     "lpvid.analysis.critical": ("critical_scheduling",),
     "lpvid.analysis.frozen_stability": ("frozen_stability",),
     "lpvid.analysis.pole_locus": ("pole_locus",),
+    "lpvid.analysis.stability_certificate": ("StabilityCertificate", "Verification"),
     "lpvid.analysis.uncertainty": ("pole_band", "stability_probability"),
     "lpvid.auditing": ("Audit", "audit"),
     "lpvid.errors": ("InputError", "LpvError", "NumericalError"),
@@ -51,7 +67,21 @@ _EXPORTS = {
     "lpvid.export.serialise": ("load", "model_hash", "save"),
     "lpvid.files": ("read",),
     "lpvid.identification": ("Identification", "identify"),
+    "lpvid.identification.armax": ("ARMAX",),
     "lpvid.identification.arx": ("ARX",),
+    "lpvid.identification.box_jenkins": ("BoxJenkins",),
+    "lpvid.identification.compliance": ("Compliance",),
+    "lpvid.identification.coprime": ("RightCoprime",),
+    "lpvid.identification.output_error": ("OutputError",),
+    "lpvid.identification.quasi_lpv": ("QuasiLPV",),
+    "lpvid.identification.recursive": ("Recursive",),
+    "lpvid.identification.refined_iv": ("RefinedIV",),
+    "lpvid.identification.ridge": ("Ridge",),
+    "lpvid.identification.selection": ("Candidates", "Selection", "select"),
+    "lpvid.identification.sparsity": ("sparsify",),
+    "lpvid.identification.state_space_error": ("StateSpaceError",),
+    "lpvid.identification.streaming": ("identify_stream",),
+    "lpvid.identification.subspace": ("Subspace",),
     "lpvid.model.input_stage": ("TanhStage", "ThreeZoneStage"),
     "lpvid.model.signals": ("Signal",),
     "lpvid.model.state_space": ("LPVStateSpace",),
@@ -65,12 +95,15 @@ _EXPORTS = {
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
-    "ARX", "Audit", "Channel", "Gap", "Identification", "InputError", "LPVStateSpace", "LPVTransferFunction",
-    "LpvError", "NumericalError", "Polynomial", "Product", "Realization", "Record", "Scheduling", "Shifted",
-    "Signal", "Simulation", "Spline", "StabilityCertificate", "Stacked", "TanhStage", "ThreeZoneStage",
-    "Validation", "Verification", "audit", "certify_stability", "critical_scheduling", "from_control",
-    "frozen_stability", "identify", "load", "model_hash", "pole_band", "pole_locus", "predict", "read",
-    "realize", "save", "simulate", "stability_probability", "to_grid", "validate", "verify",
+    "ARMAX", "ARX", "Audit", "BoxJenkins", "Candidates", "Channel", "Compliance", "Gap", "Identification",
+    "InputError", "LPVStateSpace", "LPVTransferFunction", "LpvError", "NumericalError", "OutputError",
+    "Polynomial", "Product", "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge",
+    "RightCoprime", "Scheduling", "Selection", "Shifted", "Signal", "Simulation", "Spline",
+    "StabilityCertificate", "Stacked", "StateSpaceError", "Subspace", "TanhStage", "ThreeZoneStage",
+    "Validation", "Verification", "audit", "certify_stability", "critical_scheduling", "free_run_band",
+    "frequency_band", "from_control", "frozen_stability", "identify", "identify_stream", "load", "model_hash",
+    "pole_band", "pole_locus", "predict", "read", "realize", "save", "select", "simulate", "sparsify",
+    "stability_probability", "to_grid", "validate", "verify",
 ]
 
 
