@@ -8,6 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+HUGE = 1e200
+"""what a variance may grow to under forgetting without excitation."""
+
 
 @njit(cache=True)
 def rational_rows(numerator, denominator, block, first, last, column, rows, state):
@@ -52,14 +55,16 @@ def varying_rows(back, block, first, last, column, rows, past):
 
 
 @njit(cache=True)
-def recursive_rows(x, y, upper, diagonal, theta, loss, tally, square, settings, errors, factors, trail, stride):
+def recursive_rows(x, y, upper, diagonal, theta, loss, tally, square, inverse_noise, settings, errors, factors, trail,
+                   stride):
     """Recursive least squares over the columns of x (k, rows) and y (ny, rows); P = U D Uᵀ is never formed.
 
     Bierman 1977 with forgetting. `upper` holds Uᵀ (unit lower triangular), `diagonal` D, theta (k, ny), loss (ny, ny)
-    the weighted residual sum; square (k,) the weighted mean square of every regressor. tally: Σw, Σw², samples, resets,
-    slow error level, samples since the last reset. settings: forgetting, lowest, memory (0: constant forgetting), noise
-    (0: learnt), above, below, to. errors (ny, rows) are a priori, factors (rows,) the forgetting used; every
-    `stride`-th theta goes to the next row of trail. Returns the rows of trail written.
+    the weighted residual sum; square (k,) the mean square of every regressor. tally: Σw, Σw², samples, resets, noise
+    level relative to `inverse_noise` (ny,), samples since the last reset, least variance since then. settings:
+    forgetting, lowest, memory (0: constant forgetting), whether the noise is known, above, below, to. errors (ny, rows)
+    are a priori, factors (rows,) the forgetting used; every `stride`-th theta goes to the next row of trail. Returns
+    the rows of trail written.
     """
     k, rows = x.shape
     ny = y.shape[0]
@@ -81,7 +86,7 @@ def recursive_rows(x, y, upper, diagonal, theta, loss, tally, square, settings, 
             for j in range(k):
                 total -= x[j, r] * theta[j, o]
             errors[o, r] = total
-            level += total * total / (1.0 + spread) / ny
+            level += total * total * inverse_noise[o] / (1.0 + spread) / ny
         forgetting = _forgetting(settings, tally, level) if spread > 0.0 else 1.0
         factors[r] = forgetting
         alpha = forgetting
@@ -95,7 +100,7 @@ def recursive_rows(x, y, upper, diagonal, theta, loss, tally, square, settings, 
                 old = row[i]
                 row[i] = old + gain[i] * mu
                 gain[i] += old * v[j]
-            diagonal[j] *= beta / (alpha * forgetting)
+            diagonal[j] = min(diagonal[j] * beta / (alpha * forgetting), HUGE)
         for o in range(ny):
             for j in range(k):
                 theta[j, o] += gain[j] / alpha * errors[o, r]
@@ -106,7 +111,7 @@ def recursive_rows(x, y, upper, diagonal, theta, loss, tally, square, settings, 
         tally[2] += 1.0
         tally[5] += 1.0
         for j in range(k):
-            square[j] += (x[j, r] * x[j, r] - square[j]) / tally[0]
+            square[j] += (x[j, r] * x[j, r] - square[j]) / tally[2]
         if int(tally[2]) % k == 0:
             _watch(upper, diagonal, square, tally, settings)
         if stride > 0 and int(tally[2]) % stride == 0:
@@ -123,9 +128,8 @@ def _forgetting(settings, tally, level):
     memory = settings[2]
     if memory <= 0.0:
         return settings[0]
-    known = settings[3]
-    noise = known if known > 0.0 else tally[4]
-    if known <= 0.0:
+    noise = tally[4]
+    if settings[3] == 0.0:
         shown = min(level, 10.0 * tally[4]) if tally[4] > 0.0 else level  # a jump of the parameters is not noise
         tally[4] += (shown - tally[4]) / min(max(tally[2], 1.0), 10.0 * memory)
     if noise <= 0.0:
@@ -135,7 +139,7 @@ def _forgetting(settings, tally, level):
 
 @njit(cache=True)
 def _watch(upper, diagonal, square, tally, settings):
-    """Reset P where its mean variance, in unit-column scaling, leaves its bounds."""
+    """Reset P where its mean variance, in unit-column scaling, has grown `above` times its least or fell below."""
     k = diagonal.size
     total = 0.0
     for j in range(k):
@@ -143,10 +147,12 @@ def _watch(upper, diagonal, square, tally, settings):
         for i in range(j + 1, k):
             variance += upper[i, j] * upper[i, j] * diagonal[i]
         total += variance * square[j] / k
-    if total > settings[4] or (total < settings[5] and tally[5] > k):
+    tally[6] = total if tally[6] == 0.0 else min(tally[6], total)
+    if total > settings[4] * tally[6] or (total < settings[5] and tally[5] > k):
         reset_covariance(upper, diagonal, square, settings[6])
         tally[3] += 1.0
         tally[5] = 0.0
+        tally[6] = 0.0
 
 
 @njit(cache=True)

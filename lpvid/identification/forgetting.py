@@ -45,28 +45,30 @@ class VariableForgetting:
 
 @dataclass(frozen=True)
 class CovarianceReset:
-    """Set P back to ``to · diag(1/mean square of each regressor)`` when its mean variance leaves [below, above].
+    """Set P back to ``to · diag(1/mean square of each regressor)`` when its mean variance leaves its bounds.
 
-    Variances are in unit-column scaling: 1 is what one sample of typical size tells about a lone parameter. Above: old
-    knowledge has been forgotten without new excitation (wind-up), and the next sample would throw the parameters about.
-    Below: the recursion has fallen asleep.
+    Variances are in unit-column scaling: 1 is what one sample of typical size tells about a lone parameter. Grown
+    `above` times its least value: old knowledge has been forgotten without new excitation (wind-up), and the next
+    sample would throw the parameters about. Fallen below `below`: the recursion is asleep.
 
     Parameters
     ----------
-    above, below : float
-        Bounds; infinity and 0 never act.
+    above : float
+        Growth of the mean variance over its least since the last reset; infinity never acts.
+    below : float
+        Mean variance; 0 never acts.
     to : float
         Variance after a reset.
     """
 
-    above: float = 1e6
+    above: float = 1e4
     below: float = 0.0
-    to: float = 100.0
+    to: float = 1.0
 
     def __post_init__(self) -> None:
         _checks.positive(self.to, "the variance after a reset")
-        if not 0 <= self.below <= self.to <= self.above:
-            raise InputError("a covariance reset needs 0 <= below <= to <= above",
+        if not (0 <= self.below <= self.to and self.above > 1):
+            raise InputError("a covariance reset needs 0 <= below <= to, and above > 1",
                              got=f"below {self.below}, to {self.to}, above {self.above}")
 
     def to_dict(self) -> dict:

@@ -64,7 +64,7 @@ class RecursiveEstimator:
         k, ny = self.stream.size, self.stream.n_outputs
         self._theta, self._loss = np.full((k, ny), np.nan), np.zeros((ny, ny))
         self._upper, self._diagonal = np.eye(k), np.full(k, structure.initial_covariance or 0.0)
-        self._square, self._tally, self._inverse_noise = np.zeros(k), np.zeros(6), np.ones(ny)
+        self._square, self._tally, self._inverse_noise = np.zeros(k), np.zeros(7), np.ones(ny)
         self._settings = _settings(structure)
         self._ready = structure.initial_covariance is not None
         if self._ready:
@@ -125,7 +125,7 @@ class RecursiveEstimator:
             reset_covariance(self._upper, self._diagonal, self._square,
                              _checks.positive(usual.to if to is None else to, "the variance after a reset"))
             self._tally[3] += 1
-            self._tally[5] = 0.0
+            self._tally[5:] = 0.0
 
     def _absorb(self, rows: np.ndarray) -> np.ndarray:
         """Rows (k + ny, n) into the estimate; a priori errors (n, ny)."""
@@ -238,9 +238,8 @@ class RecursiveEstimator:
     @property
     def conditions(self) -> tuple[float, float]:
         """Condition number of the regressors remembered, as they are and with unit columns."""
-        root = self._upper.T * np.sqrt(self._diagonal)
-        size = np.sqrt(np.maximum(self._square, 1e-300))[:, None]
-        return float(np.linalg.cond(root)), float(np.linalg.cond(root * size))
+        factor = np.linalg.inv(self._upper.T * np.sqrt(self._diagonal))
+        return float(np.linalg.cond(factor)), float(np.linalg.cond(factor / np.linalg.norm(factor, axis=0)))
 
     @property
     def trail(self) -> np.ndarray:
@@ -296,7 +295,7 @@ _ARRAYS = ("theta", "loss", "upper", "diagonal", "square", "tally", "inverse_noi
 
 def _settings(structure: Recursive) -> np.ndarray:
     f, reset = structure.forgetting, structure.reset
-    bounds = (1e60, 0.0, 100.0) if reset is None else (min(reset.above, 1e60), reset.below, reset.to)
+    bounds = (np.inf, 0.0, 1.0) if reset is None else (reset.above, reset.below, reset.to)
     if isinstance(f, VariableForgetting):
         return np.array([1.0, f.lowest, f.memory, 0.0, *bounds])
     return np.array([f, 1.0, 0.0, 0.0, *bounds])
