@@ -141,6 +141,20 @@ def test_a_scheduling_filter_by_name_joins_the_search_and_an_object_stays(rng):
     assert fixed.training.overall.free_run.esr > found.training.overall.free_run.esr
 
 
+def test_poles_outside_the_circle_are_followed_where_the_data_ask_for_them(rng):
+    """A stable system whose frozen pole is 1.15 at one end of the range: held inside the circle, it cannot be found."""
+    n = 3000
+    u, p, x = rng.normal(size=n), rng.uniform(-1, 1, n), np.zeros(n)
+    p[:2] = -1, 1
+    for k in range(1, n):
+        x[k] = (0.7 + 0.45 * p[k]) * x[k - 1] + u[k - 1]
+    record = Record({"u": u, "p": p, "y": x + 0.3 * x.std() * rng.normal(size=n)}, sample_time=1.0)
+    found = identify(record, OutputError(na=1, nb=1, input="u", output="y", basis=BASIS))
+    np.testing.assert_allclose(found.parameters[:2], [-0.7, -0.45], atol=4 * found.standard_errors[:2].max())
+    assert found.standard_errors[:2].max() < 0.03
+    assert any("frozen pole outside the unit circle" in note for note in found.notes)
+
+
 def thirds(record: Record) -> tuple[Record, Record]:
     cut = 2 * record.n_samples // 3
     return record.slice(0, cut), record.slice(cut, record.n_samples)
