@@ -158,10 +158,15 @@ class VectorLayout:
 
 
 def package(structure: Structure, model: SelfScheduled, problem: Problem, found: Found, records: Sequence[Record],
-            notes: Sequence[str]) -> Identification:
-    """The Identification of a search's end, with covariance and metadata."""
+            notes: Sequence[str], select: np.ndarray | None = None) -> Identification:
+    """The Identification of a search's end, with covariance and metadata.
+
+    `select` (model's parameters, searched parameters) tells which searched parameter stands for each of the model's.
+    """
     size = model.vector.size
     spread, variance = covariance(problem, found)
+    if select is not None:
+        spread = select @ spread @ select.T
     rows = sum(r.n_samples - model.start for r in records)
     metadata: dict = {"structure": structure.to_dict(),  # type: ignore[attr-defined]
                       "training": {"records": [r.name for r in records], "n_samples": rows}}

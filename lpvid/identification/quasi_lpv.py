@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,7 +11,8 @@ from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.errors import InputError, NumericalError
 from lpvid.identification.arx import _moves, scheduling_box
-from lpvid.identification.free_run_search import NUDGE, Found, Piece, Prior, minimise, package, wanted_filter
+from lpvid.identification.free_run_search import Found, Prior, minimise, package, wanted_filter
+from lpvid.identification.quasi_problem import QuasiProblem
 from lpvid.identification.result import Identification
 from lpvid.identification.structure import Structure
 from lpvid.model.quasi import ON, QuasiLPVModel, checked_own
@@ -22,8 +23,6 @@ from lpvid.scheduling import Basis, Polynomial, Scheduling, Spline
 
 TRIALS = (0.2, 0.0, 0.6)
 """starting trial weights, in units of output spread over input spread."""
-DIVERGED = 1e6
-"""a training run that exceeds this many times the largest output is given up."""
 
 
 @dataclass(frozen=True)
@@ -222,108 +221,3 @@ class QuasiLPV(Structure):
                 "trial": self.trial, "external": self.external.to_dict(),
                 "schedule_filter": lag.to_dict() if isinstance(lag, SchedulingStage) else lag,
                 "smoothness": self.smoothness, "ridge": self.ridge, "oddness": self.oddness}
-
-
-@dataclass(frozen=True, eq=False)
-class QuasiProblem:
-    """Free-run errors of a quasi-LPV model over records, and their exact Jacobian.
-
-    The parameter vector is the model's, then the filter's where that is fitted (its columns are difference quotients).
-    """
-
-    model: QuasiLPVModel
-    inputs: tuple[np.ndarray, ...]
-    outputs: tuple[np.ndarray, ...]
-    scheduling: tuple[np.ndarray, ...]
-    free_filter: bool
-
-    @classmethod
-    def of(cls, records: Sequence[Record], model: QuasiLPVModel, free_filter: bool) -> QuasiProblem:
-        """Read the records once."""
-        return cls(model, tuple(np.ascontiguousarray(r.matrix([s.name for s in model.inputs])) for r in records),
-                   tuple(np.array(r[model.outputs[0].name]) for r in records),
-                   tuple(r.matrix(list(model.box.names)) for r in records), free_filter)
-
-    @property
-    def filter_size(self) -> int:
-        """Number of fitted filter parameters."""
-        return self.filter_scales.size
-
-    @property
-    def filter_scales(self) -> np.ndarray:
-        """Search steps of the filter's parameters."""
-        stage = self.model.scheduling_stage
-        return stage.scales() if self.free_filter and stage is not None else np.zeros(0)
-
-    def model_at(self, x: np.ndarray) -> QuasiLPVModel:
-        """The model at a parameter vector."""
-        cut = x.size - self.filter_size
-        model = self.model.with_vector(x[:cut])
-        if self.filter_size:
-            assert model.scheduling_stage is not None
-            model = model.replace(scheduling_stage=model.scheduling_stage.with_vector(x[cut:]))
-        return model
-
-    def _scheduling(self, model: QuasiLPVModel, p: np.ndarray) -> np.ndarray:
-        return p if model.scheduling_stage is None else model.scheduling_stage.apply(p, model.sample_time)
-
-    def measured_rows(self) -> Iterator[np.ndarray]:
-        """Regressors with measured outputs in the output columns."""
-        for u, y, p in zip(self.inputs, self.outputs, self.scheduling, strict=True):
-            _, rows, _ = self.model.arrays(u, p)
-            for i in range(self.model.na):
-                rows[i + 1:, i] = -y[: -i - 1]
-            yield rows
-
-    def one_step(self, prior: Prior) -> np.ndarray:
-        """Least squares of one step on measured outputs, at the model's trial weights and filter."""
-        model = self.model
-        gram, right = prior.rows.T @ prior.rows, prior.rows.T @ prior.values
-        gram, right = gram[: model.theta.size, : model.theta.size], right[: model.theta.size]
-        weights = np.ones(1) if model.on == "input" else model.kappa
-        for u, y, p, rows in zip(self.inputs, self.outputs, self.scheduling, self.measured_rows(), strict=True):
-            phi, _, drive = model.arrays(u, self._scheduling(model, p))
-            rho = drive @ weights
-            if model.on != "input":
-                rho[1:] += y[:-1]
-            low, high = model.range
-            own = model.own.evaluate(np.clip(rho, low, high)[:, None])
-            x = np.einsum("nm,ne,nr->nmer", own, phi, rows)[model.start:].reshape(len(y) - model.start, -1)
-            gram, right = gram + x.T @ x, right + x.T @ y[model.start:]
-        scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-        theta = np.linalg.lstsq(gram / np.outer(scale, scale), right / scale, rcond=1e-12)[0] / scale
-        stage = model.scheduling_stage
-        lag = stage.vector if self.free_filter and stage is not None else np.zeros(0)
-        return np.concatenate([theta, model.kappa, lag])
-
-    def pieces(self, x: np.ndarray, jacobian: bool) -> Iterator[Piece]:
-        """Errors of the free run and their Jacobian, record by record."""
-        from lpvid._quasi_kernels import free_run_quasi, sensitivity_quasi
-
-        model = self.model_at(x)
-        start, size = model.start, model.vector.size
-        for u, y, p in zip(self.inputs, self.outputs, self.scheduling, strict=True):
-            limit = DIVERGED * float(np.abs(y).max())
-            arrays = model.arrays(u, self._scheduling(model, p))
-            out = np.array(y)
-            if not jacobian:
-                code = free_run_quasi(*model.kernel_settings, *arrays, out, start, limit)
-                yield (out - y)[start:] if code < 0 else np.array([np.inf]), None
-                continue
-            columns = size if model.on != "input" else size + 1  # the kernel also gives the fixed weight's column
-            slopes = np.zeros((len(y), columns))
-            sensitivity_quasi(*model.kernel_settings, *arrays, out, start, limit, slopes)
-            moved = [self._filter_slope(x, size + j, u, y, p, out) for j in range(self.filter_size)]
-            yield (out - y)[start:], np.column_stack([slopes[:, :size], *moved])[start:]
-
-    def _filter_slope(self, x: np.ndarray, place: int, u: np.ndarray, y: np.ndarray, p: np.ndarray,
-                      out: np.ndarray) -> np.ndarray:
-        from lpvid._quasi_kernels import free_run_quasi
-
-        step = NUDGE * max(abs(x[place]), float(self.filter_scales[place - x.size + self.filter_size]))
-        shifted = x.copy()
-        shifted[place] += step
-        model = self.model_at(shifted)
-        near = np.array(y)
-        free_run_quasi(*model.kernel_settings, *model.arrays(u, self._scheduling(model, p)), near, model.start, np.inf)
-        return (near - out) / step

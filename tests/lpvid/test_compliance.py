@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 import lpvid as lpv
 from lpvid.condition import split_tail
 from lpvid.errors import InputError
-from lpvid.identification.compliance import Compliance, ComplianceProblem
+from lpvid.identification.compliance import Compliance
+from lpvid.identification.compliance_problem import ComplianceProblem
 from lpvid.model.compliance import ComplianceModel, Element
 from lpvid.model.scheduling_stage import SchedulingLag
 from lpvid.scheduling import Polynomial, Scheduling, Spline

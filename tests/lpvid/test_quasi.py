@@ -14,7 +14,8 @@ import lpvid as lpv
 from lpvid.condition import split_tail
 from lpvid.errors import InputError
 from lpvid.identification.free_run_search import covariance, minimise
-from lpvid.identification.quasi_lpv import QuasiLPV, QuasiProblem
+from lpvid.identification.quasi_lpv import QuasiLPV
+from lpvid.identification.quasi_problem import QuasiProblem
 from lpvid.model.quasi import QuasiLPVModel
 from lpvid.model.scheduling_stage import SchedulingLag
 from lpvid.scheduling import Polynomial, Scheduling, Spline

@@ -1,0 +1,212 @@
+"""Free-run errors of a compliance model and their exact sensitivities."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.identification.free_run_search import NUDGE, Piece
+from lpvid.model.compliance import ComplianceModel
+from lpvid.record import Record
+
+SMALLEST = 1e-8
+"""smallest rise of the law from knot to knot, as a share of the output's spread."""
+
+
+@dataclass(frozen=True, eq=False)
+class ComplianceProblem:
+    """Free-run errors of a compliance over records, and their exact Jacobian.
+
+    The parameter vector: for every element the log-rises (tied in pairs about zero in a symmetric law) and ln k_h, then
+    the linear terms, then the filter's where that is fitted (its columns are difference quotients).
+    """
+
+    model: ComplianceModel
+    inputs: tuple[np.ndarray, ...]
+    outputs: tuple[np.ndarray, ...]
+    scheduling: tuple[np.ndarray, ...]
+    free_filter: bool
+    tie: np.ndarray
+    """(M − 1,) place of each rise's parameter among those of its current level."""
+
+    @classmethod
+    def of(cls, records: Sequence[Record], model: ComplianceModel, free_filter: bool,
+           asymmetric: bool) -> ComplianceProblem:
+        """Read the records once."""
+        rises = model.knots.size - 1
+        tie = np.arange(rises)
+        if not asymmetric:
+            if not np.allclose(model.knots, -model.knots[::-1]):
+                raise InputError("a symmetric law needs symmetric knots", got=model.knots.tolist())
+            tie = np.abs(np.arange(rises) - (rises - 1) / 2).astype(int)
+        return cls(model, tuple(np.ascontiguousarray(r.matrix([s.name for s in model.inputs])) for r in records),
+                   tuple(np.array(r[model.outputs[0].name]) for r in records),
+                   tuple(r.matrix(list(model.box.names)) for r in records), free_filter, tie)
+
+    # -- parameters -----------------------------------------------------------------------------------------------
+    @property
+    def spread(self) -> float:
+        """Standard deviation of the output."""
+        return float(np.std(np.concatenate(self.outputs)))
+
+    @property
+    def widths(self) -> np.ndarray:
+        """Knot spacing that belongs to every rise parameter."""
+        out = np.zeros(self.tie.max() + 1)
+        out[self.tie] = np.diff(self.model.knots)
+        return out
+
+    @property
+    def filter_scales(self) -> np.ndarray:
+        """Search steps of the filter's parameters."""
+        stage = self.model.scheduling_stage
+        return stage.scales() if self.free_filter and stage is not None else np.zeros(0)
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """(model parameters, own parameters) selection of each model parameter."""
+        q, k = self.model.current.size, self.tie.max() + 1
+        one = np.zeros((self.tie.size, k))
+        one[np.arange(self.tie.size), self.tie] = 1.0
+        element = np.zeros((q * self.tie.size + 1, q * k + 1))
+        element[:-1, :-1] = np.kron(np.eye(q), one)
+        element[-1, -1] = 1.0
+        rest = np.eye(self.model.direct.size + self.model.side.size + 1 + self.filter_scales.size)
+        blocks = [element] * len(self.model.elements) + [rest]
+        out = np.zeros((sum(b.shape[0] for b in blocks), sum(b.shape[1] for b in blocks)))
+        row = column = 0
+        for b in blocks:
+            out[row: row + b.shape[0], column: column + b.shape[1]] = b
+            row, column = row + b.shape[0], column + b.shape[1]
+        return out
+
+    def start(self) -> np.ndarray:
+        """Own parameters of the model."""
+        stage = self.model.scheduling_stage
+        whole = np.concatenate([self.model.vector, stage.vector if self.filter_scales.size and stage else np.zeros(0)])
+        select = self.matrix
+        return select.T @ whole / select.sum(axis=0)
+
+    def model_at(self, x: np.ndarray) -> ComplianceModel:
+        """The model at a parameter vector; rises are kept above rounding and below overflow."""
+        whole = self.matrix @ x
+        cut = whole.size - self.filter_scales.size
+        vector = whole[:cut].copy()
+        logs = len(self.model.elements) * (self.model.current.size * self.tie.size + 1)
+        floor = np.log(SMALLEST * self.spread)
+        per = self.model.current.size * self.tie.size + 1
+        for place in range(logs):
+            if place % per != per - 1:
+                vector[place] = np.clip(vector[place], floor, floor + 60)
+            else:
+                vector[place] = np.clip(vector[place], -60, 60)
+        model = self.model.with_vector(vector)
+        if self.filter_scales.size:
+            assert model.scheduling_stage is not None
+            model = model.replace(scheduling_stage=model.scheduling_stage.with_vector(whole[cut:]))
+        return model
+
+    def _scheduling(self, model: ComplianceModel, p: np.ndarray) -> np.ndarray:
+        return p if model.scheduling_stage is None else model.scheduling_stage.apply(p, model.sample_time)
+
+    # -- errors ---------------------------------------------------------------------------------------------------
+    def pieces(self, x: np.ndarray, jacobian: bool) -> Iterator[Piece]:
+        """Errors of the free run and their Jacobian, record by record."""
+        model = self.model_at(x)
+        select = self.matrix if jacobian else np.zeros((0, 0))
+        for u, y, p in zip(self.inputs, self.outputs, self.scheduling, strict=True):
+            behind = self._scheduling(model, p)
+            if not jacobian:
+                run, _ = model.free_run(u, behind, y[: model.start], np.inf)
+                yield (run - y)[model.start:], None
+                continue
+            run, slopes = sensitivity(model, u, behind, y)
+            moved = [self._filter_slope(x, j, u, y, p, run) for j in range(self.filter_scales.size)]
+            yield (run - y)[model.start:], np.column_stack([slopes, *moved])[model.start:] @ select
+
+    def _filter_slope(self, x: np.ndarray, j: int, u: np.ndarray, y: np.ndarray, p: np.ndarray,
+                      run: np.ndarray) -> np.ndarray:
+        place = x.size - self.filter_scales.size + j
+        step = NUDGE * max(abs(x[place]), float(self.filter_scales[j]))
+        shifted = x.copy()
+        shifted[place] += step
+        model = self.model_at(shifted)
+        near, _ = model.free_run(u, self._scheduling(model, p), y[: model.start], np.inf)
+        return (near - run) / step
+
+    def with_linear_terms(self, x: np.ndarray) -> np.ndarray:
+        """The vector with its linear terms replaced by the best ones for the elements' forces (variable projection)."""
+        model = self.model_at(x)
+        count = model.direct.size + model.side.size + 1
+        first = x.size - self.filter_scales.size - count
+        gram, right = np.zeros((count, count)), np.zeros(count)
+        for error, slopes in self.pieces(x, True):
+            assert slopes is not None
+            part = slopes[:, first: first + count]
+            gram, right = gram + part.T @ part, right - part.T @ error
+        out = x.copy()
+        scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        move = np.linalg.lstsq(gram / np.outer(scale, scale), right / scale, rcond=1e-8)[0] / scale
+        out[first: first + count] += move
+        return out
+
+
+def sensitivity(model: ComplianceModel, u: np.ndarray, p: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Free run from the measured start, (n,), and its exact Jacobian by the model's vector, (n, k)."""
+    from lpvid._quasi_kernels import sensitivity_compliance
+
+    v, phi, beside = model.arrays(u, p)
+    parallel, begin, n = model.parallel(u), model.start - 1, len(v)
+    q, m = model.current.size, model.knots.size
+    forces, slopes = [], []
+    for e in range(len(model.elements) - 1, -1, -1):
+        element = model.elements[e]
+        force, change = np.zeros(n), np.zeros((n, q * m + 2))
+        at = 0 if e else begin
+        if e:  # settles from its static law
+            force[0] = _hat(v[0], model.knots) @ (phi[0] @ element.law)
+            change[0, : q * m] = np.outer(phi[0], _hat(v[0], model.knots)).ravel()
+        else:
+            force[begin] = y[begin] - beside[begin] - (forces[0][begin] if forces else 0.0)
+            change[begin, -1] = 1.0
+        sensitivity_compliance(element.law, model.knots, model.gain(element), phi, v, at, model.substeps, force, change)
+        forces.append(force)
+        slopes.append(change)
+    run = sum(forces) + beside
+    run[: model.start] = y[: model.start]
+    own, start_column = slopes[-1][:, :-1], slopes[-1][:, -1:]
+    columns = [own @ _chain(model, 0)]
+    if len(model.elements) > 1:
+        second = slopes[0][:, :-1]
+        columns.append((second - start_column * second[begin]) @ _chain(model, 1))
+    columns.append(parallel - start_column * parallel[begin])
+    out = np.hstack(columns)
+    out[: model.start] = 0.0
+    return run, out
+
+
+def _chain(model: ComplianceModel, e: int) -> np.ndarray:
+    """(q·m + 1, q·(m − 1) + 1) change of the law's nodes, and of ln k_h, with the log-rises and ln k_h."""
+    law, zero, m = model.elements[e].law, model.zero, model.knots.size
+    step = np.zeros((m, m - 1))
+    for j in range(m - 1):
+        if j >= zero:
+            step[j + 1:, j] = 1.0
+        else:
+            step[: j + 1, j] = -1.0
+    out = np.zeros((law.size + 1, law.shape[0] * (m - 1) + 1))
+    for i, rises in enumerate(np.diff(law, axis=1)):
+        out[i * m: (i + 1) * m, i * (m - 1): (i + 1) * (m - 1)] = step * rises
+    out[-1, -1] = 1.0
+    return out
+
+
+def _hat(w: float, knots: np.ndarray) -> np.ndarray:
+    """Weights of the knots at one speed, linear beyond the ends."""
+    s = int(np.clip(np.searchsorted(knots, w, side="right") - 1, 0, knots.size - 2))
+    out, part = np.zeros(knots.size), (w - knots[s]) / (knots[s + 1] - knots[s])
+    out[s], out[s + 1] = 1 - part, part
+    return out
