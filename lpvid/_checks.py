@@ -100,7 +100,7 @@ def names(value: str | Sequence[str], name: str) -> tuple[str, ...]:
 def known_name(wanted: str, available: Sequence[str], what: str, mend: str = "") -> str:
     """`wanted` if it is in `available`; otherwise an error that lists what there is."""
     if wanted not in available:
-        hint = ". ".join(part for part in (_near(wanted, available), mend) if part)
+        hint = " Or ".join(part for part in (_near(wanted, available), mend) if part)
         raise InputError(f"no {what} '{wanted}'", got=", ".join(available) or "none", mend=hint or None)
     return wanted
 

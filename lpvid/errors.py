@@ -40,7 +40,7 @@ class InputError(LpvError, ValueError):
             text += f"; {why}"
         text = text.rstrip(".") + "."
         if mend:
-            text += f" Mend: {mend.rstrip('.')}."
+            text += f" Mend: {mend}" if mend.endswith("?") else f" Mend: {mend.rstrip('.')}."
         super().__init__(" ".join(text.split()))
 
 

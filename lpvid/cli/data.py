@@ -116,18 +116,28 @@ def read_records(paths: Sequence[str], *, roles: Sequence[str] | None = None, fl
     -------
     list of Record
     """
-    from lpvid.files import read
+    return read_clocked(paths, roles=roles, flip=flip, sample_rate=sample_rate)[0]
 
-    mapping = parse_roles(roles)
-    try:
-        records = read(paths, roles=mapping)
-    except InputError:
-        if sample_rate is None:
-            raise
-        records = read(paths, roles=mapping, sample_rate=sample_rate)  # files that have no clock of their own
+
+def read_clocked(paths: Sequence[str], *, roles: Sequence[str] | None = None, flip: Sequence[str] | None = None,
+                 sample_rate: float | None = None) -> tuple[list[Record], bool]:
+    """As `read_records`, and whether some file had no clock, so that `sample_rate` was its own rate."""
+    from lpvid.files import find, read, record_names
+
+    mapping, without = parse_roles(roles), False
+    files = find(paths)
+    records: list[Record] = []
+    for file, label in zip(files, record_names(files), strict=True):
+        try:
+            records += read(file, name=label, roles=mapping)
+        except InputError:
+            if sample_rate is None:
+                raise
+            records += read(file, name=label, roles=mapping, sample_rate=sample_rate)
+            without = True
     for name in split_names(flip):
         records = [r.flip(name) for r in records]
-    return records
+    return records, without
 
 
 def parse_roles(given: Sequence[str] | None) -> dict[str, str]:

@@ -41,7 +41,7 @@ def stability(model: options.ModelFile,
             say("drawing")
             results.json("stability.json", data)
             _draw(results, found)
-            results.report(stability_page(found, str(model)))
+            results.report(stability_page(found, model.name))
     conclude(results, data, str(found), json)
     if not found.certified:
         raise typer.Exit(SHORTFALL)

@@ -25,26 +25,27 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
     --input, --output and --schedule say which channels play the parts of the model's, in the model's order. Data of
     another rate are resampled to the model's, and it says so.
     """
-    from lpvid.cli.data import read_records, split_names
+    from lpvid.cli.data import read_clocked, split_names
     from lpvid.cli.parts import parts
     from lpvid.export.serialise import load
 
     results = Results(out)
     with working("reading") as say:
         loaded = load(model)
-        records = read_records(data, roles=role, flip=flip, sample_rate=sample_rate)
+        records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=sample_rate)
         named = {"input": split_names(input), "output": split_names(output), "schedule": split_names(schedule)}
         records = [r.with_roles(parts(loaded, named)) for r in records]
         from lpvid import validation
 
         say("simulating")
         label = "training" if training else "held-out"
-        found = validation.validate(loaded, records, sample_rate=sample_rate, label=label, horizons=horizon or ())
+        rate = None if clockless else sample_rate  # of files without a clock it is the rate they were measured at
+        found = validation.validate(loaded, records, sample_rate=rate, label=label, horizons=horizon or ())
         if results.kept:
             from lpvid.report.figures import comparisons
             from lpvid.report.validation import validation_page
 
             say("drawing")
             results.json("validation.json", found.to_dict())
-            results.report(validation_page(found, loaded, comparisons(loaded, records, found.label), str(model)))
+            results.report(validation_page(found, loaded, comparisons(loaded, records, found.label), model.name))
     conclude(results, found.to_dict(), repr(found), json)

@@ -96,10 +96,10 @@ class Factor:
         condition = np.linalg.cond(r11)
         if singular[-1] < SINGULAR * singular[0] and ridge == 0:
             _, _, vt = np.linalg.svd(r11 / scale)
-            mixed = ", ".join(names[int(i)] for i in np.argsort(-np.abs(vt[-1]))[:4])
-            raise InputError("these data cannot tell some parameters apart", got=f"a dependence among {mixed}",
+            mixed = [names[int(i)] for i in np.argsort(-np.abs(vt[-1]))[:4]]
+            raise InputError("these data cannot tell some parameters apart", got=f"a dependence among {', '.join(mixed)}",
                              why="their regressors are linearly dependent",
-                             mend="lower the orders or the degree, or add ridge")
+                             mend=_apart(mixed))
         if ridge:
             q, stacked = np.linalg.qr(np.vstack([r11, np.diag(np.sqrt(ridge) * scale)]))
             theta = solve_triangular(stacked, q[:k].T @ r12)
@@ -210,3 +210,10 @@ def _fill(record: Record, data: RegressionData, filtered: np.ndarray | None, fir
 
 def _stack(record: Record, names: Sequence[str], low: int, high: int) -> np.ndarray:
     return np.column_stack([record[n][low:high] for n in names]) if names else np.empty((high - low, 0))
+
+
+def _apart(mixed: Sequence[str]) -> str:
+    """What to do about parameters that depend on one another, from their names."""
+    if all(name.startswith("c") for name in mixed):  # c_j(p(k−j)) are the same where p stands still in every record
+        return "use a single affine term (affine=1, --affine-terms 1), or add records in which the scheduling moves"
+    return "lower the orders or the degree, or add ridge"

@@ -70,13 +70,21 @@ def _caveats(found: Identification) -> tuple[str, ...]:
         lines.append("All figures are on training data: nothing was held out, so they say little about other data.")
     lines += [f"{n[:1].upper()}{n[1:]}." for n in found.notes if n.endswith(LEAK)]
     judged = found.held_out or found.training
-    if judged is not None and any(not t.passed for t in judged.residual_tests):
-        lines.append("The one-step residuals are not white: the standard errors, which assume white equation error, "
-                     "are too small.")
+    if judged is not None and any(not t.passed and t.name == "whiteness" for t in judged.residual_tests):
+        lines.append(_coloured(found))
     if found.model.box.names:
         lines.append("The frozen poles hold for a scheduling variable that stands still; see the stability report for "
                      "one that moves.")
     return tuple(lines)
+
+
+def _coloured(found: Identification) -> str:
+    """What a residual that is not white means for the standard errors given."""
+    said = "The one-step residuals are not white: "
+    kind = found.covariance_kind
+    if "sandwich" in kind or "coloured" in kind or any("sandwich" in n for n in found.notes):
+        return said + "the standard errors are of sandwich form, which allows for that."
+    return said + "the standard errors assume white errors, and are too small."
 
 
 def _parameters(found: Identification) -> list[Item]:

@@ -77,7 +77,7 @@ def _whiteness(residuals: Sequence[np.ndarray], lags: int) -> ResidualTest:
     worst = int(np.argmax(np.abs(rho))) + 1
     says = (f"white at the {100 * LEVEL:.0f} % level" if p >= LEVEL else
             f"not white: correlation {rho[worst - 1]:+.2f} at lag {worst} (p = {p:.1e}); "
-            "standard errors are too small, and an output-error estimate may serve better")
+            "plain standard errors would be too small, and an output-error estimate may serve better")
     return ResidualTest("whiteness", q, p, p >= LEVEL, says)
 
 

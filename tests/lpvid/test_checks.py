@@ -88,6 +88,10 @@ def test_lists_of_names() -> None:
 def test_a_near_miss_is_pointed_out() -> None:
     with pytest.raises(InputError, match="did you mean 'velocity'"):
         _checks.known_name("velocty", ["velocity", "force"], "channel")
+    with pytest.raises(InputError, match=r"did you mean 'velocity'\? Or map it with --role v=CHANNEL\.$"):
+        _checks.known_name("velocty", ["velocity", "force"], "channel", "map it with --role v=CHANNEL")
+    with pytest.raises(InputError, match=r"Mend: did you mean 'velocity'\?$"):
+        _checks.known_name("velocty", ["velocity", "force"], "channel")
     with pytest.raises(InputError, match="got none"):
         _checks.known_name("x", [], "channel")
     with pytest.raises(InputError, match=r"form must be one of a, bcd: got 'bc'\. Mend: did you mean 'bcd'"):

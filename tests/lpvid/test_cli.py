@@ -131,6 +131,7 @@ def test_validate_resamples_and_says_so(model, tmp_path):
     run("validate", model, fast, "--out", tmp_path / "v")
     told = json.loads((tmp_path / "v" / "validation.json").read_text())
     assert told["schema"] == "lpvid/validation/1"
+    assert "<h1>Validation of model.json</h1>" in (tmp_path / "v" / "report.html").read_text()
     assert any("resampled to the model's 200 Hz" in note for note in told["notes"])
     assert told["records"][0]["n_samples"] == n
     assert {"esr", "fit_percent", "rmse", "rmse_unit"} <= set(told["overall"]["free_run"])
@@ -358,6 +359,25 @@ def test_sample_rate_of_a_file_without_clock(tmp_path):
     told = json.loads(run("identify", file, "--schedule", "current", "--na", 1, "--nb", 2, "--nk", 0, "--sample-rate",
                           200, "--json").stdout)
     assert told["training"]["overall"]["free_run"]["esr"] < 1e-20
+
+
+def test_only_files_without_a_clock_take_the_rate(run1, tmp_path):
+    """A rate for resampling is no remark on a file's clock, also when another file has none."""
+    file = write(tmp_path / "bare.csv", "velocity [m/s],current [A],force [N]", *true_system(600, 5).values())
+    told = json.loads(run("identify", run1, file, "--schedule", "current", "--na", 1, "--nb", 2, "--nk", 0,
+                          "--sample-rate", 200, "--json").stdout)
+    assert [r["n_samples"] for r in told["training"]["records"]] == [1500, 600]
+    assert not any("sets the clock" in note for note in told["notes"])
+
+
+def test_validate_a_file_without_clock(model, tmp_path):
+    """Measured at twice the model's rate, every sample twice: resampled to the model's."""
+    twice = [np.repeat(x, 2) for x in true_system(600, 6).values()]
+    file = write(tmp_path / "bare.csv", "velocity [m/s],current [A],force [N]", *twice)
+    told = json.loads(run("validate", model, file, "--sample-rate", 400, "--json").stdout)
+    assert told["records"][0]["n_samples"] == 600 and any("resampled" in note for note in told["notes"])
+    clocked = measured(tmp_path / "clocked.csv", 300)
+    assert "own rate" in run("validate", model, clocked, "--sample-rate", 400, code=2).stderr
 
 
 def test_an_interrupt_from_the_keyboard(tmp_path):
