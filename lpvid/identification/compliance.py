@@ -14,6 +14,7 @@ from lpvid.identification.arx import _moves, scheduling_box
 from lpvid.identification.compliance_problem import ComplianceProblem
 from lpvid.identification.free_run_search import Found, Prior, minimise, package, wanted_filter
 from lpvid.identification.result import Identification
+from lpvid.identification.stage_fit import shorten
 from lpvid.identification.structure import Structure
 from lpvid.model.compliance import HEAD, ComplianceModel, Element, checked_knots
 from lpvid.model.scheduling_stage import FITTED, SchedulingStage
@@ -28,7 +29,9 @@ LAGS = (0.3, 3.0)
 KNEES = (0.05, 0.25)
 """starting knees of the law, as shares of the largest speed."""
 TASTE = 15
-"""iterations from every start before the best one is followed to its end."""
+"""iterations from every start before the best one is followed to its end on all data."""
+SAMPLES = 12_000
+"""samples on which the starts are compared."""
 SURE = 0.02
 """what one equation of the prior is worth, as a share of the output's spread."""
 
@@ -133,15 +136,17 @@ class Compliance(Structure):
         box = scheduling_box(records, basis)
         with single_thread():
             tried = []
+            sample, free = shorten(records, SAMPLES, self.start + 50), isinstance(self.schedule_filter, str)
             for model in self._starts(records, box, basis.bound(box) if box.names else basis):
-                problem = ComplianceProblem.of(records, model, isinstance(self.schedule_filter, str), self.asymmetric)
+                problem = ComplianceProblem.of(sample, model, free, self.asymmetric)
                 start = problem.with_linear_terms(problem.start())
                 found = self._search(problem, start, min(TASTE, self.max_iterations))
                 if found is not None:
                     tried.append((problem, found))
             if not tried:
                 raise NumericalError("no start of the compliance search gives a finite run; look at the data's scale")
-            problem, tasted = min(tried, key=lambda t: t[1].cost)
+            tasted_problem, tasted = min(tried, key=lambda t: t[1].cost)
+            problem = ComplianceProblem.of(records, tasted_problem.model, free, self.asymmetric)
             found = self._search(problem, tasted.x, self.max_iterations)
             assert found is not None
             return package(self, problem.model_at(found.x), problem, found, records,
@@ -158,8 +163,8 @@ class Compliance(Structure):
         peak, force = float(np.abs(v).max()), np.quantile(np.abs(y - y.mean()), 0.9)
         knots = np.array(self.knots) if self.knots else peak * np.array([-s for s in SHARES[::-1]] + [0.0, *SHARES])
         sizes = self._sizes(records, basis, float(force))
-        stage = wanted_filter(self.schedule_filter, period)
-        for knee in KNEES:
+        for place, knee in enumerate(KNEES):
+            stage = wanted_filter(self.schedule_filter, period, place)
             shape = np.tanh(knots / (knee * peak)) + 0.1 * knots / peak
             laws = sizes[:, None] * shape / self.states
             for lag in LAGS:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.identification.free_run_search import NUDGE, Piece
+from lpvid.identification.free_run_search import NUDGE, Piece, filter_scales
 from lpvid.model.compliance import ComplianceModel
 from lpvid.record import Record
 
@@ -63,7 +63,7 @@ class ComplianceProblem:
     def filter_scales(self) -> np.ndarray:
         """Search steps of the filter's parameters."""
         stage = self.model.scheduling_stage
-        return stage.scales() if self.free_filter and stage is not None else np.zeros(0)
+        return filter_scales(stage) if self.free_filter else np.zeros(0)
 
     @property
     def matrix(self) -> np.ndarray:
@@ -116,7 +116,8 @@ class ComplianceProblem:
     def pieces(self, x: np.ndarray, jacobian: bool) -> Iterator[Piece]:
         """Errors of the free run and their Jacobian, record by record."""
         model = self.model_at(x)
-        select = self.matrix if jacobian else np.zeros((0, 0))
+        tied = self.tie.max() + 1 < self.tie.size
+        select = self.matrix if jacobian and tied else None
         for u, y, p in zip(self.inputs, self.outputs, self.scheduling, strict=True):
             behind = self._scheduling(model, p)
             if not jacobian:
@@ -125,7 +126,8 @@ class ComplianceProblem:
                 continue
             run, slopes = sensitivity(model, u, behind, y)
             moved = [self._filter_slope(x, j, u, y, p, run) for j in range(self.filter_scales.size)]
-            yield (run - y)[model.start:], np.column_stack([slopes, *moved])[model.start:] @ select
+            whole = np.column_stack([slopes, *moved])[model.start:] if moved else slopes[model.start:]
+            yield (run - y)[model.start:], whole if select is None else whole @ select
 
     def _filter_slope(self, x: np.ndarray, j: int, u: np.ndarray, y: np.ndarray, p: np.ndarray,
                       run: np.ndarray) -> np.ndarray:

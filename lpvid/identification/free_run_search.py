@@ -182,8 +182,15 @@ def package(structure: Structure, model: SelfScheduled, problem: Problem, found:
                           conditions[1], rows, notes=(*notes, said), covariance_kind=kind)
 
 
-def wanted_filter(schedule_filter: SchedulingStage | str | None, sample_time: float) -> SchedulingStage | None:
-    """The filter to start from: the first start of a named one."""
+def wanted_filter(schedule_filter: SchedulingStage | str | None, sample_time: float,
+                  place: int = 0) -> SchedulingStage | None:
+    """The filter to start from: of a named one, start number `place`."""
     if isinstance(schedule_filter, str):
-        return FITTED[schedule_filter].starts(sample_time)[0]
+        starts = FITTED[schedule_filter].starts(sample_time)
+        return starts[place % len(starts)]
     return schedule_filter
+
+
+def filter_scales(stage: SchedulingStage | None) -> np.ndarray:
+    """Scales of a fitted filter's parameters, so short that no single step takes a time constant to zero."""
+    return np.zeros(0) if stage is None else 0.4 * stage.scales()

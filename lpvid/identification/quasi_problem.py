@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.identification.free_run_search import NUDGE, Piece, Prior
+from lpvid.identification.free_run_search import NUDGE, Piece, Prior, filter_scales
 from lpvid.model.quasi import QuasiLPVModel
 from lpvid.record import Record
 
@@ -44,7 +44,7 @@ class QuasiProblem:
     def filter_scales(self) -> np.ndarray:
         """Search steps of the filter's parameters."""
         stage = self.model.scheduling_stage
-        return stage.scales() if self.free_filter and stage is not None else np.zeros(0)
+        return filter_scales(stage) if self.free_filter else np.zeros(0)
 
     def model_at(self, x: np.ndarray) -> QuasiLPVModel:
         """The model at a parameter vector."""
