@@ -25,12 +25,14 @@ def mixed(stack, weights, out):
 
 
 @njit(cache=True)
-def predictor_run(A, B, C, D, f, g, K, phi, u, y, x0, influenced, limit, output, influence):
+def predictor_run(matrices, phi, u, y, x0, influenced, limit, output, influence):
     """Output of x⁺ = A x + B u + f + K (y − ŷ), ŷ = C x + D u + g from x0, and its derivative to x0.
 
-    Stacks (M, rows, columns), f and g as (M, rows, 1); `limit` (ny,) bounds each output; the derivative is written for
-    the first `influenced` samples into influence (influenced, ny, nx). Returns the diverging sample or −1.
+    matrices is (A, B, C, D, f, g, K), each (M, rows, columns), f and g with one column; `limit` (ny,) bounds each
+    output; the derivative is written for the first `influenced` samples into influence (influenced, ny, nx). Returns
+    the diverging sample or −1.
     """
+    A, B, C, D, f, g, K = matrices
     n, ny, nx, nu = len(phi), C.shape[1], A.shape[1], u.shape[1]
     a, b, c, d = np.empty((nx, nx)), np.empty((nx, nu)), np.empty((ny, nx)), np.empty((ny, nu))
     ff, gg, k_ = np.empty((nx, 1)), np.empty((ny, 1)), np.empty((nx, ny))
@@ -85,8 +87,9 @@ def predictor_run(A, B, C, D, f, g, K, phi, u, y, x0, influenced, limit, output,
 
 
 @njit(cache=True)
-def states_run(A, B, f, phi, u, x0, states):
+def states_run(matrices, phi, u, x0, states):
     """States x(0) … x(n−1) of the free run, written into states (n, nx)."""
+    A, B, _, _, f, _, _ = matrices
     nx, nu = A.shape[1], u.shape[1]
     a, b, ff = np.empty((nx, nx)), np.empty((nx, nu)), np.empty((nx, 1))
     states[0] = x0
@@ -104,13 +107,14 @@ def states_run(A, B, f, phi, u, x0, states):
 
 
 @njit(cache=True)
-def sensitivity_rows(A, B, C, D, f, g, K, phi, u, y, table, weight, x, moved, first, last, block, row0):
+def sensitivity_rows(matrices, phi, u, y, table, weight, x, moved, first, last, block, row0):
     """Rows of [∂ŷ/∂x0, ∂ŷ/∂θ, ŷ − y] of samples first … last−1, output by output, times `weight` (ny,).
 
     table (entries, 6): parameter, array (0 A, 1 B, 2 f, 3 K, 4 C, 5 D, 6 g), function, row, column, sign. State x (nx,)
     and its sensitivities moved (nx, nx + parameters), x0 first, are carried from call to call. block (columns, height)
     is filled from row `row0` on, as `ChunkedQR` wants it.
     """
+    A, B, C, D, f, g, K = matrices
     ny, nx, nu, width = C.shape[1], A.shape[1], u.shape[1], moved.shape[1]
     a, b, c, d = np.empty((nx, nx)), np.empty((nx, nu)), np.empty((ny, nx)), np.empty((ny, nu))
     ff, gg, k_ = np.empty((nx, 1)), np.empty((ny, 1)), np.empty((nx, ny))

@@ -13,8 +13,23 @@ from lpvid.errors import InputError
 from lpvid.identification.arx import ARX, scheduling_box
 from lpvid.identification.result import Identification
 from lpvid.identification.state_space_layout import StateSpaceLayout, stacks
-from lpvid.identification.state_space_result import checked_signals, empty_model, package, static_basis
-from lpvid.identification.state_space_search import CONVERGED, Search, SearchData, bounded, frozen_radius, refine
+from lpvid.identification.state_space_result import (
+    checked_signals,
+    empty_model,
+    number_of_parameters,
+    package,
+    refuse_poor_data,
+    static_basis,
+)
+from lpvid.identification.state_space_search import (
+    CONVERGED,
+    Search,
+    SearchData,
+    bounded,
+    evaluate,
+    frozen_radius,
+    refine,
+)
 from lpvid.identification.structure import Structure
 from lpvid.identification.subspace import Subspace
 from lpvid.model.state_space import LPVStateSpace
@@ -27,9 +42,9 @@ if TYPE_CHECKING:
 
 NOISE = ("output", "innovation")
 NEARLY = 1.05
-"""mean square error, relative to the least, at which the frozen poles decide between two models."""
-CLEAR = 0.99
-"""frozen radius below which stability is no matter."""
+"""mean square error, relative to the least, up to which an end stays in the choice."""
+HEAD = 0.7
+"""share of every record on which ends of nearly the same error are fitted again, to be judged on the rest."""
 PROBED = 12
 """steps after which a search without the limit must have got ahead of the one with it."""
 TOUCHING = 1 - 1e-5
@@ -49,8 +64,9 @@ class StateSpaceError(Structure):
     tangent of the coordinate changes being projected out (Lee & Poolla 1999; McKelvey, Helmersson & Ribarits 2004).
     The Jacobian comes from the sensitivity recursions, exactly, and is folded into a triangular factor chunk by chunk;
     every record's initial state is estimated with it. A search first keeps the frozen poles along the training
-    trajectory in the unit circle; one that is free to leave it is preferred only where it lowers the mean square error
-    by more than 5 %, since such models may diverge on the next record.
+    trajectory in the unit circle; one that is free to leave it is taken up only where it lowers the mean square error
+    by more than 5 %, since such models may diverge on the next record. Ends of nearly the same error from different
+    starts are told apart by refitting on the head of every record and running freely over the rest.
 
     Parameters
     ----------
@@ -118,13 +134,39 @@ class StateSpaceError(Structure):
     def estimate(self, records: Sequence[Record]) -> Identification:
         box = scheduling_box(records, self.basis)
         bound = replace(self, basis=self.basis.bound(box))
-        ends = [pair for said, model in bound._starts(records, box)
-                for pair in _ends(said, model, records, bound._free, self.iterations)]
-        said, best = _preferred(ends)
+        given = self.start_from.order if isinstance(self.start_from, LPVStateSpace) else 1
+        refuse_poor_data(records, tuple(self.input), tuple(self.output), 0, number_of_parameters(
+            self.basis.size, self.order or given, len(self.input), len(self.output), direct=self.direct,
+            affine=self.affine))
+        ends = bound._ends(records, box)
+        chosen = bound._preferred(ends, records, box)
+        said, best = chosen.said, chosen.search
         layout = StateSpaceLayout.full(best.model, bound._free)
         note = (f"prediction error ({self.noise}) from {said}, one of {len(ends)} searches: {best.iterations} "
                 f"Levenberg-Marquardt steps; stopped because {best.why}")
         return package(replace(bound, order=best.model.order), best, layout, records, [note])
+
+    def _ends(self, records: Sequence[Record], box: Scheduling) -> list[_End]:
+        return [end for start, model in self._starts(records, box)
+                for end in _ends(start, model, records, self._free, self.iterations)]
+
+    def _preferred(self, ends: Sequence[_End], records: Sequence[Record], box: Scheduling) -> _End:
+        """The end of least error; among nearly equal ones stable poles decide, then a free run not fitted to."""
+        least = min(_log_error(end.search) for end in ends)
+        near = [end for end in ends if _log_error(end.search) <= least + np.log(NEARLY)]
+        near = [end for end in near if end.radius <= 1] or near
+        heads, tails = _halves(records)
+        order = near[0].search.model.order
+        size = number_of_parameters(self.basis.size, order, len(self.input), len(self.output), direct=self.direct,
+                                    affine=self.affine)
+        short = min(r.n_samples for r in tails) < 20 * order or sum(r.n_samples for r in heads) < 4 * size
+        if len(near) == 1 or short or not self.iterations:
+            return min(near, key=lambda end: (max(end.radius, 1.0), _log_error(end.search)))
+        errors: dict[tuple[str, bool], float] = {}
+        for end in replace(self, order=order)._ends(heads, box):
+            run = evaluate(end.search.model, SearchData.of(tails, end.search.model))
+            errors[end.key] = _log_error(replace(end.search, evaluation=run))
+        return min(near, key=lambda end: (errors.get(end.key, np.inf), _log_error(end.search)))
 
     @property
     def _free(self) -> tuple[str, ...]:
@@ -194,51 +236,75 @@ class StateSpaceError(Structure):
                 "affine": self.affine, "noise": self.noise, "start": start, "iterations": self.iterations}
 
 
-def _ends(said: str, model: LPVStateSpace, records: Sequence[Record], free: tuple[str, ...],
-          iterations: int) -> list[tuple[str, Search]]:
+@dataclass(frozen=True, eq=False)
+class _End:
+    """Where one search ended: from which start, and whether frozen poles were held in the unit circle."""
+
+    start: str
+    stable: bool
+    said: str
+    search: Search
+
+    @property
+    def key(self) -> tuple[str, bool]:
+        return self.start, self.stable
+
+    @property
+    def radius(self) -> float:
+        return frozen_radius(self.search.model, self.search.data)
+
+
+def _ends(start: str, model: LPVStateSpace, records: Sequence[Record], free: tuple[str, ...],
+          iterations: int) -> list[_End]:
     """Where searches from one start end: frozen poles held in the unit circle; and free, where that is much better."""
     data, layout = SearchData.of(records, model), StateSpaceLayout.full(model, free)
     safe, shrunk = bounded(model, data)
     safe = _sized(safe, data)
-    told = said if shrunk == 1 else f"{said} (its state matrix shrunk by {shrunk} to be bounded)"
+    told = start if shrunk == 1 else f"{start} (its state matrix shrunk by {shrunk} to be bounded)"
     radius = frozen_radius(safe, data)
     inside = safe if radius <= 1 else bounded(safe.replace(A=0.999 / radius * safe.A), data)[0]
     held = refine(inside, layout, data, iterations=iterations, stable=True)
-    ends = [(f"{told}, frozen poles kept stable", held)]
+    ends = [_End(start, True, f"{told}, frozen poles kept stable", held)]
     if held.why != CONVERGED or frozen_radius(held.model, data) > TOUCHING:
         probe = refine(safe if radius > 1 else held.model, layout, data, iterations=min(PROBED, iterations))
         if _log_error(probe) < _log_error(held) - np.log(NEARLY):
-            ends.append((told, refine(probe.model, layout, data, iterations=iterations)))
+            free_end = refine(probe.model, layout, data, iterations=iterations)
+            ends.append(_End(start, False, told, free_end))
     return ends
 
 
 def _log_error(search: Search) -> float:
-    """Mean logarithm of the outputs' mean square errors."""
+    """Mean logarithm of the outputs' mean square errors; infinite where the run diverged."""
+    if not np.isfinite(search.evaluation.cost):
+        return np.inf
     mean_squares = np.mean(np.vstack(search.evaluation.errors) ** 2, axis=0)
     return float(np.log(np.maximum(mean_squares, 1e-300)).mean())
 
 
-def _preferred(ends: Sequence[tuple[str, Search]]) -> tuple[str, Search]:
-    """Among the ends of nearly the least error, the one whose frozen poles lie furthest inside the unit circle."""
-    least = min(_log_error(search) for _, search in ends)
-    near = [pair for pair in ends if _log_error(pair[1]) <= least + np.log(NEARLY)]
-    return min(near, key=lambda pair: max(frozen_radius(pair[1].model, pair[1].data), CLEAR))
+def _halves(records: Sequence[Record]) -> tuple[list[Record], list[Record]]:
+    """The head and the tail of every record."""
+    cuts = [int(HEAD * r.n_samples) for r in records]
+    return ([r.slice(0, cut) for r, cut in zip(records, cuts, strict=True)],
+            [r.slice(cut, r.n_samples) for r, cut in zip(records, cuts, strict=True)])
 
 
 def _sized(model: LPVStateSpace, data: SearchData) -> LPVStateSpace:
     """The model in coordinates in which the states have unit covariance along the data."""
     from lpvid._state_space_kernels import states_run
 
-    a, b, c, _, f, _, k = (x.copy() for x in stacks(model))
+    matrices = stacks(model)
+    a, b, c, _, f, _, k = matrices
     n, total, count = model.order, np.zeros((model.order, model.order)), 0
     for phi, u, _ in data.pieces:
         states = np.zeros((len(u), n))
-        states_run(a, b, f, phi, u, np.zeros(n), states)
+        states_run(matrices, phi, u, np.zeros(n), states)
         total += states.T @ states
         count += len(u)
     if not np.isfinite(total).all():
         return model
     values, vectors = np.linalg.eigh(total / count)
+    if not values.max(initial=0.0) > 0:
+        return model
     root = np.sqrt(np.maximum(values, 1e-8 * values.max(initial=0.0)))
     if not root.min(initial=np.inf) > 0:
         return model

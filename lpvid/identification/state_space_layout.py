@@ -112,6 +112,6 @@ def _stack(model: LPVStateSpace, name: str) -> np.ndarray:
 
 
 def stacks(model: LPVStateSpace) -> tuple[np.ndarray, ...]:
-    """A, B, C, D, f, g, K as contiguous (M, rows, columns) arrays, in the order of the compiled runs."""
+    """A, B, C, D, f, g, K as (M, rows, columns) arrays of one's own, in the order of the compiled runs."""
     order = ("A", "B", "C", "D", "state_offset", "output_offset", "observer_gain")
-    return tuple(np.ascontiguousarray(_stack(model, name)) for name in order)
+    return tuple(np.array(_stack(model, name), order="C") for name in order)

@@ -8,6 +8,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.identification.arx import _moves
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.state_space_layout import StateSpaceLayout
 from lpvid.identification.state_space_search import Search, precision
@@ -34,6 +35,24 @@ def static_basis(basis: Basis) -> Basis:
         raise InputError("a state-space estimate needs a basis that reads p(k) alone", got=f"lags {basis.lags}",
                          mend="give the basis without Shifted")
     return basis
+
+
+def number_of_parameters(letters: int, order: int, inputs: int, outputs: int, *, direct: bool, affine: bool) -> int:
+    """Entries of A, B and C, and of D and the offsets where they are asked for."""
+    linear = order * (order + inputs + outputs) + (inputs * outputs if direct else 0)
+    return letters * (linear + (order + outputs if affine else 0))
+
+
+def refuse_poor_data(records: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str], past: int,
+                     parameters: int) -> None:
+    """Raise where a channel never moves, or where there are fewer equations than parameters."""
+    for names, what in ((inputs, "input"), (outputs, "output")):
+        for name in names:
+            _moves(records, name, what)
+    equations = len(outputs) * sum(max(r.n_samples - past, 0) for r in records)
+    if equations <= parameters:
+        raise InputError(f"{equations} equations cannot determine {parameters} parameters",
+                         mend="give longer records, or lower the order or the degree")
 
 
 def empty_model(record: Record, box: Scheduling, basis: Basis, inputs: Sequence[str], outputs: Sequence[str],

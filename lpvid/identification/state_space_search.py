@@ -74,6 +74,11 @@ class SearchData:
         return v if np.abs(phi @ v - 1).max() < 1e-8 else None
 
 
+def triangle(matrix: np.ndarray) -> np.ndarray:
+    """R of the QR factorisation."""
+    return np.asarray(np.linalg.qr(matrix, mode="r"))
+
+
 @dataclass(frozen=True, eq=False)
 class Evaluation:
     """Weighted sum of squared errors of a model with the best initial states; infinite where a run diverges."""
@@ -87,14 +92,14 @@ def evaluate(model: LPVStateSpace, data: SearchData) -> Evaluation:
     """Run the model's predictor over all records; each initial state is the least-squares one."""
     from lpvid._state_space_kernels import predictor_run
 
-    arrays = [a.copy() for a in stacks(model)]
+    arrays = stacks(model)
     if not all(np.isfinite(a).all() for a in arrays):
         return Evaluation(np.inf)
     cost, starts, errors = 0.0, [], []
     for phi, u, y in data.pieces:
         n, (ny, nx) = min(len(y), INFLUENCED), model.C.shape[1:]
         output, influence, x0 = np.zeros_like(y), np.zeros((n, ny, nx)), np.zeros(nx)
-        if predictor_run(*arrays, phi, u, y, x0, n, data.limit, output, influence) >= 0:
+        if predictor_run(arrays, phi, u, y, x0, n, data.limit, output, influence) >= 0:
             return Evaluation(np.inf)
         left = (y - output) * data.weight
         if nx:
@@ -102,7 +107,7 @@ def evaluate(model: LPVStateSpace, data: SearchData) -> Evaluation:
             if not np.isfinite(matrix).all() or np.abs(matrix).max() > 1e12:
                 return Evaluation(np.inf)
             x0 = np.linalg.lstsq(matrix, left[:n].ravel(), rcond=1e-8)[0]
-            if predictor_run(*arrays, phi, u, y, x0, 0, data.limit, output, influence) >= 0:
+            if predictor_run(arrays, phi, u, y, x0, 0, data.limit, output, influence) >= 0:
                 return Evaluation(np.inf)
             left = (y - output) * data.weight
         cost += float(np.sum(left**2))
@@ -117,7 +122,7 @@ def linearise(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData,
     from lpvid._kernels import ChunkedQR
     from lpvid._state_space_kernels import sensitivity_rows
 
-    arrays, table = [a.copy() for a in stacks(model)], np.array(layout.table)
+    arrays, table = stacks(model), np.array(layout.table)
     nx, ny, width = model.order, model.n_outputs, model.order + layout.size
     total = np.zeros((layout.size + 1, layout.size + 1))
     for (phi, u, y), x0 in zip(data.pieces, starts, strict=True):
@@ -125,9 +130,9 @@ def linearise(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData,
         x, moved = x0.copy(), np.hstack([np.eye(nx), np.zeros((nx, layout.size))])
         for first in range(0, len(y), CHUNK):
             last = min(first + CHUNK, len(y))
-            sensitivity_rows(*arrays, phi, u, y, table, data.weight, x, moved, first, last, qr.block, width + 1)
+            sensitivity_rows(arrays, phi, u, y, table, data.weight, x, moved, first, last, qr.block, width + 1)
             qr.absorb((last - first) * ny)
-        total = np.linalg.qr(np.vstack([total, qr.r[nx:, nx:]]), mode="r")
+        total = triangle(np.vstack([total, qr.r[nx:, nx:]]))
     return total
 
 

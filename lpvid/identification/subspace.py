@@ -13,8 +13,15 @@ from lpvid.errors import InputError
 from lpvid.identification.arx import scheduling_box
 from lpvid.identification.result import Identification
 from lpvid.identification.state_space_layout import StateSpaceLayout
-from lpvid.identification.state_space_result import checked_signals, empty_model, package, static_basis
-from lpvid.identification.state_space_search import Search, SearchData, bounded, evaluate
+from lpvid.identification.state_space_result import (
+    checked_signals,
+    empty_model,
+    number_of_parameters,
+    package,
+    refuse_poor_data,
+    static_basis,
+)
+from lpvid.identification.state_space_search import Search, SearchData, bounded, evaluate, triangle
 from lpvid.identification.structure import Structure
 from lpvid.identification.subspace_words import KernelWords, Trace, Words, WrittenWords, number_of_words
 from lpvid.record import Record
@@ -108,6 +115,18 @@ class Subspace(Structure):
     def _ahead(self) -> int:
         return min(self.future, self._back)
 
+    @property
+    def _inputs(self) -> tuple[str, ...]:
+        return tuple(self.input)
+
+    @property
+    def _outputs(self) -> tuple[str, ...]:
+        return tuple(self.output)
+
+    def _parameters(self, order: int) -> int:
+        return number_of_parameters(self.basis.size, order, len(self.input), len(self.output), direct=self.direct,
+                                    affine=self.affine)
+
     def _affordable(self) -> int:
         signals = len(self.input) + len(self.output) + (1 if self.affine else 0)
         direct = (len(self.input) if self.direct else 0) + (1 if self.affine else 0)
@@ -126,6 +145,7 @@ class Subspace(Structure):
     def estimate(self, records: Sequence[Record]) -> Identification:
         box = scheduling_box(records, self.basis)
         bound = replace(self, basis=self.basis.bound(box))
+        refuse_poor_data(records, bound._inputs, bound._outputs, self._back, self._parameters(self.order or 1))
         used, notes = _thinned(records, self._back)
         with single_thread():
             return bound._estimate(used, box, notes)
@@ -136,7 +156,9 @@ class Subspace(Structure):
         letter = np.mean(np.vstack([t.phi for t in traces]), axis=0)
         predicted = [words.rows(t, letter, self._ahead) for t in traces]
         singular, basis = _principal(predicted)
-        order = self.order or _order_by_gap(singular, min(self._most - 1, MAX_ORDER))
+        equations = sum(t.y[self._back:].size for t in traces)
+        known = [n for n in range(1, min(self._most - 1, MAX_ORDER) + 1) if 2 * self._parameters(n) <= equations]
+        order = self.order or _order_by_gap(singular, max(known, default=1))
         states = [g @ basis[:, :order] for g in predicted]
         listed = ", ".join(f"{s:.3g}" for s in singular[: max(order + 3, 6)])
         notes += [said, f"singular values {listed}; order {order} "
@@ -240,7 +262,7 @@ def _solve(phi: Sequence[np.ndarray], signals: Sequence[np.ndarray], targets: Se
     factor = np.zeros((0, m * width + targets[0].shape[1]))
     for p, s, t in zip(phi, signals, targets, strict=True):
         columns = np.einsum("km,kw->kmw", p, s).reshape(len(p), -1)
-        factor = np.linalg.qr(np.vstack([factor, np.hstack([columns, t])]), mode="r")
+        factor = triangle(np.vstack([factor, np.hstack([columns, t])]))
     k = m * width
     norms = np.linalg.norm(factor[:, :k], axis=0)
     scale = np.where(norms > 0, norms, 1.0)

@@ -69,7 +69,7 @@ class WrittenWords(Words):
                 k = np.arange(first, min(first + max(SPAN, width), len(trace.y)))
                 words = np.hstack([_written(trace, k, past), trace.now[k]])
                 stacked = np.vstack([factor, np.hstack([_with_letters(trace.phi[k], words), trace.y[k]])])
-                factor = np.linalg.qr(stacked, mode="r")
+                factor = np.asarray(np.linalg.qr(stacked, mode="r"))
                 count += k.size
         if len(factor) < width + ny:
             factor = np.vstack([factor, np.zeros((width + ny - len(factor), width + ny))])
