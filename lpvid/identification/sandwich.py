@@ -77,14 +77,20 @@ def residual_memory(residuals: Sequence[np.ndarray], longest: int = 200) -> int:
     centred = [e - e.mean() for e in residuals if len(e) > longest + 1]
     if not centred:
         return 1
-    power = sum(float(e @ e) for e in centred)
-    if not power > 0:
+    covariance = sum(_autocovariance(e, longest) for e in centred)
+    if not covariance[0] > 0:
         return 1
     inside, squares = 0, 0.0
     for lag in range(1, longest):
-        rho = sum(float(e[lag:] @ e[:-lag]) for e in centred) / power
+        rho = covariance[lag] / covariance[0]
         inside = inside + 1 if abs(rho) < 2 * np.sqrt((1 + 2 * squares) / n) else 0
         squares += rho**2
         if inside == 10:
             return max(lag - 9, 1)
     return longest
+
+
+def _autocovariance(e: np.ndarray, lags: int) -> np.ndarray:
+    """(lags,) sums Σ e(t) e(t−τ), by fast Fourier transform."""
+    size = 1 << (len(e) + lags - 1).bit_length()
+    return np.fft.irfft(np.abs(np.fft.rfft(e, size)) ** 2, size)[:lags]

@@ -19,14 +19,14 @@ def fir_record(rng: np.random.Generator, n: int = 12_000, pole: float = 0.9) -> 
 def test_standard_errors_match_the_spread_where_the_white_form_does_not() -> None:
     rng = np.random.default_rng(11)
     structure = lpv.ARX(na=0, nb=2, input="u", output="y")
-    found = [lpv.identify(fir_record(rng), structure) for _ in range(80)]
+    found = [lpv.identify(fir_record(rng), structure) for _ in range(60)]
     assert all(any("sandwich" in note for note in f.notes) for f in found)
     spread = np.std([f.parameters.sum() for f in found])
     ones = np.ones(2)
     sandwich = np.mean([np.sqrt(ones @ f.covariance @ ones) for f in found])
     white = np.mean([np.sqrt(ones @ f.structure.regress([fir_record(rng)], f.model.box).covariance @ ones)
                      for f in found[:20]])
-    assert 0.75 < sandwich / spread < 1.2
+    assert 0.72 < sandwich / spread < 1.25
     assert white / spread < 0.6
     assert np.allclose(found[0].model.metadata["parameters"]["covariance"], found[0].covariance)
 
