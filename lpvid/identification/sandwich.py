@@ -23,8 +23,8 @@ def sandwich_covariance(records: Sequence[Record], data: RegressionData, factor:
     r"""(XᵀX)⁻¹ S (XᵀX)⁻¹ with S the long-run covariance of the scores x(t) e(t).
 
     S = Σ_b s_b s_bᵀ B/(B − 1), where s_b sums the scores over blocks of three times the residual's `memory` (batch
-    means; Carlstein 1986, and White 1980 for the sandwich). It corrects the standard errors for colour; it does not remove the
-    bias that colour gives least squares.
+    means; Carlstein 1986, and White 1980 for the sandwich). It corrects the standard errors for colour; it does not
+    remove the bias that colour gives least squares.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def residual_memory(residuals: Sequence[np.ndarray], longest: int = 200) -> int:
     centred = [e - e.mean() for e in residuals if len(e) > longest + 1]
     if not centred:
         return 1
-    covariance = sum(_autocovariance(e, longest) for e in centred)
+    covariance = np.sum([_autocovariance(e, longest) for e in centred], axis=0)
     if not covariance[0] > 0:
         return 1
     inside, squares = 0, 0.0
