@@ -56,3 +56,8 @@ def test_gyroscope(shared_data: Path, tmp_path: Path) -> None:
 def test_fixed_voltage(shared_data: Path) -> None:
     data = shared_data / "mr_damper_fixed_voltage" / "estimation.csv"
     assert load("fixed_voltage").main(str(data)) >= 91.0
+
+
+def test_coprime() -> None:
+    fits = load("coprime").main()
+    assert fits["direct", 1] > 99 > fits["routed", 1] + 10
