@@ -78,7 +78,7 @@ class RefinedIV(Structure):
     lagged: bool = False
     stage: InputStage | str | None = None
     schedule_filter: SchedulingStage | str | None = None
-    iterations: int = 60
+    iterations: int = 100
     tolerance: float = 1e-8
 
     def __post_init__(self) -> None:
@@ -168,7 +168,11 @@ def _told(found: Found, to: str) -> str:
         text += f"; {found.damped} of them with a step shortened or taken by Newton's rule"
     if found.origin:
         text += f"; {found.origin}"
-    return text + ("" if found.converged else "; the best point met is kept")
+    if found.converged:
+        return text
+    still = found.change < 1e-5
+    return text + ("; it rests at the least cost, not at a root of its equations" if still else
+                   "; the best point met is kept")
 
 
 def _free_run_error(model: LPVTransferFunction, records: Sequence[Record], output: str) -> float:

@@ -17,6 +17,8 @@ from lpvid.simulation import DIVERGED
 
 PAST_SAMPLES = 200
 """samples, or 20 per output lag if that is more, that decide a record's noise-free past."""
+FROZEN_POINTS = 300
+"""points of the scheduling trajectories at which frozen poles are looked at."""
 WHITE = ARMA(np.zeros(0), np.zeros(0))
 
 
@@ -77,6 +79,7 @@ class IVProblem:
         self.rows = sum(len(y) - self.start for y in self.y)
         self.mean_phi = sum(phi.sum(axis=1) for phi in self.phi) / sum(phi.shape[1] for phi in self.phi)
         phi = np.hstack(self.phi)
+        self.sample = np.ascontiguousarray(phi[:, :: max(1, phi.shape[1] // FROZEN_POINTS)])
         self.one = np.linalg.lstsq(phi @ phi.T, phi.sum(axis=1), rcond=1e-12)[0]
         """(M,) coefficients with which the basis makes the constant 1, as near as it can"""
         part = structure.places()[:, 0]
@@ -129,6 +132,16 @@ class IVProblem:
                                                       rcond=1e-10)[0]
         code = _kernels.free_run_io(model.a, model.b, model.c, lag, model.lagged, phi, 0, u, x, start, n, limit)
         return None if code >= 0 else x[:, 0]
+
+    def frozen_radius(self, model: LPVTransferFunction) -> float:
+        """Largest modulus of the model's frozen poles along the scheduling trajectories."""
+        if not model.na:
+            return 0.0
+        a = np.tensordot(model.a[:, 0, 0, :], self.sample, axes=1).T
+        companion = np.zeros((len(a), model.na, model.na))
+        companion[:, :, 0] = -a
+        companion[:, :-1, 1:] = np.eye(model.na - 1)
+        return float(np.abs(np.linalg.eigvals(companion)).max())
 
     # -- instruments ---------------------------------------------------------------------------------------------
     def constant_part(self, model: LPVTransferFunction) -> np.ndarray:

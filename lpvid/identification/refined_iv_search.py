@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,11 @@ import numpy as np
 from lpvid.identification.arma import ARMA, fit_arma, reflected
 from lpvid.identification.refined_iv_problem import WHITE, IVProblem, Run
 
-HALVINGS = 6
+HALVINGS = 10
+DAMPINGS = (1e-7, 1e-5, 1e-3, 1e-1, 10.0)
+"""of Levenberg's steps, relative to the sensitivities' own energy, tried where the plain step fails."""
+IDLE = 8
+"""damped iterations without gain after which the cost has its minimum, and the equations no root within reach."""
 SLACK = 5.0
 """times k/N by which the cost may exceed its least: the root of the equations is not the minimum of the cost."""
 ORDERS = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24)
@@ -59,6 +63,7 @@ class Found:
 class _Point:
     theta: np.ndarray
     run: Run
+    radius: float
 
 
 def search(problem: IVProblem, start: np.ndarray, orders: tuple[int, int] | None, iterations: int,
@@ -93,20 +98,21 @@ def _iterate(problem: IVProblem, first: _Point, orders: tuple[int, int] | None, 
     """Refined steps from one bounded start.
 
     Each iteration is the step δ = (Σ ζ_f φ_fᵀ)⁻¹ Σ ζ_f ε of Laurain, Gilson, Tóth & Garnier 2010 (equation sheet 5.9),
-    whose new estimate is θ + δ. It is halved until the auxiliary model stays bounded and the whitened cost does not
-    rise. Where that fails, or the changes no longer shrink, Newton's step on the same equations takes its place, with
-    the exact sensitivities for φ_f, and behind it Gauss-Newton's.
+    whose new estimate is θ + δ. It is halved once if the auxiliary model does not stay bounded or the whitened cost
+    rises. Where that fails, or the changes no longer shrink, Newton's step on the same equations takes its place, with
+    the exact sensitivities for φ_f; and where Levenberg's steps reach a clearly lower cost, the best of those.
     """
     point, noise, kinds = first, WHITE, ("measured", "exact")
     best, best_cost, first_cost = first, np.inf, first.run.cost
-    count, damped, change, before, converged = 0, 0, np.inf, np.inf, False
-    while count < iterations and not converged:
+    count, damped, change, before, converged, idle = 0, 0, np.inf, np.inf, False, 0
+    while count < iterations and not converged and idle < IDLE:
         noise = _noise(problem, point.run, orders, noise)
         cost = _cost(point.run, noise)
+        idle = idle + 1 if kinds == ("exact",) and cost > (1 - 1e-5) * best_cost else 0
         if orders is not None or cost < best_cost:
             best, best_cost = point, cost
         ceiling = (1 + SLACK * problem.size / problem.rows) * best_cost
-        moved, full, factor = _step(problem, point, noise, kinds, (ceiling, first_cost))
+        moved, full, factor = _step(problem, point, noise, kinds, (ceiling, first_cost, best_cost))
         count += 1
         if moved is None:
             converged = _solved(problem, factor)
@@ -125,17 +131,57 @@ def _iterate(problem: IVProblem, first: _Point, orders: tuple[int, int] | None, 
 
 
 def _step(problem: IVProblem, point: _Point, noise: ARMA, kinds: Sequence[str],
-          limits: tuple[float, float]) -> tuple[_Point | None, bool, np.ndarray]:
-    """The first step that `limits` let pass, whether it was the plain one in full, and the factor it came from."""
-    factor, full = np.zeros((0, 0)), True
+          limits: tuple[float, float, float]) -> tuple[_Point | None, bool, np.ndarray]:
+    """A step that `limits` let pass, whether it was the plain one in full, and the factor it came from."""
+    factor = np.zeros((0, 0))
     for kind in kinds:
         factor = problem.factor(point.run, noise, kind)
-        for step in _steps(problem, factor, kind):
-            moved, length = _line(problem, point, step, noise, *limits)
-            if moved is not None:
-                return moved, full and length == 1.0 and kind == "measured", factor
-            full = False
+        if not np.isfinite(factor).all():
+            break
+        own = _solve(problem.jacobian(factor, kind), factor[: problem.size, -1])
+        full = _tried(problem, point, own, noise, limits)
+        if kind == "measured":
+            if full is not None:
+                return full, True, factor
+            half = _tried(problem, point, 0.5 * own, noise, limits)
+            if half is not None:
+                return half, False, factor
+            continue
+        damped = [_tried(problem, point, step, noise, limits) for step in _levenberg(problem, factor)]
+        found = [(_cost(t.run, noise), i, t) for i, t in enumerate(damped) if t is not None]
+        least = min(found, default=None)
+        if full is not None and (least is None or _cost(full.run, noise) <= limits[0] / limits[2] * least[0]):
+            return full, False, factor
+        if least is not None:
+            return least[2], False, factor
+        for length in 0.5 ** np.arange(1, HALVINGS + 1):
+            short = _tried(problem, point, length * own, noise, limits)
+            if short is not None:
+                return short, False, factor
     return None, False, factor
+
+
+def _tried(problem: IVProblem, point: _Point, step: np.ndarray, noise: ARMA, limits: Sequence[float]) -> _Point | None:
+    """The point after a step, if its run stays bounded, below the ceiling and no worse than the start.
+
+    A step on which a frozen pole leaves the unit circle, or moves further out, is refused: over the training data such
+    a model may still fit.
+    """
+    theta = point.theta + step
+    run = problem.run(theta)
+    if run is None or run.cost > limits[1] or _cost(run, noise) > limits[0]:
+        return None
+    radius = problem.frozen_radius(run.model)
+    return _Point(theta, run, radius) if radius <= max(1.0, point.radius * (1 + 1e-9)) else None
+
+
+def _levenberg(problem: IVProblem, factor: np.ndarray) -> Iterator[np.ndarray]:
+    """Levenberg's steps down the cost, from the exact sensitivities, ever shorter."""
+    k = problem.size
+    slope, error = factor[: 2 * k, k: 2 * k], factor[: 2 * k, -1]
+    scale = np.linalg.norm(slope, axis=0)
+    for damping in DAMPINGS:
+        yield _solve(np.vstack([slope, np.diag(np.sqrt(damping) * scale)]), np.concatenate([error, np.zeros(k)]))
 
 
 def _change(problem: IVProblem, factor: np.ndarray, new: np.ndarray, old: np.ndarray) -> float:
@@ -162,7 +208,7 @@ def _bounded_start(problem: IVProblem, start: np.ndarray) -> tuple[_Point | None
     part, lag = problem.layout.table[:, 0], problem.layout.table[:, 1]
     run = problem.run(start)
     if run is not None:
-        return _Point(start, run), 1.0
+        return _point(problem, start, run), 1.0
     gamma, found = SHRINK, []
     while gamma > 0.3 and len(found) < 3:
         point = _refitted(problem, np.where(part == 0, start * gamma ** (lag + 1.0), start))
@@ -196,16 +242,13 @@ def _refitted(problem: IVProblem, theta: np.ndarray) -> _Point | None:
     moved = theta.copy()
     moved[free] += step
     fitted = problem.run(moved)
-    return _Point(moved, fitted) if fitted is not None and fitted.cost < run.cost else _Point(theta, run)
+    if fitted is not None and fitted.cost < run.cost:
+        return _point(problem, moved, fitted)
+    return _point(problem, theta, run)
 
 
-def _steps(problem: IVProblem, factor: np.ndarray, kind: str) -> list[np.ndarray]:
-    """The steps that a factor gives: the equations' own; with exact sensitivities also Gauss-Newton's."""
-    k = problem.size
-    steps = [_solve(problem.jacobian(factor, kind), factor[:k, -1])]
-    if kind == "exact":
-        steps.append(_solve(factor[: 2 * k, k: 2 * k], factor[: 2 * k, -1]))
-    return [s for s in steps if np.isfinite(s).all()]
+def _point(problem: IVProblem, theta: np.ndarray, run: Run) -> _Point:
+    return _Point(theta, run, problem.frozen_radius(run.model))
 
 
 def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -214,19 +257,6 @@ def _solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
         return np.full(matrix.shape[1], np.nan)
     return np.linalg.lstsq(matrix / scale, right, rcond=1e-12)[0] / scale
-
-
-def _line(problem: IVProblem, point: _Point, step: np.ndarray, noise: ARMA, ceiling: float,
-          first_cost: float) -> tuple[_Point | None, float]:
-    """The longest of a few halved steps whose run stays bounded, below `ceiling` and no worse than the start."""
-    length = 1.0
-    for _ in range(HALVINGS):
-        theta = point.theta + length * step
-        run = problem.run(theta)
-        if run is not None and run.cost <= first_cost and _cost(run, noise) <= ceiling:
-            return _Point(theta, run), length
-        length *= 0.5
-    return None, 0.0
 
 
 def _solved(problem: IVProblem, factor: np.ndarray) -> bool:
