@@ -11,6 +11,8 @@ from lpvid.auditing.view import View, band, bandwidth
 
 _SPARE = 4.0
 """sampling rate that a bandwidth deserves, as a multiple of it."""
+_BROADBAND = 6.0
+"""signal over floor [dB] below which a flat floor cannot be told from a broadband signal."""
 
 
 def noise(views: Sequence[View]) -> Iterator[Finding]:
@@ -26,6 +28,8 @@ def noise(views: Sequence[View]) -> Iterator[Finding]:
         ratio = float(np.median([20 * np.log10(row[1] / row[0]) for row in rows]))
         unit = next(v.record.unit(name) for v in views if name in v.usable)
         about = "noise" if np.mean([row[2] for row in rows]) > 0.5 else "noise at most"
+        if ratio < _BROADBAND:
+            continue  # a signal that fills the band: its floor may be the signal itself
         poor = ratio < 20 and about == "noise"
         yield Finding("noise-level", "" if len(views) > 1 else views[0].name, name, "warning" if poor else "note",
                       f"{about} {level:.3g} {unit} rms, {ratio:.0f} dB below the signal",
