@@ -1,4 +1,4 @@
-"""`lpvid identify`: a polynomial-scheduled transfer function from measured data."""
+"""`lpvid identify`: an LPV model from measured data, by any of the estimators."""
 
 from __future__ import annotations
 
@@ -9,6 +9,14 @@ import typer
 
 from lpvid.cli import options
 from lpvid.cli.running import Results, command, conclude, working
+
+
+class On(StrEnum):
+    """What a quasi-LPV model is scheduled on, by name."""
+
+    OUTPUT = "output"
+    TRIAL = "trial"
+    INPUT = "input"
 
 
 class Shape(StrEnum):
@@ -51,15 +59,41 @@ def identify(
     input: options.Inputs = None,
     output: options.Outputs = None,
     schedule: options.Schedule = None,
-    structure: Annotated[str, typer.Option("--structure", help="Model structure; this version has arx.")] = "arx",
-    na: Annotated[int, typer.Option("--na", min=0, help="Output lags.")] = 4,
-    nb: Annotated[str, typer.Option("--nb", metavar="N[,N…]", help="Input lags, one number or one per input.")] = "4",
+    structure: Annotated[str, typer.Option("--structure", metavar="NAME", help="arx, oe, bj, armax, riv (transfer "
+                                           "functions); subspace, pem-ss, coprime (state space); quasi, compliance "
+                                           "(scheduled on their own output); recursive.")] = "arx",
+    auto: Annotated[bool, typer.Option("--auto", help="Choose the structure by its free run in cross-validation on the "
+                                       "training data.")] = False,
+    na: Annotated[int | None, typer.Option("--na", min=0, help="Output lags (4; quasi: 0).")] = None,
+    nb: Annotated[str | None, typer.Option("--nb", metavar="N[,N…]", help="Input lags, one number or one per input "
+                                           "(4).")] = None,
     nk: Annotated[str | None, typer.Option("--nk", metavar="N[,N…]", help="First input lag; left out, 0, 1 and 2 are "
                                            "tried and the best free run on training data decides.")] = None,
-    degree: Annotated[int, typer.Option("--degree", min=0, help="Degree in the scheduling variables.")] = 1,
-    basis: Annotated[BasisKind, typer.Option("--basis", help="How coefficients depend on them.")] =
-        BasisKind.POLYNOMIAL,
-    segments: Annotated[int, typer.Option("--segments", min=1, help="Pieces of a spline basis.")] = 3,
+    nc: Annotated[int | None, typer.Option("--nc", min=0, help="Order of the noise's numerator (bj, armax: 2; "
+                                           "riv: 0).")] = None,
+    nd: Annotated[int | None, typer.Option("--nd", min=0, help="Order of the noise's denominator (bj: 2; "
+                                           "riv: 0).")] = None,
+    order: Annotated[int | None, typer.Option("--order", min=1, help="States (subspace, pem-ss: from the singular "
+                                              "values).")] = None,
+    past: Annotated[int | None, typer.Option("--past", min=1, help="Samples that the subspace estimate's state is read "
+                                             "from.")] = None,
+    innovation: Annotated[bool, typer.Option("--innovation", help="pem-ss: estimate an observer gain too, fit one-step "
+                                             "predictions.")] = False,
+    on: Annotated[On | None, typer.Option("--on", help="quasi: what the coefficients depend on (trial).")] = None,
+    trial: Annotated[int | None, typer.Option("--trial", min=1, help="quasi: input lags in the trial force (1).")] =
+        None,
+    states: Annotated[int | None, typer.Option("--states", min=1, max=2, help="compliance: springs in parallel "
+                                               "(1).")] = None,
+    side: Annotated[list[str] | None, typer.Option("--side", metavar="NAME", help="compliance: channels that act in "
+                                                   "parallel, e.g. displacement.")] = None,
+    forgetting: Annotated[float | None, typer.Option("--forgetting", help="recursive: forgetting factor (0.995).")] =
+        None,
+    degree: Annotated[int | None, typer.Option("--degree", min=0, help="Degree in the scheduling variables (1).")] =
+        None,
+    basis: Annotated[BasisKind | None, typer.Option("--basis", help="How coefficients depend on them (polynomial; "
+                                                    "quasi, on its own output: spline).")] = None,
+    segments: Annotated[int | None, typer.Option("--segments", min=1, help="Pieces of a spline basis (3; quasi: 10; "
+                                                 "compliance, in the current: 2).")] = None,
     shape: Annotated[Shape, typer.Option("--shape", help="Static input stage, fitted to the data.")] = Shape.NONE,
     schedule_filter: Annotated[Filter, typer.Option("--schedule-filter", help="Filter between the logged scheduling "
                                                     "and the coefficients, fitted to the data.")] = Filter.NONE,
@@ -67,14 +101,17 @@ def identify(
                                                "rise-fall.")] = False,
     affine: Annotated[bool, typer.Option("--affine", help="Add terms that depend on the scheduling alone.")] = False,
     affine_terms: Annotated[int | None, typer.Option("--affine-terms", min=1, metavar="N", help="How many of them, "
-                                                     "lags 0 … N−1; with --affine alone na + 1.")] = None,
+                                                     "lags 0 … N−1; with --affine alone na + 1, or 1 where no record's "
+                                                     "scheduling moves.")] = None,
     lagged: Annotated[bool, typer.Option("--lagged", help="Coefficients of lag i at p(k−i): exact and causal in "
                                          "observer form.")] = False,
-    ridge: Annotated[float, typer.Option("--ridge", min=0.0, help="Penalty on the parameters, 0 for none.")] = 0.0,
+    ridge: Annotated[float | None, typer.Option("--ridge", min=0.0, help="Penalty on the parameters (0).")] = None,
     hold_out: Annotated[str | None, typer.Option("--hold-out", metavar="SHARE", help="Keep the last part of every "
                                                  "record out of the fit: 1/3, 0.25, last-third.")] = None,
     held_out: Annotated[list[str] | None, typer.Option("--held-out", metavar="DATA", help="Files the fit does not see; "
                                                        "repeat for several.")] = None,
+    refit: Annotated[bool, typer.Option("--refit", help="Report the held-out figures, then fit the same structure to "
+                                        "all data: model.json is that fit.")] = False,
     form: Annotated[Form | None, typer.Option("--form", help="Also write state_space.json in this form.")] = None,
     role: options.Role = None,
     flip: options.Flip = None,
@@ -82,22 +119,29 @@ def identify(
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:
-    """Fit a polynomial-scheduled LPV transfer function; writes model.json, identification.json and report.html.
+    """Fit an LPV model; writes model.json, identification.json and report.html, with --auto selection.json too.
 
     Without --schedule the model is time-invariant. A velocity that was not measured is derived from displacement.
     Every figure says whether it is free-run or one-step, on training or on held-out data.
     """
     from lpvid.cli.data import hold_out as part
     from lpvid.cli.data import no_shared_files, numbers, read_records, split_names
-    from lpvid.cli.modelling import Request, fit
+    from lpvid.cli.modelling import fit
+    from lpvid.cli.structures import Request
 
     results = Results(out)
-    terms = affine_terms if affine_terms is not None else na + 1 if affine else 0
-    lag = Filter.RISE_FALL if schedule_lag and schedule_filter is Filter.NONE else schedule_filter
+    written = {"na": na, "nb": None if nb is None else numbers(nb, "--nb"),
+               "nk": None if nk is None else numbers(nk, "--nk"), "nc": nc, "nd": nd, "order": order, "past": past,
+               "innovation": innovation or None, "on": on and on.value, "trial": trial, "states": states,
+               "side": split_names(side) or None, "forgetting": forgetting, "degree": degree,
+               "basis": basis and basis.value, "segments": segments,
+               "shape": None if shape is Shape.NONE else shape.value,
+               "schedule-filter": None if schedule_filter is Filter.NONE else schedule_filter.value,
+               "schedule-lag": schedule_lag or None, "affine": affine or None, "affine-terms": affine_terms,
+               "lagged": lagged or None, "ridge": ridge}
     request = Request(split_names(input) or ("velocity",), split_names(output) or ("force",), split_names(schedule),
-                      structure, na, numbers(nb, "--nb"), None if nk is None else numbers(nk, "--nk"), degree,
-                      basis.value, segments, None if shape is Shape.NONE else shape.value,
-                      None if lag is Filter.NONE else lag.value, terms, lagged, ridge, sample_rate)
+                      structure, {n: v for n, v in written.items() if v is not None}, sample_rate, auto,
+                      None if form is None else form.value, refit)
     with working("reading") as say:
         request.check()
         if held_out:
@@ -106,5 +150,5 @@ def identify(
         kept = read_records(held_out, roles=role, flip=flip, sample_rate=sample_rate) if held_out else []
         training, tail = part(records, hold_out)
         found = fit(request, training, [*tail, *kept], [*records, *kept], say)
-        found.deliver(results, None if form is None else form.value, say)
+        found.deliver(results, say)
     conclude(results, found.to_dict(), str(found), json)

@@ -3,125 +3,132 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from lpvid import _checks
+from lpvid.cli.automatic import Choice, choose
 from lpvid.errors import InputError
 from lpvid.record import Record
 
 if TYPE_CHECKING:
     from lpvid.auditing import Audit
     from lpvid.cli.running import Results
-    from lpvid.identification import Identification
-    from lpvid.identification.arx import ARX
+    from lpvid.cli.structures import Request
+    from lpvid.identification import Identification, Structure
+    from lpvid.model.transfer_function import LPVTransferFunction
     from lpvid.report.forms import FormGap
-    from lpvid.scheduling import Basis
+    from lpvid.simulation import Model
 
-STRUCTURES = ("arx",)
-LATER = ("oe", "bj", "armax", "riv", "subspace")
 LEAK_SAMPLES = 200_000
 """Training samples up to which held-out stretches are sought among them."""
-
-
-@dataclass(frozen=True)
-class Request:
-    """The command line's wish for a model."""
-
-    input: tuple[str, ...]
-    output: tuple[str, ...]
-    schedule: tuple[str, ...]
-    structure: str
-    na: int
-    nb: int | tuple[int, ...]
-    nk: int | tuple[int, ...] | None
-    degree: int
-    basis: str
-    segments: int
-    shape: str | None
-    schedule_filter: str | None
-    affine: int
-    lagged: bool
-    ridge: float
-    sample_rate: float | None
-
-    def check(self) -> None:
-        """Refuse what this version does not have, before any data are read."""
-        if self.structure in LATER:
-            raise InputError(f"--structure {self.structure} is not part of this version", mend="use --structure arx")
-        _checks.one_of(self.structure, STRUCTURES, "--structure")
-        self.arx()
-
-    def arx(self) -> ARX:
-        """The structure asked for; nk 1 where it was left open."""
-        from lpvid.identification.arx import ARX
-
-        return ARX(na=self.na, nb=self.nb, nk=1 if self.nk is None else self.nk, input=self.input, output=self.output,
-                   basis=self._basis(), affine=self.affine, lagged=self.lagged, stage=self.shape,
-                   schedule_filter=self.schedule_filter, ridge=self.ridge)
-
-    def _basis(self) -> Basis:
-        from lpvid.scheduling import Polynomial, Product, Spline
-
-        if self.basis == "polynomial" or not self.schedule:
-            return Polynomial(self.schedule, degree=self.degree)
-        basis: Basis = Spline(self.schedule[0], segments=self.segments, order=max(self.degree, 1))
-        for name in self.schedule[1:]:
-            basis = Product(basis, Spline(name, segments=self.segments, order=max(self.degree, 1)))
-        return basis
+STILL = 1e-9
+"""Spread of a scheduling variable over its size, within every record, below which it stands still."""
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """An identification with what the report says about it."""
+    """An identification with what the report says about it.
+
+    Attributes
+    ----------
+    found : Identification
+        Of the training data, with the held-out figures.
+    gaps : tuple of FormGap
+        Empty where the model is no transfer function.
+    audit : Audit
+    training, held_out : tuple of Record
+    form : str or None
+        State-space form to write as well.
+    choice : Choice or None
+        How the structure was chosen, with --auto.
+    refitted : Identification or None
+        The same structure on all data, with --refit: what model.json holds.
+    """
 
     found: Identification
     gaps: tuple[FormGap, ...]
     audit: Audit
     training: tuple[Record, ...]
     held_out: tuple[Record, ...]
+    form: str | None = None
+    choice: Choice | None = None
+    refitted: Identification | None = None
+
+    @property
+    def model(self) -> Model:
+        """What model.json holds."""
+        return (self.refitted or self.found).model
 
     def to_dict(self) -> dict:
         """identification.json."""
         findings = [{"name": f.name, "record": f.record, "channel": f.channel, "severity": f.severity}
                     for f in self.audit.findings]
+        again = self.refitted
         return {**self.found.to_dict(), "model": "model.json", "realizations": [g.to_dict() for g in self.gaps],
-                "audit": {"verdict": self.audit.verdict, "findings": findings}}
+                "audit": {"verdict": self.audit.verdict, "findings": findings},
+                "selection": None if self.choice is None else
+                {k: v for k, v in self.choice.to_dict().items() if k != "identification"},
+                "refitted": None if again is None else {
+                    "n_samples": again.n_samples, "parameters": again.to_dict()["parameters"],
+                    "all_data": None if again.training is None else again.training.to_dict()}}
 
     def __str__(self) -> str:
-        forms = "; ".join(str(g) for g in self.gaps)
         grave = [f for f in self.audit.findings if f.severity != "note"]
-        lines = [repr(self.found), f"  state space: {forms}", f"  audit: {self.audit.verdict}"]
+        lines = [] if self.choice is None else [str(self.choice)]
+        lines.append(repr(self.found))
+        if self.refitted is not None and self.refitted.training is not None:
+            lines.append(f"  refitted to all data: {self.refitted.training.summary()}; model.json is this fit")
+        if self.gaps:
+            lines.append(f"  state space: {'; '.join(str(g) for g in self.gaps)}")
+        lines.append(f"  audit: {self.audit.verdict}")
         lines += [f"    {f}" for f in grave[:3]]
         if len(grave) > 3:
             lines.append(f"    and {len(grave) - 3} more: see lpvid inspect")
         return "\n".join(lines)
 
-    def deliver(self, results: Results, form: str | None, say: Callable[[str], None]) -> None:
+    def deliver(self, results: Results, say: Callable[[str], None]) -> None:
         """Queue the files."""
-        if form is not None:
+        realized = None
+        if self.form is not None:
             from lpvid.realization import realize
 
-            realized = realize(self.found.model, form=form)
+            realized = realize(_transfer_function(self.model), form=self.form)
         if not results.kept:
             return
         from lpvid.export.serialise import save
+        from lpvid.report.bands import sureness
         from lpvid.report.figures import comparisons
         from lpvid.report.identification import identification_page
+        from lpvid.report.selection import selection_section
 
         say("drawing")
         shown = comparisons(self.found.model, self.held_out or self.training,
                             "held-out" if self.held_out else "training")
-        results.add("model.json", lambda path: save(self.found.model, path))
+        results.add("model.json", lambda path: save(self.model, path))
         results.json("identification.json", self.to_dict())
-        if form is not None:
+        chosen = () if self.choice is None else (selection_section(self.choice.selection, self.choice.says),)
+        if self.choice is not None:
+            results.json("selection.json", self.choice.to_dict())
+        if realized is not None:
             results.add("state_space.json", lambda path: save(realized, path))
-        results.report(identification_page(self.found, shown, self.gaps, self.audit))
+        say("bands")
+        sure = sureness(self.found, shown)
+        say("drawing")
+        results.report(identification_page(self.found, shown, self.gaps, self.audit, (*sure, *chosen)))
+
+
+def _transfer_function(model: Model) -> LPVTransferFunction:
+    from lpvid.model.transfer_function import LPVTransferFunction
+
+    if not isinstance(model, LPVTransferFunction):
+        raise InputError("--form needs a transfer function", got=f"the chosen model is a {type(model).__name__}",
+                         mend="leave --form out")
+    return model
 
 
 def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record], everything: Sequence[Record],
         say: Callable[[str], None] = lambda text: None) -> Outcome:
-    """Audit, choose the delay if it was left open, fit, validate, and realise in every form.
+    """Audit, choose what was left open, fit, validate, and realise in every form.
 
     Parameters
     ----------
@@ -140,28 +147,65 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
     from lpvid.auditing import audit
     from lpvid.condition import segments, with_velocity
     from lpvid.identification import identify
-    from lpvid.identification.delay import choose_delay
+    from lpvid.model.transfer_function import LPVTransferFunction
     from lpvid.report.forms import form_gaps
 
-    structure, notes = request.arx(), ()
-    if request.nk is None:
-        say("choosing the first input lag")
-        structure, note = choose_delay(training, structure, sample_rate=request.sample_rate)
-        notes = (note,)
-    say("fitting")
-    found = identify(training, structure, sample_rate=request.sample_rate, held_out=held_out or None)
+    if request.refit and not held_out:
+        raise InputError("--refit needs held-out data", why="without them the fit uses all data anyway",
+                         mend="add --hold-out 1/3, or leave --refit out")
+    choice, notes = None, ()
+    if request.automatic:
+        choice, found = choose(request, training, held_out, say)
+        structure: Structure = choice.selection.best
+    else:
+        structure, notes = _settled(request, training, say)
+        say("fitting")
+        found = identify(training, structure, sample_rate=request.sample_rate, held_out=held_out or None)
     say("auditing the data")
     heard = audit(everything, scheduling=request.schedule or None)
-    say("state-space forms")
     derived = [with_velocity(r) for r in training] if "velocity" in structure.channels else list(training)
     pieces = segments(derived, structure.channels, sample_rate=1 / found.model.sample_time if request.sample_rate
                       else None, minimum=found.model.start + 2)
-    gaps = tuple(form_gaps(found.model, pieces))
+    say("state-space forms")
+    gaps = tuple(form_gaps(found.model, pieces)) if isinstance(found.model, LPVTransferFunction) else ()
     notes += _leak_note(pieces, held_out, found)
-    polarity = _polarity(heard)
-    model = found.model.replace(metadata={**found.model.metadata, **polarity})
-    return Outcome(found.replace(model=model, notes=(*notes, *found.notes)), gaps, heard, tuple(training),
-                   tuple(held_out))
+    again = None
+    if request.refit:
+        say("fitting to all data")
+        again = _marked(identify(everything, structure, sample_rate=request.sample_rate), heard)
+    found = _marked(found.replace(notes=(*notes, *found.notes)), heard)
+    return Outcome(found, gaps, heard, tuple(training), tuple(held_out), request.form, choice, again)
+
+
+def _settled(request: Request, training: Sequence[Record],
+             say: Callable[[str], None]) -> tuple[Structure, tuple[str, ...]]:
+    """The structure with its first input lag and its number of affine terms, and what was decided for them."""
+    from lpvid.identification.delay import choose_delay
+
+    affine, notes = None, ()
+    if request.affine > 1 and "affine-terms" not in request.given and _stands_still(request.schedule, training):
+        affine = 1
+        notes = (f"{', '.join(request.schedule)} stands still within every record, so that its lags are the same: "
+                 "one affine term",)
+    delay = request.delay
+    if request.searches_delay:
+        say("choosing the first input lag")
+        plain = request.arx(1) if affine is None else replace(request.arx(1), affine=affine)
+        lags = (0, 1) if request.structure in ("subspace", "pem-ss", "coprime") else (0, 1, 2)
+        chosen, note = choose_delay(training, plain, candidates=lags, sample_rate=request.sample_rate)
+        delay, notes = chosen.delay, (*notes, note)
+    return request.build(delay, affine), notes
+
+
+def _stands_still(names: Sequence[str], records: Sequence[Record]) -> bool:
+    import numpy as np
+
+    values = [r[n][np.isfinite(r[n])] for r in records for n in names]
+    return bool(names) and all(v.size == 0 or np.ptp(v) <= STILL * np.abs(v).max() for v in values)
+
+
+def _marked(found: Identification, heard: Audit) -> Identification:
+    return found.replace(model=found.model.replace(metadata={**found.model.metadata, **_polarity(heard)}))
 
 
 def _polarity(heard: Audit) -> Mapping[str, str]:

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from lpvid.cli import options
 from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
+
+if TYPE_CHECKING:
+    from lpvid.report import Page
+    from lpvid.report.self_scheduled import SelfScheduledStudy
+    from lpvid.report.stability import StabilityStudy
+
+    Study = StabilityStudy | SelfScheduledStudy
 
 
 @command
@@ -23,39 +31,46 @@ def stability(model: options.ModelFile,
               out: options.Out = None, json: options.Json = False) -> None:
     """Pole locus, exact critical scheduling values, certificate; writes stability.json, locus.png and report.html.
 
-    Exits with 0 when the model is stable frozen and certified while its scheduling moves, with 3 when not.
+    Exits with 0 when the model is stable frozen and certified while its scheduling moves, with 3 when not. A model that
+    schedules itself is judged by what holds for every course of its own output.
     """
-    from lpvid.cli.data import rates
     from lpvid.export.serialise import load
 
     results = Results(out)
     loaded = load(model)
-    _refuse_self_scheduled(loaded, model)
     with working("looking for a certificate") as say:
-        from lpvid.report.stability import stability_page, study_stability
-
-        found = study_stability(loaded, rate=rates(rate, loaded.box.names), range=_ranges(range, loaded.box.names),
-                                seed=seed, say=say)
+        found, render = _studied(loaded, model, rate, range, seed, say)
         data = {**found.to_dict(), "model": str(model)}
         if results.kept:
             say("drawing")
             results.json("stability.json", data)
             _draw(results, found)
-            results.report(stability_page(found, model.name))
+            results.report(render())
     conclude(results, data, str(found), json)
     if not found.certified:
         raise typer.Exit(SHORTFALL)
 
 
-def _refuse_self_scheduled(loaded: object, path: Path) -> None:
+def _studied(loaded: object, path: Path, rate: list[str] | None, range: list[str] | None, seed: int,
+             say: Callable[[str], None]) -> tuple[Study, Callable[[], Page]]:
+    """What can be said of a model of any kind, and what makes its page."""
+    from lpvid.cli.data import rates
     from lpvid.errors import InputError
+    from lpvid.model.quasi import SelfScheduled
     from lpvid.model.state_space import LPVStateSpace
     from lpvid.model.transfer_function import LPVTransferFunction
+    from lpvid.report.self_scheduled import self_scheduled_page, study_self_scheduled
+    from lpvid.report.stability import stability_page, study_stability
 
-    if not isinstance(loaded, (LPVTransferFunction, LPVStateSpace)):
-        raise InputError(f"'{path}' holds a {type(loaded).__name__}",
-                         why="stability is judged over a scheduling variable from outside",
-                         mend="give a transfer function or a state-space model")
+    if not isinstance(loaded, (LPVTransferFunction, LPVStateSpace, SelfScheduled)):
+        raise InputError(f"'{path}' holds a {type(loaded).__name__}", mend="give a transfer function, a state-space "
+                         "model, or a model that schedules itself")
+    speeds, ranges = rates(rate, loaded.box.names), _ranges(range, loaded.box.names)
+    if isinstance(loaded, SelfScheduled):
+        own = study_self_scheduled(loaded, rate=speeds, range=ranges, seed=seed, say=say)
+        return own, lambda: self_scheduled_page(own, path.name)
+    found = study_stability(loaded, rate=speeds, range=ranges, seed=seed, say=say)
+    return found, lambda: stability_page(found, path.name)
 
 
 def _ranges(given: list[str] | None, names: tuple[str, ...]) -> dict[str, tuple[float, float]]:
@@ -72,9 +87,13 @@ def _ranges(given: list[str] | None, names: tuple[str, ...]) -> dict[str, tuple[
     return found
 
 
-def _draw(results: Results, found) -> None:
+def _draw(results: Results, study: Study) -> None:
     from lpvid import plot
+    from lpvid.report.self_scheduled import SelfScheduledStudy
 
+    found = study.embedded if isinstance(study, SelfScheduledStudy) else study
+    if found is None:
+        return  # bounded by construction: there are no poles to draw
     if not found.loci:
         discrete = found.model.sample_time is not None
         results.bytes("locus.png", plot.png(plot.poles(found.model.frozen_poles([]), discrete)))

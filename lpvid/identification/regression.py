@@ -97,9 +97,9 @@ class Factor:
         if singular[-1] < SINGULAR * singular[0] and ridge == 0:
             _, _, vt = np.linalg.svd(r11 / scale)
             mixed = [names[int(i)] for i in np.argsort(-np.abs(vt[-1]))[:4]]
-            raise InputError("these data cannot tell some parameters apart", got=f"a dependence among {', '.join(mixed)}",
-                             why="their regressors are linearly dependent",
-                             mend=_apart(mixed))
+            raise InputError("these data cannot tell some parameters apart",
+                             got=f"a dependence among {', '.join(mixed)}",
+                             why="their regressors are linearly dependent", mend=_apart(mixed))
         if ridge:
             q, stacked = np.linalg.qr(np.vstack([r11, np.diag(np.sqrt(ridge) * scale)]))
             theta = solve_triangular(stacked, q[:k].T @ r12)

@@ -97,7 +97,8 @@ def regimes_table(found: Validation) -> Table | None:
     """Where the free run is wrong, or None where that was not worked out."""
     if not found.regimes:
         return None
-    rows = tuple((r.where, percent(r.share), percent(r.error_share), number(r.esr)) for r in found.regimes)
+    rows = tuple((r.where.replace("<=", "≤").replace(">=", "≥"), f"{100 * r.share:.1f} %",
+                  f"{100 * r.error_share:.1f} %", number(r.esr)) for r in found.regimes)
     marks: tuple[Mark, ...] = tuple("warn" if r.error_share > 1.3 * r.share else "plain" for r in found.regimes)
     return Table(("where", "share of the data", "share of the error", "ESR there"), rows,
                  f"Free run, {found.label}; marked where the error weighs more than the data. For a frequency band, "

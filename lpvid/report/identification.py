@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from lpvid.auditing import Audit
 from lpvid.identification.result import Identification
+from lpvid.model.quasi import SelfScheduled
 from lpvid.plot import Comparison
 from lpvid.report import validation
 from lpvid.report.figures import grade, overall_table, records_table, regimes_table, run_figures, tests_table
@@ -21,7 +22,7 @@ LEAK = "the held-out figures test less than they seem to"
 
 
 def identification_page(found: Identification, shown: Sequence[Comparison], gaps: Sequence[FormGap],
-                        audit: Audit) -> Page:
+                        audit: Audit, more: Sequence[Section] = ()) -> Page:
     """A page about an identified model.
 
     Parameters
@@ -30,9 +31,11 @@ def identification_page(found: Identification, shown: Sequence[Comparison], gaps
     shown : sequence of Comparison
         Runs to draw: held-out ones where there are any.
     gaps : sequence of FormGap
-        What each state-space form costs on these data.
+        What each state-space form costs on these data; empty where the model is no transfer function.
     audit : Audit
         Of the data.
+    more : sequence of Section
+        What else there is to say, e.g. bands.
 
     Returns
     -------
@@ -48,8 +51,9 @@ def identification_page(found: Identification, shown: Sequence[Comparison], gaps
                 Section("Measured and simulated", tuple(run_figures(shown, model.box.names))),
                 Section("What is left in the residuals", tuple(tests)),
                 Section("Frozen poles", tuple(locus_items(model))),
+                *more,
                 Section("State-space forms", (Paragraph("What each form costs on these data, against the transfer "
-                        "function, in free run from rest."), forms_table(gaps))),
+                        "function, in free run from rest."), forms_table(gaps)) if gaps else ()),
                 Section("Parameters", tuple(_parameters(found))), Section("Remarks", (Notes(found.notes),)),
                 Section("Audit of the data", (Paragraph(f"{audit.verdict}."), findings_table(audit)))]
     return Page(f"Identified model of {', '.join(s.name for s in model.outputs)}", validation.verdict(best),
@@ -72,7 +76,7 @@ def _caveats(found: Identification) -> tuple[str, ...]:
     judged = found.held_out or found.training
     if judged is not None and any(not t.passed and t.name == "whiteness" for t in judged.residual_tests):
         lines.append(_coloured(found))
-    if found.model.box.names:
+    if found.model.box.names and not isinstance(found.model, SelfScheduled):
         lines.append("The frozen poles hold for a scheduling variable that stands still; see the stability report for "
                      "one that moves.")
     return tuple(lines)

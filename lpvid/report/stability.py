@@ -15,7 +15,7 @@ from lpvid.analysis.pole_locus import PoleLocus, pole_locus
 from lpvid.analysis.stability_certificate import StabilityCertificate
 from lpvid.analysis.uncertainty import PoleBand, StabilityProbability, pole_band, stability_probability
 from lpvid.identification.layout import ParameterCloud
-from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.model.quasi import SelfScheduled
 from lpvid.report.page import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number, percent
 from lpvid.scheduling import Scheduling
 
@@ -130,7 +130,7 @@ def study_stability(model: Model, *, rate: Rate = None, range: Mapping[str, tupl
     StabilityStudy
     """
     say("looking for a certificate")
-    ranged = model if not range else model.replace(scheduling=_narrowed(model.box, range))
+    ranged = model if not range else model.replace(scheduling=narrowed(model.box, range))
     certificate = certify_stability(ranged, rate=rate)
     say("frozen poles and critical values")
     frozen = frozen_stability(ranged)
@@ -149,8 +149,10 @@ def loci(model: Model, drawn: list[Model] | None) -> tuple[tuple[PoleLocus, Pole
     return tuple(found)
 
 
-def locus_items(model: Model, seed: int = 0) -> list[Item]:
-    """Figures of the frozen poles, for other reports."""
+def locus_items(model: Model | SelfScheduled, seed: int = 0) -> list[Item]:
+    """Figures of the frozen poles, for other reports; none for a model that schedules itself."""
+    if isinstance(model, SelfScheduled):
+        return []  # its poles follow from its own output: see the stability report
     if not model.box.names:
         return [Figure.of(plot.poles(model.frozen_poles([]), model.sample_time is not None), "Poles of the model.")]
     return [_locus_figure(found, band, None) for found, band in loci(model, _drawn(model, seed))]
@@ -236,11 +238,12 @@ def _locus_figure(found: PoleLocus, band: PoleBand | None, study: StabilityStudy
 
 
 def _drawn(model: Model, seed: int) -> list[Model]:
-    cloud = ParameterCloud.of(model) if isinstance(model, LPVTransferFunction) else None
+    cloud = ParameterCloud.of(model)
     return [] if cloud is None else list(cloud.draw(np.random.default_rng(seed), DRAWS))
 
 
-def _narrowed(box: Scheduling, range: Mapping[str, tuple[float, float]]) -> Scheduling:
+def narrowed(box: Scheduling, range: Mapping[str, tuple[float, float]]) -> Scheduling:
+    """The box with other ends for the variables named."""
     for name in range:
         _checks.known_name(name, list(box.names), "scheduling variable")
     ends = [range.get(n, old) for n, old in zip(box.names, zip(box.lower, box.upper, strict=True), strict=True)]

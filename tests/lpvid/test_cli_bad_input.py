@@ -83,7 +83,21 @@ BAD_DATA: dict[str, tuple[str, str | bytes, tuple[str, ...], tuple[str, ...]]] =
     "corrupt parquet": ("a.parquet", corrupt_parquet(), (), ("a.parquet",)),
     "binary as csv": ("a.csv", bytes(range(256)) * 8, (), ("a.csv", "not text")),
     "unknown format": ("a.xlsx", b"PK\x03\x04", (), ("a.xlsx", ".csv")),
-    "a structure of later": ("a.csv", table(), ("--structure", "bj"), ("bj", "arx")),
+    "noise orders of an arx": ("a.csv", table(), ("--nc", "2"), ("--nc", "arx", "--na")),
+    "lags of a state space": ("a.csv", table(), ("--structure", "subspace", "--na", "2"), ("--na", "--order")),
+    "an order of a bj": ("a.csv", table(), ("--structure", "bj", "--order", "2"), ("--order", "--nc")),
+    "a shape that rls cannot fit": ("a.csv", table(), ("--structure", "recursive", "--shape", "tanh"), ("--shape",)),
+    "auto with orders": ("a.csv", table(), ("--auto", "--degree", "2"), ("--auto", "--nk", "--degree")),
+    "auto with a structure": ("a.csv", table(), ("--auto", "--structure", "oe"), ("--auto", "--structure")),
+    "a delay of two states": ("a.csv", table(), ("--structure", "pem-ss", "--nk", "2"), ("--nk 2", "order")),
+    "a form of a state space": ("a.csv", table(), ("--structure", "coprime", "--form", "observable"), ("--form",)),
+    "a trial without a trial": ("a.csv", table(), ("--structure", "quasi", "--on", "output", "--trial", "2"),
+                                ("--trial", "--on output")),
+    "refit without held-out": ("a.csv", table(), ("--refit",), ("--refit", "--hold-out")),
+    "two inputs of a compliance": ("a.csv", table(), ("--structure", "compliance", "--input", "velocity,current"),
+                                   ("compliance", "--side")),
+    "a side of an arx": ("a.csv", table(), ("--side", "displacement"), ("--side", "arx")),
+    "too much forgetting": ("a.csv", table(), ("--structure", "recursive", "--forgetting", "1.5"), ("forgetting",)),
     "an unknown structure": ("a.csv", table(), ("--structure", "arxx"), ("arxx", "arx")),
     "input is output": ("a.csv", table(), ("--input", "force"), ("input and output",)),
     "two nb for one input": ("a.csv", table(), ("--nb", "3,4"), ("nb",)),
@@ -118,7 +132,8 @@ def test_bad_data(tmp_path, case):
     name, content, options, parts = BAD_DATA[case]
     (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
     schedule = () if "--schedule" in options else ("--schedule", "current")
-    refused(tmp_path, "identify", tmp_path / name, *schedule, "--nk", 0, *options, "--out", tmp_path / "out",
+    delay = () if "compliance" in options or "--nk" in options else ("--nk", 0)
+    refused(tmp_path, "identify", tmp_path / name, *schedule, *delay, *options, "--out", tmp_path / "out",
             parts=parts)
 
 

@@ -1,0 +1,119 @@
+"""`identify --auto`: the structure chosen on training data, and what its noise leaves possible."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from lpvid.errors import InputError
+from lpvid.record import Record
+
+if TYPE_CHECKING:
+    from lpvid.cli.structures import Request
+    from lpvid.identification import Identification
+    from lpvid.identification.selection import Ceiling, Selection
+
+SHOWN = 8
+"""Rows of the ranking that are printed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """A selection with the noise ceiling beside its fit.
+
+    Attributes
+    ----------
+    selection : Selection
+    ceiling : Ceiling or None
+        None where it cannot be told.
+    held_out_percent : float or None
+        The ceiling [%] on the held-out data.
+    why_not : str
+        Why there is no ceiling.
+    """
+
+    selection: Selection
+    ceiling: Ceiling | None
+    held_out_percent: float | None
+    why_not: str = ""
+
+    def to_dict(self) -> dict:
+        """selection.json."""
+        return {**self.selection.to_dict(), "ceiling": None if self.ceiling is None else {
+            **self.ceiling.to_dict(), "held_out_fit_percent": self.held_out_percent}}
+
+    @property
+    def says(self) -> str:
+        """The ceiling beside the fit, in one sentence."""
+        if self.ceiling is None:
+            return f"No noise ceiling: {self.why_not}."
+        fitted = self.selection.identification
+        judged = None if fitted is None else fitted.held_out or fitted.training
+        if judged is None or judged.overall.free_run.fit_percent is None:
+            return f"Noise {self.ceiling}."
+        percent = self.held_out_percent if self.held_out_percent is not None else self.ceiling.fit_percent
+        fit = judged.overall.free_run.fit_percent
+        beyond = "" if fit <= percent + 0.5 else ", which this model surpasses: ARX models are too poor to tell it here"
+        return (f"Free-run fit {fit:.1f} % on {judged.label} data; what the noise leaves possible there is about "
+                f"{percent:.1f} %{beyond}. On training data: {self.ceiling}.")
+
+    def __str__(self) -> str:
+        rows = self.selection.table
+        lines = [f"chosen from {len(rows)} structures by free-run error in {self.selection.folds}-fold "
+                 "cross-validation of the training data"]
+        lines += [f"  {i:2d}. {row}" for i, row in enumerate(rows[:SHOWN], start=1)]
+        if len(rows) > SHOWN:
+            lines.append(f"      and {len(rows) - SHOWN} more: see selection.json")
+        return "\n".join([*lines, *(f"  note: {n}" for n in self.selection.notes), f"  {self.says}"])
+
+
+def choose(request: Request, training: Sequence[Record], held_out: Sequence[Record],
+           say: Callable[[str], None]) -> tuple[Choice, Identification]:
+    """Choose a structure on the training data alone.
+
+    Parameters
+    ----------
+    request : Request
+    training, held_out : sequence of Record
+        The held-out records have no say: only their figures are reported.
+    say : callable
+        Told what is being done.
+
+    Returns
+    -------
+    Choice, Identification
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Interrupted before there was a model.
+    """
+    from lpvid.identification.selection import auto
+
+    found = auto(training, request.input, request.output, request.schedule, sample_rate=request.sample_rate,
+                 held_out=held_out or None, progress=lambda done, total, text: say(f"{text} ({done} done)"))
+    if found.identification is None:
+        raise KeyboardInterrupt
+    say("estimating the noise")
+    try:
+        ceiling, percent = _ceiling(request, found, training, held_out)
+    except InputError as error:
+        return Choice(found, None, None, error.what), found.identification
+    return Choice(found, ceiling, percent), found.identification
+
+
+def _ceiling(request: Request, found: Selection, training: Sequence[Record],
+             held_out: Sequence[Record]) -> tuple[Ceiling, float | None]:
+    from lpvid.condition import segments, with_velocity
+    from lpvid.identification.selection import noise_ceiling
+
+    assert found.identification is not None
+    ceiling = noise_ceiling(training, found.best, sample_rate=request.sample_rate)
+    if not held_out:
+        return ceiling, None
+    channels, model = found.best.channels, found.identification.model
+    kept = [with_velocity(r) for r in held_out] if "velocity" in channels else list(held_out)
+    pieces = segments(kept, channels, sample_rate=1 / model.sample_time if request.sample_rate else None,
+                      minimum=model.start + 2)
+    return ceiling, ceiling.on(pieces)

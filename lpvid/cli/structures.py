@@ -1,0 +1,221 @@
+"""From `identify`'s words to a structure: which options each structure takes, and what they make of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from lpvid import _checks
+from lpvid.errors import InputError
+
+if TYPE_CHECKING:
+    from lpvid.identification.arx import ARX
+    from lpvid.identification.structure import Structure
+    from lpvid.scheduling import Basis
+
+FUNCTIONS = ("degree", "basis", "segments")
+ORDERS = ("na", "nb", "nk", *FUNCTIONS, "affine", "affine-terms", "lagged")
+STAGES = ("shape", "schedule-filter", "schedule-lag")
+STATES = ("order", "nk", *FUNCTIONS, "affine")
+TAKES: Mapping[str, tuple[str, ...]] = {
+    "arx": (*ORDERS, *STAGES, "ridge"),
+    "oe": (*ORDERS, *STAGES),
+    "bj": (*ORDERS, *STAGES, "nc", "nd"),
+    "armax": (*ORDERS, *STAGES, "nc"),
+    "riv": (*ORDERS, *STAGES, "nc", "nd"),
+    "subspace": (*STATES, "past"),
+    "pem-ss": (*STATES, "innovation"),
+    "coprime": ("na", "nb", "nk", *FUNCTIONS, "affine", "affine-terms", *STAGES),
+    "quasi": ("na", "nb", "nk", *FUNCTIONS, "schedule-filter", "schedule-lag", "on", "trial"),
+    "compliance": ("segments", "states", "side", "schedule-filter", "schedule-lag"),
+    "recursive": (*ORDERS, "forgetting"),
+}
+"""Options of every structure, in the order in which they are listed to the user."""
+WITHOUT_FORMS = ("subspace", "pem-ss", "coprime", "quasi", "compliance")
+"""Structures whose model is no transfer function."""
+LAGS = 4
+"""Output and input lags where none are asked for."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """The command line's wish for a model.
+
+    Parameters
+    ----------
+    input, output, schedule : tuple of str
+    structure : str
+        One of `TAKES`.
+    given : mapping
+        Options that were written, by their name without dashes; others have the structure's own default.
+    sample_rate : float or None
+    automatic : bool
+        Whether the structure is to be chosen from the data.
+    form : str or None
+        State-space form to write as well.
+    refit : bool
+        Whether the model is fitted to all data again once its held-out figures are known.
+    """
+
+    input: tuple[str, ...]
+    output: tuple[str, ...]
+    schedule: tuple[str, ...]
+    structure: str
+    given: Mapping[str, Any]
+    sample_rate: float | None
+    automatic: bool = False
+    form: str | None = None
+    refit: bool = False
+
+    def check(self) -> None:
+        """Refuse what does not go together, before any data are read."""
+        _checks.one_of(self.structure, tuple(TAKES), "--structure")
+        if self.automatic:
+            wanted = [f"--{n}" for n in self.given] + (["--structure"] if self.structure != "arx" else [])
+            if wanted:
+                raise InputError("--auto chooses the structure by itself", got=", ".join(wanted),
+                                 mend="leave these options out, or leave --auto out")
+            return
+        for name in self.given:
+            if name not in TAKES[self.structure]:
+                raise InputError(f"--{name} does not apply to --structure {self.structure}",
+                                 mend=f"it takes {', '.join(f'--{n}' for n in TAKES[self.structure])}")
+        if self.form is not None and self.structure in WITHOUT_FORMS:
+            raise InputError(f"--form does not apply to --structure {self.structure}",
+                             why="only a transfer function has state-space forms to choose from")
+        if "trial" in self.given and self.given.get("on", "trial") != "trial":
+            raise InputError("--trial needs --on trial", got=f"--on {self.given['on']}")
+        self.build(self.delay)
+
+    # -- what was asked for -------------------------------------------------------------------------------------
+    @property
+    def delay(self) -> int | tuple[int, ...] | None:
+        """First input lags that were asked for."""
+        return self.given.get("nk")
+
+    @property
+    def searches_delay(self) -> bool:
+        """Whether the first input lag is to be chosen from the data."""
+        return self.delay is None and self.structure not in ("quasi", "compliance")
+
+    @property
+    def filter(self) -> str | None:
+        """Name of the scheduling filter."""
+        named = self.given.get("schedule-filter")
+        return named if named is not None else "rise-fall" if "schedule-lag" in self.given else None
+
+    @property
+    def affine(self) -> int:
+        """Number of affine terms."""
+        if "affine-terms" in self.given:
+            return self.given["affine-terms"]
+        if "affine" not in self.given:
+            return 0
+        return 1 if self.structure == "coprime" else self.given.get("na", LAGS) + 1
+
+    def basis(self) -> Basis:
+        """The basis in the scheduling variables."""
+        from lpvid.scheduling import Polynomial, Product, Spline
+
+        degree, segments = self.given.get("degree", 1), self.given.get("segments", 3)
+        if self.given.get("basis", "polynomial") == "polynomial" or not self.schedule:
+            return Polynomial(self.schedule, degree=degree)
+        basis: Basis = Spline(self.schedule[0], segments=segments, order=max(degree, 1))
+        for name in self.schedule[1:]:
+            basis = Product(basis, Spline(name, segments=segments, order=max(degree, 1)))
+        return basis
+
+    def arx(self, delay: int | tuple[int, ...] | None = None) -> ARX:
+        """The equation-error structure of the same orders (or of the defaults, where there are none)."""
+        from lpvid.identification.arx import ARX
+
+        order = self.given.get("order", LAGS)
+        return ARX(na=self.given.get("na", order), nb=self.given.get("nb", order), nk=1 if delay is None else delay,
+                   input=self.input, output=self.output, basis=self.basis(), affine=self.affine,
+                   lagged="lagged" in self.given, stage=self.given.get("shape"), schedule_filter=self.filter,
+                   ridge=self.given.get("ridge", 0.0))
+
+    # -- the structure ------------------------------------------------------------------------------------------
+    def build(self, delay: int | tuple[int, ...] | None, affine: int | None = None) -> Structure:
+        """The structure, with these first input lags and number of affine terms in place of those asked for."""
+        from dataclasses import replace
+
+        arx = self.arx(delay)
+        arx = arx if affine is None else replace(arx, affine=affine)
+        if self.structure in ("subspace", "pem-ss"):
+            return self._state_space(arx)
+        if self.structure in ("quasi", "compliance"):
+            return self._own_scheduling()
+        return self._input_output(arx)
+
+    def _input_output(self, arx: ARX) -> Structure:
+        from lpvid.identification.armax import ARMAX
+        from lpvid.identification.box_jenkins import BoxJenkins
+        from lpvid.identification.coprime import RightCoprime
+        from lpvid.identification.output_error import OutputError
+        from lpvid.identification.recursive import Recursive
+        from lpvid.identification.refined_iv import RefinedIV
+
+        common = {n: getattr(arx, n) for n in ("na", "nb", "nk", "input", "output", "basis", "affine", "lagged",
+                                               "stage", "schedule_filter")}
+        colour = {n: self.given[n] for n in ("nc", "nd") if n in self.given}
+        if self.structure == "arx":
+            return arx
+        if self.structure == "oe":
+            return OutputError(**common)
+        if self.structure == "bj":
+            return BoxJenkins(**common, **colour)
+        if self.structure == "armax":
+            return ARMAX(**common, **colour)
+        if self.structure == "riv":
+            return RefinedIV(**common, **colour, noise="box-jenkins" if any(colour.values()) else "output")
+        if self.structure == "recursive":
+            return Recursive(arx, forgetting=self.given.get("forgetting", 0.995))
+        if len(set(arx.width)) > 1:
+            raise InputError("--structure coprime has one number of input lags", got=f"--nb {self.given.get('nb')}",
+                             mend="give --nb one number")
+        rest = {n: v for n, v in common.items() if n not in ("nb", "nk", "lagged")}
+        return RightCoprime(**rest, nb=arx.width[0], direct=self._direct(arx))
+
+    def _direct(self, arx: ARX) -> bool:
+        if self.delay is not None and not set(arx.delay) <= {0, 1}:
+            raise InputError(f"--structure {self.structure} takes --nk 0 or --nk 1", got=f"--nk {self.delay}",
+                             why="further delays are states of their own", mend="raise its order instead")
+        return 0 in arx.delay
+
+    def _state_space(self, arx: ARX) -> Structure:
+        from lpvid.identification.state_space_error import StateSpaceError
+        from lpvid.identification.subspace import Subspace
+
+        common = {"order": self.given.get("order"), "input": self.input, "output": self.output, "basis": arx.basis,
+                  "direct": self._direct(arx), "affine": "affine" in self.given}
+        if self.structure == "subspace":
+            return Subspace(**common, past=self.given.get("past"))
+        return StateSpaceError(**common, noise="innovation" if "innovation" in self.given else "output")
+
+    def _own_scheduling(self) -> Structure:
+        from lpvid.identification.compliance import Compliance
+        from lpvid.identification.quasi_lpv import QuasiLPV
+        from lpvid.scheduling import Polynomial, Spline
+
+        given = self.given
+        inputs, outputs, schedule = list(self.input), list(self.output), list(self.schedule)
+        if self.structure == "compliance":
+            if len(inputs) > 1 or len(outputs) > 1 or len(schedule) > 1:
+                raise InputError("--structure compliance has one input, one output and at most one scheduling variable",
+                                 got=f"{len(inputs)}, {len(outputs)} and {len(schedule)}",
+                                 mend="name further inputs that act in parallel with --side")
+            return Compliance(inputs[0], outputs[0], schedule[0] if schedule else None,
+                              levels=given.get("segments", 2), side=given.get("side", ()),
+                              states=given.get("states", 1), schedule_filter=self.filter)
+        on, degree = given.get("on", "trial"), given.get("degree", 1)
+        name = inputs[0] if on == "input" else outputs[0]
+        if given.get("basis", "spline") == "spline":
+            own: Basis = Spline(name, segments=given.get("segments", 10), order=1)
+        else:
+            own = Polynomial((name,), degree=max(degree, 1))
+        return QuasiLPV(na=given.get("na", 0), nb=given.get("nb", LAGS), nk=given.get("nk", 0), input=self.input,
+                        output=self.output, basis=own, on=on, trial=given.get("trial", 1),
+                        external=Polynomial(self.schedule, degree=degree if self.schedule else 0),
+                        schedule_filter=self.filter)
