@@ -134,6 +134,11 @@ class QuasiLPV(Structure):
         for name in (*self.input, *self.output):
             _moves(records, name, "input" if name in self.input else "output")
         box = scheduling_box(records, self.external)
+        wanted = self.basis.size * self.external.size * (self.na + sum(self._tuple(self.nb)) + 1)
+        equations = sum(r.n_samples - self.start for r in records)
+        if equations <= wanted:
+            raise InputError(f"{equations} equations cannot determine {wanted} parameters",
+                             mend="give longer records, or fewer lags or segments")
         with single_thread():
             tried = [t for k in self._kappas(records) if (t := self._from(records, box, k)) is not None]
             if not tried:
@@ -207,7 +212,7 @@ class QuasiLPV(Structure):
                 blocks.append(np.sqrt(self.oddness) * 0.5 * np.kron(np.eye(m) + sign * mirror, keep @ unit))
         rows = np.vstack(blocks)
         extra = model.kappa.size + problem.filter_size
-        scales = np.tile(1 / size, m * e)
+        scales = np.tile(float(np.std(np.concatenate(problem.outputs))) / size, m * e)
         trial = np.full(model.kappa.size, float(np.std(problem.outputs[0])) * 0.1 / size[self.na])
         own = problem.filter_scales
         return np.concatenate([scales, trial, own]), Prior(np.hstack([rows, np.zeros((len(rows), extra))]),
