@@ -29,9 +29,12 @@ def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> S
     """Look for a Lyapunov function that proves a model stable while its scheduling variables move.
 
     Quadratic first (V with one P), then P(p) of degree 1 to 3; the inequalities stand in `lpvid.lmi.certificate`.
-    Whatever a solver proposes counts only after a re-check with numpy, on the whole box and not only on a grid. Without
-    a certificate, an admissible trajectory along which the model grows is searched for; that is sufficient for
-    instability, and the lack of both leaves the question open.
+    Whatever a solver proposes counts only after a re-check with numpy, on the whole box and not only on a grid.
+
+    A model with a scheduling filter is asked for any motion of the filter's output first, then for what the filter
+    lets through, for its lag bounds the rate whatever the command does; the filter's own state decays and never leaves
+    the range. Without a certificate, an admissible trajectory along which the model grows is searched for; that is
+    sufficient for instability, and the lack of both leaves the question open.
 
     Parameters
     ----------
@@ -68,6 +71,10 @@ def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> S
     box = reading_box(system, scheduling)
     frozen = frozen_rates(system, grid(box, {0: 1, 1: 201, 2: 31, 3: 11}.get(len(box.names), 3)))
     best = None if frozen.max() >= 0 else _best(system, box, float(frozen.max()))
+    filtered = _behind_filter(model, scheduling)
+    if best is None and frozen.max() < 0 and filtered != scheduling:
+        scheduling, box = filtered, reading_box(system, filtered)
+        best = _best(system, box, float(frozen.max()))
     if best is None:
         n = system.order
         return StabilityCertificate("none", np.zeros((0, n, n)), Polynomial((), 0), box, system.sample_time,
@@ -76,6 +83,17 @@ def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> S
     lyapunov, outcome, solver, decay = best
     return StabilityCertificate(_kind(lyapunov, box), lyapunov.matrices, lyapunov.basis, box, system.sample_time,
                                 system.digest, outcome.holds, outcome.margin, outcome.between_grid, decay, None, solver)
+
+
+def _behind_filter(model: Model, scheduling: Scheduling) -> Scheduling:
+    """The scheduling with the rate bounds that the model's own filter imposes, whatever the command does."""
+    stage = model.scheduling_stage
+    if stage is None or model.sample_time is None:
+        return scheduling
+    limits = stage.rate_limits(2 * scheduling.half_width, model.sample_time)
+    tighter = [limit if bound is None else bound if limit is None else min(bound, limit)
+               for bound, limit in zip(scheduling.rate, limits, strict=True)]
+    return replace(scheduling, rate=tuple(tighter))
 
 
 def verify(certificate: StabilityCertificate, model: Model) -> Verification:

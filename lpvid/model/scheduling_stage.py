@@ -46,6 +46,13 @@ class SchedulingStage(ABC):
         """States that the filter adds to a realisation."""
 
     @abstractmethod
+    def rate_limits(self, width: np.ndarray, sample_time: float) -> list[float | None]:
+        """Fastest |dp/dt| [units per second] at the filter's output when its input moves at will in a range of `width`.
+
+        One entry for each variable; None where the filter does not limit it. A stability statement may use it.
+        """
+
+    @abstractmethod
     def to_dict(self) -> dict:
         """Plain data for JSON."""
 
@@ -131,6 +138,14 @@ class SchedulingLag(SchedulingStage):
     @property
     def n_states(self) -> int:
         return 1
+
+    def rate_limits(self, width: np.ndarray, sample_time: float) -> list[float | None]:
+        """(1 − exp(−T_s/τ))·width per sample, with the smaller time constant: one step of the lag's recursion."""
+        limits: list[float | None] = [None] * len(width)
+        tau = min(self.tau_rise, self.tau_fall)
+        if tau > 0:
+            limits[self.variable] = float(-np.expm1(-sample_time / tau) * width[self.variable] / sample_time)
+        return limits
 
     def to_dict(self) -> dict:
         return {"kind": "lag", "tau_rise": self.tau_rise, "tau_fall": self.tau_fall, "delay": self.delay,

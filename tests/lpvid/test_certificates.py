@@ -411,3 +411,20 @@ def test_only_one_module_imports_cvxpy():
             if any(name.split(".")[0] == "cvxpy" for name in names):
                 importers.add(path.relative_to(package).as_posix())
     assert importers == {"lmi/program.py"}
+
+
+def test_a_scheduling_filter_counts_in_the_statement():
+    """Two nilpotent ends (scaled): arbitrary motion diverges, but a slow lag on p leaves only slow motion."""
+    from lpvid.model.scheduling_stage import SchedulingLag
+
+    a, b = np.array([[0.0, 2.0], [0.0, 0.0]]), np.array([[0.0, 0.0], [2.0, 0.0]])
+    matrices = 0.9 * np.array([0.5 * (a + b), 0.5 * (b - a)])
+    plain = LPVStateSpace(matrices, np.zeros((2, 2, 1)), np.zeros((2, 1, 2)), np.zeros((2, 1, 1)),
+                          Polynomial("p", degree=1), sample_time=1.0)
+    slow = plain.replace(scheduling_stage=SchedulingLag(tau_rise=40.0, tau_fall=60.0))
+    assert not certify_stability(plain).verified
+    found = certify_stability(slow)
+    assert found.verified and found.box.rate[0] == pytest.approx((1 - np.exp(-1 / 40)) * 2.0)
+    assert verify(found, slow).holds
+    p = SchedulingLag(tau_rise=40.0, tau_fall=60.0).apply(np.tile([-1.0, 1.0], 500)[:, None], 1.0)
+    assert np.abs(np.diff(p[:, 0])).max() <= found.box.rate[0] + 1e-12
