@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,8 @@ from lpvid.condition import segments, with_velocity
 from lpvid.errors import InputError
 from lpvid.familiar import familiar
 from lpvid.model.hull import outside_share
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.simulation import RATE_TOLERANCE, Model, predict, simulate
 from lpvid.validation.figures import Figures, Pair, Pool, RecordFigures
@@ -76,7 +78,8 @@ class Validation:
             worst = wrong[-1]
             lines.append(f"  worst where {worst.where}: {100 * worst.error_share:.0f} % of the free-run error in "
                          f"{100 * worst.share:.0f} % of the data (ESR there {worst.esr:.3g})")
-        lines += [f"  {t.name}: {t.says}" for t in self.residual_tests]
+        lines += [f"  {t.name}: {t.says}" for t in self.residual_tests
+                  if t.name in ("whiteness", "independence") or not (t.passed or "whiteness" in t.name)]
         return "\n".join(lines + [f"  note: {n}" for n in self.notes])
 
 
@@ -140,6 +143,7 @@ def figures(model: Model, pieces: Sequence[Record], label: str, notes: tuple[str
     further = [Pool() for _ in steps]
     residuals: list[np.ndarray] = []
     inputs: list[np.ndarray | None] = []
+    tested: list[tuple[Record, int]] = []
     stretches: list[Stretch] = []
     for piece in pieces:
         y = piece.matrix([s.name for s in model.outputs])
@@ -153,6 +157,7 @@ def figures(model: Model, pieces: Sequence[Record], label: str, notes: tuple[str
         if step.diverged_at is None:
             residuals.append(residual_of(y[step.start:, 0], step.output[step.start:, 0]))
             inputs.append(None if u is None else u[step.start:])
+            tested.append((piece, step.start))
         if run.diverged_at is None:
             stretches.append(Stretch(y[run.start:, 0], run.output[run.start:, 0],
                                      None if u is None else u[run.start:], p[run.start:]))
@@ -160,7 +165,29 @@ def figures(model: Model, pieces: Sequence[Record], label: str, notes: tuple[str
     share = sum(r.extrapolation_share * r.n_samples for r in rows) / total
     return Validation(
         label, Pair(free.total("free-run"), one.total("one-step")), tuple(rows),
-        residual_tests(residuals, inputs) if residuals else (), share, notes,
+        residual_tests(residuals, inputs, further=_further(model, tested)) if residuals else (), share, notes,
         regimes(stretches, model.inputs[0].name if model.inputs else "",
                 list(zip(model.box.names, model.box.units, strict=True)), model.sample_time),
         tuple(pool.total(f"{h}-step") for pool, h in zip(further, steps, strict=True)))
+
+
+def _further(model: Model, tested: Sequence[tuple[Record, int]]) -> dict[str, Callable[[], list[np.ndarray]]]:
+    """Signals beside the first input that the residual must not depend on.
+
+    The other inputs; and along every scheduling variable the first input times the lowest power of the normalised
+    variable that the basis does not hold, which shows a degree that is too low.
+    """
+    signals: dict[str, Callable[[], list[np.ndarray]]] = {}
+    for other in model.inputs[1:]:
+        signals[f"independence of {other.name}"] = lambda n=other.name: [r[n][start:] for r, start in tested]
+    degree = model.basis.degree if isinstance(model, (LPVTransferFunction, LPVStateSpace)) else None
+    power = (2 if degree is None else degree) + 1
+    for column, name in enumerate(model.box.names if model.inputs else ()):
+        centre, half = model.box.centre[column], max(float(model.box.half_width[column]), 1e-300)
+
+        def along(name: str = name, centre: float = centre, half: float = half) -> list[np.ndarray]:
+            first = model.inputs[0].name
+            return [((r[name][start:] - centre) / half) ** power * r[first][start:] for r, start in tested]
+
+        signals[f"independence along {name}"] = along
+    return signals

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,8 +35,9 @@ class ResidualTest:
 
 
 def residual_tests(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray | None],
-                   lags: int = LAGS) -> tuple[ResidualTest, ...]:
-    """Whiteness of the one-step residual and its independence from present and past inputs.
+                   lags: int = LAGS,
+                   further: Mapping[str, Callable[[], Sequence[np.ndarray]]] | None = None) -> tuple[ResidualTest, ...]:
+    """Whiteness of the one-step residual, and its independence from present and past inputs, and along the scheduling.
 
     Whiteness: Ljung & Box 1978, Q = N(N+2) Σ_τ ρ_ee²(τ)/(N−τ) against χ² with `lags` degrees of freedom. Independence:
     Söderström & Stoica 1989 (11.14), N r_εuᵀ P⁺ r_εu against χ², with P the covariance of the lagged inputs times the
@@ -47,15 +48,27 @@ def residual_tests(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray 
     ----------
     residuals, inputs : sequences of (n,) arrays, record by record
     lags : int
-        Number of lags.
+        Number of lags; whiteness is also tested over a fifth and over four times as many.
+    further : mapping of str to callable, optional
+        Further signals the residual must not depend on, record by record, computed when their turn comes: other inputs,
+        or an input times the next power of a scheduling variable ("along p").
     """
-    usable = [(e - e.mean(), u) for e, u in zip(residuals, inputs, strict=True) if len(e) > 4 * lags]
-    if not usable:
+    long = [i for i, e in enumerate(residuals) if len(e) > 4 * lags]
+    if not long:
         return ()
-    tests = [_whiteness([e for e, _ in usable], lags)]
-    driven = [(e, u - u.mean()) for e, u in usable if u is not None and np.ptp(u) > 0]
-    if driven:
-        tests.append(_independence(driven, lags))
+    centred = [residuals[i] - residuals[i].mean() for i in long]
+    tests = [_whiteness(centred, lags)]
+    for other in (max(lags // 5, 1), 4 * lags):
+        if all(len(e) > 4 * other for e in centred):
+            found = _whiteness(centred, other)
+            tests.append(replace(found, name=f"whiteness over {other} lags"))
+    signals = {"independence": lambda: inputs, **(further or {})}
+    for name, signal in signals.items():
+        every = signal()
+        pairs = [(e, u - u.mean()) for e, u in zip(centred, (every[i] for i in long), strict=True)
+                 if u is not None and np.ptp(u) > 0]
+        if pairs:
+            tests.append(replace(_independence(pairs, lags), name=name))
     return tuple(tests)
 
 

@@ -322,3 +322,25 @@ def test_another_rate_than_the_model_s_is_refused() -> None:
     record = lpv.Record({"u": np.ones(50), "y": np.arange(50.0)}, sample_time=0.01)
     with pytest.raises(lpv.InputError, match="its own rate"):
         lpv.validate(model, record, sample_rate=50.0)
+
+
+def test_a_degree_that_is_too_low_shows_along_the_scheduling() -> None:
+    rng = np.random.default_rng(21)
+    failed, false_alarms = 0, 0
+    for _ in range(20):
+        u, p = rng.normal(size=3000), rng.uniform(-1, 1, 3000)
+        gain = 1 + 0.3 * p + 0.25 * p**2
+        y = np.zeros(3000)
+        for k in range(1, 3000):
+            y[k] = 0.5 * y[k - 1] + gain[k] * u[k - 1] + 0.1 * rng.normal()
+        record = lpv.Record({"u": u, "p": p, "y": y}, sample_time=0.01)
+        for degree in (1, 2):
+            found = lpv.identify(record, lpv.ARX(na=1, nb=1, input="u", output="y",
+                                                 basis=lpv.Polynomial("p", degree=degree)))
+            assert found.training is not None
+            tests = {t.name: t for t in found.training.residual_tests}
+            failed += degree == 1 and not tests["independence along p"].passed
+            false_alarms += degree == 2 and not tests["independence along p"].passed
+            assert {"whiteness", "whiteness over 5 lags", "whiteness over 100 lags", "independence"} <= set(tests)
+    assert failed == 20
+    assert false_alarms <= 2
