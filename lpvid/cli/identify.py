@@ -82,6 +82,8 @@ def identify(
     on: Annotated[On | None, typer.Option("--on", help="quasi: what the coefficients depend on (trial).")] = None,
     trial: Annotated[int | None, typer.Option("--trial", min=1, help="quasi: input lags in the trial force (1).")] =
         None,
+    odd: Annotated[float | None, typer.Option("--odd", min=0.0, metavar="N", help="quasi: how many samples a departure "
+                                              "from the symmetry y(−u) = −y(u) must be worth (0).")] = None,
     states: Annotated[int | None, typer.Option("--states", min=1, max=2, help="compliance: springs in parallel "
                                                "(1).")] = None,
     side: Annotated[list[str] | None, typer.Option("--side", metavar="NAME", help="compliance: channels that act in "
@@ -132,7 +134,7 @@ def identify(
     results = Results(out)
     written = {"na": na, "nb": None if nb is None else numbers(nb, "--nb"),
                "nk": None if nk is None else numbers(nk, "--nk"), "nc": nc, "nd": nd, "order": order, "past": past,
-               "innovation": innovation or None, "on": on and on.value, "trial": trial, "states": states,
+               "innovation": innovation or None, "on": on and on.value, "trial": trial, "odd": odd, "states": states,
                "side": split_names(side) or None, "forgetting": forgetting, "degree": degree,
                "basis": basis and basis.value, "segments": segments,
                "shape": None if shape is Shape.NONE else shape.value,

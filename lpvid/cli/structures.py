@@ -27,7 +27,7 @@ TAKES: Mapping[str, tuple[str, ...]] = {
     "subspace": (*STATES, "past"),
     "pem-ss": (*STATES, "innovation"),
     "coprime": ("na", "nb", "nk", *FUNCTIONS, "affine", "affine-terms", *STAGES),
-    "quasi": ("na", "nb", "nk", *FUNCTIONS, "schedule-filter", "schedule-lag", "on", "trial"),
+    "quasi": ("na", "nb", "nk", *FUNCTIONS, "schedule-filter", "schedule-lag", "on", "trial", "odd"),
     "compliance": ("segments", "states", "side", "schedule-filter", "schedule-lag"),
     "recursive": (*ORDERS, "forgetting"),
 }
@@ -218,4 +218,4 @@ class Request:
         return QuasiLPV(na=given.get("na", 0), nb=given.get("nb", LAGS), nk=given.get("nk", 0), input=self.input,
                         output=self.output, basis=own, on=on, trial=given.get("trial", 1),
                         external=Polynomial(self.schedule, degree=degree if self.schedule else 0),
-                        schedule_filter=self.filter)
+                        schedule_filter=self.filter, oddness=given.get("odd", 0.0))

@@ -96,7 +96,8 @@ class Factor:
         condition = np.linalg.cond(r11)
         if singular[-1] < SINGULAR * singular[0] and ridge == 0:
             _, _, vt = np.linalg.svd(r11 / scale)
-            mixed = [names[int(i)] for i in np.argsort(-np.abs(vt[-1]))[:4]]
+            weight = np.abs(vt[-1])
+            mixed = [names[int(i)] for i in np.argsort(-weight)[:4] if weight[i] > 0.05 * weight.max()]
             raise InputError("these data cannot tell some parameters apart",
                              got=f"a dependence among {', '.join(mixed)}",
                              why="their regressors are linearly dependent", mend=_apart(mixed))

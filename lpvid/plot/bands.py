@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 CLOSE_UP = 400
 """Samples of the free run that are drawn."""
+BEYOND = 3.0
+"""Factor by which the axis of a frequency response reaches beyond the estimates."""
 
 
 def frequency_bands(bands: Sequence[Band], responses: Sequence[np.ndarray], said: Sequence[str],
@@ -45,6 +47,10 @@ def frequency_bands(bands: Sequence[Band], responses: Sequence[np.ndarray], said
             ax.plot(band.axis, np.abs(response)[:, 0, 0], color=colour, linewidth=1.3, label=words)
         ax.set_xscale("log")
         ax.set_yscale("log")
+        shown = np.concatenate([np.abs(r)[:, 0, 0] for r in responses])
+        shown = shown[np.isfinite(shown) & (shown > 0)]
+        if shown.size:  # a band may reach far beyond, where some draws have a pole on the unit circle
+            ax.set_ylim(float(shown.min()) / BEYOND, float(shown.max()) * BEYOND)
         ax.set_xlim(float(bands[0].axis[0]), float(bands[0].axis[-1]))
         ax.set_xlabel(label("frequency", "Hz"))
         ax.set_ylabel(quantity)

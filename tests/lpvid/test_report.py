@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import re
 import shutil
 import subprocess
@@ -13,15 +14,18 @@ import pytest
 
 import lpvid as lpv
 from lpvid import plot
+from lpvid.analysis.bands import Band, frequency_response
 from lpvid.auditing import audit
 from lpvid.plot.style import thinned
 from lpvid.report import Figure, Notes, Page, Paragraph, Section, Table, number, render
+from lpvid.report.bands import scheduling_values, sureness
 from lpvid.report.figures import comparisons
 from lpvid.report.forms import form_gaps
 from lpvid.report.identification import identification_page
 from lpvid.report.inspection import inspection_page
 from lpvid.report.stability import stability_page, study_stability
 from lpvid.report.validation import validation_page
+from lpvid.validation import ResidualTest
 
 BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))),
                None)
@@ -56,7 +60,8 @@ def pages(found) -> dict[str, Page]:
     data = [record(1), record(2, name="other")]
     shown = comparisons(found.model, [record(2, name="other")], "held-out")
     return {"inspect": inspection_page(audit(data), data),
-            "identify": identification_page(found, shown, form_gaps(found.model, [record(1)]), audit(data)),
+            "identify": identification_page(found, shown, form_gaps(found.model, [record(1)]), audit(data),
+                                              sureness(found, shown)),
             "validate": validation_page(found.held_out, found.model, shown, "model.json"),
             "stability": stability_page(study_stability(found.model), "model.json")}
 
@@ -143,6 +148,59 @@ def test_diverging_run_is_reported_not_drawn_away():
                                          (1e-12, "1e-12"), (123456.0, "1.235e+05")])
 def test_numbers(value, text):
     assert number(value) == text
+
+
+# -- how sure ------------------------------------------------------------------------------------------------------
+def test_bands_at_three_values_that_occur(found):
+    shown = comparisons(found.model, [record(2, name="other")], "held-out")
+    section = sureness(found, shown)[0]
+    assert [item.kind for item in section.items] == ["paragraph", "figure", "figure"]
+    values, words_ = scheduling_values(found, shown)
+    occurring = np.sort(record(2)["current"])
+    for value, share, text in zip(values, (0.05, 0.5, 0.95), words_, strict=True):
+        assert value[0] in occurring and value[0] == pytest.approx(np.quantile(occurring, share), abs=0.05)
+        assert text.startswith("current = ") and text.endswith(" A")
+
+
+def test_the_frequency_axis_follows_the_estimate(found):
+    """A band that blows up does not squeeze the curves; the curve is the response of y = b u/(1 − 0.5 z⁻¹)."""
+    model = lpv.LPVTransferFunction.siso([[-0.5]], [[2.0]], lpv.Polynomial(), 0.1)
+    hertz = np.array([0.1, 1.0, 5.0])
+    response = frequency_response(model, [], hertz)
+    wide = np.full((3, 1, 1), 1e9)
+    drawn = Band(hertz, wide / 1e12, wide, wide, 0.95, 10, 0, "frequency response magnitude, frozen")
+    ax = plot.frequency_bands([drawn], [response], ["fixed"], "|y/u| [1]").axes[0]
+    expected = 2 / np.abs(1 - 0.5 * np.exp(-2j * np.pi * hertz * 0.1))
+    assert ax.lines[0].get_ydata() == pytest.approx(expected, rel=1e-12)
+    assert ax.get_ylim() == pytest.approx((expected.min() / 3, expected.max() * 3))
+
+
+def test_no_bands_without_a_covariance(found):
+    shown = comparisons(found.model, [record(2)], "held-out")
+    assert sureness(found.replace(covariance=np.zeros_like(found.covariance)), shown) == ()
+    assert sureness(found, []) == ()
+
+
+def test_an_estimate_too_uncertain_for_a_band_says_so(found):
+    shown = comparisons(found.model, [record(2)], "held-out")
+    spread = np.zeros_like(found.covariance)
+    spread[0, 0] = 1e8  # of a1: nearly every draw is far outside the unit circle
+    section = sureness(found.replace(covariance=spread), shown)[0]
+    last = section.items[-1]
+    assert isinstance(last, Paragraph) and "diverges" in last.text
+
+
+@pytest.mark.parametrize("kind, notes, words_", [
+    ("least squares, white equation error", (), "assume white errors, and are too small"),
+    ("least squares, white equation error", ("the residual is correlated: standard errors in sandwich form",),
+     "of sandwich form"),
+    ("sandwich, coloured output error", (), "of sandwich form")])
+def test_standard_errors_are_said_to_be_what_they_are(found, kind, notes, words_):
+    failed = ResidualTest("whiteness", 99.0, 1e-9, False, "not white")
+    judged = dataclasses.replace(found.held_out, residual_tests=(failed,))
+    page = identification_page(found.replace(held_out=judged, notes=notes, covariance_kind=kind), [], [],
+                               audit([record(1)]))
+    assert any(words_ in line for line in page.caveats)
 
 
 # -- figures ----------------------------------------------------------------------------------------------------------

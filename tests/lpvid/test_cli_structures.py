@@ -1,0 +1,243 @@
+"""Every structure through the command line: identify, stability, validate; a choice by itself; a second fit."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import lpvid as lpv
+from lpvid.cli.app import app
+from lpvid.model.compliance import ComplianceModel
+from lpvid.model.quasi import QuasiLPVModel
+from lpvid.model.signals import Signal
+
+RATE = 200.0
+LEVEL = 0.02
+"""Noise over output."""
+
+
+def run(*arguments: object, code: int = 0):
+    result = CliRunner().invoke(app, [str(a) for a in arguments], catch_exceptions=False)
+    assert result.exit_code == code, result.output
+    return result
+
+
+def write(path: Path, **columns: np.ndarray) -> Path:
+    units = {"time": "time [s]", "velocity": "velocity [m/s]", "current": "current [A]", "force": "force [N]"}
+    rows = [",".join(units.get(n, n) for n in columns)]
+    rows += [",".join(repr(float(x)) for x in row) for row in zip(*columns.values(), strict=True)]
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def system(n: int, seed: int = 0) -> dict[str, np.ndarray]:
+    """x(k) = (0.8 − 0.1 p) x(k−1) + (30 + 20 p) u(k), measured with white output noise."""
+    rng = np.random.default_rng(seed)
+    u, p = 0.1 * rng.standard_normal(n), np.repeat(rng.uniform(0, 2, n // 10 + 1), 10)[:n]
+    x = np.zeros(n)
+    for k in range(1, n):
+        x[k] = (0.8 - 0.1 * p[k]) * x[k - 1] + (30 + 20 * p[k]) * u[k]
+    y = x + LEVEL * x.std() * rng.standard_normal(n)
+    return {"time": np.arange(n) / RATE, "velocity": u, "current": p, "force": y}
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory) -> Path:
+    return write(tmp_path_factory.mktemp("data") / "run.csv", **system(600))
+
+
+def pole_at_one_ampere(told: dict) -> float:
+    """−a1 at 1 A, from the parameters of identification.json."""
+    values = {row["name"]: row["value"] for row in told["parameters"]}
+    norm = told["normalisation"]
+    return -(values["a1[1]"] + values["a1[current]"] * (1.0 - norm["centre"][0]) / norm["half_width"][0])
+
+
+@pytest.mark.parametrize("structure, options, noise", [
+    ("arx", (), "equation"), ("oe", (), "output"), ("bj", ("--nc", 1, "--nd", 1), "box-jenkins"),
+    ("armax", ("--nc", 1), "armax"), ("riv", (), "output"), ("riv", ("--nc", 1, "--nd", 1), "box-jenkins"),
+    ("recursive", ("--forgetting", 1.0), "equation")])
+def test_transfer_functions_find_the_pole(file, structure, options, noise):
+    told = json.loads(run("identify", file, "--schedule", "current", "--structure", structure, "--na", 1, "--nb", 1,
+                          "--nk", 0, *options, "--json").stdout)
+    assert told["noise"]["kind"] == noise
+    assert told["structure"]["kind"].replace("refined-iv", "riv") == structure
+    assert pole_at_one_ampere(told) == pytest.approx(0.7, abs=0.01)
+    assert told["training"]["overall"]["free_run"]["esr"] == pytest.approx(LEVEL**2 / (1 + LEVEL**2), rel=0.25)
+    if noise == "output":  # the noise is white and on the output: nothing is left in the residual
+        assert told["training"]["residual_tests"][0]["passed"]
+
+
+@pytest.mark.parametrize("structure, options", [("subspace", ("--order", 1)), ("pem-ss", ("--order", 1)),
+                                                ("pem-ss", ("--order", 1, "--innovation")),
+                                                ("coprime", ("--na", 1, "--nb", 2))])
+def test_state_space(file, tmp_path, structure, options):
+    """One state holds the system up to when p is read: within 10 % of the output's spread, stable, no forms."""
+    run("identify", file, "--schedule", "current", "--structure", structure, "--nk", 0, *options, "--hold-out", "1/3",
+        "--out", tmp_path)
+    told = json.loads((tmp_path / "identification.json").read_text())
+    assert told["held_out"]["overall"]["free_run"]["fit_percent"] > 85 and told["realizations"] == []
+    found = lpv.load(tmp_path / "model.json")
+    assert isinstance(found, lpv.LPVStateSpace)
+    assert np.abs(found.frozen_poles([1.0])).max() == pytest.approx(0.7, abs=0.05)
+    page = (tmp_path / "report.html").read_text()
+    assert "<h2>How sure the model is</h2>" in page and "<h2>State-space forms</h2>" not in page
+    judged = json.loads(run("stability", tmp_path / "model.json", "--json").stdout)
+    assert judged["certified"] and judged["probability"]["draws"] == 300
+
+
+def test_noise_of_a_box_jenkins_model_does_not_concern_its_stability(file, tmp_path):
+    run("identify", file, "--schedule", "current", "--structure", "bj", "--na", 1, "--nb", 1, "--nk", 0, "--out",
+        tmp_path)
+    judged = json.loads(run("stability", tmp_path / "model.json", "--out", tmp_path / "s", "--json").stdout)
+    assert judged["certified"] and (tmp_path / "s" / "locus.png").exists()
+    again = json.loads(run("validate", tmp_path / "model.json", file, "--training", "--json").stdout)
+    told = json.loads((tmp_path / "identification.json").read_text())
+    assert again["overall"]["free_run"]["esr"] == pytest.approx(told["training"]["overall"]["free_run"]["esr"])
+
+
+# -- models that schedule themselves ----------------------------------------------------------------------------------
+def bounds(judged: dict) -> list[tuple[float, float]]:
+    return [(row["inputs_within"], row["output_within"]) for row in judged["output_bounds"]]
+
+
+def largest(model, amplitude: float) -> float:
+    """Largest output from rest over inputs that switch at random between ±amplitude, and a constant one."""
+    rng = np.random.default_rng(3)
+    held = [np.repeat(rng.choice([-1.0, 1.0], 600 // k + 1), k)[:600] for k in (1, 3, 20, 600)]
+    p = np.repeat(rng.uniform(model.box.lower, model.box.upper, (60, len(model.box.names))), 10, axis=0)
+    return max(float(np.abs(model.free_run(amplitude * u[:, None], p, np.zeros(model.start), 1e12)[0]).max())
+               for u in held)
+
+
+@pytest.mark.parametrize("structure, options", [("quasi", ("--nb", 2, "--segments", 4)),
+                                                ("quasi", ("--nb", 2, "--segments", 4, "--odd", 100, "--trial", 2)),
+                                                ("compliance", ("--segments", 1))])
+def test_bounded_by_construction(file, tmp_path, structure, options):
+    run("identify", file, "--schedule", "current", "--structure", structure, *options, "--out", tmp_path)
+    told = json.loads((tmp_path / "identification.json").read_text())
+    assert told["structure"]["kind"] in ("quasi-lpv", "compliance") and told["realizations"] == []
+    judged = json.loads(run("stability", tmp_path / "model.json", "--out", tmp_path / "s", "--json").stdout)
+    assert judged["certified"] and judged["certificate"]["kind"] == "by construction"
+    assert judged["certificate"]["verified"] and judged["certificate"]["between_grid"]
+    model = lpv.load(tmp_path / "model.json")
+    for amplitude, bound in bounds(judged):
+        assert 0 < largest(model, amplitude) <= bound
+    assert "by construction" in (tmp_path / "s" / "report.html").read_text()
+    again = json.loads(run("validate", tmp_path / "model.json", file, "--out", tmp_path / "v", "--json").stdout)
+    assert again["overall"]["free_run"]["esr"] == pytest.approx(told["training"]["overall"]["free_run"]["esr"])
+
+
+def feedback(steep: float) -> QuasiLPVModel:
+    """y(k) = a(ρ) y(k−1) + u(k), with a = 0.5 at ρ = −1 and `steep` at ρ = 1."""
+    theta = [[[-0.5, 1.0, 0.0]], [[-steep, 1.0, 0.0]]]
+    return QuasiLPVModel(theta, lpv.Spline("y", 1, 1, (-1.0, 1.0)), 1, (1,), (0,), 0.1, (Signal("u"),), (Signal("y"),))
+
+
+def test_feedback_is_covered_by_the_embedding(tmp_path):
+    lpv.save(feedback(0.8), tmp_path / "m.json")
+    shown = run("stability", tmp_path / "m.json", "--out", tmp_path / "s").stdout
+    assert "moves freely within the clamped range" in shown
+    judged = json.loads((tmp_path / "s" / "stability.json").read_text())
+    assert judged["certified"] and judged["range"] == {"rho": [-1.0, 1.0]}
+    assert judged["frozen"]["max_modulus"] == pytest.approx(0.8)
+    assert np.array(bounds(judged)) == pytest.approx(np.array([(0.1, 0.5), (1.0, 5.0)]))  # U/(1 − 0.8)
+    assert largest(feedback(0.8), 1.0) <= 5.0
+
+
+def test_what_no_embedding_covers_is_open_and_ends_with_three(tmp_path):
+    lpv.save(feedback(1.1), tmp_path / "m.json")
+    shown = run("stability", tmp_path / "m.json", "--out", tmp_path / "s", code=3).stdout
+    assert "Not certified" in shown and "open" in shown
+    judged = json.loads((tmp_path / "s" / "stability.json").read_text())
+    assert not judged["certified"] and judged["output_bounds"] == []
+    assert (tmp_path / "s" / "locus.png").exists() and (tmp_path / "s" / "report.html").exists()
+
+
+def test_ranges_and_rates_of_a_self_scheduled_model(file, tmp_path):
+    run("identify", file, "--schedule", "current", "--structure", "compliance", "--segments", 1, "--out", tmp_path)
+    assert isinstance(lpv.load(tmp_path / "model.json"), ComplianceModel)
+    judged = json.loads(run("stability", tmp_path / "model.json", "--range", "0.5:1", "--rate", 3, "--json").stdout)
+    assert judged["range"] == {"current": [0.5, 1.0]}
+    assert "voltage" in run("stability", tmp_path / "model.json", "--range", "voltage=0:1", code=2).stderr
+
+
+# -- a choice by itself -----------------------------------------------------------------------------------------------
+def plain(n: int, seed: int, noise: float = 0.2) -> tuple[dict[str, np.ndarray], float]:
+    """Second-order system without units, its output with white noise; and the noise over the measured spread."""
+    rng = np.random.default_rng(seed)
+    u, x = rng.standard_normal(n), np.zeros(n)
+    for k in range(2, n):
+        x[k] = 1.2 * x[k - 1] - 0.5 * x[k - 2] + u[k - 1]
+    e = noise * rng.standard_normal(n)
+    return {"time": np.arange(n) / RATE, "u": u, "y": x + e}, float(e.std() / (x + e).std())
+
+
+@pytest.fixture(scope="module")
+def chosen(tmp_path_factory) -> tuple[dict, dict, Path, float]:
+    folder = tmp_path_factory.mktemp("auto")
+    columns, share = plain(1200, 0)
+    write(folder / "a.csv", **columns)
+    shown = run("identify", folder / "a.csv", "--input", "u", "--output", "y", "--auto", "--hold-out", "1/3", "--refit",
+                "--out", folder / "out").stdout
+    assert "chosen from" in shown and "what the noise leaves possible" in shown and "refitted to all data" in shown
+    told = json.loads((folder / "out" / "identification.json").read_text())
+    return told, json.loads((folder / "out" / "selection.json").read_text()), folder, share
+
+
+def test_the_choice_reaches_the_ceiling(chosen):
+    told, selection, _, share = chosen
+    assert selection["schema"] == "lpvid/selection/1" and selection["complete"]
+    assert selection["candidates"] == len(selection["table"]) > 50
+    reached = told["held_out"]["overall"]["free_run"]["fit_percent"]
+    assert reached == pytest.approx(100 * (1 - share), abs=0.6)
+    assert selection["ceiling"]["held_out_fit_percent"] == pytest.approx(100 * (1 - share), abs=1.0)
+    assert told["selection"]["best"] == selection["best"] and "identification" not in told["selection"]
+
+
+def test_held_out_data_have_no_say(chosen, tmp_path):
+    """Another last third changes the held-out figures and nothing else."""
+    told, selection = chosen[:2]
+    columns, _ = plain(1200, 0)
+    columns["y"] = np.where(np.arange(1200) < 800, columns["y"], -5 * columns["y"] ** 2)
+    other = write(tmp_path / "a.csv", **columns)
+    again = json.loads(run("identify", other, "--input", "u", "--output", "y", "--auto", "--hold-out", "1/3",
+                           "--json").stdout)
+    assert again["selection"]["table"] == selection["table"] and again["parameters"] == told["parameters"]
+    assert again["held_out"]["overall"]["free_run"]["esr"] > 0.5
+
+
+def test_refit_writes_the_fit_to_all_data(chosen):
+    told, _, folder, _ = chosen
+    assert told["refitted"]["n_samples"] > told["n_samples"]
+    written = lpv.load(folder / "out" / "model.json")
+    assert written.metadata["training"]["n_samples"] == told["refitted"]["n_samples"]
+    values = {row["name"]: row["value"] for row in told["refitted"]["parameters"]}
+    assert written.a[0, 0, 0, 0] == pytest.approx(values["a1[1]"])
+    assert values["a1[1]"] != {row["name"]: row["value"] for row in told["parameters"]}["a1[1]"]
+    assert "How the structure was chosen" in (folder / "out" / "report.html").read_text()
+
+
+# -- affine terms where the scheduling stands still -------------------------------------------------------------------
+def test_one_affine_term_where_the_scheduling_stands_still(tmp_path):
+    """Records at 0, 1 and 2 A with an offset of 5 − 2 p: one c_0, and a mend that names it when more are asked for."""
+    rng = np.random.default_rng(0)
+    files = []
+    for p in (0.0, 1.0, 2.0):
+        u, y = rng.standard_normal(200), np.zeros(200)
+        for k in range(1, 200):
+            y[k] = 0.5 * y[k - 1] + (3 + p) * u[k] + 5 - 2 * p
+        files.append(write(tmp_path / f"{p:.0f}.csv", time=np.arange(200) / RATE, velocity=u,
+                           current=np.full(200, p), force=y))
+    common = ("identify", *files, "--schedule", "current", "--na", 1, "--nb", 1, "--nk", 0, "--json")
+    told = json.loads(run(*common, "--affine").stdout)
+    values = {row["name"]: row["value"] for row in told["parameters"]}
+    assert [n for n in values if n.startswith("c")] == ["c0[1]", "c0[current]"]
+    assert values["c0[1]"] == pytest.approx(3.0, abs=1e-8) and values["c0[current]"] == pytest.approx(-2.0, abs=1e-8)
+    assert any("one affine term" in note for note in told["notes"])
+    line = run(*common, "--affine-terms", 2, code=2).stderr
+    assert "affine=1" in line and len(line.splitlines()) == 1
