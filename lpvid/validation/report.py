@@ -18,7 +18,10 @@ from lpvid.record import Record
 from lpvid.simulation import RATE_TOLERANCE, Model, predict, simulate
 from lpvid.validation.figures import Figures, Pair, Pool, RecordFigures
 from lpvid.validation.regimes import Regime, Stretch, regimes
-from lpvid.validation.residuals import ResidualTest, residual_of, residual_tests
+from lpvid.validation.residuals import Instrument, ResidualTest, residual_of, residual_tests
+
+OTHER_LAGS = (5, 100)
+"""numbers of lags over which whiteness is tested beside the usual one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,29 +168,33 @@ def figures(model: Model, pieces: Sequence[Record], label: str, notes: tuple[str
     share = sum(r.extrapolation_share * r.n_samples for r in rows) / total
     return Validation(
         label, Pair(free.total("free-run"), one.total("one-step")), tuple(rows),
-        residual_tests(residuals, inputs, further=_further(model, tested)) if residuals else (), share, notes,
+        residual_tests(residuals, inputs, other_lags=OTHER_LAGS, further=_further(model, tested)), share, notes,
         regimes(stretches, model.inputs[0].name if model.inputs else "",
                 list(zip(model.box.names, model.box.units, strict=True)), model.sample_time),
         tuple(pool.total(f"{h}-step") for pool, h in zip(further, steps, strict=True)))
 
 
-def _further(model: Model, tested: Sequence[tuple[Record, int]]) -> dict[str, Callable[[], list[np.ndarray]]]:
+def _further(model: Model, tested: Sequence[tuple[Record, int]]) -> dict[str, Callable[[], list[Instrument]]]:
     """Signals beside the first input that the residual must not depend on.
 
-    The other inputs; and along every scheduling variable the first input times the lowest power of the normalised
-    variable that the basis does not hold, which shows a degree that is too low.
+    The other inputs; and along every scheduling variable the lowest power of the normalised variable that the basis
+    does not hold, which shows a degree that is too low: E[e(k) p(k)^m u(k−j)] = 0, or p(k−j)^m for coefficients there.
     """
-    signals: dict[str, Callable[[], list[np.ndarray]]] = {}
+    found: dict[str, Callable[[], list[Instrument]]] = {}
     for other in model.inputs[1:]:
-        signals[f"independence of {other.name}"] = lambda n=other.name: [r[n][start:] for r, start in tested]
+        found[f"independence of {other.name}"] = lambda n=other.name: [(None, r[n][start:]) for r, start in tested]
     degree = model.basis.degree if isinstance(model, (LPVTransferFunction, LPVStateSpace)) else None
     power = (2 if degree is None else degree) + 1
+    lagged = isinstance(model, LPVTransferFunction) and model.lagged
     for column, name in enumerate(model.box.names if model.inputs else ()):
-        centre, half = model.box.centre[column], max(float(model.box.half_width[column]), 1e-300)
+        centre, half = float(model.box.centre[column]), max(float(model.box.half_width[column]), 1e-300)
 
-        def along(name: str = name, centre: float = centre, half: float = half) -> list[np.ndarray]:
-            first = model.inputs[0].name
-            return [((r[name][start:] - centre) / half) ** power * r[first][start:] for r, start in tested]
+        def along(name: str = name, centre: float = centre, half: float = half) -> list[Instrument]:
+            first, pairs = model.inputs[0].name, []
+            for r, start in tested:
+                weight, u = ((r[name][start:] - centre) / half) ** power, r[first][start:]
+                pairs.append((None, weight * u) if lagged else (weight, u))
+            return pairs
 
-        signals[f"independence along {name}"] = along
-    return signals
+        found[f"independence along {name}"] = along
+    return found

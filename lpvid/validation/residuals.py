@@ -15,6 +15,10 @@ RESOLVED = 1e-2
 """directions of the lagged inputs with less than this share of the largest variance say nothing reliable."""
 
 
+Instrument = tuple[np.ndarray | None, np.ndarray | None]
+"""A weight of the residual, or None for 1, and a signal it must not depend on, or None where there is none."""
+
+
 @dataclass(frozen=True)
 class ResidualTest:
     """A test on the one-step residuals.
@@ -35,8 +39,8 @@ class ResidualTest:
 
 
 def residual_tests(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray | None],
-                   lags: int = LAGS,
-                   further: Mapping[str, Callable[[], Sequence[np.ndarray]]] | None = None) -> tuple[ResidualTest, ...]:
+                   lags: int = LAGS, other_lags: Sequence[int] = (),
+                   further: Mapping[str, Callable[[], Sequence[Instrument]]] | None = None) -> tuple[ResidualTest, ...]:
     """Whiteness of the one-step residual, and its independence from present and past inputs, and along the scheduling.
 
     Whiteness: Ljung & Box 1978, Q = N(N+2) Σ_τ ρ_ee²(τ)/(N−τ) against χ² with `lags` degrees of freedom. Independence:
@@ -48,27 +52,30 @@ def residual_tests(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray 
     ----------
     residuals, inputs : sequences of (n,) arrays, record by record
     lags : int
-        Number of lags; whiteness is also tested over a fifth and over four times as many.
+        Number of lags.
+    other_lags : sequence of int
+        Further numbers of lags over which whiteness is tested.
     further : mapping of str to callable, optional
-        Further signals the residual must not depend on, record by record, computed when their turn comes: other inputs,
-        or an input times the next power of a scheduling variable ("along p").
+        Further signals the residual must not depend on, record by record, computed when their turn comes: a weight of
+        the residual (or None) and a signal; other inputs, or an input with a power of a scheduling variable as weight.
     """
     long = [i for i, e in enumerate(residuals) if len(e) > 4 * lags]
     if not long:
         return ()
     centred = [residuals[i] - residuals[i].mean() for i in long]
     tests = [_whiteness(centred, lags)]
-    for other in (max(lags // 5, 1), 4 * lags):
-        if all(len(e) > 4 * other for e in centred):
-            found = _whiteness(centred, other)
-            tests.append(replace(found, name=f"whiteness over {other} lags"))
-    signals = {"independence": lambda: inputs, **(further or {})}
-    for name, signal in signals.items():
-        every = signal()
-        pairs = [(e, u - u.mean()) for e, u in zip(centred, (every[i] for i in long), strict=True)
+    instruments: dict[str, Callable[[], Sequence[Instrument]]] = {
+        "independence": lambda: [(None, u) for u in inputs], **(further or {})}
+    for name, instrument in instruments.items():
+        every = instrument()
+        pairs = [(e if w is None else e * w - (e * w).mean(), u - u.mean())
+                 for e, (w, u) in zip(centred, (every[i] for i in long), strict=True)
                  if u is not None and np.ptp(u) > 0]
         if pairs:
             tests.append(replace(_independence(pairs, lags), name=name))
+    for other in other_lags:
+        if all(len(e) > 4 * other for e in centred):
+            tests.append(replace(_whiteness(centred, other), name=f"whiteness over {other} lags"))
     return tuple(tests)
 
 

@@ -248,7 +248,7 @@ def test_an_exact_model_leaves_no_residual_to_test(rng: np.random.Generator) -> 
     u = rng.normal(size=2000)
     exact = identify(a_record(u, lfilter([0.0, 1.0], [1.0, -0.5], u)), ARX(na=1, nb=1, input="u", output="y")).training
     assert exact is not None
-    assert [t.says for t in exact.residual_tests] == ["the residual is zero"] * 2
+    assert [t.says for t in exact.residual_tests] == ["the residual is zero"] * 4
 
 
 def test_a_complete_model_passes(rng: np.random.Generator) -> None:
@@ -256,7 +256,7 @@ def test_a_complete_model_passes(rng: np.random.Generator) -> None:
     y = lfilter([0.0, 1.0, 0.4], [1.0, -0.6], u) + lfilter([1.0], [1.0, -0.6], 0.2 * e)
     found = identify(a_record(u, y), ARX(na=1, nb=2, input="u", output="y")).training
     assert found is not None
-    assert [t.name for t in found.residual_tests] == ["whiteness", "independence"]
+    assert [t.name for t in found.residual_tests] [:2] == ["whiteness", "independence"]
     assert all(t.passed for t in found.residual_tests)
 
 
