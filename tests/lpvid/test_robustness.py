@@ -12,6 +12,7 @@ from random_systems import (
     least_squares,
     output_error,
     random_system,
+    refined_iv,
     selected,
     shortfall,
     time_invariant,
@@ -55,6 +56,7 @@ def test_the_certificate_agrees_that_they_are_stable(sample):
 def test_robustness_sample(sample):
     for seed, system in sample.items():
         assert shortfall(system, least_squares) < np.inf
+        assert abs(shortfall(system, refined_iv)) < 0.5
         assert abs(shortfall(system, output_error)) < 0.5
         if seed in WITHIN:
             assert abs(shortfall(system, selected)) < 0.5
