@@ -1,4 +1,4 @@
-"""Scheduling moves fast: is a canonical state-space model better identified through a transfer function, or directly?"""
+"""Scheduling moves fast: identify a canonical state-space model through a transfer function, or directly?"""
 
 from __future__ import annotations
 

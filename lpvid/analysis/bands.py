@@ -114,9 +114,8 @@ def free_run_band(models: Iterable[Model], record: Record, level: float = 0.95,
     if noise:
         if rng is None:
             raise InputError("a band with noise needs a random generator", mend="pass rng=np.random.default_rng(seed)")
-        roots = [np.linalg.cholesky(m.noise_covariance + 1e-300 * np.eye(m.n_outputs)) for m in drawn]
-        outputs += np.array([rng.standard_normal(outputs[0].shape) @ roots[i].T for i, r in enumerate(runs)
-                             if r.diverged_at is None])
+        outputs += np.array([rng.standard_normal(outputs[0].shape) @ _noise_root(m).T
+                             for m, r in zip(drawn, runs, strict=True) if r.diverged_at is None])
     low, median, high = _quantiles(outputs, level)
     return Band(record.times, low, median, high, level, len(kept), len(runs) - len(kept), "free-run output")
 
@@ -136,6 +135,14 @@ def frequency_response(model: Model, at: Sequence[float] | np.ndarray, frequenci
     s = 2j * np.pi * hertz if model.sample_time is None else np.exp(2j * np.pi * hertz * model.sample_time)
     resolvent = np.linalg.solve(s[:, None, None] * np.eye(model.order) - A, np.broadcast_to(B, (s.size, *B.shape)))
     return C @ resolvent + D
+
+
+def _noise_root(model: Model) -> np.ndarray:
+    """Square root of the noise covariance that a model carries; zero where it carries none."""
+    if not isinstance(model, (LPVTransferFunction, LPVStateSpace)) or model.noise_covariance is None:
+        return np.zeros((model.n_outputs, model.n_outputs))
+    values, vectors = np.linalg.eigh(model.noise_covariance)
+    return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
 def _drawn(models: Iterable[Model], level: float) -> list[Model]:

@@ -9,7 +9,8 @@ import lpvid as lpv
 from lpvid.analysis.bands import free_run_band, frequency_band, frequency_response
 
 TRUTH = lpv.LPVTransferFunction.siso([[-1.3, 0.1], [0.55, -0.05]], [[0, 0], [0.5, 0.1], [0.2, -0.1]],
-                                     lpv.Polynomial("p", degree=1), 0.01, scheduling=lpv.Scheduling(("p",), (-1,), (1,)))
+                                     lpv.Polynomial("p", degree=1), 0.01,
+                                     scheduling=lpv.Scheduling(("p",), (-1,), (1,)))
 
 
 def record(rng: np.random.Generator, n: int = 600, noise: float = 0.05) -> lpv.Record:
