@@ -14,8 +14,8 @@ def free_run_io(a, b, c, first_lag, lagged, phi, offset, u, y, begin, end, limit
     """Recursion y(k) = −Σ a_i y(k−i) + Σ b_j u(k−j) + Σ c_j in place for k = begin … end−1.
 
     a (na, ny, ny, M), b (lags, ny, nu, M), c (nc, ny, M), u (nu, n), y (n, ny); phi (M, columns) holds φ(p(k)) in
-    column k − offset. Coefficients and forced response of a block are computed across the block, the recursion then runs
-    through it. Returns the first sample at which |y| exceeded `limit` (y is zero from there on), or −1.
+    column k − offset. Coefficients and forced response of a block are computed across the block, the recursion then
+    runs through it. Returns the first sample at which |y| exceeded `limit` (y is zero from there on), or −1.
     """
     na, ny, nb, nc, nu = a.shape[0], y.shape[1], b.shape[0], c.shape[0], u.shape[0]
     block = 512
