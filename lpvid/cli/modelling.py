@@ -161,6 +161,10 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
         structure, notes = _settled(request, training, say)
         say("fitting")
         found = identify(training, structure, sample_rate=request.sample_rate, held_out=held_out or None)
+    bare = request.without_filter(structure)
+    if bare is not None:
+        say("fitting without the scheduling filter, to compare")
+        notes += _compared(identify(training, bare, sample_rate=request.sample_rate, held_out=held_out or None))
     say("auditing the data")
     heard = audit(everything, scheduling=request.schedule or None)
     derived = [with_velocity(r) for r in training] if "velocity" in structure.channels else list(training)
@@ -175,6 +179,12 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
         again = _marked(identify(everything, structure, sample_rate=request.sample_rate), heard)
     found = _marked(found.replace(notes=(*notes, *found.notes)), heard)
     return Outcome(found, gaps, heard, tuple(training), tuple(held_out), request.form, choice, again)
+
+
+def _compared(bare: Identification) -> tuple[str, ...]:
+    judged = bare.held_out or bare.training
+    assert judged is not None
+    return (f"the same without the scheduling filter, {judged.label}: {judged.overall.free_run}",)
 
 
 def _settled(request: Request, training: Sequence[Record],

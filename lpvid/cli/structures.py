@@ -149,6 +149,21 @@ class Request:
             return self._own_scheduling()
         return self._input_output(arx)
 
+    def without_filter(self, structure: Structure) -> Structure | None:
+        """The structure without its scheduling filter, or None where it has none."""
+        from dataclasses import replace
+
+        from lpvid.identification.arx import ARX
+        from lpvid.identification.compliance import Compliance
+        from lpvid.identification.coprime import RightCoprime
+        from lpvid.identification.prediction_error import PredictionError
+        from lpvid.identification.quasi_lpv import QuasiLPV
+        from lpvid.identification.refined_iv import RefinedIV
+
+        if not isinstance(structure, (ARX, PredictionError, RefinedIV, RightCoprime, QuasiLPV, Compliance)):
+            return None
+        return None if structure.schedule_filter is None else replace(structure, schedule_filter=None)
+
     def _input_output(self, arx: ARX) -> Structure:
         from lpvid.identification.armax import ARMAX
         from lpvid.identification.box_jenkins import BoxJenkins

@@ -100,6 +100,20 @@ def test_noise_of_a_box_jenkins_model_does_not_concern_its_stability(file, tmp_p
     assert again["overall"]["free_run"]["esr"] == pytest.approx(told["training"]["overall"]["free_run"]["esr"])
 
 
+@pytest.mark.parametrize("structure, options", [("arx", ("--na", 1, "--nb", 1, "--nk", 0)),
+                                                ("oe", ("--na", 1, "--nb", 1, "--nk", 0)),
+                                                ("coprime", ("--na", 1, "--nb", 1, "--nk", 0)),
+                                                ("compliance", ("--segments", 1))])
+def test_a_scheduling_filter_is_compared_with_none(file, structure, options):
+    common = ("identify", file, "--schedule", "current", "--structure", structure, *options, "--hold-out", "1/2",
+              "--json")
+    told, bare = json.loads(run(*common, "--schedule-lag").stdout), json.loads(run(*common).stdout)
+    assert told["scheduling_stage"]["kind"] == "lag" and bare["scheduling_stage"] is None
+    esr = bare["held_out"]["overall"]["free_run"]["esr"]
+    assert any(f"without the scheduling filter, held-out: free-run ESR {esr:.4g}" in note for note in told["notes"])
+    assert told["scheduling_stage"]["tau_rise"] < 1 / RATE  # there is none in the system
+
+
 # -- models that schedule themselves ----------------------------------------------------------------------------------
 def bounds(judged: dict) -> list[tuple[float, float]]:
     return [(row["inputs_within"], row["output_within"]) for row in judged["output_bounds"]]
