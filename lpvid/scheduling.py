@@ -220,14 +220,19 @@ class Polynomial(Basis):
         return (np.asarray(p, dtype=float) - np.array(self.centre)) / np.array(self.half_width)
 
     def _powers(self, z: np.ndarray, exponents: np.ndarray) -> np.ndarray:
-        values = np.ones((exponents.shape[0], z.shape[0]))  # one contiguous row per function
+        values = np.empty((exponents.shape[0], z.shape[0]))  # one contiguous row per function
+        fresh = np.ones(exponents.shape[0], dtype=bool)
         for column in range(z.shape[1]):
             base = np.ascontiguousarray(z[:, column])
             power = base
             for e in range(1, int(exponents[:, column].max(initial=0)) + 1):
                 power = base if e == 1 else power * base
                 for row in np.flatnonzero(exponents[:, column] == e):
-                    values[row] *= power
+                    if fresh[row]:
+                        values[row], fresh[row] = power, False
+                    else:
+                        values[row] *= power
+        values[fresh] = 1.0
         return values.T
 
     def evaluate(self, p: np.ndarray) -> np.ndarray:

@@ -439,7 +439,7 @@ def _scale(y: np.ndarray) -> float:
 
 def _limit(model: Model, u: np.ndarray, scale: float, x0: np.ndarray | None = None) -> float:
     """What no sane run exceeds: `DIVERGED` times the scale of the data or of one step's forcing, in any units."""
-    reach = float(np.abs(u).max(initial=0.0))
+    reach = max(float(u.max(initial=0.0)), -float(u.min(initial=0.0)))
     if isinstance(model, SelfScheduled):
         forcing = reach * np.abs(model.vector).sum() + np.abs(model.vector).sum()
     elif isinstance(model, LPVTransferFunction):
