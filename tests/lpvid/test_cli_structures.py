@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import lpvid as lpv
 from lpvid.cli.app import app
-from lpvid.model.compliance import ComplianceModel
+from lpvid.model.compliance import ComplianceModel, Element
 from lpvid.model.quasi import QuasiLPVModel
 from lpvid.model.signals import Signal
 
@@ -72,7 +72,7 @@ def test_transfer_functions_find_the_pole(file, structure, options, noise):
         assert told["training"]["residual_tests"][0]["passed"]
 
 
-@pytest.mark.parametrize("structure, options", [("subspace", ("--order", 1)), ("pem-ss", ("--order", 1)),
+@pytest.mark.parametrize("structure, options", [("subspace", ("--order", 1)),
                                                 ("pem-ss", ("--order", 1, "--innovation")),
                                                 ("coprime", ("--na", 1, "--nb", 2))])
 def test_state_space(file, tmp_path, structure, options):
@@ -84,6 +84,8 @@ def test_state_space(file, tmp_path, structure, options):
     found = lpv.load(tmp_path / "model.json")
     assert isinstance(found, lpv.LPVStateSpace)
     assert np.abs(found.frozen_poles([1.0])).max() == pytest.approx(0.7, abs=0.05)
+    if structure == "coprime":
+        return  # the rest is alike for every state space
     page = (tmp_path / "report.html").read_text()
     assert "<h2>How sure the model is</h2>" in page and "<h2>State-space forms</h2>" not in page
     judged = json.loads(run("stability", tmp_path / "model.json", "--json").stdout)
@@ -93,8 +95,7 @@ def test_state_space(file, tmp_path, structure, options):
 def test_noise_of_a_box_jenkins_model_does_not_concern_its_stability(file, tmp_path):
     run("identify", file, "--schedule", "current", "--structure", "bj", "--na", 1, "--nb", 1, "--nk", 0, "--out",
         tmp_path)
-    judged = json.loads(run("stability", tmp_path / "model.json", "--out", tmp_path / "s", "--json").stdout)
-    assert judged["certified"] and (tmp_path / "s" / "locus.png").exists()
+    assert json.loads(run("stability", tmp_path / "model.json", "--json").stdout)["certified"]
     again = json.loads(run("validate", tmp_path / "model.json", file, "--training", "--json").stdout)
     told = json.loads((tmp_path / "identification.json").read_text())
     assert again["overall"]["free_run"]["esr"] == pytest.approx(told["training"]["overall"]["free_run"]["esr"])
@@ -128,8 +129,7 @@ def largest(model, amplitude: float) -> float:
                for u in held)
 
 
-@pytest.mark.parametrize("structure, options", [("quasi", ("--nb", 2, "--segments", 4)),
-                                                ("quasi", ("--nb", 2, "--segments", 4, "--odd", 100, "--trial", 2)),
+@pytest.mark.parametrize("structure, options", [("quasi", ("--nb", 2, "--segments", 4, "--odd", 100, "--trial", 2)),
                                                 ("compliance", ("--segments", 1))])
 def test_bounded_by_construction(file, tmp_path, structure, options):
     run("identify", file, "--schedule", "current", "--structure", structure, *options, "--out", tmp_path)
@@ -142,7 +142,7 @@ def test_bounded_by_construction(file, tmp_path, structure, options):
     for amplitude, bound in bounds(judged):
         assert 0 < largest(model, amplitude) <= bound
     assert "by construction" in (tmp_path / "s" / "report.html").read_text()
-    again = json.loads(run("validate", tmp_path / "model.json", file, "--out", tmp_path / "v", "--json").stdout)
+    again = json.loads(run("validate", tmp_path / "model.json", file, "--json").stdout)
     assert again["overall"]["free_run"]["esr"] == pytest.approx(told["training"]["overall"]["free_run"]["esr"])
 
 
@@ -172,11 +172,15 @@ def test_what_no_embedding_covers_is_open_and_ends_with_three(tmp_path):
     assert (tmp_path / "s" / "locus.png").exists() and (tmp_path / "s" / "report.html").exists()
 
 
-def test_ranges_and_rates_of_a_self_scheduled_model(file, tmp_path):
-    run("identify", file, "--schedule", "current", "--structure", "compliance", "--segments", 1, "--out", tmp_path)
-    assert isinstance(lpv.load(tmp_path / "model.json"), ComplianceModel)
+def test_ranges_and_rates_of_a_self_scheduled_model(tmp_path):
+    spring = Element([[-100.0, 0.0, 100.0], [-200.0, 0.0, 300.0]], 1000.0)
+    box = lpv.Scheduling(("current",), (0.0,), (2.0,), units=("A",))
+    lpv.save(ComplianceModel((spring,), np.array([-1.0, 0.0, 1.0]), np.zeros(1), np.zeros(0), 0.0, 0.1,
+                             (Signal("velocity", "m/s"),), (Signal("force", "N"),),
+                             lpv.Spline("current", 1, 1).bound(box), box), tmp_path / "model.json")
     judged = json.loads(run("stability", tmp_path / "model.json", "--range", "0.5:1", "--rate", 3, "--json").stdout)
     assert judged["range"] == {"current": [0.5, 1.0]}
+    assert np.array(bounds(judged)) == pytest.approx(np.array([(0.1, 30.0), (1.0, 300.0)]))  # the steeper law's end
     assert "voltage" in run("stability", tmp_path / "model.json", "--range", "voltage=0:1", code=2).stderr
 
 
