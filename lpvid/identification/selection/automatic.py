@@ -20,6 +20,9 @@ from lpvid.scheduling import Spline
 SEGMENTS = (4, 6)
 """segments of a basis in the velocity, for a damper without a scheduling variable."""
 
+NEARLY_ODD = 900.0
+"""samples that a damper's departure from y(−u) = −y(u) must be worth, in the candidates that expect symmetry."""
+
 
 def auto(records: Record | Sequence[Record], input: str | Sequence[str], output: str | Sequence[str],
          scheduling: str | Sequence[str] = (), *, sample_rate: float | None = None, folds: int = 5,
@@ -66,8 +69,8 @@ def automatic_candidates(records: Sequence[Record], input: str | Sequence[str], 
         return list(Candidates(inputs, outputs, variables, na=(1, 2, 3, 4, 5, 6), nk=(0, 1, 2), degree=(1, 2)))
     own: list[Structure] = []
     if not variables:
-        own = [QuasiLPV(nb=nb, input=inputs, output=outputs, basis=Spline(outputs[0], n, 1), on="trial")
-               for nb in (4, 8, 12) for n in (6, 10)]
+        own = [QuasiLPV(nb=nb, input=inputs, output=outputs, basis=Spline(outputs[0], 10, 1), on="trial", trial=trial,
+                        oddness=odd) for nb in (4, 10) for trial in (1, 3) for odd in (0.0, NEARLY_ODD)]
     grid = Candidates(inputs, outputs, variables, na=(1, 2, 3, 4, 5, 6), nk=(0, 1), degree=(1, 2),
                       affine=("none", "one"), stage=(None, "tanh", "three-zone"),
                       schedule_filter=(None, "rise-fall") if variables else (None,),

@@ -22,8 +22,10 @@ def describe(structure: Structure) -> str:
     if isinstance(structure, SparseARX | PredictionError):
         return type(structure).__name__ + describe(structure.arx).removeprefix("ARX")
     if isinstance(structure, QuasiLPV):
-        return (f"QuasiLPV on {structure.on} na={structure.na} nb={structure.nb} nk={structure.nk} "
-                + _words(structure.basis))
+        nb, nk = (",".join(map(str, n)) if isinstance(n, tuple) else n for n in (structure.nb, structure.nk))
+        trial = f" over {structure.trial} lags" if structure.on == "trial" and structure.trial > 1 else ""
+        return (f"QuasiLPV on {structure.on}{trial} na={structure.na} nb={nb} nk={nk} {_words(structure.basis)}"
+                + (" nearly odd" if structure.oddness else ""))
     if not isinstance(structure, ARX):
         text = repr(structure)
         return text if len(text) < 100 else text[:97] + "..."
