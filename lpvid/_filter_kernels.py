@@ -6,13 +6,14 @@ Import this module inside the function that needs it: it loads numba.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from lpvid._compiling import njit
 
 HUGE = 1e200
 """what a variance may grow to under forgetting without excitation."""
 
 
-@njit(cache=True)
+@njit()
 def rational_rows(numerator, denominator, block, first, last, column, rows, state):
     """Rows `first` … `last`−1 of block[:, column: column + rows] through numerator/denominator, in place.
 
@@ -33,7 +34,7 @@ def rational_rows(numerator, denominator, block, first, last, column, rows, stat
             row[r] = out
 
 
-@njit(cache=True)
+@njit()
 def varying_rows(back, block, first, last, column, rows, past):
     """Rows `first` … `last`−1 of block[:, column: column + rows] through 1/A(p), in place: z = f − Σ a_i(k) z(k−i).
 
@@ -54,7 +55,7 @@ def varying_rows(back, block, first, last, column, rows, past):
             row[column + r] = out
 
 
-@njit(cache=True)
+@njit()
 def recursive_rows(x, y, upper, diagonal, theta, loss, tally, square, inverse_noise, settings, errors, factors, trail,
                    stride):
     """Recursive least squares over the columns of x (k, rows) and y (ny, rows); P = U D Uᵀ is never formed.
@@ -122,7 +123,7 @@ def recursive_rows(x, y, upper, diagonal, theta, loss, tally, square, inverse_no
     return written
 
 
-@njit(cache=True)
+@njit()
 def _forgetting(settings, tally, level):
     """Constant, or 1 − ε²/(Σ_0 (1 + φᵀPφ)), Σ_0 = memory · noise variance (Fortescue, Kershenbaum & Ydstie 1981)."""
     memory = settings[2]
@@ -137,7 +138,7 @@ def _forgetting(settings, tally, level):
     return max(settings[1], 1.0 - level / (memory * noise))
 
 
-@njit(cache=True)
+@njit()
 def _watch(upper, diagonal, square, tally, settings):
     """Reset P where its mean variance, in unit-column scaling, has grown `above` times its least or fell below."""
     k = diagonal.size
@@ -155,7 +156,7 @@ def _watch(upper, diagonal, square, tally, settings):
         tally[6] = 0.0
 
 
-@njit(cache=True)
+@njit()
 def reset_covariance(upper, diagonal, square, to):
     """P = to · diag(1/mean square of each regressor); a regressor that never moved keeps `to`."""
     for j in range(diagonal.size):

@@ -6,10 +6,11 @@ Import this module inside the function that needs it: it loads numba.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from lpvid._compiling import njit
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(fastmath={"contract"})
 def free_run_io(a, b, c, first_lag, lagged, phi, offset, u, y, begin, end, limit):
     """Recursion y(k) = −Σ a_i y(k−i) + Σ b_j u(k−j) + Σ c_j in place for k = begin … end−1.
 
@@ -54,7 +55,7 @@ def free_run_io(a, b, c, first_lag, lagged, phi, offset, u, y, begin, end, limit
     return -1
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(fastmath={"contract"})
 def _mix(coefficients, phi, low, out):
     """out(k) = Σ_m coefficients[m] φ_m(low + k); two and three functions, the usual case, in one pass.
 
@@ -79,7 +80,7 @@ def _mix(coefficients, phi, low, out):
                 out[r] += value * row[r]
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(fastmath={"contract"})
 def _recur(back, forced, window, na, limit):
     """The recursion alone: window (na + rows, ny) starts with the past; plane i·ny + q of back belongs to lag i + 1."""
     ny = window.shape[1]
@@ -95,7 +96,7 @@ def _recur(back, forced, window, na, limit):
     return -1
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(fastmath={"contract"})
 def _recur_single(back, forced, window, na, limit):
     """`_recur` for one output: the four newest values stay in registers, so that only one product waits for the last.
 
@@ -123,7 +124,7 @@ def _recur_single(back, forced, window, na, limit):
     return -1
 
 
-@njit(cache=True)
+@njit()
 def predict_io(a, b, c, first_lag, lagged, phi, u, y, start, horizon, out):
     """`horizon`-step prediction of every sample from measured `y` up to k−horizon; writes `out` from `start` on."""
     n, ny = y.shape
@@ -142,7 +143,7 @@ def predict_io(a, b, c, first_lag, lagged, phi, u, y, start, horizon, out):
             out[k, o] = window[na + steps - 1, o]
 
 
-@njit(cache=True)
+@njit()
 def _one_step(a, b, c, first_lag, lagged, phi, u, window, place, t):
     na, nb, nc, nu, m = a.shape[0], b.shape[0], c.shape[0], u.shape[1], phi.shape[1]
     for o in range(window.shape[1]):
@@ -167,7 +168,7 @@ def _one_step(a, b, c, first_lag, lagged, phi, u, window, place, t):
         window[place, o] = total
 
 
-@njit(cache=True)
+@njit()
 def free_run_ss(A, B, C, D, f, g, phi, u, x0, y, limit):
     """State-space free run x⁺ = A(p)x + B(p)u + f(p), y = C(p)x + D(p)u + g(p); returns the diverging sample or −1."""
     n, ny = y.shape
@@ -207,7 +208,7 @@ def free_run_ss(A, B, C, D, f, g, phi, u, x0, y, limit):
     return -1
 
 
-@njit(cache=True)
+@njit()
 def predict_ss(A, B, C, D, f, g, K, phi, u, x0, y, horizon, out):
     """`horizon`-step prediction by the innovation form: the observer runs on `y`, then the model runs free."""
     n, ny = y.shape
@@ -230,7 +231,7 @@ def predict_ss(A, B, C, D, f, g, K, phi, u, x0, y, horizon, out):
         out[k] = _output(C, D, g, phi[k], x, u[k])
 
 
-@njit(cache=True)
+@njit()
 def _advance(A, B, f, phi, x, u):
     new = np.zeros(A.shape[1])
     for q in range(phi.size):
@@ -246,7 +247,7 @@ def _advance(A, B, f, phi, x, u):
     return new
 
 
-@njit(cache=True)
+@njit()
 def _output(C, D, g, phi, x, u):
     new = np.zeros(C.shape[1])
     for q in range(phi.size):
@@ -262,7 +263,7 @@ def _output(C, D, g, phi, x, u):
     return new
 
 
-@njit(cache=True)
+@njit()
 def switched_lag(q, gain_up, gain_down):
     """First-order lag of `q` (n,), one gain where it must rise and one where it must fall; starts settled."""
     out = np.empty_like(q)
@@ -274,7 +275,7 @@ def switched_lag(q, gain_up, gain_down):
     return out
 
 
-@njit(cache=True)
+@njit()
 def fill_regressor(block, row0, first, rows, data, phi, source, sign, lag, function, phi_lag):
     """Write regressor rows `first` … `first+rows`−1 into the Fortran-ordered block given as its transpose.
 

@@ -6,7 +6,8 @@ Import this module inside the function that needs it: it loads numba.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from lpvid._compiling import njit
 
 # -- quasi-LPV input-output model --------------------------------------------------------------------------------------
 # own = 0: hat functions on `knots`; own = 1: powers of the saturated (ρ − knots[0])/knots[1].
@@ -14,7 +15,7 @@ from numba import njit
 # ρ(k) = feedback·y(k−1) + kappa·drive(k).
 
 
-@njit(cache=True)
+@njit()
 def _own_functions(own, knots, rho, value, slope):
     """Values and slopes of the own functions at ρ, clamped; returns the range of places that may be non-zero."""
     m = value.size
@@ -38,7 +39,7 @@ def _own_functions(own, knots, rho, value, slope):
     return 0, m
 
 
-@njit(cache=True)
+@njit()
 def _step(own, knots, theta, phi, row, rho, value, slope):
     """One sample: Σ_m φ_m(ρ) Σ_e φ_e Σ_r θ row; returns the output and its slope over ρ."""
     low, high = _own_functions(own, knots, rho, value, slope)
@@ -55,7 +56,7 @@ def _step(own, knots, theta, phi, row, rho, value, slope):
     return total, steep
 
 
-@njit(cache=True)
+@njit()
 def free_run_quasi(own, knots, theta, kappa, feedback, na, phi, rows, drive, y, begin, limit):
     """Fill y[begin:] in place; rows (n, r) holds the measured regressors, its first na columns are scratch.
 
@@ -75,7 +76,7 @@ def free_run_quasi(own, knots, theta, kappa, feedback, na, phi, rows, drive, y, 
     return -1
 
 
-@njit(cache=True)
+@njit()
 def ahead_quasi(own, knots, theta, kappa, feedback, na, phi, rows, drive, y, begin, horizon, out):
     """Predict every sample from measured outputs up to k − horizon; out holds y before `begin`."""
     value, slope = np.zeros(theta.shape[0]), np.zeros(theta.shape[0])
@@ -97,7 +98,7 @@ def ahead_quasi(own, knots, theta, kappa, feedback, na, phi, rows, drive, y, beg
         out[k] = past[back + k - first]
 
 
-@njit(cache=True)
+@njit()
 def sensitivity_quasi(own, knots, theta, kappa, feedback, na, phi, rows, drive, y, begin, limit, jacobian):
     """As `free_run_quasi`, with ∂y/∂(theta, kappa) in jacobian (n, size), zero on the measured past.
 
@@ -146,7 +147,7 @@ def sensitivity_quasi(own, knots, theta, kappa, feedback, na, phi, rows, drive, 
 # φ_q(i). Implicit Euler: F⁺ + k_h h w⁺ = F + k_h h v has one solution, found exactly segment by segment.
 
 
-@njit(cache=True)
+@njit()
 def _mixed(law, phi_before, phi_now, share, nodes):
     for m in range(nodes.size):
         total = 0.0
@@ -155,7 +156,7 @@ def _mixed(law, phi_before, phi_now, share, nodes):
         nodes[m] = total
 
 
-@njit(cache=True)
+@njit()
 def _euler(nodes, knots, gain, force, velocity):
     """Segment, place in it and fluid speed of the solution of F⁺ + gain·w⁺ = force + gain·velocity."""
     target = force + gain * velocity
@@ -172,7 +173,7 @@ def _euler(nodes, knots, gain, force, velocity):
     return low, part, knots[low] + part * width
 
 
-@njit(cache=True)
+@njit()
 def run_compliance(law, knots, gain, phi, v, begin, substeps, out):
     """Fill out[begin+1:] from out[begin]; gain = k_h·T_s/substeps; v and φ are linear between samples."""
     nodes = np.empty(knots.size)
@@ -186,7 +187,7 @@ def run_compliance(law, knots, gain, phi, v, begin, substeps, out):
         out[k] = force
 
 
-@njit(cache=True)
+@njit()
 def ahead_compliance(law, knots, gain, phi, v, begin, substeps, horizon, known, out):
     """out(k) = force after `horizon` samples from the known force at k − horizon (not before `begin`)."""
     nodes = np.empty(knots.size)
@@ -202,7 +203,7 @@ def ahead_compliance(law, knots, gain, phi, v, begin, substeps, horizon, known, 
         out[k] = force
 
 
-@njit(cache=True)
+@njit()
 def sensitivity_compliance(law, knots, gain, phi, v, begin, substeps, out, jacobian):
     """As `run_compliance`, with ∂F/∂(law nodes, ln k_h, F(begin)) in jacobian (n, q·m + 2); row `begin` is given.
 

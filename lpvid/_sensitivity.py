@@ -8,10 +8,10 @@ loads numba.
 
 from __future__ import annotations
 
-from numba import njit
+from lpvid._compiling import njit
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(fastmath={"contract"})
 def recur(weights, z, history, rows):
     """z(k) ← z(k) − Σ_i w_i(k) z(k−i) in every row of z (K, history + rows), `rows` samples behind `history` of past.
 
@@ -29,12 +29,12 @@ def recur(weights, z, history, rows):
         column += group
 
 
-@njit(cache=True)
+@njit()
 def _lag(weights, i):
     return weights[i] if i < weights.shape[0] else 0.0 * weights[0]
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(fastmath={"contract"})
 def _recur_one(w1, w2, w3, w4, weights, z, history, rows):
     lags = weights.shape[0]
     y1, y2, y3, y4 = z[history - 1], z[history - 2], z[history - 3], z[history - 4]
@@ -47,7 +47,7 @@ def _recur_one(w1, w2, w3, w4, weights, z, history, rows):
         y4, y3, y2, y1 = y3, y2, y1, total
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(fastmath={"contract"})
 def _recur_four(w1, w2, w3, w4, weights, z, column, history, rows):
     lags = weights.shape[0]
     za, zb, zc, zd = z[column], z[column + 1], z[column + 2], z[column + 3]
@@ -79,7 +79,7 @@ def _recur_four(w1, w2, w3, w4, weights, z, column, history, rows):
         d4, d3, d2, d1 = d3, d2, d1, d
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(fastmath={"contract"})
 def recur_coupled(weights, z, history, rows):
     """`recur` with outputs that see each other: weights (lags, ny, ny, rows), z (ny, K, history + rows)."""
     lags, ny = weights.shape[0], weights.shape[1]
@@ -94,7 +94,7 @@ def recur_coupled(weights, z, history, rows):
                 z[o, c, k] = total
 
 
-@njit(cache=True, fastmath={"contract"})
+@njit(fastmath={"contract"})
 def moving_average(d, z, out, history, rows):
     """out(k) = z(k) + Σ_i d_i z(k−i) in every row of z (K, history + rows); out may have more rows."""
     for c in range(z.shape[0]):
@@ -107,7 +107,7 @@ def moving_average(d, z, out, history, rows):
                 now[r] += d[i] * past[r]
 
 
-@njit(cache=True)
+@njit()
 def copy_columns(block, row0, z, history, rows, order, scale):
     """Row order[t] of z (K, history + rows), times `scale`, into row t of the transposed QR workspace `block`."""
     for t in range(order.size):

@@ -6,13 +6,14 @@ Import this module inside the function that needs it: it loads numba.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from lpvid._compiling import njit
 
 STATE_LIMIT = 1e100
 """states beyond this have diverged, whatever the output says."""
 
 
-@njit(cache=True)
+@njit()
 def mixed(stack, weights, out):
     """out = Σ_m weights[m] stack[m] for a stack (M, rows, columns)."""
     out[:] = 0.0
@@ -24,7 +25,7 @@ def mixed(stack, weights, out):
                     out[i, j] += w * stack[m, i, j]
 
 
-@njit(cache=True)
+@njit()
 def predictor_run(matrices, phi, u, y, x0, influenced, limit, output, influence):
     """Output of x⁺ = A x + B u + f + K (y − ŷ), ŷ = C x + D u + g from x0, and its derivative to x0.
 
@@ -86,7 +87,7 @@ def predictor_run(matrices, phi, u, y, x0, influenced, limit, output, influence)
     return -1
 
 
-@njit(cache=True)
+@njit()
 def states_run(matrices, phi, u, x0, states):
     """States x(0) … x(n−1) of the free run, written into states (n, nx)."""
     A, B, _, _, f, _, _ = matrices
@@ -106,7 +107,7 @@ def states_run(matrices, phi, u, x0, states):
             states[k + 1, i] = total
 
 
-@njit(cache=True)
+@njit()
 def sensitivity_rows(matrices, phi, u, y, table, weight, x, moved, first, last, block, row0):
     """Rows of [∂ŷ/∂x0, ∂ŷ/∂θ, ŷ − y] of samples first … last−1, output by output, times `weight` (ny,).
 
@@ -170,7 +171,7 @@ def sensitivity_rows(matrices, phi, u, y, table, weight, x, moved, first, last, 
             block[width, row] = weight[o] * error[o]
 
 
-@njit(cache=True)
+@njit()
 def _product(left, right, out):
     """out = left @ right, running along the long axis."""
     for i in range(left.shape[0]):
@@ -183,7 +184,7 @@ def _product(left, right, out):
                     target[q] += w * source[q]
 
 
-@njit(cache=True)
+@njit()
 def _signal(array, column, x, u, error):
     """What the coefficient of one entry multiplies: a state, an input, the innovation −error, or 1."""
     if array == 0 or array == 4:

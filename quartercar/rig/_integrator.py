@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from lpvid._compiling import njit
 
 GAMMA = 1.0 - math.sqrt(0.5)
 LAYOUT = 3881273693
@@ -19,7 +20,7 @@ LAYOUT = 3881273693
 fields changes this number (a test tells it), and with it what is cached."""
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def integrate(x, v, command, physics, dt, out):
     """March the damper over displacement x, velocity v and driver current (n,) each; rows of `out` (6, n):
 
@@ -74,7 +75,7 @@ def integrate(x, v, command, physics, dt, out):
         out[5, k] = deflection
 
 
-@njit(cache=True)
+@njit()
 def _parts(p, dt):
     """Substeps of a step: enough that k/c beyond the yield stays below 1/(2 substep), at most 8."""
     softest = p.viscous * p.relief_slope * p.compliance
@@ -83,7 +84,7 @@ def _parts(p, dt):
     return 8 if softest <= 0.25 * dt else max(1, math.ceil(2.0 * dt / softest))
 
 
-@njit(cache=True)
+@njit()
 def second_order(signal, frequency, damping, dt, out):
     """ω²/(s² + 2ζωs + ω²) by the trapezoidal rule, started at rest on the first sample."""
     state = np.zeros(2)
@@ -92,7 +93,7 @@ def second_order(signal, frequency, damping, dt, out):
         out[k] = _oscillator(state, signal[k], frequency, damping, dt)
 
 
-@njit(cache=True)
+@njit()
 def _oscillator(state, target, frequency, damping, dt):
     """One trapezoidal step of q̈ + 2ζω q̇ + ω² q = ω² target; the input is held over the step."""
     omega = 2.0 * math.pi * frequency
@@ -106,7 +107,7 @@ def _oscillator(state, target, frequency, damping, dt):
     return state[0]
 
 
-@njit(cache=True)
+@njit()
 def _lag(state, target, rise, fall, dt):
     """Exact first-order step towards a held target, with a time constant for each direction."""
     tau = rise if target > state else fall
@@ -115,7 +116,7 @@ def _lag(state, target, rise, fall, dt):
     return target + (state - target) * math.exp(-dt / tau)
 
 
-@njit(cache=True)
+@njit()
 def _yield_force(current, p):
     i = max(current, 0.0)
     if p.current_limit > 0.0:
@@ -127,7 +128,7 @@ def _yield_force(current, p):
     return max(force, 0.0)
 
 
-@njit(cache=True)
+@njit()
 def _hydraulic(s, c, p):
     """Hydraulic force and slope at fluid speed s ≥ 0."""
     if p.exponent == 1.0:
@@ -153,12 +154,12 @@ def _hydraulic(s, c, p):
     return force, slope
 
 
-@njit(cache=True)
+@njit()
 def _side(w, p):
     return p.asymmetry if w > 0.0 else 1.0
 
 
-@njit(cache=True)
+@njit()
 def _static(w, c, gain, fade, p):
     """Force and slope of hydraulics and yield at fluid speed w."""
     scale = fade * _side(w, p)
@@ -168,7 +169,7 @@ def _static(w, c, gain, fade, p):
     return scale * (signed + gain * t), scale * (slope + gain * (1.0 - t * t) / p.yield_speed)
 
 
-@njit(cache=True)
+@njit()
 def _deflection(force, p):
     """Series deflection and its slope: compliance, compressed air, backlash taken up within 5 N."""
     d, slope = p.compliance * force, p.compliance
@@ -184,7 +185,7 @@ def _deflection(force, p):
     return d, slope
 
 
-@njit(cache=True)
+@njit()
 def _stage(target, h, guess, c, gain, fade, floor, void, p):
     """Root w of D(max(F_s(w), floor)) + h w = target, and the force there; an open void holds the force at `floor`."""
     if void > 0.0:
@@ -214,7 +215,7 @@ def _stage(target, h, guess, c, gain, fade, floor, void, p):
     return w, force
 
 
-@njit(cache=True)
+@njit()
 def _next_void(void, force, w, c, gain, fade, floor, dt, p):
     """Stroke of vapour [m]: grows by what the fluid at the broken pressure cannot fill, shrinks by what it can."""
     if void == 0.0 and force > floor:
@@ -231,7 +232,7 @@ def _next_void(void, force, w, c, gain, fade, floor, dt, p):
     return max(void + dt * (0.5 * (low + high) - w), 0.0)
 
 
-@njit(cache=True)
+@njit()
 def _parallel(x, v, p):
     """Friction, gas and end stops."""
     force = 0.0

@@ -1,0 +1,35 @@
+"""Compile a kernel with numba, kept on disk where there is a folder to keep it in.
+
+Import this module inside the function that needs it: it loads numba.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+
+
+def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """`numba.njit(cache=True, …)`; where neither the package nor the user's folder can be written, without the cache.
+
+    The kernel is then compiled anew by every process, which costs a few seconds and changes no number.
+
+    Parameters
+    ----------
+    **options
+        As for `numba.njit`.
+
+    Returns
+    -------
+    callable
+        The decorator.
+    """
+    def compiled(function: Callable[..., Any]) -> Any:
+        try:
+            return numba.njit(cache=True, **options)(function)
+        except RuntimeError:  # no place for the cache: an installation for all users, no home
+            return numba.njit(**options)(function)
+
+    return compiled
