@@ -35,7 +35,7 @@ def read_table(path: Path) -> Table:
         if stream.read(3) != b"MDF":
             raise corrupt(where, "MDF", ValueError("the file does not begin with MDF"))
     try:
-        from asammdf import MDF
+        from asammdf import MDF  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise without_library(where, "asammdf") from None
     try:

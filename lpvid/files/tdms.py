@@ -33,7 +33,7 @@ def read_table(path: Path) -> Table:
     """
     where = str(path)
     try:
-        from nptdms import TdmsFile
+        from nptdms import TdmsFile  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise without_library(where, "npTDMS") from None
     try:
