@@ -13,7 +13,7 @@ from lpvid.timebase import JITTER_LIMIT
 def jitter(view: View) -> Iterator[Finding]:
     """Sampling intervals that differ by more than 1 % rms."""
     base = view.record.time_base
-    if base.n_samples > 2 and not base.invalid and not base.steady:
+    if base.n_samples > 2 and not base.invalid and not base.steady and base.period > 0:
         yield Finding("jitter", view.name, "", "fault",
                       f"sampling intervals deviate by {100 * base.jitter_rms:.3g} % rms, {100 * base.jitter_max:.3g} % "
                       f"at most, of {1e3 * base.period:.6g} ms", f"--sample-rate {1 / base.period:.4g}",

@@ -57,8 +57,10 @@ def _moving(having: Sequence[View], name: str, unit: str, low: float, high: floa
             total += moved.size
     kind = f"{levels} levels" if levels else "continuous"
     share = 100 * moving / max(total, 1)
-    evidence = (f"{low:.4g} … {high:.4g} {unit}".rstrip() + f", {kind}, up to {max(rates):.3g} {unit}/s with its noise,"
-                f" moves by over 2 % of its range within {1e3 * _MOTION:g} ms for {share:.0f} % of the time")
+    evidence = f"{low:.4g} … {high:.4g} {unit}".rstrip() + f", {kind}"
+    evidence += (f", up to {max(rates):.3g} {unit}/s with its noise, moves by over 2 % of its range within "
+                 f"{1e3 * _MOTION:g} ms for {share:.0f} % of the time" if total else
+                 "; no steady stretch long enough to tell how fast it moves")
     mend = "two levels carry no more than a first-degree polynomial" if levels == 2 else ""
     return Finding("scheduling-excitation", lone, name, "note", evidence, mend, high - low)
 

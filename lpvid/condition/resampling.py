@@ -14,6 +14,8 @@ PASSBAND = 0.4
 """highest frequency kept within 1e-3, as a share of the lower of the two sampling rates."""
 SAME_RATE = 1e-4
 """relative difference below which two sampling rates, or a rate and a whole multiple of another, are one."""
+_LARGEST = 2**28
+"""Samples times channels, 2 GB, above which a new rate is taken for a slip."""
 _HALF_WIDTH = 25
 _KAISER_BETA = 7.857
 _TABLE = 1024
@@ -67,7 +69,11 @@ def resample(record: Record, sample_rate: float) -> Record:
     whole = max(round(step), 1)
     if step > 1 and abs(step - whole) <= SAME_RATE * whole:
         step = float(whole)
-    positions = step * np.arange(int(np.floor((uniform.n_samples - 1) / step + 1e-9)) + 1)
+    wanted = (uniform.n_samples - 1) / step + 1
+    if wanted * len(uniform.channels) > _LARGEST:
+        raise InputError(f"record '{record.name}' cannot be resampled to {sample_rate:.6g} Hz",
+                         got=f"{wanted:.3g} samples of {len(uniform.channels)} channel(s)", mend="a lower rate")
+    positions = step * np.arange(int(np.floor(wanted + 1e-9)))
     new = _interpolate_runs(np.column_stack([c.values for c in uniform.channels.values()]), positions, max(step, 1.0))
     channels = {k: replace(c, values=new[:, i]) for i, (k, c) in enumerate(uniform.channels.items())}
     said = f"resampled from {old_rate:.6g} Hz to {sample_rate:.6g} Hz (anti-aliased, zero phase)"
@@ -141,7 +147,12 @@ def interpolate(values: np.ndarray, positions: np.ndarray, width: float = 1.0, c
         return np.repeat(values, positions.size, axis=0)
     half = int(np.ceil(_HALF_WIDTH * width))
     padded = np.pad(values, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")
-    step = positions[1] - positions[0] if positions.size > 1 else 1.0
+    if positions.size == 1:
+        offset = np.arange(padded.shape[0]) - half - positions[0]
+        near = np.abs(offset) <= half
+        weights = _kernel(offset[near], width, cutoff)
+        return (weights @ padded[near] / weights.sum())[None, :]
+    step = positions[1] - positions[0]
     if positions[0] == 0 and step == round(step) and np.array_equal(positions, step * np.arange(positions.size)):
         return _on_grid(padded, int(step), half, width, cutoff)[: positions.size]
     return _off_grid(padded, positions, half, width, cutoff)

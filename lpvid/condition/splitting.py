@@ -55,7 +55,9 @@ def split_tail(record: Record, fraction: float = 1 / 3) -> tuple[Record, Record]
     share = Fraction(_checks.real(fraction, "fraction")).limit_denominator(10_000)
     cut = int((1 - share) * record.n_samples)
     if not 0 < cut < record.n_samples:
-        raise InputError("fraction must leave samples on both sides", got=f"{fraction:g} of {record.n_samples} samples")
+        raise InputError(f"record '{record.name}' cannot be split: a held-out share must leave samples on both sides",
+                         got=f"{fraction:g} of {record.n_samples} samples",
+                         mend="another share, or a longer record")
     return record.slice(0, cut), record.slice(cut, record.n_samples)
 
 

@@ -17,7 +17,7 @@ SIZE_LIMIT = 4 * 2**30
 """Bytes of samples above which a file is refused."""
 DEFLATE_RATIO = 1100
 """Deflate cannot pack tighter than 1032:1; a file that claims more than this times its size is lying."""
-_MEND_TIME = "add a column 'time [s]', or state the rate: read(..., sample_rate=HZ)"
+_MEND_TIME = "add a column 'time [s]', or state the rate: --sample-rate HZ, in Python read(..., sample_rate=HZ)"
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,4 +51,5 @@ def choose_delay(records: Record | Sequence[Record], structure: ARX, *, candidat
     least = min(cost for cost, _ in tried)
     chosen = [candidate for cost, candidate in tried if cost <= 1.02 * least][-1]
     listing = ", ".join(f"nk={c.delay[0]} {'diverges' if e == float('inf') else f'{e:.4g}'}" for e, c in tried)
-    return chosen, f"delay chosen by training free-run ESR: {listing}; took nk={chosen.delay[0]}"
+    late = "" if min(tried, key=lambda t: t[0])[1] is chosen else ", the latest within 2 % of the least"
+    return chosen, f"delay chosen by training free-run ESR: {listing}; took nk={chosen.delay[0]}{late}"

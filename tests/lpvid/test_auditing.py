@@ -101,6 +101,19 @@ def test_clock_faults() -> None:
         assert "row 1001" in found.of(name)[0].evidence
 
 
+def test_a_clock_that_cannot_be_told_yields_no_figures() -> None:
+    """Time all backward has no period; unsteady time has no rate at which the scheduling moves."""
+    grid = PERIOD * np.arange(N)
+    rng = np.random.default_rng(2)
+    for stamps in (grid[::-1].copy(), grid + rng.uniform(-0.4, 0.4, N) * PERIOD):
+        found = audit(restamped(stamps))
+        shown = str(found)
+        assert "nan" not in shown
+        (moving,) = found.of("scheduling-excitation")
+        assert "no steady stretch" in moving.evidence
+        assert "up to" not in moving.evidence
+
+
 def test_rounded_stamps_are_a_note_and_no_jitter() -> None:
     record = clean(period=1 / 3004.8)
     found = audit(Record(record.channels, time=np.round(np.arange(N) / 3004.8, 4)))

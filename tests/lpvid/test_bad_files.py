@@ -56,7 +56,7 @@ def refused(path, *parts: str, **options) -> str:
     ("time [m],x\n0,1\n1,2\n", ["'m'", "not one of time"]),
     ("time [ticks],x\n0,1\n1,2\n", ["'ticks'", "not one of time"]),
     ("time [Hz],x\n0,1\n1,2\n", ["not one of time"]),
-    ("distance [m],height [m]\n0,1\n1,2\n", ["no time column", "distance, height", "sample_rate=HZ"]),
+    ("distance [m],height [m]\n0,1\n1,2\n", ["no time column", "distance, height", "--sample-rate HZ"]),
     (b"\x00\x01\x02binary\xff\xfe" * 50, ["not text"]),
     (b"\xff\xfe\x00", ["not text"]),
     (b"PAR1\x00\x00", ["not text"]),

@@ -362,3 +362,22 @@ def test_random_damper_at_a_sixth_of_its_rate_and_its_unknown_unit(shared_data: 
     assert abs(piece["force"].mean() - records[0]["force"].mean()) < 1.0
     with pytest.raises(InputError, match="'acceleration': unknown unit: got 'raw'"):
         segments(records, ["acceleration", "force"])
+
+
+# -- slips of the hand ----------------------------------------------------------------------------------------------
+def test_a_rate_that_is_a_slip_is_refused_before_any_memory_is_taken() -> None:
+    record = Record({"x": np.arange(3000.0)}, sample_time=0.002, name="run")
+    with pytest.raises(InputError, match=r"'run' cannot be resampled to 1e\+09 Hz: got 6e\+09 samples .*lower rate"):
+        resample(record, 1e9)
+
+
+def test_a_rate_so_low_that_one_sample_is_left_is_quick() -> None:
+    """The one sample is the local mean; of a constant it is that constant."""
+    left = resample(Record({"x": np.full(3000, 2.5)}, sample_time=0.002), 0.1)
+    assert left.n_samples == 1
+    assert left["x"][0] == pytest.approx(2.5)
+
+
+def test_a_split_that_leaves_nothing_names_the_record() -> None:
+    with pytest.raises(InputError, match=r"record 'run' cannot be split.*got 0\.9999 of 30 samples.*another share"):
+        split_tail(Record({"x": np.arange(30.0)}, sample_time=0.1, name="run"), 0.9999)

@@ -36,8 +36,10 @@ def test_everything_else_of_the_structure_stays(rng: np.random.Generator) -> Non
 
 def test_ties_go_to_the_later_delay(rng: np.random.Generator) -> None:
     """Two lags catch a delay of 1 as lags (0, 1) and as lags (1, 2): no difference, so strictly proper wins."""
-    chosen, _ = choose_delay([delayed(rng, 1, 6000)], ARX(na=1, nb=2, input="u", output="y"), candidates=(0, 1))
+    chosen, note = choose_delay([delayed(rng, 1, 6000)], ARX(na=1, nb=2, input="u", output="y"), candidates=(0, 1))
     assert chosen.delay == (1,)
+    costs = [float(part.split()[1].rstrip(",;")) for part in note.split("nk=")[1:3]]
+    assert note.endswith(", the latest within 2 % of the least") == (costs[1] > costs[0])
 
 
 def test_the_order_of_candidates_does_not_matter(rng: np.random.Generator) -> None:
