@@ -86,6 +86,9 @@ class CriticalLine:
         line = self.line
         span = f"{line.label} from {line.low:.6g} to {line.text(line.high)}"
         rows = [f"{'frozen-stable over' if self.stable else 'NOT frozen-stable everywhere over'} {span}"]
+        held = ", ".join(f"{x:.4g}" for x, d in zip(line.origin, line.direction, strict=True) if d == 0)
+        if held:
+            rows[0] += f", the other variables held at {held}"
         rows += [f"  {v}{'' if line.low <= v.value <= line.high else ', outside the range'}"
                  for v in self.values] or ["  no value changes the stability"]
         shown = ", ".join(f"({a:.6g}, {b:.6g})" for a, b in self.stable_intervals)

@@ -62,6 +62,8 @@ class Choice:
         rows = self.selection.table
         lines = [f"chosen from {len(rows)} structures by free-run error in {self.selection.folds}-fold "
                  "cross-validation of the training data"]
+        if not self.selection.complete:
+            lines[0] = "INTERRUPTED, the ranking is not complete: " + lines[0]
         lines += [f"  {i:2d}. {row}" for i, row in enumerate(rows[:SHOWN], start=1)]
         if len(rows) > SHOWN:
             lines.append(f"      and {len(rows) - SHOWN} more: see selection.json")
@@ -95,6 +97,10 @@ def choose(request: Request, training: Sequence[Record], held_out: Sequence[Reco
                  held_out=held_out or None, progress=lambda done, total, text: say(f"{text} ({done} done)"))
     if found.identification is None:
         raise KeyboardInterrupt
+    if not found.complete:
+        import sys
+
+        print("interrupted: what was ranked so far is kept; the result says that it is not complete", file=sys.stderr)
     say("estimating the noise")
     try:
         ceiling, percent = _ceiling(request, found, training, held_out)

@@ -96,7 +96,7 @@ def _draw(results: Results, study: Study) -> None:
         return  # bounded by construction: there are no poles to draw
     if not found.loci:
         discrete = found.model.sample_time is not None
-        results.bytes("locus.png", plot.png(plot.poles(found.model.frozen_poles([]), discrete)))
+        results.bytes("locus.png", plot.png(plot.poles(found.model.frozen_poles(found.model.box.centre), discrete)))
     for i, (locus, band) in enumerate(found.loci):
         name = "locus.png" if i == 0 else f"locus-{i + 1}.png"
         results.bytes(name, plot.png(plot.locus(locus, band, found.frozen.critical)))

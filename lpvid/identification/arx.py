@@ -86,6 +86,11 @@ class ARX(Structure):
         if shared:
             raise InputError("a channel cannot be input and output at once", got=", ".join(sorted(shared)),
                              mend="leave it out of the one or the other; past outputs enter by na")
+        own = set(self.output) & set(self.basis.names)
+        if own:
+            raise InputError("the coefficients depend on the output itself", got=", ".join(sorted(own)),
+                             why="in free run that output is simulated, not measured",
+                             mend="schedule on another channel, or use QuasiLPV (--structure quasi)")
         _checks.count(self.na, "na")
         _checks.count(self.affine, "affine")
         set_(self, "nb", _checks.counts(self.nb, len(self.input), "nb", at_least=1))

@@ -449,3 +449,8 @@ def test_memory_does_not_grow_with_the_record(rng: np.random.Generator) -> None:
     tracemalloc.stop()
     assert estimate < 40e6
     assert whole < 100e6
+
+
+def test_scheduling_on_the_output_is_refused() -> None:
+    with pytest.raises(InputError, match="quasi"):
+        ARX(input="u", output="y", basis=Polynomial("y", degree=1))
