@@ -44,8 +44,8 @@ def sandwich_covariance(records: Sequence[Record], data: RegressionData, factor:
     from scipy.linalg import solve_triangular
 
     k, ny = factor.columns, theta.shape[1]
-    length = min(max(3 * memory, SHORTEST), factor.rows // max(BLOCKS, BLOCKS_PER_PARAMETER * k))
-    if length < max(memory, SHORTEST):
+    length = block_length(memory, factor.rows, k)
+    if length is None:
         return None
     with single_thread():
         inverse = solve_triangular(factor.r[:k, :k], np.eye(k))
@@ -68,6 +68,12 @@ def sandwich_covariance(records: Sequence[Record], data: RegressionData, factor:
         outer = np.kron(np.eye(ny), gram)
         scale = factor.rows / (length * max(blocks - 1, 1)) * factor.rows / max(factor.rows - k, 1)
         return outer @ total @ outer * scale
+
+
+def block_length(memory: int, samples: int, parameters: int) -> int | None:
+    """Samples in a block of scores: three times the residual's memory; None where that leaves too few blocks."""
+    length = min(max(3 * memory, SHORTEST), samples // max(BLOCKS, BLOCKS_PER_PARAMETER * parameters))
+    return length if length >= max(memory, SHORTEST) else None
 
 
 def residual_memory(residuals: Sequence[np.ndarray], longest: int = 200) -> int:

@@ -84,7 +84,7 @@ def package(structure: Structure, search: Search, layout: StateSpaceLayout, reco
         said.append(f"{100 * unstable:.2g} % of the training samples have a frozen pole outside the unit circle: "
                     "the run is bounded there by the motion of the scheduling, not by the model")
     return Identification(model, structure, layout, sure.covariance, sure.condition, sure.condition,
-                          search.data.rows, notes=tuple(said), covariance_kind="projected Jacobian, white errors")
+                          search.data.rows, notes=tuple(said), covariance_kind=sure.kind)
 
 
 def unstable_share(model: LPVStateSpace, search: Search) -> float:

@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid._threads import single_thread
+from lpvid.identification.sandwich import block_length, residual_memory
 from lpvid.identification.state_space_layout import StateSpaceLayout, stacks
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.record import Record
 from lpvid.simulation import _outputs, _signals
+from lpvid.validation import residual_tests
 
 INFLUENCED = 5000
 """samples of a record to which its initial state is fitted."""
@@ -318,10 +320,15 @@ class Precision:
     noise: np.ndarray
     condition: float
     free: int
+    kind: str = "projected Jacobian, white errors"
 
 
 def precision(search: Search, layout: StateSpaceLayout, *, free_coordinates: bool = True) -> Precision:
-    """Covariance through the projected Jacobian, for errors that are white; zero along a change of coordinates."""
+    """Covariance through the projected Jacobian, zero along a change of coordinates.
+
+    For white errors σ² (JᵀJ)⁺. Where the whiteness test fails and the data are long enough, the sandwich
+    (JᵀJ)⁺ S (JᵀJ)⁺ with S from sums of the scores over blocks (`sandwich`), the initial states held.
+    """
     model, data = search.model, search.data
     with single_thread():
         factor = linearise(model, layout, data, search.evaluation.starts)
@@ -330,9 +337,37 @@ def precision(search: Search, layout: StateSpaceLayout, *, free_coordinates: boo
         lost = local.singular.size + model.order * len(data.pieces)
         freedom = max(data.rows - lost, 1)
         covariance, free = local.covariance(search.evaluation.cost / freedom)
+        kind = Precision.kind
+        series = [e[:, o] for e in search.evaluation.errors for o in range(e.shape[1])]
+        length = block_length(residual_memory(series), data.rows // model.n_outputs, free)
+        white = all(t.passed for t in residual_tests(series, [None] * len(series)))
+        if length is not None and not white:
+            inverse, _ = local.covariance(1.0)
+            middle = _scores(model, layout, data, search.evaluation.starts, length) * (data.rows / freedom)
+            covariance, kind = inverse @ middle @ inverse, "projected Jacobian, sandwich over coloured errors"
     errors = np.vstack(search.evaluation.errors)
     noise = errors.T @ errors / max(len(errors) - lost / errors.shape[1], 1.0)
-    return Precision(covariance, noise, local.condition, free)
+    return Precision(covariance, noise, local.condition, free, kind)
+
+
+def _scores(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, starts: Sequence[np.ndarray],
+            length: int) -> np.ndarray:
+    """(k, k) long-run sum of products of the scores Jᵀe, from sums over blocks of `length` samples."""
+    from lpvid._state_space_kernels import sensitivity_rows
+
+    arrays, table = stacks(model), np.array(layout.table)
+    nx, ny, k = model.order, model.n_outputs, layout.size
+    total, used, every = np.zeros((k, k)), 0, 0
+    block = np.zeros((nx + k + 1, length * ny))
+    for (phi, u, y), x0 in zip(data.pieces, starts, strict=True):
+        x, moved = x0.copy(), np.hstack([np.eye(nx), np.zeros((nx, k))])
+        every += len(y)
+        for first in range(0, len(y) - length + 1, length):
+            sensitivity_rows(arrays, phi, u, y, table, data.weight, x, moved, first, first + length, block, 0)
+            score = block[nx: nx + k] @ block[nx + k]
+            total += np.outer(score, score)
+            used += length
+    return total * (every / max(used, 1))
 
 
 def bounded(model: LPVStateSpace, data: SearchData) -> tuple[LPVStateSpace, float]:

@@ -307,3 +307,24 @@ def test_gyroscope(shared_data: Path) -> None:
 @pytest.mark.parametrize("order", [3, 4, 5, 6])
 def test_gyroscope_with_every_start(shared_data: Path, order: int) -> None:
     assert gyroscope_fit(shared_data, order, from_least_squares=False) >= 93
+
+
+def test_coloured_errors_get_wider_standard_errors() -> None:
+    """Output noise AR(1) 0.9 on a first-order plant with slow input: the sandwich covers the truth's gain."""
+    from scipy.signal import lfilter
+
+    truth, scores = 2.0, []
+    for seed in range(25):
+        rng = np.random.default_rng(100 + seed)
+        u = lfilter([1.0], [1, -0.9], rng.normal(size=4000))
+        y = lfilter([0, 0.6], [1, -0.7], u) + lfilter([0.5], [1, -0.9], rng.normal(size=4000))
+        found = lpv.identify(lpv.Record({"u": u, "y": y}, sample_time=0.01),
+                             StateSpaceError(order=1, input="u", output="y"))
+        a, b, c, d = found.model.frozen([])
+        gain = float((c @ np.linalg.solve(np.eye(1) - a, b) + d)[0, 0])
+        assert "sandwich" in found.covariance_kind
+        draws = found.draw(rng, 200)
+        frozen = [m.frozen([]) for m in draws]
+        gains = [float((C @ np.linalg.solve(np.eye(1) - A, B) + D)[0, 0]) for A, B, C, D in frozen]
+        scores.append((gain - truth) / np.std(gains))
+    assert 0.6 < np.std(scores) < 1.5
