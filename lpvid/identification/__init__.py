@@ -58,7 +58,7 @@ def identify(records: Record | Sequence[Record], structure: Structure, *, sample
     ...     y[k] = (0.5 + 0.2 * p[k]) * y[k - 1] + u[k - 1]
     >>> record = Record({"u": u, "p": p, "y": y}, sample_time=0.01)
     >>> found = identify(record, ARX(na=1, nb=1, input="u", output="y", basis=Polynomial("p", degree=1)))
-    >>> found.model.frozen_poles([1.0]).round(6)
+    >>> found.model.frozen_poles([1.0]).real.round(6)
     array([0.7])
     """
     listed = [records] if isinstance(records, Record) else list(records)

@@ -42,7 +42,7 @@ class OutputError(PredictionError):
     >>> record = Record({"u": u, "p": p, "y": x + 0.01 * rng.normal(size=600)}, sample_time=0.01)
     >>> from lpvid.scheduling import Polynomial
     >>> found = identify(record, OutputError(na=1, nb=1, input="u", output="y", basis=Polynomial("p", degree=1)))
-    >>> found.model.frozen_poles([1.0]).round(2)
+    >>> found.model.frozen_poles([1.0]).real.round(2)
     array([0.8])
     """
 
