@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid import _checks
+from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
 from lpvid.model.quasi import SelfScheduled
 from lpvid.model.signals import Signal
@@ -16,8 +17,6 @@ from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 
 Model = LPVTransferFunction | LPVStateSpace | SelfScheduled
-RATE_TOLERANCE = 1e-3
-"""relative difference of sampling periods that still counts as the same rate."""
 SPAN = 16_384
 """samples for which the basis is evaluated at once."""
 DIVERGED = 1e9

@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid._threads import single_thread
 from lpvid.condition import segments
+from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
 from lpvid.identification.arx import ARX
 from lpvid.identification.recursive import Recursive, RecursiveEstimator, packaged
@@ -17,9 +18,6 @@ from lpvid.identification.result import Identification
 from lpvid.identification.row_stream import RowStream
 from lpvid.record import Record
 from lpvid.scheduling import Scheduling
-
-RATE_TOLERANCE = 1e-3
-"""relative difference of the sampling periods of two chunks that still counts as one rate."""
 
 
 def identify_stream(chunks: Iterable[Record], structure: ARX | Recursive, *, box: Scheduling | None = None,

@@ -8,10 +8,11 @@ import numpy as np
 
 from lpvid import plot
 from lpvid.condition import segments, with_velocity
+from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.plot import Comparison
 from lpvid.record import Record
 from lpvid.report.page import Figure, Item, Mark, Table, number, percent
-from lpvid.simulation import RATE_TOLERANCE, Model
+from lpvid.simulation import Model
 from lpvid.validation import Validation
 
 LOOP_CHANNELS = ("velocity", "displacement")

@@ -9,13 +9,14 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.condition import segments, with_velocity
+from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
 from lpvid.familiar import familiar
 from lpvid.model.hull import outside_share
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
-from lpvid.simulation import RATE_TOLERANCE, Model, predict, simulate
+from lpvid.simulation import Model, predict, simulate
 from lpvid.validation.figures import Figures, Pair, Pool, RecordFigures
 from lpvid.validation.regimes import Regime, Stretch, regimes
 from lpvid.validation.residuals import Instrument, ResidualTest, residual_of, residual_tests
