@@ -1,0 +1,363 @@
+"""Damper: the contract of every damper model, and the two families that most of them belong to."""
+
+from __future__ import annotations
+
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.record import Record
+from lpvid.simulation import Simulation
+from quartercar.dampers.drive import Drive
+from quartercar.dampers.parameter import Parameter
+
+if TYPE_CHECKING:
+    from quartercar.dampers.energy import Cycle
+    from quartercar.dampers.facts import Facts
+    from quartercar.dampers.fitting import DamperFit, FitSettings
+    from quartercar.dampers.passivity import Passivity
+
+COMPLEX_STEP = 1e-30
+"""imaginary part, relative to a parameter, by which exact derivatives are taken."""
+
+
+class ExtrapolationWarning(UserWarning):
+    """A model is asked for currents outside the range it was fitted on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run(Simulation):
+    """A free run of a damper.
+
+    Attributes
+    ----------
+    extrapolation_share : float
+        Share of the samples whose current lies outside the fitted range.
+    """
+
+    extrapolation_share: float = 0.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Damper(ABC):
+    """A damper model: a law with named parameters, from motion and current to force.
+
+    Extension and tension are positive: a passive damper has mean(F·v) > 0 and a gas preload is a negative force.
+    `force`, `response` and `static_force` speak of the damper; `simulate` speaks of the record, so that it turns the
+    sign of a model that was fitted to a record of reversed polarity.
+
+    Attributes
+    ----------
+    values : mapping of str to float
+        Parameters by name, SI; those left out take their defaults.
+    current_range : (float, float) or None
+        Currents that the fit has seen.
+    current_unit : str
+        Unit of what schedules the model: ``"A"``, ``"V"`` or ``"1"`` (duty).
+    centre : float
+        Displacement of the record that the model calls zero [m].
+    polarity : {1, −1}
+        −1 where the record's force is measured against the velocity; stated wherever it matters.
+    metadata : mapping
+    """
+
+    name: ClassVar[str]
+    """in kebab case, as on the command line"""
+    title: ClassVar[str]
+    """as in a table"""
+    source: ClassVar[str]
+    """paper and equation"""
+
+    values: Mapping[str, float] = field(default_factory=dict)
+    current_range: tuple[float, float] | None = None
+    current_unit: str = "A"
+    centre: float = 0.0
+    polarity: int = 1
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        set_ = object.__setattr__
+        self.check_settings()
+        known = {p.name: p for p in self.parameters}
+        for name in self.values:
+            _checks.known_name(name, list(known), f"parameter of {self.name}")
+        set_(self, "values", MappingProxyType({n: p.checked(self.values.get(n, p.default)) for n, p in known.items()}))
+        if self.polarity not in (1, -1):
+            raise InputError("polarity is 1 or -1", got=self.polarity)
+        if self.current_range is not None:
+            set_(self, "current_range", (float(self.current_range[0]), float(self.current_range[1])))
+
+    # -- what a model says of itself ---------------------------------------------------------------------------------
+    @abstractmethod
+    def check_settings(self) -> None:
+        """Refuse settings (orders, tables, degrees) that make no model; called before the parameters are read."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Every parameter with its unit, bounds and default, in the order of `vector`."""
+
+    @property
+    @abstractmethod
+    def reads(self) -> tuple[str, ...]:
+        """Roles that it needs of a record, of ``displacement``, ``velocity``, ``current``."""
+
+    @property
+    @abstractmethod
+    def start(self) -> int:
+        """Samples at the head of a record that a free run takes from the measurement."""
+
+    @classmethod
+    @abstractmethod
+    def suited(cls, facts: Facts) -> Damper:
+        """The structure of this kind that these data allow.
+
+        Raises
+        ------
+        InputError
+            Why this kind cannot be fitted to these data.
+        """
+
+    @abstractmethod
+    def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+        """(n,) force [N] along a drive with the parameters in `vector`, of that array's type (float or complex)."""
+
+    @abstractmethod
+    def conservative_force(self, displacement: np.ndarray) -> np.ndarray:
+        """(n,) force that depends on displacement alone: gas spring and preload [N]."""
+
+    @abstractmethod
+    def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
+        """(n,) force at constant velocities, once everything has settled [N]."""
+
+    @abstractmethod
+    def to_lpv(self, sample_time: float) -> Any:
+        """The model as an LPV model of `lpvid`, where one exists; InputError where none does."""
+
+    # -- parameters --------------------------------------------------------------------------------------------------
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Parameter names, in order."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def vector(self) -> np.ndarray:
+        """(P,) parameters."""
+        return np.array([self.values[n] for n in self.names])
+
+    def with_vector(self, vector: np.ndarray) -> Self:
+        """The same model with other parameters."""
+        return replace(self, values=dict(zip(self.names, map(float, vector), strict=True)))
+
+    def with_values(self, **values: float) -> Self:
+        """The same model with some parameters replaced."""
+        return replace(self, values={**self.values, **values})
+
+    def replace(self, **changes: Any) -> Self:
+        """A copy with some fields changed."""
+        return replace(self, **changes)
+
+    # -- running -----------------------------------------------------------------------------------------------------
+    def drive(self, record: Record, force: bool = False) -> Drive:
+        """What this model reads of a record."""
+        return Drive.of(record, self.reads, force, self.centre, self.polarity)
+
+    def simulate(self, record: Record) -> Run:
+        """Free run along a record: its motion and current, never its force but for the first `start` samples.
+
+        Parameters
+        ----------
+        record : Record
+            Uniform, with the roles in `reads`.
+
+        Returns
+        -------
+        Run
+            In the polarity of the record.
+
+        Raises
+        ------
+        InputError
+            A missing channel, NaN, no uniform clock.
+
+        Warns
+        -----
+        ExtrapolationWarning
+            Currents outside the range of the fit.
+        """
+        drive = self.drive(record)
+        outside = self.outside(drive.current)
+        if outside:
+            assert self.current_range is not None
+            low, high = self.current_range
+            warnings.warn(f"{self.name}: {outside:.0%} of record '{record.name}' has a current outside the fitted "
+                          f"{low:g} to {high:g} {self.current_unit}", ExtrapolationWarning, stacklevel=2)
+        with np.errstate(over="ignore", invalid="ignore"):
+            force = self.polarity * self.response(drive, self.vector)
+        bad = np.flatnonzero(~np.isfinite(force))
+        diverged = int(bad[0]) if bad.size else None
+        if diverged is not None:
+            force[diverged:] = np.nan
+        begin = self.start if drive.force is not None else 0
+        origin = "first measured force" if begin else "rest"
+        return Run(force[:, None], begin, None, diverged, origin, ("force",), ("N",), drive.sample_time, outside)
+
+    def outside(self, current: np.ndarray) -> float:
+        """Share of currents outside the fitted range, with a hundredth of the range as tolerance."""
+        if self.current_range is None or "current" not in self.reads:
+            return 0.0
+        low, high = self.current_range
+        slack = 0.01 * max(high - low, abs(high), 1e-9)
+        return float(np.mean((current < low - slack) | (current > high + slack)))
+
+    # -- asking ------------------------------------------------------------------------------------------------------
+    def fit(self, records: Sequence[Record], held_out: Sequence[Record] = (),
+            settings: FitSettings | None = None) -> DamperFit:
+        """Fit to the free run along records; see `quartercar.dampers.fitting.fit`."""
+        from quartercar.dampers.fitting import fit
+
+        return fit(self, records, held_out, settings)
+
+    def cycle(self, amplitude: float, frequency: float, current: float = 0.0) -> Cycle:
+        """A steady sine cycle and its work; see `quartercar.dampers.energy.steady_cycle`."""
+        from quartercar.dampers.energy import steady_cycle
+
+        return steady_cycle(self, amplitude, frequency, current)
+
+    def energy_per_cycle(self, amplitude: float, frequency: float, current: float = 0.0) -> float:
+        """Work taken from the motion x = X sin 2πft over one steady cycle [J]; positive where energy is dissipated."""
+        return self.cycle(amplitude, frequency, current).work
+
+    def passivity(self, speed: float = 2.0) -> Passivity:
+        """Whether it only ever takes energy; see `quartercar.dampers.passivity.check_passivity`."""
+        from quartercar.dampers.passivity import check_passivity
+
+        return check_passivity(self, speed)
+
+    # -- storing -----------------------------------------------------------------------------------------------------
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Fields that a kind adds to the common ones (orders, tables, degrees)."""
+        common = {f.name for f in fields(Damper)}
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in common}
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON, with units."""
+        return {"kind": self.name, "settings": self.settings,
+                "parameters": [{"name": p.name, "value": self.values[p.name], "unit": p.unit} for p in self.parameters],
+                "current_range": None if self.current_range is None else list(self.current_range),
+                "current_unit": self.current_unit, "centre": self.centre, "polarity": self.polarity,
+                "metadata": dict(self.metadata)}
+
+    @classmethod
+    def from_dict(cls, data: Mapping) -> Self:
+        """Inverse of `to_dict`."""
+        span = data.get("current_range")
+        settings = {k: tuple(v) if isinstance(v, list) else v for k, v in data["settings"].items()}
+        return cls(**settings, values={p["name"]: p["value"] for p in data["parameters"]},
+                   current_range=None if span is None else (span[0], span[1]), current_unit=data["current_unit"],
+                   centre=data["centre"], polarity=data["polarity"], metadata=data["metadata"])
+
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{p.name}={self.values[p.name]:.4g}{' ' + p.unit if p.unit else ''}"
+                          for p in self.parameters[:8])
+        more = f", … {len(self.parameters)} in all" if len(self.parameters) > 8 else ""
+        turned = ", polarity reversed" if self.polarity < 0 else ""
+        return f"{type(self).__name__}({shown}{more}{turned})"
+
+
+class LawDamper(Damper):
+    """A damper with physical parameters that the search of `quartercar.dampers.fitting` can fit."""
+
+    @property
+    @abstractmethod
+    def linear(self) -> tuple[str, ...]:
+        """Parameters in which the force is affine while the others are held (variable projection); may be empty."""
+
+    @abstractmethod
+    def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+        """(n, P) derivative of `response` in every parameter, exact."""
+
+    @abstractmethod
+    def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
+        """At most `count` starting vectors, the most promising first, drawn from what the measured forces look like."""
+
+
+class StaticDamper(LawDamper):
+    """A damper without memory: force is a function of displacement, velocity and current at the same instant."""
+
+    @abstractmethod
+    def law(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
+            vector: np.ndarray) -> np.ndarray:
+        """(n,) force [N]."""
+
+    @abstractmethod
+    def law_gradient(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
+                     vector: np.ndarray) -> np.ndarray:
+        """(n, P) derivative of `law` in every parameter, analytic."""
+
+    def force(self, displacement: np.ndarray | float, velocity: np.ndarray | float,
+              current: np.ndarray | float = 0.0) -> np.ndarray:
+        """Force at displacements [m], velocities [m/s] and currents, broadcast against each other [N]."""
+        x, v, i = np.broadcast_arrays(*(np.atleast_1d(np.asarray(a, dtype=float))
+                                        for a in (displacement, velocity, current)))
+        return self.law(x.ravel(), v.ravel(), i.ravel(), self.vector).reshape(v.shape)
+
+    @property
+    def start(self) -> int:
+        return 0
+
+    def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+        return self.law(drive.displacement, drive.velocity, drive.current, vector)
+
+    def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+        return self.law_gradient(drive.displacement, drive.velocity, drive.current, vector)
+
+    def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
+        return self.force(displacement, velocity, current)
+
+
+class DynamicDamper(LawDamper):
+    """A damper with states: ż = f(z, x, v, i), F = h(z, x, v, i), motion and current linear between samples."""
+
+    @property
+    @abstractmethod
+    def states(self) -> tuple[str, ...]:
+        """Names of the states, with units, e.g. ``"z [m]"``."""
+
+    @abstractmethod
+    def rest(self, displacement: float, velocity: float, current: float, force: float | None,
+             vector: np.ndarray) -> np.ndarray:
+        """(s,) state at the start of a run: one that agrees with the measured `force`, settled where there is none."""
+
+    @abstractmethod
+    def rates(self, state: np.ndarray, displacement: float, velocity: float, current: float) -> np.ndarray:
+        """(s,) time derivative of the state."""
+
+    @abstractmethod
+    def output(self, state: np.ndarray, displacement: float, velocity: float, current: float) -> float:
+        """Force at a state [N]."""
+
+    @property
+    def start(self) -> int:
+        return 1
+
+    def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+        """By the complex step: Im F(θ + i h e_j)/h has no difference to round off, for any h.
+
+        Squire, Trapp (1998), SIAM Review 40(1), 110-112. Kernels take moduli and signs by the real part.
+        """
+        out = np.empty((drive.n_samples, vector.size))
+        for j in range(vector.size):
+            step = COMPLEX_STEP * max(abs(float(vector[j])), 1e-6)
+            moved = vector.astype(complex)
+            moved[j] += 1j * step
+            out[:, j] = self.response(drive, moved).imag / step
+        return out

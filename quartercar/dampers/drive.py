@@ -1,0 +1,108 @@
+"""Drive: what moves a damper, as plain arrays on one clock."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.record import Record
+
+ROLES = ("displacement", "velocity", "current", "force")
+"""Channel names, or roles, under which a damper looks for its signals."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """Motion, current and (where measured) force of a damper, (n,) each, uniformly sampled, linear in between.
+
+    Attributes
+    ----------
+    sample_time : float
+        [s].
+    velocity : (n,) array
+        Positive in extension [m/s].
+    displacement : (n,) array
+        Positive in extension [m]; zeros where the model does not read it.
+    current : (n,) array
+        Coil current [A], or the voltage or duty that stands for it; zeros where the model does not read it.
+    force : (n,) array or None
+        Measured force, positive in tension [N].
+    """
+
+    sample_time: float
+    velocity: np.ndarray
+    displacement: np.ndarray
+    current: np.ndarray
+    force: np.ndarray | None = None
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples."""
+        return self.velocity.size
+
+    @property
+    def times(self) -> np.ndarray:
+        """(n,) time from the first sample [s]."""
+        return self.sample_time * np.arange(self.n_samples)
+
+    @classmethod
+    def of(cls, record: Record, reads: Sequence[str], force: bool = False, centre: float = 0.0,
+           polarity: int = 1) -> Drive:
+        """The signals of a record that a model reads.
+
+        Parameters
+        ----------
+        record : Record
+            Uniform, with channels or roles named as in `ROLES`.
+        reads : sequence of str
+            Roles that the model needs, the force apart.
+        force : bool
+            Whether the measured force is needed; where not, it is taken along if there is one.
+        centre : float
+            Displacement that the model calls zero [m].
+        polarity : {1, −1}
+            Sense in which the record's force is measured; −1 turns it.
+
+        Raises
+        ------
+        InputError
+            No uniform clock, a missing channel, NaN, another unit.
+        """
+        if record.sample_time is None:
+            raise InputError(f"record '{record.name}' has no uniform clock", mend="lpvid.condition.resample")
+        n = record.n_samples
+        signals = {role: _signal(record, role) if role in reads else np.zeros(n) for role in ROLES[:3]}
+        if "displacement" in reads and centre:
+            signals["displacement"] = signals["displacement"] - centre
+        measured = _signal(record, "force") if force or record.has("force") else None
+        return cls(record.sample_time, signals["velocity"], signals["displacement"], signals["current"],
+                   None if measured is None else polarity * measured)
+
+    def head(self, samples: int) -> Drive:
+        """The first samples."""
+        return Drive(self.sample_time, self.velocity[:samples], self.displacement[:samples], self.current[:samples],
+                     None if self.force is None else self.force[:samples])
+
+
+UNITS = {"displacement": "m", "velocity": "m/s", "force": "N"}
+MENDS = {"displacement": "measure it, or fit a model that does not read it; --role displacement=CHANNEL",
+         "velocity": "lpvid.condition.with_velocity(record) derives it from displacement",
+         "current": "a model without current dependence, or --role current=CHANNEL",
+         "force": "--role force=CHANNEL"}
+
+
+def _signal(record: Record, role: str) -> np.ndarray:
+    if not record.has(role):
+        raise InputError(f"record '{record.name}' has no {role}", got=", ".join(record.channels), mend=MENDS[role])
+    channel = record.channel(role)
+    if channel.fault is not None:
+        raise InputError(f"record '{record.name}': {role} cannot be used", got=channel.fault)
+    wanted = UNITS.get(role)
+    if wanted and channel.unit not in (wanted, ""):
+        raise InputError(f"record '{record.name}': {role} has a wrong unit", got=channel.unit, why=f"{wanted} expected")
+    values = np.ascontiguousarray(channel.values)
+    return _checks.finite(values, f"record '{record.name}': {role}")

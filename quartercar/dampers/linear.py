@@ -1,0 +1,79 @@
+"""Linear: mass, viscous damper and spring in parallel, the baseline of rigs that are no dampers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from lpvid.errors import InputError
+from quartercar.dampers.contract import LawDamper
+from quartercar.dampers.drive import Drive
+from quartercar.dampers.facts import Facts
+from quartercar.dampers.parameter import Parameter
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Linear(LawDamper):
+    """F = m a + c v + k x + F_0.
+
+    The acceleration is the derivative of the sampled velocity (central differences). Without a displacement in the data
+    the spring is left out.
+
+    Attributes
+    ----------
+    spring : bool
+        Whether k x is part of it.
+    """
+
+    name: ClassVar[str] = "linear"
+    title: ClassVar[str] = "Mass, viscous, spring"
+    source: ClassVar[str] = "linear baseline"
+    spring: bool = True
+
+    def check_settings(self) -> None:
+        """Nothing to check."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        spring = (Parameter("stiffness", "N/m", "spring k", 0.0),) if self.spring else ()
+        return (Parameter("damping", "N*s/m", "viscous damping c", 1000.0, 0.0), *spring,
+                Parameter("mass", "kg", "moved mass m", 0.0, 0.0), Parameter("offset", "N", "constant F_0", 0.0))
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        return ("velocity", "displacement") if self.spring else ("velocity",)
+
+    @property
+    def linear(self) -> tuple[str, ...]:
+        return self.names
+
+    @property
+    def start(self) -> int:
+        return 0
+
+    @classmethod
+    def suited(cls, facts: Facts) -> Linear:
+        return cls(spring=facts.has_displacement, **facts.common)
+
+    def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+        return self.jacobian(drive, vector) @ vector
+
+    def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+        spring = [drive.displacement] if self.spring else []
+        return np.column_stack([drive.velocity, *spring, np.gradient(drive.velocity, drive.sample_time),
+                                np.ones(drive.n_samples)])
+
+    def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
+        return [self.vector]
+
+    def conservative_force(self, displacement: np.ndarray) -> np.ndarray:
+        return self.values.get("stiffness", 0.0) * np.asarray(displacement) + self.values["offset"]
+
+    def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
+        return self.values["damping"] * np.asarray(velocity) + self.conservative_force(np.array(displacement))
+
+    def to_lpv(self, sample_time: float):
+        raise InputError("no LPV form of 'linear'", why="it is linear and time-invariant, with an improper mass term")
