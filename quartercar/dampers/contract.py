@@ -45,7 +45,7 @@ class Run(Simulation):
     extrapolation_share: float = 0.0
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Damper(ABC):
     """A damper model: a law with named parameters, from motion and current to force.
 

@@ -15,7 +15,7 @@ from quartercar.dampers.facts import Facts
 from quartercar.dampers.parameter import Parameter
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Linear(LawDamper):
     """F = m a + c v + k x + F_0.
 
