@@ -21,7 +21,7 @@ from quartercar.dampers.parameter import Parameter
 if TYPE_CHECKING:
     from quartercar.dampers.energy import Cycle
     from quartercar.dampers.facts import Facts
-    from quartercar.dampers.fitting import DamperFit, FitSettings
+    from quartercar.dampers.fitting import DamperFit, Estimate, FitSettings
     from quartercar.dampers.passivity import Passivity
 
 COMPLEX_STEP = 1e-30
@@ -136,6 +136,10 @@ class Damper(ABC):
     @abstractmethod
     def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
         """(n,) force at constant velocities, once everything has settled [N]."""
+
+    @abstractmethod
+    def estimate(self, records: Sequence[Record], settings: FitSettings) -> Estimate:
+        """Parameters from uniform, finite records with this model's channels and a force; `fit` is the front door."""
 
     @abstractmethod
     def to_lpv(self, sample_time: float) -> Any:
@@ -275,6 +279,11 @@ class Damper(ABC):
 
 class LawDamper(Damper):
     """A damper with physical parameters that the search of `quartercar.dampers.fitting` can fit."""
+
+    def estimate(self, records: Sequence[Record], settings: FitSettings) -> Estimate:
+        from quartercar.dampers.fitting.searching import estimate_law
+
+        return estimate_law(self, [self.drive(r, force=True) for r in records], settings)
 
     @property
     @abstractmethod

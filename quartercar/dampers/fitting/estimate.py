@@ -1,0 +1,64 @@
+"""Estimate: what a model's own way of estimating hands back to `fit`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from quartercar.dampers.contract import Damper
+
+
+@dataclass(frozen=True)
+class Starts:
+    """How a multi-start search went.
+
+    Attributes
+    ----------
+    tasted : int
+        Starts tried on shortened data.
+    polished : int
+        Starts followed to their end on all data.
+    agreed : int
+        Of those polished, the ones that ended at the least cost (within a ten-thousandth).
+    """
+
+    tasted: int
+    polished: int
+    agreed: int
+
+    def __str__(self) -> str:
+        return f"{self.agreed} of {self.polished} polished starts agree on the best cost ({self.tasted} tasted)"
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """A damper with its parameters estimated, and what is known of them.
+
+    Attributes
+    ----------
+    damper : Damper
+        With the estimated values.
+    covariance : (P, P) array or None
+        Of the parameters in the order of `damper.names`, SI; NaN in the rows and columns of parameters held at a bound;
+        None where there is none.
+    at_bounds : tuple of str
+        Parameters that ended at a bound and were held there.
+    undetermined : tuple of str
+        A sentence for each combination of parameters that the data do not determine.
+    notes : tuple of str
+    starts : Starts or None
+        None where the estimate needs no starting values.
+    condition : float or None
+        Condition number of the scaled sensitivities.
+    """
+
+    damper: Damper
+    covariance: np.ndarray | None = None
+    at_bounds: tuple[str, ...] = ()
+    undetermined: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    starts: Starts | None = None
+    condition: float | None = None

@@ -1,0 +1,52 @@
+"""FitSettings: how long and how widely a fit searches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from lpvid import _checks
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """Settings of `fit`.
+
+    Attributes
+    ----------
+    starts : int
+        Starting points tasted on shortened data.
+    polished : int
+        Of those, how many are followed on all data.
+    seed : int
+        Of the starting points; the same seed gives the same fit.
+    evaluations : int
+        Simulations of one polish, at most.
+    tasting_evaluations, tasting_samples : int
+        Simulations of one tasting, and samples it sees, at most.
+    tolerance : float
+        Relative decrease of the cost that a step must promise.
+    sample_rate : float or None
+        Resample to this rate [Hz] first; needed for jittered or mixed clocks.
+
+    Examples
+    --------
+    >>> FitSettings(starts=0)
+    Traceback (most recent call last):
+    ...
+    lpvid.errors.InputError: starts must be a whole number of at least 1: got 0.
+    """
+
+    starts: int = 20
+    polished: int = 3
+    seed: int = 0
+    evaluations: int = 200
+    tasting_evaluations: int = 15
+    tasting_samples: int = 3000
+    tolerance: float = 1e-9
+    sample_rate: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("starts", "polished", "evaluations", "tasting_evaluations", "tasting_samples"):
+            _checks.count(getattr(self, name), name, at_least=1)
+        _checks.count(self.seed, "seed")
+        _checks.positive(self.tolerance, "tolerance")
