@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import lpvid as lpv
 from lpvid.cli.app import app as lpvid_app
 from quartercar import demo
-from quartercar.cli import app
+from quartercar.cli.app import app
 from quartercar.rig import EXPERIMENTS
 
 PLAN = """seed = 3

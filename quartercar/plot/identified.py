@@ -1,4 +1,4 @@
-"""Figures of dampers: experiments beside each other, loops by current."""
+"""Figures of one identified model: experiments beside each other, loops by current."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command line: `quartercar rig` makes measurements, `quartercar demo` walks the whole road."""
+"""`quartercar demo`: the whole road on embedded data."""
 
 from __future__ import annotations
 
@@ -10,83 +10,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lpvid.cli import options
-from lpvid.cli.running import Results, command, conclude, new_app, working
-from lpvid.errors import InputError
+from lpvid.cli.running import Results, command, conclude, working
+from quartercar.cli.rig import writer
 
 if TYPE_CHECKING:
     from lpvid.record import Record
     from quartercar.demo import Demo
 
-app = new_app()
 DEMO_FOLDER = Path("quartercar-demo")
-PlanFile = Annotated[Path | None, typer.Argument(metavar="PLAN", help="A TOML plan; --template prints one.",
-                                                 show_default=False)]
 
 
-def main() -> None:
-    """Entry point of the `quartercar` command."""
-    app(prog_name="quartercar")
-
-
-def _version(value: bool) -> None:
-    if value:
-        from lpvid import __version__
-
-        typer.echo(f"quartercar {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def _common(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True,
-                                                  help="Print the version and stop.")] = False) -> None:
-    """Dampers and quarter cars: a virtual test rig, and the road from its records to a stability report.
-
-    Exit codes: 0 done; 2 the input is at fault (one line says what, nothing is written); 3 a numerical outcome short of
-    what was asked, with the result written.
-    """
-
-
-@app.command()
-@command
-def rig(plan: PlanFile = None,
-        template: Annotated[bool, typer.Option("--template", help="Print a commented plan and stop.")] = False,
-        out: options.Out = None, json: options.Json = False) -> None:
-    """Synthetic measurements by the virtual rig: one csv for each run of a PLAN, and report.html."""
-    from quartercar.rig import iterate_plan, load_plan, plan_template, write_csv
-
-    if template:
-        typer.echo(plan_template(), nl=False)
-        return
-    if plan is None:
-        raise InputError("rig needs a plan", mend="quartercar rig --template > plan.toml")
-    if out is None:
-        raise InputError("rig needs a folder for its records", mend="add --out DIR")
-    results, loaded = Results(out), load_plan(plan)
-    records: list[Record] = []
-    with working("running the rig") as say:
-        for record in iterate_plan(loaded):
-            records.append(record)
-            say(f"running the rig: {record.name} done")
-        from lpvid.auditing import audit
-        from lpvid.report.inspection import inspection_page
-
-        for record in records:
-            results.add(f"{record.name}.csv", _writer(write_csv, record))
-        say("auditing and drawing")
-        found = audit(records)
-        results.report(inspection_page(found, records))
-        say("writing")
-        data = {"schema": "quartercar/rig/1", "plan": str(plan), "audit": found.verdict,
-                "records": [{"name": r.name, "file": f"{r.name}.csv", "n_samples": r.n_samples,
-                             "duration": r.duration} for r in records]}
-        conclude(results, data, "\n".join(map(repr, records[:8])), json)
-
-
-def _writer(write: Callable[[Record, Path], Path], record: Record) -> Callable[[Path], Path]:
-    return lambda path: write(record, path)
-
-
-@app.command()
 @command
 def demo(out: options.Out = DEMO_FOLDER,
          seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the virtual rig.")] = 0,
@@ -115,7 +48,7 @@ def _deliver(results: Results, found: Demo) -> None:
     results.json("stability.json", found.study.to_dict())
     results.json("demo.json", found.to_dict())
     sample = next(r for r in found.held_out if r.name.startswith("test-1-"))
-    results.add(f"{sample.name}.csv", _writer(write_csv, sample))
+    results.add(f"{sample.name}.csv", writer(write_csv, sample))
     figures = {"experiments.png": plot.experiments([(e.name, e.esr, e.plain_esr) for e in found.experiments], TARGET),
                "overview.png": plot.overview(next(c for c in shown if c.record.name == sample.name),
                                              [c for c in shown if c.record.name.startswith("test-7-")])}
