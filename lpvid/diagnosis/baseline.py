@@ -1,0 +1,89 @@
+"""Baseline: what the diagnosis starts from, a simulation with parameters that can be fitted."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+
+from lpvid.diagnosis.signals import Core, Signals
+from lpvid.record import Record
+
+if TYPE_CHECKING:
+    from lpvid.diagnosis.effect import Effect
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """A free number of a baseline: name, unit, bounds; `scale` is a step that matters (for differences)."""
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    scale: float
+
+
+class Baseline(ABC):
+    """A simulation of one output from measured inputs: a damper law, a saved LPV model, a car."""
+
+    name: ClassVar[str] | str
+    output: str
+    """role of the output, e.g. ``force``"""
+    output_unit: str
+    static: bool
+    """whether the output at an instant depends on the signals at that instant alone, so that a series element can be
+    solved sample by sample"""
+
+    @property
+    @abstractmethod
+    def channels(self) -> tuple[str, ...]:
+        """Roles that it needs."""
+
+    @property
+    @abstractmethod
+    def coefficients(self) -> tuple[Coefficient, ...]:
+        """Free parameters, in the order of `vector`."""
+
+    @property
+    @abstractmethod
+    def vector(self) -> np.ndarray:
+        """(P,) parameters."""
+
+    @abstractmethod
+    def with_vector(self, vector: np.ndarray) -> Self:
+        """The same baseline with other parameters."""
+
+    @abstractmethod
+    def signals(self, record: Record) -> Signals:
+        """What it, and the effects around it, can read of a record: every channel whose role is known."""
+
+    @abstractmethod
+    def core(self, vector: np.ndarray) -> Core:
+        """The simulation with these parameters."""
+
+    @abstractmethod
+    def fit(self, records: Sequence[Record]) -> Self:
+        """Fitted to the free run along records."""
+
+    @abstractmethod
+    def sensitivities(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
+        """(n, P) derivative of the simulation in its parameters."""
+
+    @abstractmethod
+    def extended(self, effects: Sequence[tuple[Effect, np.ndarray]]) -> Any:
+        """A model with these effects and the current parameters that `lpvid.save` can write."""
+
+    @property
+    @abstractmethod
+    def start(self) -> int:
+        """Samples at the head of a record that the simulation takes from the measurement."""
+
+    def describe(self) -> Mapping[str, Any]:
+        """Plain data: name, parameters with units."""
+        return {"name": self.name, "parameters": [
+            {"name": c.name, "value": float(v), "unit": c.unit}
+            for c, v in zip(self.coefficients, self.vector, strict=True)]}

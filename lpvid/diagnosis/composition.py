@@ -1,0 +1,100 @@
+"""Composition: a baseline with effects around it, simulated and differentiated as one model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.effect import STAGES, Effect
+from lpvid.diagnosis.signals import Core, Signals
+
+STEP = 1e-5
+"""share of a parameter's scale by which it is moved to see what it does."""
+
+
+@dataclass(frozen=True, eq=False)
+class Composition:
+    """A baseline and effects, in the order of `STAGES`, with one parameter vector: the baseline's, then each effect's.
+
+    Attributes
+    ----------
+    baseline : Baseline
+    effects : tuple of Effect
+    """
+
+    baseline: Baseline
+    effects: tuple[Effect, ...] = ()
+
+    def __post_init__(self) -> None:
+        ordered = tuple(sorted(self.effects, key=lambda e: (STAGES.index(e.stage), e.name)))
+        object.__setattr__(self, "effects", ordered)
+
+    @cached_property
+    def places(self) -> tuple[slice, ...]:
+        """Where the parameters of each effect stand in the vector."""
+        first, found = self.baseline.vector.size, []
+        for effect in self.effects:
+            found.append(slice(first, first + len(effect.parameters)))
+            first = found[-1].stop
+        return tuple(found)
+
+    @property
+    def neutral(self) -> np.ndarray:
+        """(P,) the baseline's parameters, and every effect absent."""
+        return np.concatenate([self.baseline.vector, *(e.neutral for e in self.effects)])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(P,) parameter names; an effect's as ``effect.parameter``."""
+        return (*(c.name for c in self.baseline.coefficients),
+                *(f"{e.name}.{p.name}" for e in self.effects for p in e.parameters))
+
+    @property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """(P,) lower and upper bounds."""
+        pairs = [(c.lower, c.upper) for c in self.baseline.coefficients]
+        pairs += [p.bounds for e in self.effects for p in e.parameters]
+        low, high = np.array(pairs, dtype=float).reshape(-1, 2).T
+        return low, high
+
+    @property
+    def scales(self) -> np.ndarray:
+        """(P,) a change of each parameter that matters."""
+        own = [c.scale for c in self.baseline.coefficients]
+        own += [max(abs(g - p.neutral) for g in (*p.grid, *p.plausible)) or 1.0
+                for e in self.effects for p in e.parameters]
+        return np.array(own)
+
+    def core(self, vector: np.ndarray) -> Core:
+        """The whole simulation at a parameter vector."""
+        core = self.baseline.core(vector[: self.baseline.vector.size])
+        for effect, place in zip(self.effects, self.places, strict=True):
+            core = effect.compose(core, vector[place], self.baseline)
+        return core
+
+    def predict(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
+        """(n,) simulated output along signals."""
+        return self.core(vector)(signals)
+
+    def sensitivities(self, signals: Signals, vector: np.ndarray, free: Sequence[int] | None = None,
+                      at: np.ndarray | None = None) -> np.ndarray:
+        """(n, len(free)) derivative of `predict` in the free parameters, by differences; inwards from a bound.
+
+        Without effects, the baseline's own (exact) derivative.
+        """
+        wanted = range(vector.size) if free is None else free
+        if not self.effects:
+            return self.baseline.sensitivities(signals, vector)[:, list(wanted)]
+        here = self.predict(signals, vector) if at is None else at
+        _, high = self.bounds
+        out = np.empty((signals.n_samples, len(wanted)))
+        for column, j in enumerate(wanted):
+            step = STEP * self.scales[j]
+            moved = vector.copy()
+            moved[j] += step if vector[j] + step <= high[j] else -step
+            out[:, column] = (self.predict(signals, moved) - here) / (moved[j] - vector[j])
+        return out

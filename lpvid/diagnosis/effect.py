@@ -1,0 +1,163 @@
+"""Effect: one named cause, as a stage that composes with any baseline. Adding one touches no other file."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.diagnosis.signals import Core, Signals
+from lpvid.errors import InputError
+
+if TYPE_CHECKING:
+    from lpvid.diagnosis.baseline import Baseline
+
+STAGES = ("core", "series", "force", "kinematics", "current", "channel", "measurement")
+"""Where an effect acts, from the inside out::
+
+    channel ─► current ─► kinematics ─►( core ─► series )─► + force ─► measurement
+
+A stage to the left turns signals before anything inside sees them; `core` changes the law itself, `series` puts an
+element with a state in series with it, `force` adds to its output, `measurement` changes the sum on its way to the
+data.
+"""
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """A number of an effect.
+
+    Attributes
+    ----------
+    name, unit, says : str
+    neutral : float
+        The value at which the effect is not there, for the strength; for a shape parameter, its typical value.
+    plausible : (float, float)
+        Range in which a physical instance lies, SI; the search stays inside the wider `bounds`.
+    bounds : (float, float)
+    grid : tuple of float
+        Values to look at when screening: strengths away from neutral, or shapes.
+    """
+
+    name: str
+    unit: str
+    says: str
+    neutral: float
+    plausible: tuple[float, float]
+    bounds: tuple[float, float]
+    grid: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        low, high = self.bounds
+        if not (low <= self.plausible[0] <= self.plausible[1] <= high and low <= self.neutral <= high):
+            raise InputError(f"effect parameter {self.name} is inconsistent", got=f"{self.bounds}, {self.plausible}")
+        if not self.grid or any(not low <= g <= high for g in self.grid):
+            raise InputError(f"effect parameter {self.name} needs a screening grid inside its bounds", got=self.grid)
+
+
+@dataclass(frozen=True)
+class LpvChange:
+    """What to change in the structure of an LPV model so that it can show an effect.
+
+    Attributes
+    ----------
+    says : str
+        In words, e.g. "one more degree in the current".
+    degree, order : int
+        Added to the degree in the scheduling variable, to na and nb.
+    schedule_filter : str or None
+        Filter on the scheduling variable: "lag", "rise-fall", "delay", "rise-fall-delay" (names of `lpvid.ARX`).
+    regressors : tuple of str
+        Further inputs: "displacement", "acceleration", "sign(velocity)", "velocity|velocity|", "positive(velocity)".
+    schedule : tuple of str
+        Further scheduling variables: "temperature", "displacement", "sign(velocity)".
+    delay : bool
+        Whether the input's delay nk is chosen anew.
+    """
+
+    says: str
+    degree: int = 0
+    order: int = 0
+    schedule_filter: str | None = None
+    regressors: tuple[str, ...] = ()
+    schedule: tuple[str, ...] = ()
+    delay: bool = False
+
+
+class Effect(ABC):
+    """A cause by name: what it does to a simulation, with which numbers, and which measurement would show it.
+
+    The first parameter is the strength; at its neutral value the composition is the baseline to the last bit. A further
+    parameter is a shape (a corner frequency, a Stribeck speed), which means nothing at neutral strength.
+    """
+
+    name: ClassVar[str]
+    """id used in files, tests and on the command line"""
+    title: ClassVar[str]
+    """in words"""
+    family: ClassVar[str]
+    """friction and gas, compliance, hydraulics, electrical, thermal, structure, measurement, model, car"""
+    stage: ClassVar[str]
+    """one of `STAGES`"""
+    equation: ClassVar[str]
+    reference: ClassVar[str]
+    experiment: ClassVar[str]
+    """the measurement that reveals it, in one sentence"""
+    needs: ClassVar[tuple[str, ...]] = ()
+    """roles without which it cannot be tested"""
+    smooth: ClassVar[bool] = True
+    """False where the output is not differentiable in the strength: scanned, never linearised"""
+    negligible: ClassVar[float] = 0.005
+    """share of the output's rms below which the effect, though present, is not worth naming"""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        """Strength first, then shapes."""
+
+    @abstractmethod
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        """Why it cannot be composed with this baseline on these data (a missing channel apart); None where it can."""
+
+    @abstractmethod
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        """The simulation with the effect in it; `values` are its parameters in order."""
+
+    @abstractmethod
+    def lpv_change(self) -> LpvChange | None:
+        """How a discrete LPV model takes it in; None where no LPV structure can."""
+
+    @property
+    def neutral(self) -> np.ndarray:
+        """(k,) parameters at which it is not there."""
+        return np.array([p.neutral for p in self.parameters])
+
+    def missing(self, signals: tuple[Signals, ...]) -> tuple[str, ...]:
+        """Needed roles that some record does not have."""
+        return tuple(n for n in self.needs if not all(s.has(n) for s in signals))
+
+    def describe(self) -> dict[str, Any]:
+        """Plain data for a table of the catalogue."""
+        return {"name": self.name, "title": self.title, "family": self.family, "stage": self.stage,
+                "equation": self.equation, "reference": self.reference, "experiment": self.experiment,
+                "needs": list(self.needs),
+                "parameters": [{"name": p.name, "unit": p.unit, "says": p.says, "neutral": p.neutral,
+                                "plausible": list(p.plausible)} for p in self.parameters]}
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name})"
+
+
+def by_name(catalogue: tuple[Effect, ...]) -> Mapping[str, Effect]:
+    """The catalogue as a table; two effects of one name are refused."""
+    table: dict[str, Effect] = {}
+    for effect in catalogue:
+        _checks.one_of(effect.stage, STAGES, f"stage of effect '{effect.name}'")
+        if effect.name in table:
+            raise InputError("two effects have one name", got=effect.name)
+        table[effect.name] = effect
+    return table

@@ -1,0 +1,66 @@
+"""Signals: the channels of one record as plain arrays, as effects and baselines see them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """Channels of one record by role, (n,) each, on a uniform clock, SI.
+
+    Attributes
+    ----------
+    sample_time : float
+        [s].
+    channels : mapping of str to (n,) array
+        Inputs and scheduling by role, e.g. ``velocity``, ``displacement``, ``current``, ``temperature``.
+    output : (n,) array
+        The measured output that the simulation is compared with.
+    name : str
+        Of the record.
+    """
+
+    sample_time: float
+    channels: Mapping[str, np.ndarray]
+    output: np.ndarray
+    name: str = "record"
+    cache: dict = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "channels", MappingProxyType(dict(self.channels)))
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples."""
+        return self.output.size
+
+    @property
+    def times(self) -> np.ndarray:
+        """(n,) time from the first sample [s]."""
+        return self.sample_time * np.arange(self.n_samples)
+
+    def has(self, role: str) -> bool:
+        """Whether a channel is there."""
+        return role in self.channels
+
+    def __getitem__(self, role: str) -> np.ndarray:
+        return self.channels[role]
+
+    def replace(self, **channels: np.ndarray) -> Signals:
+        """The same signals with some channels replaced or added; what was cached is forgotten."""
+        return Signals(self.sample_time, {**self.channels, **channels}, self.output, self.name)
+
+    def cached(self, key: object, make: Callable[[], np.ndarray]) -> np.ndarray:
+        """What `make` returns, computed once for these signals."""
+        if key not in self.cache:
+            self.cache[key] = make()
+        return self.cache[key]
+
+
+Core = Callable[[Signals], np.ndarray]
+"""A simulation of the output along signals: (n,) array, the same units as the output."""
