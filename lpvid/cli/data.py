@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from fnmatch import fnmatch
 from fractions import Fraction
+from pathlib import Path
 
 from lpvid.errors import InputError
 from lpvid.record import Record
@@ -108,7 +110,7 @@ def read_records(paths: Sequence[str], *, roles: Sequence[str] | None = None, fl
     roles : sequence of str, optional
         ``ROLE=CHANNEL``, repeated or with commas.
     flip : sequence of str, optional
-        Channels whose sign to turn.
+        Channels whose sign to turn, ``CHANNEL`` in every file or ``CHANNEL@PATTERN`` in those of matching name.
     sample_rate : float, optional
         Rate [Hz] of files without a time column.
 
@@ -135,9 +137,42 @@ def read_clocked(paths: Sequence[str], *, roles: Sequence[str] | None = None, fl
                 raise
             records += read(file, name=label, roles=mapping, sample_rate=sample_rate)
             without = True
-    for name in split_names(flip):
-        records = [r.flip(name) for r in records]
-    return records, without
+    return _flipped(records, files, split_names(flip)), without
+
+
+def read_parts(training: Sequence[str], held_out: Sequence[str] | None, *, roles: Sequence[str] | None = None,
+               flip: Sequence[str] | None = None,
+               sample_rate: float | None = None) -> tuple[list[Record], list[Record]]:
+    """Records of DATA and of --held-out, read as one set: a ``--flip CHANNEL@PATTERN`` may mean files of either."""
+    from lpvid.files import find
+
+    if not held_out:
+        return read_records(training, roles=roles, flip=flip, sample_rate=sample_rate), []
+    no_shared_files(training, held_out)
+    records = read_records([*training, *held_out], roles=roles, flip=flip, sample_rate=sample_rate)
+    count = len(find(training))
+    return records[:count], records[count:]
+
+
+def _flipped(records: Sequence[Record], files: Sequence[Path], wanted: Sequence[str]) -> list[Record]:
+    """The records with signs turned; a record at a time, so that one file may be turned and the next not."""
+    result = list(records)
+    for text in wanted:
+        channel, at, pattern = text.rpartition("@")
+        if not at or any(r.has(text) for r in records):
+            result = [r.flip(text) for r in result]
+            continue
+        chosen = [_matches(pattern, file, r.name) for file, r in zip(files, records, strict=True)]
+        if not (channel and any(chosen)):
+            raise InputError(f"--flip {text}: no file matches '{pattern}'", got=", ".join(r.name for r in records[:6])
+                             + (f" and {len(records) - 6} more" if len(records) > 6 else ""),
+                             mend="--flip CHANNEL@NAME, where * stands for any letters, e.g. --flip 'force@*psi*'")
+        result = [r.flip(channel) if turn else r for r, turn in zip(result, chosen, strict=True)]
+    return result
+
+
+def _matches(pattern: str, file: Path, name: str) -> bool:
+    return any(fnmatch(text, pattern) for text in (name, file.stem, file.name, str(file)))
 
 
 def parse_roles(given: Sequence[str] | None) -> dict[str, str]:

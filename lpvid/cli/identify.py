@@ -127,7 +127,7 @@ def identify(
     Every figure says whether it is free-run or one-step, on training or on held-out data.
     """
     from lpvid.cli.data import hold_out as part
-    from lpvid.cli.data import no_shared_files, numbers, read_records, split_names
+    from lpvid.cli.data import numbers, read_parts, split_names
     from lpvid.cli.modelling import fit
     from lpvid.cli.structures import Request
 
@@ -146,10 +146,7 @@ def identify(
                       None if form is None else form.value, refit)
     with working("reading") as say:
         request.check()
-        if held_out:
-            no_shared_files(data, held_out)
-        records = read_records(data, roles=role, flip=flip, sample_rate=sample_rate)
-        kept = read_records(held_out, roles=role, flip=flip, sample_rate=sample_rate) if held_out else []
+        records, kept = read_parts(data, held_out, roles=role, flip=flip, sample_rate=sample_rate)
         training, tail = part(records, hold_out)
         found = fit(request, training, [*tail, *kept], [*records, *kept], say)
         found.deliver(results, say)

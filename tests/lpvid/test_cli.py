@@ -151,6 +151,21 @@ def test_validate_takes_other_names_and_signs(model, tmp_path):
     assert json.loads(wrong.stdout)["overall"]["free_run"]["esr"] == pytest.approx(4.0, rel=0.05)  # (y+y)²/y²
 
 
+def test_a_sign_turned_in_some_files_only(model, run1, tmp_path):
+    """Mixed signs, as on a dyno whose load cell was turned round between tests: each file says how it was read."""
+    straight, turned = measured(tmp_path / "a1.csv", 300, 5), measured(tmp_path / "b-psi.csv", 300, 6, force=-1.0)
+    told = json.loads(run("validate", model, straight, turned, "--flip", "force@*psi*", "--json").stdout)
+    assert [r["free_run"]["esr"] < 1e-20 for r in told["records"]] == [True, True]
+    mixed = json.loads(run("validate", model, straight, turned, "--json").stdout)
+    assert mixed["records"][1]["free_run"]["esr"] == pytest.approx(4.0, rel=0.05)  # (y+y)²/y²
+    for pattern in ("b-psi", "b-psi.csv", str(turned)):
+        same = json.loads(run("validate", model, straight, turned, "--flip", f"force@{pattern}", "--json").stdout)
+        assert same["records"] == told["records"]
+    found = json.loads(run("identify", run1, "--schedule", "current", "--na", 1, "--nb", 2, "--nk", 0, "--held-out",
+                           turned, "--flip", "force@b-*", "--json").stdout)  # a pattern of held-out files alone
+    assert found["held_out"]["overall"]["free_run"]["esr"] < 1e-18
+
+
 def test_validate_further_ahead(model, tmp_path):
     other = measured(tmp_path / "run2.csv", 400, seed=9)
     told = json.loads(run("validate", model, other, "--horizon", 5, "--horizon", 20, "--json").stdout)
