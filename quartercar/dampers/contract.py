@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
@@ -13,12 +13,14 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.model.adaptable import Adaptable
 from lpvid.record import Record
 from lpvid.simulation import Simulation
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.parameter import Parameter
 
 if TYPE_CHECKING:
+    from lpvid.model.quasi import SelfScheduled
     from quartercar.dampers.energy import Cycle
     from quartercar.dampers.facts import Facts
     from quartercar.dampers.fitting import DamperFit, Estimate, FitSettings
@@ -46,7 +48,7 @@ class Run(Simulation):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Damper(ABC):
+class Damper(Adaptable):
     """A damper model: a law with named parameters, from motion and current to force.
 
     Extension and tension are positive: a passive damper has mean(F·v) > 0 and a gas preload is a negative force.
@@ -114,6 +116,11 @@ class Damper(ABC):
     def start(self) -> int:
         """Samples at the head of a record that a free run takes from the measurement."""
 
+    @property
+    @abstractmethod
+    def clock(self) -> float | None:
+        """Period at which it runs, and at no other [s]; None for a law, which runs at any."""
+
     @classmethod
     @abstractmethod
     def suited(cls, facts: Facts) -> Damper:
@@ -144,6 +151,13 @@ class Damper(ABC):
     @abstractmethod
     def to_lpv(self, sample_time: float) -> Any:
         """The model as an LPV model of `lpvid`, where one exists; InputError where none does."""
+
+    @property
+    def period(self) -> float | None:
+        """Its own period or that of its training data [s]; None where neither is known."""
+        training = self.metadata.get("training", {})
+        given = training.get("sample_time") if isinstance(training, Mapping) else None
+        return self.clock or (None if given is None else _checks.positive(given, "sample_time of the training", "s"))
 
     # -- parameters --------------------------------------------------------------------------------------------------
     @property
@@ -265,9 +279,14 @@ class Damper(ABC):
         """Inverse of `to_dict`."""
         span = data.get("current_range")
         settings = {k: tuple(v) if isinstance(v, list) else v for k, v in data["settings"].items()}
-        return cls(**settings, values={p["name"]: p["value"] for p in data["parameters"]},
-                   current_range=None if span is None else (span[0], span[1]), current_unit=data["current_unit"],
-                   centre=data["centre"], polarity=data["polarity"], metadata=data["metadata"])
+        found = cls(**settings, values={p["name"]: p["value"] for p in data["parameters"]},
+                    current_range=None if span is None else (span[0], span[1]), current_unit=data["current_unit"],
+                    centre=_checks.real(data["centre"], "centre"), polarity=data["polarity"],
+                    metadata=data["metadata"])
+        missing = set(found.names) - {p["name"] for p in data["parameters"]}
+        if missing:
+            raise InputError(f"parameters of {cls.name} are missing", got=", ".join(sorted(missing)))
+        return found
 
     def __repr__(self) -> str:
         shown = ", ".join(f"{p.name}={self.values[p.name]:.4g}{' ' + p.unit if p.unit else ''}"
@@ -279,6 +298,16 @@ class Damper(ABC):
 
 class LawDamper(Damper):
     """A damper with physical parameters that the search of `quartercar.dampers.fitting` can fit."""
+
+    @property
+    def clock(self) -> float | None:
+        return None
+
+    def to_model(self, sample_time: float) -> SelfScheduled:
+        """As a model of lpvid at this period; its predictions are its free run."""
+        from quartercar.dampers.as_model import DamperModel
+
+        return DamperModel.of(self, sample_time)
 
     def estimate(self, records: Sequence[Record], settings: FitSettings) -> Estimate:
         from quartercar.dampers.fitting.searching import estimate_law
@@ -368,5 +397,5 @@ class DynamicDamper(LawDamper):
             step = COMPLEX_STEP * max(abs(float(vector[j])), 1e-6)
             moved = vector.astype(complex)
             moved[j] += 1j * step
-            out[:, j] = self.response(drive, moved).imag / step
+            out[:, j] = np.imag(self.response(drive, moved)) / step
         return out

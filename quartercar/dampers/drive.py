@@ -84,8 +84,12 @@ class Drive:
 
     def head(self, samples: int) -> Drive:
         """The first samples."""
-        return Drive(self.sample_time, self.velocity[:samples], self.displacement[:samples], self.current[:samples],
-                     None if self.force is None else self.force[:samples])
+        return self.slice(0, samples)
+
+    def slice(self, first: int, last: int) -> Drive:
+        """Samples first … last−1."""
+        return Drive(self.sample_time, self.velocity[first:last], self.displacement[first:last],
+                     self.current[first:last], None if self.force is None else self.force[first:last])
 
 
 UNITS = {"displacement": "m", "velocity": "m/s", "force": "N"}

@@ -1,0 +1,102 @@
+"""`fit`: the one door by which every damper model is fitted to records."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from lpvid.condition import segments, with_velocity
+from lpvid.errors import InputError
+from lpvid.record import Record
+from quartercar.dampers.contract import Damper
+from quartercar.dampers.fitting.figures import score
+from quartercar.dampers.fitting.result import DamperFit
+from quartercar.dampers.fitting.settings import FitSettings
+from quartercar.dampers.passivity import check_passivity
+from quartercar.dampers.polarity import common_polarity
+
+FEWEST = 20
+"""shortest stretch worth keeping [samples]."""
+
+
+def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | Sequence[Record] = (),
+        settings: FitSettings | None = None) -> DamperFit:
+    """Fit a damper model to the free run along records: least Σ(F̂ − F)², the model seeing motion and current alone.
+
+    Parameters
+    ----------
+    damper : Damper
+        Structure and starting values, e.g. ``Linear()`` or ``Guo.suited(facts)``.
+    records : Record or sequence of Record
+        Training data with the channels in `damper.reads` and a force; cut at gaps and NaN, never interpolated; velocity
+        is derived from displacement where it was not measured.
+    held_out : Record or sequence of Record
+        Data that the fit does not see.
+    settings : FitSettings, optional
+
+    Returns
+    -------
+    DamperFit
+
+    Raises
+    ------
+    InputError
+        Missing or unusable channels, records of different polarity or rate, too few samples.
+
+    Examples
+    --------
+    >>> from quartercar.dampers.linear import Linear
+    >>> t = np.arange(2000) / 500
+    >>> x = 0.01 * np.sin(12 * t) + 0.004 * np.sin(31 * t)
+    >>> record = with_velocity(Record({"displacement": x}, sample_time=1 / 500, units={"displacement": "m"}))
+    >>> record = record.with_channel("force", 1500 * record["velocity"] + 4000 * x - 120, "N")
+    >>> found = fit(Linear(), record)
+    >>> {name: round(value, 3) for name, value in found.damper.values.items() if name != "mass"}
+    {'damping': 1500.0, 'stiffness': 4000.0, 'offset': -120.0}
+    """
+    began = time.perf_counter()
+    settings = settings or FitSettings()
+    channels = tuple(dict.fromkeys((*damper.reads, "force")))
+    training = prepared(records, channels, damper.start, settings.sample_rate)
+    if not training:
+        raise InputError("no records to fit to")
+    kept = prepared(held_out, channels, damper.start, settings.sample_rate)
+    damper, said = _placed(damper, training, kept)
+    found = damper.estimate(training, settings)
+    inside = score(found.damper, training)
+    outside = score(found.damper, kept) if kept else None
+    passivity = check_passivity(found.damper)
+    flags = (*said, *(() if passivity.passive else (f"not passive: {passivity.says}",)))
+    notes = (*(n for r in (*training, *kept) for n in r.notes), *found.notes)
+    return DamperFit(found, inside, outside, passivity, flags, tuple(dict.fromkeys(notes)),
+                     time.perf_counter() - began)
+
+
+def prepared(records: Record | Sequence[Record], channels: Sequence[str], start: int,
+             sample_rate: float | None) -> list[Record]:
+    """Uniform, finite, gap-free pieces at one rate that hold `channels`."""
+    listed = [records] if isinstance(records, Record) else list(records)
+    if not listed:
+        return []
+    if "velocity" in channels:
+        listed = [with_velocity(r) for r in listed]
+    return segments(listed, channels, sample_rate=sample_rate, minimum=max(FEWEST, start + 2))
+
+
+def _placed(damper: Damper, training: Sequence[Record], kept: Sequence[Record]) -> tuple[Damper, tuple[str, ...]]:
+    """The damper with the polarity and currents of the records, and what has to be said of that."""
+    said: list[str] = []
+    sense = common_polarity([*training, *kept])
+    if sense < 0 and damper.polarity > 0:
+        damper = damper.replace(polarity=-1)
+        said.append("reversed polarity: the force is measured against the velocity (mean F·v < 0); the parameters are "
+                    "the damper's own, and `simulate` gives the force as measured; --flip force turns the records")
+    elif sense > 0 and damper.polarity < 0:
+        said.append("polarity -1 was asked for, but mean F·v of the records is positive")
+    if "current" in damper.reads:
+        currents = np.concatenate([r["current"] for r in training])
+        unit = training[0].unit("current") or damper.current_unit
+        damper = damper.replace(current_range=(float(currents.min()), float(currents.max())), current_unit=unit)
+    return damper, tuple(said)

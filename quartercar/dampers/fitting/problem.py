@@ -1,0 +1,137 @@
+"""Problem: free-run force residuals of a damper law along drives, in the coordinates of a search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from quartercar.dampers.contract import LawDamper
+from quartercar.dampers.drive import Drive
+from quartercar.dampers.fitting.coordinates import Coordinates
+from quartercar.dampers.fitting.solver import Trial, bounded_least_squares
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Residuals F̂ − F of the free run, all records one after the other, each without its first `damper.start` samples.
+
+    Attributes
+    ----------
+    damper : LawDamper
+        Structure; its values are not read.
+    drives : tuple of Drive
+        With the measured force.
+    """
+
+    damper: LawDamper
+    drives: tuple[Drive, ...]
+
+    @cached_property
+    def measured(self) -> np.ndarray:
+        """(m,) measured force."""
+        return np.concatenate([_force(d)[self.damper.start:] for d in self.drives])
+
+    @cached_property
+    def lengths(self) -> tuple[int, ...]:
+        """Residuals of each record."""
+        return tuple(d.n_samples - self.damper.start for d in self.drives)
+
+    def model(self, theta: np.ndarray) -> np.ndarray:
+        """(m,) free run; not finite where it diverged."""
+        with np.errstate(all="ignore"):
+            return np.concatenate([self.damper.response(d, theta)[self.damper.start:] for d in self.drives])
+
+    def jacobian(self, theta: np.ndarray) -> np.ndarray:
+        """(m, P) sensitivities; those out of range count as none."""
+        with np.errstate(all="ignore"):
+            found = np.concatenate([self.damper.jacobian(d, theta)[self.damper.start:] for d in self.drives])
+        return np.nan_to_num(found, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+
+
+def _force(drive: Drive) -> np.ndarray:
+    assert drive.force is not None
+    return drive.force
+
+
+class Full:
+    """All parameters move together.
+
+    Attributes
+    ----------
+    problem : Problem
+    coordinates : Coordinates
+        Of all parameters.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.coordinates = Coordinates(problem.damper.parameters)
+
+    def start(self, theta: np.ndarray) -> np.ndarray:
+        """Coordinates of a vector of parameters."""
+        return self.coordinates.of(theta)
+
+    def trial(self, point: np.ndarray) -> Trial | None:
+        """Residual at a point of the search; None where the run diverges."""
+        theta = self.coordinates.values(point)
+        residual = self.problem.model(theta) - self.problem.measured
+        if not np.isfinite(residual).all():
+            return None
+        return Trial(point, theta, residual)
+
+    def jacobian(self, trial: Trial) -> np.ndarray:
+        """(m, P) derivative of the residual in the coordinates."""
+        return self.problem.jacobian(trial.theta) * self.coordinates.slope(trial.theta)
+
+
+class Projected:
+    """Only the parameters that enter nonlinearly move; the others follow by bounded linear least squares.
+
+    Golub & Pereyra (1973), SIAM J. Numer. Anal. 10(2), 413-432, with Kaufman's (1975) simplification of the derivative:
+    J = P⊥ ∂F/∂β, where P⊥ projects off the columns of those linear parameters that are not at a bound.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        names, parameters = problem.damper.names, problem.damper.parameters
+        self.problem = problem
+        self.linear = np.array([n in problem.damper.linear for n in names])
+        self.coordinates = Coordinates([p for p, lin in zip(parameters, self.linear, strict=True) if not lin])
+        chosen = [p for p, lin in zip(parameters, self.linear, strict=True) if lin]
+        self.lower, self.upper = np.array([p.lower for p in chosen]), np.array([p.upper for p in chosen])
+        self.anchor = np.array([p.default for p in parameters])
+        self.step = np.array([max(abs(p.default), 1.0) for p in chosen])
+
+    def start(self, theta: np.ndarray) -> np.ndarray:
+        """Coordinates of a vector of parameters."""
+        return self.coordinates.of(theta[~self.linear])
+
+    def trial(self, point: np.ndarray) -> Trial | None:
+        """Residual with the best linear parameters; None where the run diverges."""
+        theta = self.anchor.copy()
+        theta[~self.linear] = self.coordinates.values(point)
+        base = self.problem.model(theta)
+        columns = np.empty((base.size, self.step.size))
+        for k, place in enumerate(np.flatnonzero(self.linear)):
+            moved = theta.copy()
+            moved[place] += self.step[k]
+            columns[:, k] = (self.problem.model(moved) - base) / self.step[k]
+        if not (np.isfinite(base).all() and np.isfinite(columns).all()):
+            return None
+        best = bounded_least_squares(columns, self.problem.measured - base + columns @ theta[self.linear],
+                                     self.lower, self.upper)
+        residual = base + columns @ (best - theta[self.linear]) - self.problem.measured
+        theta[self.linear] = best
+        free = (best > self.lower) & (best < self.upper)
+        return Trial(point, theta, residual, columns[:, free])
+
+    def jacobian(self, trial: Trial) -> np.ndarray:
+        """(m, k) derivative of the projected residual in the coordinates."""
+        slope = self.coordinates.slope(trial.theta[~self.linear])
+        moved = self.problem.jacobian(trial.theta)[:, ~self.linear] * slope
+        if trial.columns is None or not trial.columns.size:
+            return moved
+        scale = np.linalg.norm(trial.columns, axis=0)
+        q = np.linalg.qr(trial.columns / np.where(scale > 0, scale, 1.0))[0]
+        return moved - q @ (q.T @ moved)

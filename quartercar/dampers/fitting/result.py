@@ -1,0 +1,149 @@
+"""DamperFit: a fitted damper, how well it runs freely, and what the data say of its parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lpvid.validation.figures import Figures
+from quartercar.dampers.contract import Damper
+from quartercar.dampers.fitting.estimate import Estimate
+from quartercar.dampers.fitting.figures import Score
+from quartercar.dampers.passivity import Passivity
+
+
+@dataclass(frozen=True, eq=False)
+class DamperFit:
+    """Result of `fit`.
+
+    Attributes
+    ----------
+    estimate : Estimate
+    training_score : Score
+    held_out_score : Score or None
+    passivity : Passivity
+        Of the damper itself, whatever the polarity of the records.
+    flags : tuple of str
+        What must be known before the fit is used.
+    notes : tuple of str
+    seconds : float
+        Time that the fit took [s].
+    """
+
+    estimate: Estimate
+    training_score: Score
+    held_out_score: Score | None
+    passivity: Passivity
+    flags: tuple[str, ...]
+    notes: tuple[str, ...]
+    seconds: float
+
+    @property
+    def damper(self) -> Damper:
+        """With the fitted values."""
+        return self.estimate.damper
+
+    @property
+    def training(self) -> Figures:
+        """Free-run figures on the training data."""
+        return self.training_score.figures
+
+    @property
+    def held_out(self) -> Figures | None:
+        """Free-run figures on the held-out data."""
+        return None if self.held_out_score is None else self.held_out_score.figures
+
+    @property
+    def covariance(self) -> np.ndarray | None:
+        """(P, P) of the parameters; NaN where they were held at a bound."""
+        return self.estimate.covariance
+
+    @property
+    def std(self) -> dict[str, float | None]:
+        """Standard error by parameter, SI; None where it was held at a bound or nothing is known of it."""
+        names = self.damper.names
+        if self.covariance is None:
+            return dict.fromkeys(names)
+        with np.errstate(invalid="ignore"):
+            spread = np.sqrt(np.diag(self.covariance))
+        return {n: float(s) if np.isfinite(s) else None for n, s in zip(names, spread, strict=True)}
+
+    @property
+    def at_bounds(self) -> tuple[str, ...]:
+        """Parameters held at a bound."""
+        return self.estimate.at_bounds
+
+    @property
+    def undetermined(self) -> tuple[str, ...]:
+        """A sentence for each combination that the data leave open."""
+        return self.estimate.undetermined
+
+    @property
+    def n_samples(self) -> int:
+        """Samples in the training figures."""
+        return self.training.n_samples
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        covariance = self.covariance
+        clean = None if covariance is None else [[float(c) if np.isfinite(c) else None for c in row]
+                                                 for row in covariance]
+        starts = self.estimate.starts
+        return {"schema": "quartercar/fit/1", "damper": _plain(self.damper.to_dict()),
+                "training": self.training_score.to_dict(),
+                "held_out": None if self.held_out_score is None else self.held_out_score.to_dict(),
+                "standard_errors": self.std, "covariance": clean, "at_bounds": list(self.at_bounds),
+                "undetermined": list(self.undetermined), "condition": _finite(self.estimate.condition),
+                "starts": None if starts is None else {"tasted": starts.tasted, "polished": starts.polished,
+                                                       "agreed": starts.agreed},
+                "passivity": self.passivity.to_dict(), "flags": list(self.flags), "notes": list(self.notes),
+                "seconds": self.seconds}
+
+    def __repr__(self) -> str:
+        lines = [f"DamperFit of {self.damper.title}, {len(self.damper.names)} parameters: "
+                 f"{_line('training', self.training_score)}"]
+        if self.held_out_score is not None:
+            lines.append(f"  {_line('held-out', self.held_out_score)}")
+        return "\n".join(lines + _parameters(self) + _caveats(self))
+
+
+def _line(label: str, score: Score) -> str:
+    figures = score.figures
+    root = "" if score.root_sse is None else f", √SSE {score.root_sse:.4g} N with N = {figures.n_samples}"
+    energy = "" if score.energy_error is None else f", energy error {100 * score.energy_error:.2g} %"
+    beyond = (f", {100 * score.extrapolation_share:.0f} % of its currents outside the fitted range"
+              if score.extrapolation_share else "")
+    return f"{label} {figures}{root}{energy}{beyond}"
+
+
+def _parameters(found: DamperFit) -> list[str]:
+    spread, out = found.std, []
+    for p in found.damper.parameters:
+        error = spread[p.name]
+        held = " (at its bound)" if p.name in found.at_bounds else ""
+        known = "" if error is None else f" ± {error:.2g}"
+        out.append(f"{p.name} {found.damper.values[p.name]:.4g}{known} {p.unit}".rstrip() + held)
+    return [f"  {', '.join(out[:6])}" + (f", … {len(out)} in all" if len(out) > 6 else "")]
+
+
+def _caveats(found: DamperFit) -> list[str]:
+    starts = [] if found.estimate.starts is None else [f"  {found.estimate.starts}"]
+    return [*starts, f"  {found.passivity}", *(f"  FLAG: {f}" for f in found.flags[:2]),
+            *(f"  undetermined: {u}" for u in found.undetermined[:2]), *(f"  note: {n}" for n in found.notes[:1])]
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and np.isfinite(value) else None
+
+
+def _plain(value: Any) -> Any:
+    """The same with arrays, tuples and numpy numbers turned into JSON's own."""
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    return value.item() if isinstance(value, np.generic) else value

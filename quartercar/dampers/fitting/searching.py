@@ -1,0 +1,133 @@
+"""The search: many starts tasted on shortened data, the best followed on all, the parameters judged at the optimum."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lpvid._threads import single_thread
+from lpvid.errors import InputError
+from quartercar.dampers.contract import LawDamper
+from quartercar.dampers.drive import Drive
+from quartercar.dampers.fitting.covariance import covariance_of
+from quartercar.dampers.fitting.estimate import Estimate, Starts
+from quartercar.dampers.fitting.identifiability import identifiability
+from quartercar.dampers.fitting.problem import Full, Problem, Projected
+from quartercar.dampers.fitting.settings import FitSettings
+from quartercar.dampers.fitting.solver import Found, levenberg_marquardt
+
+AGREEING = 1e-4
+"""relative difference of two costs that counts as none."""
+SAME_POINT = 1e-3
+"""parameters closer than this in relative terms are one start."""
+
+
+def estimate_law(damper: LawDamper, drives: Sequence[Drive], settings: FitSettings) -> Estimate:
+    """Least free-run force residual over all drives.
+
+    Parameters
+    ----------
+    damper : LawDamper
+        Structure; its own values are one of the starts.
+    drives : sequence of Drive
+        With the measured force.
+    settings : FitSettings
+
+    Raises
+    ------
+    InputError
+        Fewer samples than parameters; a model that diverges from every start.
+    """
+    problem = Problem(damper, tuple(drives))
+    if problem.measured.size <= len(damper.names):
+        raise InputError(f"too few samples to fit {damper.name}",
+                         got=f"{problem.measured.size} for {len(damper.names)} parameters", mend="a longer record")
+    with single_thread():
+        found, starts = search(problem, settings)
+        theta = found.trial.theta
+        held = at_bounds(damper, theta)
+        jacobian = problem.jacobian(theta)
+        spread = covariance_of(jacobian, found.trial.residual, problem.lengths, ~held)
+        report = identifiability(damper, theta, jacobian, problem.measured, spread.covariance, ~held)
+    notes = [*spread.notes]
+    if not found.converged:
+        notes.append(f"the search stopped at its limit of {settings.evaluations} evaluations before it had settled")
+    return Estimate(damper.with_vector(theta), spread.covariance,
+                    tuple(n for n, h in zip(damper.names, held, strict=True) if h), report.undetermined, tuple(notes),
+                    starts, report.condition)
+
+
+def search(problem: Problem, settings: FitSettings) -> tuple[Found, Starts]:
+    """The best of many starts, and how many agree on it."""
+    damper = problem.damper
+    rng = np.random.default_rng(settings.seed)
+    short = Problem(damper, shortened(problem.drives, settings.tasting_samples))
+    given = [np.asarray(s, dtype=float) for s in damper.starts(short.drives, settings.starts, rng)]
+    starts = distinct([*given[: settings.starts], damper.vector][: settings.starts] or [damper.vector])
+    tasted = [(0.0, starts[0])] if len(starts) == 1 else sorted(_taste(short, starts, settings), key=lambda t: t[0])
+    promising = distinct([theta for _, theta in tasted])[: settings.polished]
+    ends = [end for theta in promising if (end := polish(problem, theta, settings)) is not None]
+    if not ends:
+        raise InputError(f"{damper.name}: the free run diverges from every start",
+                         got=f"{len(starts)} starts", mend="check units and signs of the records, or another model")
+    ends.sort(key=lambda e: e.trial.cost)
+    best = ends[0].trial.cost
+    agreed = sum(e.trial.cost <= best * (1 + AGREEING) + 1e-300 for e in ends)
+    return ends[0], Starts(len(starts), len(ends), agreed)
+
+
+def _taste(problem: Problem, starts: Sequence[np.ndarray], settings: FitSettings) -> list[tuple[float, np.ndarray]]:
+    """(cost, parameters) of each start after a few steps on shortened data; starts that diverge are left out."""
+    view = Projected(problem) if problem.damper.linear else Full(problem)
+    out = []
+    for theta in starts:
+        end = levenberg_marquardt(view, view.start(theta), settings.tasting_evaluations, 1e-4)
+        if end is not None:
+            out.append((end.trial.cost, end.trial.theta))
+    return out or [(np.inf, s) for s in starts]
+
+
+def polish(problem: Problem, theta: np.ndarray, settings: FitSettings) -> Found | None:
+    """Variable projection on all data where the model is partly linear, then all parameters together."""
+    if problem.damper.linear:
+        view = Projected(problem)
+        first = levenberg_marquardt(view, view.start(theta), settings.evaluations, settings.tolerance)
+        if first is None:
+            return None
+        theta = first.trial.theta
+    full = Full(problem)
+    return levenberg_marquardt(full, full.start(theta), settings.evaluations, settings.tolerance)
+
+
+def distinct(vectors: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """The vectors without those that nearly repeat an earlier one."""
+    out: list[np.ndarray] = []
+    for v in vectors:
+        if not any(np.all(np.abs(v - o) <= SAME_POINT * np.maximum(np.abs(v), np.abs(o)) + 1e-12) for o in out):
+            out.append(v)
+    return out
+
+
+def shortened(drives: Sequence[Drive], samples: int) -> tuple[Drive, ...]:
+    """A stretch of every drive, the one in which the force moves most of four, together about `samples` long."""
+    total = sum(d.n_samples for d in drives)
+    if total <= samples:
+        return tuple(drives)
+    kept = list(drives) if len(drives) * 200 <= samples else list(drives[:: -(-len(drives) * 200 // samples)])
+    share = samples // len(kept)
+    out = []
+    for d in kept:
+        assert d.force is not None
+        length = min(share, d.n_samples)
+        first = max((int(p) for p in np.linspace(0, d.n_samples - length, 4)),
+                    key=lambda p: float(d.force[p: p + length].std()))  # type: ignore[index]
+        out.append(d.slice(first, first + length))
+    return tuple(out)
+
+
+def at_bounds(damper: LawDamper, theta: np.ndarray) -> np.ndarray:
+    """(P,) whether a parameter rests on one of its bounds."""
+    lower = np.array([p.lower for p in damper.parameters])
+    upper = np.array([p.upper for p in damper.parameters])
+    return (theta <= lower) | (theta >= upper)

@@ -1,0 +1,83 @@
+"""Polarity of records: whether the measured force takes or gives energy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from lpvid.auditing.force import dissipation
+from lpvid.auditing.view import view
+from lpvid.errors import InputError
+from lpvid.record import Record
+
+SURE = 4.0
+"""standard errors from zero at which the mean power decides."""
+LIKENESS = 0.05
+"""least correlation of force and velocity that decides."""
+
+
+@dataclass(frozen=True)
+class Polarity:
+    """The sense in which one record's force is measured.
+
+    Attributes
+    ----------
+    name : str
+        Record.
+    sign : {1, −1, 0}
+        1 passive, −1 reversed, 0 undecided.
+    power : float
+        Mean of (F − F̄)(v − v̄) [W].
+    standard_error : float
+        Of `power`, from block means [W].
+    """
+
+    name: str
+    sign: int
+    power: float
+    standard_error: float
+
+    def __str__(self) -> str:
+        verdict = {1: "passive", -1: "reversed", 0: "undecided"}[self.sign]
+        return f"record '{self.name}': {verdict}, mean F·v = {self.power:.4g} ± {self.standard_error:.2g} W"
+
+
+def polarity_of(record: Record) -> Polarity:
+    """Passive where mean F·v is positive by four standard errors, reversed where it is negative by as much.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> v = np.sin(np.arange(2000) * 0.1)
+    >>> record = Record({"velocity": v, "force": -100 * v}, sample_time=0.01, units={"velocity": "m/s", "force": "N"})
+    >>> polarity_of(record).sign
+    -1
+    """
+    channels = {"force": record.channel("force"),
+                **{role: record.channel(role) for role in ("displacement", "velocity") if record.has(role)}}
+    plain = Record(channels, sample_time=record.sample_time, time=None if record.is_uniform else record.times)
+    found = dissipation(view(plain, ()))
+    if found is None:
+        return Polarity(record.name, 0, 0.0, 0.0)
+    likeness, power, sure = found
+    decided = sure > SURE and abs(likeness) > LIKENESS
+    return Polarity(record.name, int(power > 0) - int(power < 0) if decided else 0, power,
+                    abs(power) / sure if sure > 0 else 0.0)
+
+
+def common_polarity(records: Sequence[Record]) -> int:
+    """1, −1, or 0 where no record decides.
+
+    Raises
+    ------
+    InputError
+        Records of both senses.
+    """
+    found = [polarity_of(r) for r in records]
+    passive, turned = ([p.name for p in found if p.sign == s] for s in (1, -1))
+    if passive and turned:
+        fewer, kind = (turned, "reversed") if len(turned) <= len(passive) else (passive, "not reversed")
+        shown = ", ".join(f"'{n}'" for n in fewer[:4]) + (f" and {len(fewer) - 4} more" if len(fewer) > 4 else "")
+        raise InputError("records disagree in the sense of the force", got=f"{len(turned)} reversed (mean F·v < 0), "
+                         f"{len(passive)} not; {kind}: {shown}", mend="--flip force for those, or fit the groups apart")
+    return 1 if passive else -1 if turned else 0
