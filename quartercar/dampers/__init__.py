@@ -17,14 +17,27 @@ _EXPORTS = {
     "quartercar.dampers.energy": ("Cycle", "steady_cycle"),
     "quartercar.dampers.facts": ("Facts",),
     "quartercar.dampers.fitting": ("DamperFit", "FitSettings", "fit"),
+    "quartercar.dampers.guo": ("Guo", "Guo5", "Guo6", "Guo7", "Guo15"),
+    "quartercar.dampers.kwok": ("Kwok",),
+    "quartercar.dampers.force_map": ("ForceMap",),
     "quartercar.dampers.linear": ("Linear",),
     "quartercar.dampers.parameter": ("Parameter",),
     "quartercar.dampers.passivity": ("Passivity", "check_passivity"),
+    "quartercar.dampers.power_law": ("PowerLaw", "PowerLawFrictionGas"),
 }
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 MODELS: tuple[tuple[str, str, str], ...] = (
     ("linear", "quartercar.dampers.linear", "Linear"),
+    ("force-map", "quartercar.dampers.force_map", "ForceMap"),
+    ("power-law", "quartercar.dampers.power_law", "PowerLaw"),
+    ("power-law-friction-gas", "quartercar.dampers.power_law", "PowerLawFrictionGas"),
+    ("guo", "quartercar.dampers.guo", "Guo"),
+    ("guo-5", "quartercar.dampers.guo", "Guo5"),
+    ("guo-6", "quartercar.dampers.guo", "Guo6"),
+    ("guo-7", "quartercar.dampers.guo", "Guo7"),
+    ("guo-15", "quartercar.dampers.guo", "Guo15"),
+    ("kwok", "quartercar.dampers.kwok", "Kwok"),
 )
 """Every model by its name on the command line: name, module, class. A new model adds its line here."""
 

@@ -1,0 +1,170 @@
+"""Coefficients of a damper law as functions of the coil current, with parameters that keep their bounds."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from quartercar.dampers.parameter import Parameter
+
+PLACES = {0: ("",), 1: ("_at_low", "_at_high"), 2: ("_at_low", "_between", "_at_high")}
+"""What is appended to a name for the control values of a polynomial of each degree."""
+
+
+class Coefficient(ABC):
+    """A coefficient of a law, as a function of the current and of its own parameters θ."""
+
+    linear: bool
+    """whether it is linear in θ"""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> tuple[Parameter, ...]:
+        """θ."""
+
+    @abstractmethod
+    def value(self, current: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """(n,) the coefficient at each current."""
+
+    @abstractmethod
+    def gradient(self, current: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """(n, len(θ)) its derivative in each parameter."""
+
+    @abstractmethod
+    def constant(self, value: float) -> dict[str, float]:
+        """Parameters that come nearest to one value at every current; a start for a search."""
+
+
+@dataclass(frozen=True)
+class Controlled(Coefficient):
+    """A polynomial in the current by its control values over a span (Bernstein form).
+
+    c(i) = Σ_k b_k C(d,k) s^k (1−s)^(d−k), s = (i − i_low)/(i_high − i_low): b_0 and b_d are the coefficient at the ends
+    of the span, and whatever bounds every b_k keeps bounds c(i) on all of it, which bounds on powers of i cannot do.
+    For degree 1 these are the two end values. Degree 0 is a constant.
+
+    Attributes
+    ----------
+    prototype : Parameter
+        Name, unit, meaning and bounds of the coefficient.
+    defaults : tuple of float
+        b_k; their number sets the degree, at most 2.
+    span : (float, float)
+        Currents between which the bounds hold.
+
+    Examples
+    --------
+    >>> force = Controlled(Parameter("yield_force", "N", "A_1", 1.0, 0.0), (200.0, 1200.0), (0.0, 2.0))
+    >>> force.value(np.array([0.0, 1.0]), np.array([200.0, 1200.0]))
+    array([200., 700.])
+    >>> force.powers(np.array([200.0, 1200.0]))
+    array([200., 500.])
+    """
+
+    prototype: Parameter
+    defaults: tuple[float, ...]
+    span: tuple[float, float] = (0.0, 1.0)
+    linear: bool = True
+
+    @property
+    def degree(self) -> int:
+        """Degree of the polynomial."""
+        return len(self.defaults) - 1
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        p, places = self.prototype, PLACES[self.degree]
+        where = {"": "", "_at_low": " at {:g}", "_at_high": " at {:g}", "_between": ", control value between"}
+        return tuple(Parameter(p.name + place, p.unit,
+                               p.says + where[place].format(self.span[0] if place == "_at_low" else self.span[1]),
+                               value, p.lower, p.upper) for place, value in zip(places, self.defaults, strict=True))
+
+    def value(self, current: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        return self.gradient(current, theta) @ theta
+
+    def gradient(self, current: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        d, low, high = self.degree, *self.span
+        s = (np.asarray(current) - low) / (high - low)
+        return np.column_stack([comb(d, k) * s**k * (1 - s) ** (d - k) for k in range(d + 1)])
+
+    def constant(self, value: float) -> dict[str, float]:
+        return {p.name: value for p in self.parameters}
+
+    def powers(self, theta: np.ndarray) -> np.ndarray:
+        """The coefficients a_0, a_1, … of c(i) = a_0 + a_1 i + a_2 i²."""
+        points = np.linspace(*self.span, self.degree + 1)
+        return np.linalg.solve(np.vander(points, increasing=True), self.value(points, theta))
+
+
+@dataclass(frozen=True)
+class Proportional(Coefficient):
+    """c(i) = θ i: nothing without current."""
+
+    parameter: Parameter
+    linear: bool = True
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (self.parameter,)
+
+    def value(self, current: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        return theta[0] * current
+
+    def gradient(self, current: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        return np.asarray(current, dtype=float)[:, None]
+
+    def constant(self, value: float) -> dict[str, float]:
+        return {self.parameter.name: value}
+
+
+@dataclass(frozen=True)
+class Quotient(Coefficient):
+    """c(i) = N(i)/D(i), two polynomials by control values, the first of D being 1: a common scale would cancel.
+
+    Attributes
+    ----------
+    numerator : Controlled
+    denominator : Controlled
+        Its first control value is not a parameter but 1.
+    """
+
+    numerator: Controlled
+    denominator: Controlled
+    linear: bool = False
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (*self.numerator.parameters, *self.denominator.parameters[1:])
+
+    def _split(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        count = self.numerator.degree + 1
+        return theta[:count], np.concatenate([[1.0], theta[count:]])
+
+    def value(self, current: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        above, below = self._split(theta)
+        return self.numerator.value(current, above) / self.denominator.value(current, below)
+
+    def gradient(self, current: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        above, below = self._split(theta)
+        d = self.denominator.value(current, below)[:, None]
+        ratio = self.numerator.value(current, above)[:, None] / d
+        return np.column_stack([self.numerator.gradient(current, above) / d,
+                                (-ratio * self.denominator.gradient(current, below) / d)[:, 1:]])
+
+    def constant(self, value: float) -> dict[str, float]:
+        # at N = κD the two move c alike, so that a search could not tell them apart: the quotient starts tilted
+        tilts = np.linspace(1.0, 0.8, self.denominator.degree + 1)[1:]
+        rest = zip(self.denominator.parameters[1:], tilts, strict=True)
+        return {**self.numerator.constant(value), **{p.name: float(t) for p, t in rest}}
+
+
+def check_span(span: tuple[float, float]) -> None:
+    """Refuse a span of currents that is empty or not finite."""
+    low, high = (_checks.real(x, "an end of the current span") for x in span)
+    if not high > low:
+        raise InputError("the span of currents is empty", got=span, mend="(lowest, highest) current of the data")

@@ -1,0 +1,63 @@
+"""Starting points for static laws: grids over what is not linear, bounded least squares for the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from quartercar.dampers.contract import StaticDamper
+from quartercar.dampers.drive import Drive
+
+SAMPLES = 3000
+"""samples that rank the points of a grid"""
+
+
+def best_starts(damper: StaticDamper, drives: Sequence[Drive], grid: Sequence[Mapping[str, float]],
+                count: int) -> list[np.ndarray]:
+    """Vectors with the nonlinear parameters of a grid and the linear ones of bounded least squares, the best first.
+
+    Parameters
+    ----------
+    damper : StaticDamper
+        Its values serve for what the grid does not name.
+    drives : sequence of Drive
+        With forces.
+    grid : sequence of mapping
+        Values of nonlinear parameters; clipped to their bounds.
+    count : int
+        How many to return.
+    """
+    thin = [_thinned(d, -(-sum(e.n_samples for e in drives) // SAMPLES)) for d in drives]
+    force = np.concatenate([d.force for d in thin if d.force is not None])
+    names = list(damper.names)
+    columns = [names.index(n) for n in damper.linear]
+    lower = np.array([p.lower for p in damper.parameters])
+    upper = np.array([p.upper for p in damper.parameters])
+    ranked = []
+    for point in grid:
+        vector = damper.vector
+        for name, value in point.items():
+            vector[names.index(name)] = value
+        vector = np.clip(vector, lower, upper)
+        gradient = np.vstack([damper.jacobian(d, vector) for d in thin])[:, columns]
+        vector[columns], cost = _bounded(gradient, force, lower[columns], upper[columns])
+        ranked.append((cost, vector))
+    ranked.sort(key=lambda pair: pair[0])
+    return [vector for _, vector in ranked[:count]]
+
+
+def _thinned(drive: Drive, step: int) -> Drive:
+    keep = slice(None, None, max(step, 1))
+    return Drive(drive.sample_time * max(step, 1), drive.velocity[keep], drive.displacement[keep],
+                 drive.current[keep], None if drive.force is None else drive.force[keep])
+
+
+def _bounded(columns: np.ndarray, target: np.ndarray, lower: np.ndarray,
+             upper: np.ndarray) -> tuple[np.ndarray, float]:
+    """Least squares inside bounds, columns scaled to one size; the solution and its sum of squares."""
+    from scipy.optimize import lsq_linear
+
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    found = lsq_linear(columns / size, target, (lower * size, upper * size), method="bvls")
+    return np.clip(found.x / size, lower, upper), float(2 * found.cost)
