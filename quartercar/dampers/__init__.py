@@ -23,6 +23,8 @@ _EXPORTS = {
     "quartercar.dampers.linear": ("Linear",),
     "quartercar.dampers.parameter": ("Parameter",),
     "quartercar.dampers.passivity": ("Passivity", "check_passivity"),
+    "quartercar.dampers.static_characteristic": ("StaticCharacteristic", "static_points"),
+    "quartercar.dampers.steady_windows": ("WindowSettings", "steady_windows"),
     "quartercar.dampers.power_law": ("PowerLaw", "PowerLawFrictionGas"),
 }
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
