@@ -1,0 +1,141 @@
+"""What every damper model is asked on: true parameters and motions rich enough to recover them.
+
+A model's author edits `CASES`; where a model is not named the defaults below serve.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from lpvid.record import Record
+from quartercar.dampers import MODELS, Damper, Drive, LawDamper, model_class
+from quartercar.dampers.contract import DynamicDamper, StaticDamper
+
+
+@dataclass(frozen=True)
+class Case:
+    """A true damper and how it is moved.
+
+    Attributes
+    ----------
+    settings : dict
+        Fields of the model beyond the common ones (orders, tables).
+    values : dict
+        True parameters where they are not the default moved by up to 15 %; those whose default rests on a bound need
+        one inside.
+    stroke, speed : float
+        Largest displacement [m] and velocity [m/s] of the multisine.
+    lowest, highest : float
+        Its band [Hz].
+    currents : (float, float)
+        Between which the current steps at random; ignored by models that do not read it.
+    hold : float
+        Time between two steps of the current [s].
+    duration, sample_time : float
+        [s]
+    noise : float
+        White, as a share of the force's standard deviation.
+    fit : dict
+        Changed `FitSettings`.
+    smooth_tolerance : float
+        Of `response` against a tight integration of `rates`, as a share of the force's range.
+    """
+
+    settings: dict[str, Any] = field(default_factory=dict)
+    values: dict[str, float] = field(default_factory=dict)
+    stroke: float = 0.03
+    speed: float = 0.8
+    lowest: float = 0.3
+    highest: float = 9.0
+    currents: tuple[float, float] = (0.0, 2.0)
+    hold: float = 0.3
+    duration: float = 8.0
+    sample_time: float = 1.0 / 512
+    noise: float = 0.01
+    fit: dict[str, Any] = field(default_factory=dict)
+    smooth_tolerance: float = 2e-3
+
+
+CASES: dict[str, Case] = {
+    "linear": Case(values={"mass": 1.5, "stiffness": 4000.0}),
+}
+"""By the model's name on the command line."""
+
+NAMES = [name for name, _, _ in MODELS]
+LAWS = [n for n in NAMES if issubclass(model_class(n), LawDamper)]
+STATIC = [n for n in NAMES if issubclass(model_class(n), StaticDamper)]
+DYNAMIC = [n for n in NAMES if issubclass(model_class(n), DynamicDamper)]
+
+
+def case_of(name: str) -> Case:
+    """The case of a model."""
+    return CASES.get(name, Case())
+
+
+def blank(name: str) -> Damper:
+    """The model with default parameters, as a user would hand it to `fit`."""
+    case = case_of(name)
+    return model_class(name)(**case.settings, current_range=case.currents)
+
+
+def truth(name: str) -> Damper:
+    """The model with the case's true parameters: the defaults moved by up to 15 %, or as the case says."""
+    damper, rng = blank(name), np.random.default_rng(7)
+    moved = {p.name: float(np.clip(p.default * rng.uniform(0.85, 1.15), p.lower, p.upper)) for p in damper.parameters}
+    return damper.with_values(**{**moved, **case_of(name).values})
+
+
+def motion(case: Case, rng: np.random.Generator, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(displacement, velocity) of a multisine at any times, smooth and exact derivatives of each other."""
+    f = np.geomspace(case.lowest, case.highest, 14) * rng.uniform(0.95, 1.05, 14)
+    phase = rng.uniform(0, 2 * np.pi, f.size)
+    dense = np.arange(0.0, case.duration, 1e-3)
+    amplitude, power = np.zeros(1), 0.0
+    for power in np.arange(0.0, 3.01, 0.1):  # the flatter the line spectrum the faster for its stroke
+        amplitude = f**-power
+        x, v = _lines(amplitude, f, phase, dense)
+        if np.abs(v).max() / np.abs(x).max() <= case.speed / case.stroke:
+            break
+    return _lines(amplitude * case.speed / np.abs(v).max(), f, phase, times)
+
+
+def _lines(amplitude: np.ndarray, f: np.ndarray, phase: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    angle = 2 * np.pi * np.outer(times, f) + phase
+    return np.sin(angle) @ amplitude, np.cos(angle) @ (amplitude * 2 * np.pi * f)
+
+
+def current_of(case: Case, rng: np.random.Generator, times: np.ndarray) -> np.ndarray:
+    """Random levels, each held for `hold`."""
+    low, high = case.currents
+    levels = rng.uniform(low, high, int(times[-1] / case.hold) + 2)
+    levels[:4] = low, high, 0.5 * (low + high), low
+    return levels[(times / case.hold).astype(int)]
+
+
+def recovery_drive(name: str, seed: int = 1) -> Drive:
+    """The motion and current of a model's case, without force."""
+    case, rng = case_of(name), np.random.default_rng(seed)
+    times = np.arange(0.0, case.duration, case.sample_time)
+    x, v = motion(case, rng, times)
+    return Drive(case.sample_time, v, x, current_of(case, rng, times))
+
+
+def record_of(drive: Drive, force: np.ndarray | None = None, unit: str = "A") -> Record:
+    """A drive as a record."""
+    channels = {"displacement": drive.displacement, "velocity": drive.velocity, "current": drive.current}
+    units = {"displacement": "m", "velocity": "m/s", "current": unit, "force": "N"}
+    if force is not None:
+        channels["force"] = force
+    return Record(channels, sample_time=drive.sample_time, units=units, name="case")
+
+
+def noisy_record(name: str, rng: np.random.Generator, seed: int = 1) -> Record:
+    """The true damper's force along its case, with white noise."""
+    damper, drive = truth(name), recovery_drive(name, seed)
+    force = damper.response(drive, damper.vector)
+    assert np.isfinite(force).all()
+    return record_of(drive, force + case_of(name).noise * force.std() * rng.normal(size=force.size),
+                     damper.current_unit)
