@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from quartercar.dampers.contract import Damper
 
 _EXPORTS = {
+    "quartercar.dampers.compared": ("Compared", "Comparison"),
+    "quartercar.dampers.comparison": ("CompareSettings", "compare"),
     "quartercar.dampers.contract": ("Damper", "DynamicDamper", "ExtrapolationWarning", "LawDamper", "Run",
                                     "StaticDamper"),
     "quartercar.dampers.drive": ("Drive",),
@@ -19,9 +21,15 @@ _EXPORTS = {
     "quartercar.dampers.fitting": ("DamperFit", "FitSettings", "fit"),
     "quartercar.dampers.guo": ("Guo", "Guo5", "Guo6", "Guo7", "Guo15"),
     "quartercar.dampers.kwok": ("Kwok",),
+    "quartercar.dampers.extended_bouc_wen": ("ExtendedBoucWen",),
     "quartercar.dampers.force_map": ("ForceMap",),
     "quartercar.dampers.linear": ("Linear",),
+    "quartercar.dampers.compliance": ("Compliance", "QuasiLpv"),
+    "quartercar.dampers.lpv": ("LpvArx",),
+    "quartercar.dampers.narx": ("Narx2", "Narx3"),
     "quartercar.dampers.parameter": ("Parameter",),
+    "quartercar.dampers.preparing": ("Prepared", "prepare"),
+    "quartercar.dampers.published": ("read_parameters",),
     "quartercar.dampers.passivity": ("Passivity", "check_passivity"),
     "quartercar.dampers.static_characteristic": ("StaticCharacteristic", "static_points"),
     "quartercar.dampers.steady_windows": ("WindowSettings", "steady_windows"),
@@ -32,6 +40,7 @@ _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 MODELS: tuple[tuple[str, str, str], ...] = (
     ("linear", "quartercar.dampers.linear", "Linear"),
     ("force-map", "quartercar.dampers.force_map", "ForceMap"),
+    ("extended-bouc-wen", "quartercar.dampers.extended_bouc_wen", "ExtendedBoucWen"),
     ("power-law", "quartercar.dampers.power_law", "PowerLaw"),
     ("power-law-friction-gas", "quartercar.dampers.power_law", "PowerLawFrictionGas"),
     ("guo", "quartercar.dampers.guo", "Guo"),
@@ -40,6 +49,11 @@ MODELS: tuple[tuple[str, str, str], ...] = (
     ("guo-7", "quartercar.dampers.guo", "Guo7"),
     ("guo-15", "quartercar.dampers.guo", "Guo15"),
     ("kwok", "quartercar.dampers.kwok", "Kwok"),
+    ("narx-2", "quartercar.dampers.narx", "Narx2"),
+    ("narx-3", "quartercar.dampers.narx", "Narx3"),
+    ("lpv-arx", "quartercar.dampers.lpv", "LpvArx"),
+    ("quasi-lpv", "quartercar.dampers.compliance", "QuasiLpv"),
+    ("compliance", "quartercar.dampers.compliance", "Compliance"),
 )
 """Every model by its name on the command line: name, module, class. A new model adds its line here."""
 

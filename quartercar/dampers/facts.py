@@ -38,6 +38,8 @@ class Facts:
         [s]
     n_samples : int
     polarity : {1, −1}
+    switches : bool
+        Whether the current changes within a record: only then does its lag show.
     """
 
     has_displacement: bool
@@ -53,6 +55,7 @@ class Facts:
     sample_time: float
     n_samples: int
     polarity: int
+    switches: bool = True
 
     @property
     def common(self) -> dict:
@@ -89,12 +92,14 @@ class Facts:
         period = records[0].sample_time
         assert period is not None
         low, high = float(i.min()), float(i.max())
-        varies = has_i and high - low > DISTINCT * max(abs(low), abs(high))
+        least = DISTINCT * max(abs(low), abs(high))
+        varies = has_i and high - low > least
+        switches = has_i and any(np.ptp(r["current"]) > least for r in records)
         crossing = x.min() < 0 < x.max()
         return cls(has_x, has_i, varies, (records[0].unit("current") or "1") if has_i else "A",
                    (low, high) if has_i else None, _levels(i) if has_i else (),
                    0.0 if crossing else float(0.5 * (x.min() + x.max())),
-                   float(0.5 * np.ptp(x)), float(np.abs(v).max()), float(f.std()), period, v.size, polarity)
+                   float(0.5 * np.ptp(x)), float(np.abs(v).max()), float(f.std()), period, v.size, polarity, switches)
 
 
 def _levels(current: np.ndarray) -> tuple[float, ...]:

@@ -1,0 +1,219 @@
+"""ExtendedBoucWen: hysteresis with parameters by direction and current, gas spring, and lagged current; seed 002."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from lpvid import _checks
+from quartercar.dampers.drive import Drive
+from quartercar.dampers.facts import Facts
+from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.real_time import RealTime
+from quartercar.dampers.semi_active import SemiActiveDamper, gas_spring, proposed_nodes
+
+LONGEST_STEP = 5e-4
+"""longest sub-step [s]"""
+DIRECTIONS = ("compression", "rebound")
+ROW = (
+    Parameter("damping", "N*s/m", "damping c_0", 1000.0, 0.0),
+    Parameter("stiffness", "N/m", "stiffness k_0 beside it", 1000.0, 0.0),
+    Parameter("roll_off_damping", "N*s/m", "damping c_1 in series, low-speed roll-off", 20000.0, 10.0, log=True),
+    Parameter("yield_force", "N", "force alpha of the saturated hysteresis", 100.0, 0.0),
+    Parameter("sharpness", "1/m", "slope delta of the hysteresis at z = 0", 1000.0, 1.0, 1e7, log=True),
+    Parameter("unloading", "", "gamma/delta; 1/2: unloads as stiffly as it loads at first", 0.7, 0.5, 5.0),
+)
+"""parameters of one current and one direction"""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ExtendedBoucWen(SemiActiveDamper):
+    """F = c_1 ẏ + k_1 (x_d − x_0), with parameters by current u_f and direction of v_d.
+
+        ẏ = [α z + c_0 v_d + k_0 (x_d − y)]/(c_0 + c_1),      r = v_d − ẏ
+        ż = δ r − γ |r| z |z|^{n−1} − β r |z|^n,              δ = β + γ
+        θ = s θ_rebound(u_f) + (1 − s) θ_compression(u_f),    s = ½ tanh(v_d/ε) + ½
+
+    The scale of z is free in the paper's seven parameters; δ = β + γ makes |z| = 1 the saturated state, so that α is a
+    force and six numbers are left. All are linear between the nodes of the current, which keeps δ = β + γ.
+
+    Attributes
+    ----------
+    exponent : float
+        n.
+
+    References
+    ----------
+    Seed 002 (doi 10.3384/ECP14096283), equations (1) to (5), with the redundancy of z removed.
+
+    Examples
+    --------
+    >>> damper = ExtendedBoucWen(nodes=(0.1, 0.5), current_unit="1")
+    >>> len(damper.parameters)  # 2 nodes, 2 directions, 6 each; gas; T and τ by edge and direction
+    34
+    >>> damper.rk4_limit(0.5) < 2.785
+    True
+    """
+
+    name: ClassVar[str] = "extended-bouc-wen"
+    title: ClassVar[str] = "Generalised extended Bouc-Wen"
+    source: ClassVar[str] = "seed 002, equations (1)-(5)"
+    exponent: float = 2.0
+
+    def check_settings(self) -> None:
+        _checks.positive(self.exponent - 0.999, "exponent of the Bouc-Wen law, from 1")
+        self.check_rows()
+
+    @property
+    def row_parameters(self) -> tuple[Parameter, ...]:
+        return tuple(Parameter(f"{p.name}_{d}", p.unit, f"{p.says}, {d}",
+                               p.default * (2 if d == "rebound" and p.name in ("damping", "yield_force") else 1),
+                               p.lower, p.upper, p.log) for d in DIRECTIONS for p in ROW)
+
+    @property
+    def gas_parameters(self) -> tuple[Parameter, ...]:
+        return gas_spring(True)
+
+    @property
+    def growing(self) -> tuple[str, ...]:
+        return tuple(f"{name}_{d}" for name in ("damping", "yield_force") for d in DIRECTIONS)
+
+    @property
+    def needs_displacement(self) -> bool:
+        return True
+
+    @property
+    def linear(self) -> tuple[str, ...]:
+        return tuple(self.gas_values)
+
+    @property
+    def start(self) -> int:
+        return 1
+
+    @classmethod
+    def suited(cls, facts: Facts) -> ExtendedBoucWen:
+        facts.need_displacement(cls.name)
+        return cls(nodes=proposed_nodes(facts), lag="full" if facts.switches else "none", **facts.common)
+
+    def tables(self, vector: np.ndarray) -> np.ndarray:
+        """(2, M, 7) of c_0, k_0, c_1, α, β, γ, δ for compression and rebound, over the nodes."""
+        rows = self.parted(vector)[0].reshape(self.rows, 2, len(ROW)).transpose(1, 0, 2)
+        delta, share = rows[..., 4], rows[..., 5]
+        return np.concatenate([rows[..., :4], np.stack([(1 - share) * delta, share * delta, delta], axis=-1)], axis=-1)
+
+    # -- running -----------------------------------------------------------------------------------------------------
+    def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+        from quartercar.dampers._semi_active_kernels import bouc_wen_run
+
+        _, gas, lag = self.parted(vector)
+        force = None if drive.force is None else float(drive.force[0])
+        state = self.rest(drive.displacement[0], drive.velocity[0], drive.current[0], force, vector)
+        times, delays = self.current_lag.unpack(lag)
+        return bouc_wen_run(drive.displacement, drive.velocity, drive.current, drive.sample_time,
+                            sub_steps(drive.sample_time), self.switch_speed, np.array(self.nodes), self.tables(vector),
+                            times, delays, gas, float(self.exponent), state)
+
+    def rest(self, displacement: float, velocity: float, current: float, force: float | None,
+             vector: np.ndarray) -> np.ndarray:
+        """(3,) u_f, y and z at the start of a run: k_0 unloaded, z by the measured force or settled at the speed."""
+        c0, _, c1, alpha = self.mixture(velocity, current, vector)[:4]
+        preload = self.parted(vector)[1]
+        if force is None:
+            z = self._settled(velocity, c0, c1, alpha)
+        elif alpha.real > 0:
+            z = ((force - preload[0] * displacement - preload[1]) * (c0 + c1) / c1 - c0 * velocity) / alpha
+        else:
+            z = 0.0 * alpha
+        z = z if abs(z.real) <= 1 else 0.0 * z + math.copysign(1.0, z.real)
+        return np.array([current + 0.0 * z, displacement + 0.0 * z, z], vector.dtype)
+
+    @staticmethod
+    def _settled(velocity: float, c0, c1, alpha):
+        """z at a constant speed: saturated where the yield force slips, c_1 v/α where c_1 alone takes the speed."""
+        if alpha.real <= c1.real * abs(velocity):
+            return 0.0 * alpha + float(np.sign(velocity))
+        return c1 * velocity / alpha
+
+    def mixture(self, velocity: float, current: float, vector: np.ndarray) -> np.ndarray:
+        """(7,) c_0, k_0, c_1, α, β, γ, δ at a speed and a settled current."""
+        from quartercar.dampers._semi_active_kernels import mixed, sense
+
+        row = np.empty(7, vector.dtype)
+        mixed(self.tables(vector), np.array(self.nodes), sense(velocity, self.switch_speed),
+              current + 0.0 * vector[0], row)
+        return row
+
+    def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+        """(n, P): by the complex step, for the rows between which the current moves; exact."""
+        width, out = 2 * len(ROW), np.zeros((drive.n_samples, vector.size))
+        first, last = self._touched(drive.current)
+        gas = self.rows * width
+        out[:, gas:] = self.complex_step(drive, vector, range(gas, vector.size))
+        moved = range(first * width, (last + 1) * width)
+        out[:, moved] = self.complex_step(drive, vector, moved)
+        return out
+
+    def _touched(self, current: np.ndarray) -> tuple[int, int]:
+        """First and last row that a command reaches; the lag never leaves the range of the command."""
+        if not self.nodes:
+            return 0, 0
+        nodes = np.array(self.nodes)
+        return (max(int(np.searchsorted(nodes, current.min(), "right")) - 1, 0),
+                min(int(np.searchsorted(nodes, current.max(), "left")), nodes.size - 1))
+
+    # -- asking ------------------------------------------------------------------------------------------------------
+    def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
+        """(n,) force once z has settled, with k_0 unloaded: a stroke is too short to load it [N]."""
+        out = []
+        for v in np.atleast_1d(np.asarray(velocity, dtype=float)):
+            c0, _, c1, alpha = self.mixture(float(v), float(current), self.vector)[:4]
+            out.append(c1 * (alpha * self._settled(float(v), c0, c1, alpha) + c0 * v) / (c0 + c1))
+        return np.array(out) + self.conservative_force(np.array(float(displacement)))
+
+    def rk4_limit(self, current: float = 0.0, step: float = 1e-3) -> float:
+        """(α δ + k_0)/(c_0 + c_1) times `step`, the larger of both directions; a Runge-Kutta-4 step fails above 2.785.
+
+        That is the rate of the mode of (y, z) at z = 0, and 2.785 the end of the method's stability on the real axis.
+        """
+        rates = []
+        for v in (-1.0, 1.0):
+            c0, k0, c1, alpha, _, _, delta = self.mixture(v, current, self.vector)
+            rates.append((alpha * delta + k0) / (c0 + c1))
+        return float(max(rates)) * step
+
+    def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
+        """The step-by-step identification's result, then rows scaled from it."""
+        from quartercar.dampers.stepwise import stepwise_start
+
+        first = stepwise_start(self, drives, rng).vector
+        low, high = (np.array([getattr(p, side) for p in self.parameters]) for side in ("lower", "upper"))
+        spread = [np.clip(first * np.exp(rng.normal(0.0, 0.5, first.size)), low, high) for _ in range(count - 1)]
+        return [first, *spread]
+
+    def real_time(self, step: float = 1e-3) -> RealTime:
+        from quartercar.dampers._semi_active_kernels import bouc_wen_force, bouc_wen_step, mixed, sense
+
+        vector, parts, width, n = self.vector, sub_steps(step), self.switch_speed, float(self.exponent)
+        tables, nodes, gas = self.tables(vector), np.array(self.nodes), self.parted(vector)[1]
+        times, delays = self.current_lag.unpack(self.parted(vector)[2])
+        row = np.empty(tables.shape[2])
+
+        def begin(x: float, v: float, u: float, buffer: np.ndarray, state: np.ndarray) -> float:
+            state[:] = self.rest(x, v, u, None, vector)
+            mixed(tables, nodes, sense(v, width), u, row)
+            return bouc_wen_force(state, row, x, v, gas[0], gas[1])
+
+        def advance(x0: float, x1: float, v0: float, v1: float, k: int, buffer: np.ndarray, state: np.ndarray) -> float:
+            return bouc_wen_step(state, row, buffer, k, x0, x1, v0, v1, step, parts, width, nodes, tables, times,
+                                 delays, gas, n)
+
+        return RealTime(step, begin, advance, 3)
+
+
+def sub_steps(period: float) -> int:
+    """Sub-steps of a sampling interval."""
+    return max(1, math.ceil(period / LONGEST_STEP - 1e-9))
