@@ -1,0 +1,248 @@
+"""Hydraulic networks as dampers (seed 003): laminar and turbulent losses in series, in parallel, and mixed."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from quartercar.dampers.contract import StaticDamper
+from quartercar.dampers.drive import Drive
+from quartercar.dampers.facts import Facts
+from quartercar.dampers.parameter import Parameter
+
+SIDES = ("extension", "compression")
+STATICS = (Parameter("friction", "N", "Coulomb friction F_c", 20.0, 0.0),
+           Parameter("offset", "N", "constant F_0: gas preload, zero of the load cell", 0.0))
+LAMINAR = Parameter("laminar_damping", "N*s/m", "laminar loss c_L = A_p² C_L", 1000.0, 0.0)
+QUADRATIC = Parameter("quadratic_damping", "N*s^2/m^2", "turbulent loss c_Q = A_p³ C_Q", 2000.0, 0.0)
+LEAK = Parameter("leak_mobility", "m/(N*s)", "laminar leak 1/c_leak = 1/(A_p² C_leak)", 1e-4, 0.0)
+SHARES = (0.0, 0.03, 0.1, 0.3, 0.6, 0.9, 1.0)
+"""trial shares of the laminar loss at the largest speed"""
+LEAKS = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+"""trial leaks, in units of the reciprocal loss at the largest speed"""
+SAMPLES = 2000
+"""samples that rank the starts"""
+
+
+def network_force(speed: np.ndarray, laminar: float, quadratic: float, leak: float) -> np.ndarray:
+    """Force of a mixed network at speeds ≥ 0, `hydraulics.mixed_pressure` in the force domain [N].
+
+    F = c_L q + c_Q q², q + F/c_leak = v; series for leak = 0, parallel for laminar = 0.
+    """
+    q, _ = _path_speed(speed, laminar, quadratic, leak)
+    return (laminar + quadratic * q) * q
+
+
+def network_gradient(speed: np.ndarray, laminar: float, quadratic: float, leak: float) -> np.ndarray:
+    """(n, 4) derivative of `network_force` in c_L, c_Q, 1/c_leak and speed.
+
+    With D = 1 + (c_L + 2c_Q q)/c_leak: ∂F/∂c_L = q/D, ∂F/∂c_Q = q²/D, ∂F/∂(1/c_leak) = −F F_q/D, ∂F/∂v = F_q/D.
+    """
+    q, d = _path_speed(speed, laminar, quadratic, leak)
+    slope = laminar + 2 * quadratic * q
+    return np.column_stack([q / d, q**2 / d, -(laminar + quadratic * q) * q * slope / d, slope / d])
+
+
+def _path_speed(speed: np.ndarray, laminar: float, quadratic: float, leak: float) -> tuple[np.ndarray, np.ndarray]:
+    """Speed that the series path carries, and D."""
+    p = 1.0 + leak * laminar
+    d = np.sqrt(p**2 + 4 * leak * quadratic * speed)
+    return 2 * speed / (p + d), d
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class NetworkDamper(StaticDamper):
+    """What the networks share::
+
+        F = sign(v) F_network(|v|) + F_c tanh(v/ε) + F_0
+
+    in the force domain, F = A_p Δp and Q = A_p v, so that c_L = A_p² C_L, c_Q = A_p³ C_Q. Friction is identified with
+    the rest; subtracting min F first, as the source does, forces one residual to zero and biases c_L (E3.7).
+
+    Attributes
+    ----------
+    asymmetric : bool
+        Whether extension and compression have their own network (E3.8).
+    smoothing : float
+        ε [m/s]: below it friction turns with the velocity instead of jumping.
+    """
+
+    asymmetric: bool = False
+    smoothing: float = 1e-3
+
+    @property
+    @abstractmethod
+    def network(self) -> tuple[Parameter, ...]:
+        """Parameters of one network, out of `LAMINAR`, `QUADRATIC`, `LEAK`, in this order."""
+
+    def check_settings(self) -> None:
+        _checks.positive(self.smoothing, "smoothing", "m/s")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        if not self.asymmetric:
+            return (*self.network, *STATICS)
+        sided = [Parameter(f"{p.name}_{side}", p.unit, f"{p.says}, {side}", p.default, p.lower, p.upper)
+                 for side in SIDES for p in self.network]
+        return (*sided, *STATICS)
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        return ("velocity",)
+
+    @classmethod
+    def suited(cls, facts: Facts) -> Self:
+        """Any data with velocity; friction is smoothed over a hundredth of the largest speed, 2 mm/s at most."""
+        if facts.speed <= 0:
+            raise InputError(f"{cls.name} needs motion", got="zero velocity throughout")
+        return cls(smoothing=float(f"{min(2e-3, 0.01 * facts.speed):.2g}"), **facts.common)
+
+    def law(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
+            vector: np.ndarray) -> np.ndarray:
+        hydraulic = np.zeros(velocity.size)
+        for sign, places in self._sides():
+            moving = np.maximum(sign * velocity, 0.0)
+            hydraulic += sign * network_force(moving, *self._three(vector[places]))
+        return hydraulic + vector[-2] * np.tanh(velocity / self.smoothing) + vector[-1]
+
+    def law_gradient(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
+                     vector: np.ndarray) -> np.ndarray:
+        out = np.zeros((velocity.size, vector.size))
+        for sign, places in self._sides():
+            moving = np.maximum(sign * velocity, 0.0)
+            out[:, places] += sign * network_gradient(moving, *self._three(vector[places]))[:, self._columns]
+        out[:, -2] = np.tanh(velocity / self.smoothing)
+        out[:, -1] = 1.0
+        return out
+
+    def _sides(self) -> tuple[tuple[float, slice], ...]:
+        k = len(self.network)
+        return (1.0, slice(0, k)), (-1.0, slice(k, 2 * k) if self.asymmetric else slice(0, k))
+
+    @property
+    def _columns(self) -> list[int]:
+        return [(LAMINAR, QUADRATIC, LEAK).index(p) for p in self.network]
+
+    def _three(self, some: np.ndarray) -> np.ndarray:
+        three = np.zeros(3)
+        three[self._columns] = some
+        return three
+
+    def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
+        """A grid over laminar share and leak; force scale, friction and offset by least squares; the best first."""
+        from scipy.optimize import nnls
+
+        v = np.concatenate([d.velocity for d in drives])
+        f = np.concatenate([d.force for d in drives if d.force is not None])
+        keep = slice(None, None, -(-v.size // SAMPLES))
+        v, f, top = v[keep], f[keep], float(np.abs(v).max())
+        shares = SHARES if LAMINAR in self.network else (0.0,)
+        leaks = LEAKS if LEAK in self.network else (0.0,)
+        grid = [(s, 1.0 - s, h) for s in shares for h in leaks]
+        rest = [np.tanh(v / self.smoothing), np.ones(v.size), -np.ones(v.size)]
+        ranked = []
+        for share, turbulent, leak in grid:
+            shape = [network_force(np.maximum(sign * v, 0.0), share / top, turbulent / top**2, leak)
+                     for sign in (1, -1)]
+            columns = [shape[0], -shape[1]] if self.asymmetric else [shape[0] - shape[1]]
+            design = np.column_stack([*columns, *rest])
+            size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+            scaled, cost = nnls(design / size, f)
+            found = scaled / size
+            sides = [self._network(scale, share, turbulent, leak, top) for scale in found[:-3]]
+            ranked.append((cost, np.concatenate([*sides, [found[-3], found[-2] - found[-1]]])))
+        ranked.sort(key=lambda pair: pair[0])
+        return [vector for _, vector in ranked[:count]]
+
+    def _network(self, scale: float, share: float, turbulent: float, leak: float, top: float) -> np.ndarray:
+        """Parameters of the network whose force is `scale` times that of the shape tried."""
+        scale = max(scale, 1e-300)
+        all_three = np.array([scale * share / top, scale * turbulent / top**2, min(leak / scale, 1e6)])
+        return all_three[self._columns]
+
+    @property
+    def linear(self) -> tuple[str, ...]:
+        hydraulic = () if LEAK in self.network else self.names[:-2]
+        return (*hydraulic, *self.names[-2:])
+
+    def conservative_force(self, displacement: np.ndarray) -> np.ndarray:
+        return np.full(np.shape(displacement), self.values["offset"])
+
+    def to_lpv(self, sample_time: float) -> Any:
+        raise InputError(f"no LPV form of '{self.name}'",
+                         why="it has no memory and no scheduling: its slope is a function of the velocity itself")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class SeriesNetwork(NetworkDamper):
+    """A laminar and a turbulent loss one after the other: F = c_L|v| + c_Q v², resisting.
+
+    Seed 003, (5). Log-log slope 1 → 2 with rising speed; equal shares at v_t = c_L/c_Q.
+
+    Examples
+    --------
+    >>> s = SeriesNetwork(values={"laminar_damping": 1e5, "quadratic_damping": 1e8, "friction": 0.0}, smoothing=1e-5)
+    >>> s.force(0.0, [-1e-3, 1e-3, 2e-3]).round(9)
+    array([-200.,  200.,  600.])
+    """
+
+    name: ClassVar[str] = "network-series"
+    title: ClassVar[str] = "Series network"
+    source: ClassVar[str] = "seed 003, (5)"
+
+    @property
+    def network(self) -> tuple[Parameter, ...]:
+        return LAMINAR, QUADRATIC
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ParallelNetwork(NetworkDamper):
+    """A laminar leak beside a turbulent orifice: v = F/c_leak + √(F/c_Q), resisting.
+
+    Seed 003, (6), with a = 1/c_leak and b = c_Q^(−1/2) (E3.2). Log-log slope 2 → 1 with rising speed; equal shares at
+    F_t = c_leak²/c_Q, that is v_t = 2 c_leak/c_Q.
+
+    Examples
+    --------
+    >>> p = ParallelNetwork(values={"quadratic_damping": 1 / 0.7**2, "leak_mobility": 1.3, "friction": 0.0})
+    >>> p.force(0.0, [2.0, -2.0]).round(9)
+    array([ 1., -1.])
+    """
+
+    name: ClassVar[str] = "network-parallel"
+    title: ClassVar[str] = "Parallel network"
+    source: ClassVar[str] = "seed 003, (6)"
+
+    @property
+    def network(self) -> tuple[Parameter, ...]:
+        return QUADRATIC, LEAK
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class MixedNetwork(NetworkDamper):
+    """A series path with a laminar leak around it: v = v_series(F) + F/c_leak, resisting.
+
+    Equations.md E3.9, which the source does not test. Log-log slope 1, towards 2, and back to 1. Without leak it is the
+    series network, without laminar loss in the main path the parallel one.
+
+    Examples
+    --------
+    >>> m = MixedNetwork(values={"laminar_damping": 1.0, "quadratic_damping": 1.0, "leak_mobility": 0.5,
+    ...                          "friction": 0.0})
+    >>> m.force(0.0, 2.0).round(9)
+    array([2.])
+    """
+
+    name: ClassVar[str] = "network-mixed"
+    title: ClassVar[str] = "Mixed network"
+    source: ClassVar[str] = "equations.md, E3.9"
+
+    @property
+    def network(self) -> tuple[Parameter, ...]:
+        return LAMINAR, QUADRATIC, LEAK
