@@ -144,14 +144,21 @@ def read_parts(training: Sequence[str], held_out: Sequence[str] | None, *, roles
                flip: Sequence[str] | None = None,
                sample_rate: float | None = None) -> tuple[list[Record], list[Record]]:
     """Records of DATA and of --held-out, read as one set: a ``--flip CHANNEL@PATTERN`` may mean files of either."""
+    return read_parts_clocked(training, held_out, roles=roles, flip=flip, sample_rate=sample_rate)[:2]
+
+
+def read_parts_clocked(training: Sequence[str], held_out: Sequence[str] | None, *, roles: Sequence[str] | None = None,
+                       flip: Sequence[str] | None = None,
+                       sample_rate: float | None = None) -> tuple[list[Record], list[Record], bool]:
+    """As `read_parts`, and whether some file had no clock, so that `sample_rate` was its own rate."""
     from lpvid.files import find
 
-    if not held_out:
-        return read_records(training, roles=roles, flip=flip, sample_rate=sample_rate), []
-    no_shared_files(training, held_out)
-    records = read_records([*training, *held_out], roles=roles, flip=flip, sample_rate=sample_rate)
+    if held_out:
+        no_shared_files(training, held_out)
+    paths = [*training, *(held_out or ())]
+    records, without = read_clocked(paths, roles=roles, flip=flip, sample_rate=sample_rate)
     count = len(find(training))
-    return records[:count], records[count:]
+    return records[:count], records[count:], without
 
 
 def _flipped(records: Sequence[Record], files: Sequence[Path], wanted: Sequence[str]) -> list[Record]:

@@ -8,6 +8,7 @@ import typer
 
 from lpvid.cli.running import new_app
 from quartercar.cli.demo import demo
+from quartercar.cli.fit import fit
 from quartercar.cli.rig import rig
 
 app = new_app()
@@ -31,5 +32,5 @@ def _common(version: Annotated[bool, typer.Option("--version", callback=_version
     """
 
 
-for _command in (rig, demo):
+for _command in (rig, fit, demo):
     app.command()(_command)

@@ -1,0 +1,152 @@
+"""`quartercar fit`: every damper model that the data allow, fitted and ranked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lpvid.cli import options
+from lpvid.cli.running import Results, command, conclude, working
+from lpvid.errors import InputError
+
+if TYPE_CHECKING:
+    from lpvid.record import Record
+    from quartercar.dampers.compared import Comparison
+    from quartercar.dampers.contract import Damper
+
+HOLD_OUT = "last-third"
+
+
+@command
+def fit(
+    data: options.Data,
+    models: Annotated[list[str] | None, typer.Option("--models", metavar="NAMES", help="Models to fit, with commas, or "
+                                                     "all (the default); --list prints their names.")] = None,
+    parameters: Annotated[list[Path] | None, typer.Option("--parameters", metavar="FILE", help="Also compare this "
+                          "parameter set as it is: a published set, or a model file; repeat for several.")] = None,
+    held_out: Annotated[list[str] | None, typer.Option("--held-out", metavar="DATA", help="Files the fits do not see; "
+                                                       "repeat for several.")] = None,
+    hold_out: Annotated[str | None, typer.Option("--hold-out", metavar="SHARE", help="Keep the last part of every "
+                                                 "record out of the fits (last-third, without --held-out).")] = None,
+    thorough: Annotated[bool, typer.Option("--thorough", help="Fit slow models to all data from twenty starts, however "
+                                           "long it takes.")] = False,
+    input: options.Inputs = None,
+    output: options.Outputs = None,
+    schedule: options.Schedule = None,
+    role: options.Role = None,
+    flip: options.Flip = None,
+    sample_rate: options.SampleRate = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starting points.")] = 0,
+    list_models: Annotated[bool, typer.Option("--list", help="Print the models' names and stop.",
+                                              callback=lambda value: _listed(value), is_eager=True)] = False,
+    out: options.Out = None,
+    json: options.Json = False,
+) -> None:
+    """Fit damper models and rank them by their free run on data that no fit has seen.
+
+    Channels are found by their names velocity, displacement, current, force; --input, --schedule and --output name them
+    otherwise. Writes comparison.json, a file for each fitted model, report.html and its figures.
+    """
+    from lpvid.cli.data import split_names
+    from quartercar.dampers.comparison import CompareSettings, compare
+
+    results = Results(out)
+    with working("reading") as say:
+        training, kept, rate, notes = _records(data, held_out, hold_out, {"role": role, "flip": flip}, sample_rate)
+        named = (split_names(input), split_names(output), split_names(schedule))
+        training, kept = ([_with_parts(r, *named) for r in part] for part in (training, kept))
+        wanted: list[str | Damper] = [*(split_names(models) or ([] if parameters else ("all",)))]
+        settings = CompareSettings(seed=seed, sample_rate=rate, thorough=thorough)
+        found = compare(training, [*wanted, *_given(parameters or (), training, kept, rate)], kept, settings, say)
+        found = found.with_notes(notes)
+        _deliver(results, found, say)
+    if not found.complete:
+        typer.echo("interrupted: the models that were done are kept; the result says that it is not complete", err=True)
+    conclude(results, found.to_dict(), str(found), json)
+
+
+def _listed(value: bool) -> None:
+    if value:
+        from quartercar.dampers import MODELS, model_class
+
+        for name, _, _ in MODELS:
+            typer.echo(f"{name:<26}{model_class(name).title}")
+        raise typer.Exit
+
+
+def _records(data: Sequence[str], held_out: Sequence[str] | None, hold_out: str | None, words: dict,
+             sample_rate: float | None) -> tuple[list[Record], list[Record], float | None, tuple[str, ...]]:
+    """Training and held-out records, the rate to resample to, and what was held out."""
+    from lpvid.cli.data import hold_out as part
+    from lpvid.cli.data import read_parts_clocked
+
+    records, kept, clockless = read_parts_clocked(data, held_out, roles=words["role"], flip=words["flip"],
+                                                  sample_rate=sample_rate)
+    share = hold_out or (None if kept else HOLD_OUT)
+    training, tail = part(records, share)
+    said = () if share is None else (f"held out: the last {share.removeprefix('last-')} of every record in DATA",)
+    return training, [*tail, *kept], None if clockless else sample_rate, said
+
+
+def _with_parts(record: Record, inputs: Sequence[str], outputs: Sequence[str], schedule: Sequence[str]) -> Record:
+    """The record with its roles as --input, --output and --schedule name them."""
+    roles: dict[str, str] = {}
+    for name in inputs:
+        unit = record.unit(name)
+        role = {"m/s": "velocity", "m": "displacement"}.get(unit)
+        if role is None or role in roles:
+            raise InputError(f"--input {name}: the motion of a damper is a velocity or a displacement",
+                             got=f"{unit or 'no unit'} in record '{record.name}'",
+                             mend="--role velocity=CHANNEL says which it is")
+        roles[role] = record.resolve(name)
+    for option, role, names in (("--output", "force", outputs), ("--schedule", "current", schedule)):
+        if len(names) > 1:
+            raise InputError(f"{option} takes one channel here", got=", ".join(names))
+        if names:
+            roles[role] = record.resolve(names[0])
+    return record.with_roles(roles)
+
+
+def _given(files: Sequence[Path], training: Sequence[Record], kept: Sequence[Record],
+           rate: float | None) -> list[Damper]:
+    """Parameter sets from files, their open settings and place as these data have them."""
+    if not files:
+        return []
+    from quartercar.dampers import model_class
+    from quartercar.dampers.facts import Facts
+    from quartercar.dampers.preparing import prepare
+    from quartercar.dampers.published import model_of, read_parameters
+
+    prepared = prepare(training, kept, rate)
+    facts = Facts.of(prepared.training, prepared.polarity)
+    found = []
+    for file in files:
+        name = model_of(file)
+        try:
+            like = None if name is None else model_class(name).suited(facts)
+        except InputError:
+            like = None
+        found.append(read_parameters(file, like))
+    return found
+
+
+def _deliver(results: Results, found: Comparison, say: Callable[[str], None]) -> None:
+    """Queue comparison.json, the models, the figures and the report."""
+    if not results.kept:
+        return
+    from lpvid.export.serialise import save
+    from lpvid.plot import png
+    from quartercar.report_fit import comparison_figures, comparison_page
+
+    say("drawing")
+    results.json("comparison.json", found.to_dict())
+    for row in found.rows:
+        if row.fit is not None:
+            results.add(f"{row.name}.json", lambda path, damper=row.damper: save(damper, path))
+    figures = comparison_figures(found)
+    for drawn in figures:
+        results.bytes(f"{drawn.name}.png", png(drawn.figure))
+    results.report(comparison_page(found, figures))

@@ -1,0 +1,234 @@
+"""Figures of several damper models beside each other: ESR bars, force over time, force over velocity."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lpvid.plot.style import (
+    BLUE,
+    CYCLE,
+    INK,
+    MEASURED,
+    MODEL,
+    MUTED,
+    VERMILION,
+    label,
+    legend_above,
+    look,
+    panels,
+    robust_limits,
+)
+from quartercar.dampers.contract import ExtrapolationWarning
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from lpvid.record import Record
+    from quartercar.dampers.compared import Compared, Comparison
+
+SIDE_BY_SIDE = 6
+"""models beside each other in one experiment, at most"""
+DRAWN = 3
+"""models drawn over time"""
+EXCERPT = 1.2
+"""length of the excerpt [s], or this many periods of the motion's busiest frequency if longer"""
+PERIODS = 4
+LEVELS = 4
+"""currents shown beside each other"""
+NEAR = 0.05
+"""share of the current's span that counts as one level"""
+RARE, APART = 0.02, 2
+"""share of the samples below which a level is not shown; levels apart by no more than this many bins are one"""
+CLOUD = 2500
+"""points of one panel"""
+
+
+def ranking(found: Comparison) -> Figure:
+    """Held-out free-run ESR of every model as bars on a logarithmic axis, with the training ESR as marks."""
+    rows = [r for r in found.rows if r.held_out.total.esr is not None]
+    lost = [r for r in found.rows if r.held_out.total.esr is None]
+    names = [*(r.name for r in rows), *(f"{r.name} (diverged)" for r in lost)]
+    held, trained = ([getattr(r, part).total.esr for r in rows] for part in ("held_out", "training"))
+    with look():
+        figure, axes = panels(1, height=1.0 + 0.27 * len(names))
+        ax = axes[0, 0]
+        place = np.arange(len(names))
+        low = 0.5 * _smallest([*held, *trained])
+        ax.barh(place[: len(rows)], np.maximum(held, low) - low, left=low, height=0.68, color=BLUE, alpha=0.85,
+                label="held-out")
+        known = [(i, t) for i, t in enumerate(trained) if t is not None]
+        ax.plot([t for _, t in known], [i for i, _ in known], "D", color=VERMILION, markersize=4, label="training",
+                linestyle="none")
+        for i, (value, seen) in enumerate(zip(held, trained, strict=True)):
+            ax.annotate(f"{value:.3g}", (max(value, seen or 0.0), i), xytext=(5, 0), textcoords="offset points", va="center",
+                        fontsize=7.5, color=MUTED)
+        ax.set_xscale("log")
+        ax.set_xlim(low, 1.9 * max([*held, *(t for _, t in known), low]))
+        ax.set_ylim(len(names) - 0.4, -0.6)
+        ax.set_yticks(place, names)
+        ax.grid(visible=False, axis="y")
+        ax.set_xlabel("free-run ESR [1]")
+        legend_above(ax, 2)
+    return figure
+
+
+def experiments_by_model(found: Comparison) -> Figure | None:
+    """Held-out free-run ESR by experiment, the best models side by side; None where there is one experiment."""
+    rows = [r for r in found.rows if r.held_out.total.esr is not None][:SIDE_BY_SIDE]
+    names = [name for name, _ in rows[0].held_out.experiments] if rows else []
+    if len(names) < 2:
+        return None
+    values = np.array([[np.nan if run.esr is None else run.esr for _, run in r.held_out.experiments] for r in rows])
+    low = 0.5 * _smallest(list(values.ravel()))
+    width = 0.82 / len(rows)
+    tall = max(map(len, names)) > 12
+    with look():
+        figure, axes = panels(1, height=3.4)
+        ax = axes[0, 0]
+        for k, (row, colour) in enumerate(zip(rows, CYCLE, strict=False)):
+            at = np.arange(len(names)) + (k - 0.5 * (len(rows) - 1)) * width
+            ax.bar(at, np.nan_to_num(values[k], nan=low) - low, width=0.92 * width, bottom=low, color=colour,
+                   label=row.name)
+        ax.set_yscale("log")
+        ax.set_ylim(low, 1.6 * np.nanmax(values))
+        ax.set_xticks(np.arange(len(names)), names, rotation=30 if tall else 0, ha="right" if tall else "center")
+        ax.grid(visible=False, axis="x")
+        ax.set_ylabel("free-run ESR [1]")
+        legend_above(ax, 3)
+    return figure
+
+
+def _smallest(values: Sequence[float | None]) -> float:
+    known = [v for v in values if v is not None and np.isfinite(v) and v > 0]
+    return max(min(known, default=1e-3), 1e-12)
+
+
+def force_over_time(found: Comparison) -> Figure:
+    """Measured force and the best models' free runs over an excerpt of a held-out record, with the current below."""
+    record = livelier(found.data.held_out)
+    window = _excerpt(record)
+    rows = [r for r in found.rows if r.held_out.total.esr is not None][:DRAWN] or list(found.rows[:1])
+    moving = record.has("current") and np.ptp(record["current"]) > 0
+    t = record.times[window]
+    force = record["force"]
+    with look():
+        figure, axes = panels(3 if moving else 2, heights=[2.6, 1.3, *([0.9] if moving else [])], sharex=True)
+        over, under = axes[0, 0], axes[1, 0]
+        over.plot(t, force[window], color=MEASURED, linewidth=1.8, label="measured")
+        for row, colour in zip(rows, (VERMILION, BLUE, CYCLE[2]), strict=False):
+            run = _run(row, record)
+            over.plot(t, run[window], color=colour, linewidth=1.1, label=row.name)
+            under.plot(t, (force - run)[window], color=colour, linewidth=0.9)
+        over.set_ylim(*robust_limits(force[window], 0.15))
+        over.set_ylabel(label("force", "N"))
+        over.set_title(f"{record.name}, held-out")
+        legend_above(over, 4)
+        under.axhline(0, color=INK, linewidth=0.5)
+        under.set_ylabel(label("error", "N"))
+        if moving:
+            axes[2, 0].plot(t, record["current"][window], color=MUTED, drawstyle="steps-post")
+            axes[2, 0].set_ylabel(label("current", record.unit("current")))
+            axes[2, 0].set_ylim(*robust_limits(record["current"], 0.1))
+        axes[-1, 0].set_xlabel(label("time", "s"))
+        axes[-1, 0].set_xlim(float(t[0]), float(t[-1]))
+        figure.align_ylabels()
+    return figure
+
+
+def livelier(records: Sequence[Record]) -> Record:
+    """The record that shows most: one whose current moves if there is one, then the one of the largest force."""
+    return max(records, key=lambda r: (r.has("current") and bool(np.ptp(r["current"]) > 0), float(r["force"].std())))
+
+
+def _excerpt(record: Record) -> slice:
+    """A stretch in which the force is about as lively as in the whole record."""
+    from scipy.signal import welch
+
+    assert record.sample_time is not None
+    frequency, power = welch(record["velocity"], 1 / record.sample_time, nperseg=min(4096, record.n_samples))
+    seconds = max(EXCERPT, PERIODS / max(float(frequency[np.argmax(power)]), 1e-3))
+    size = min(record.n_samples, max(round(seconds / record.sample_time), 16))
+    force = record["force"]
+    starts = np.unique(np.linspace(0, record.n_samples - size, 24).round().astype(int))
+    lively = [float(force[a: a + size].std()) for a in starts]
+    first = int(starts[int(np.argsort(lively)[(3 * len(lively)) // 4])])
+    return slice(first, first + size)
+
+
+def force_over_velocity(found: Comparison) -> Figure:
+    """Force-velocity loops of the best model over the measured ones, a panel for each of at most four currents."""
+    row = found.best
+    runs = [(r, _run(row, r)) for r in found.data.held_out]
+    levels = _levels(found.data.held_out)
+    unit = found.data.held_out[0].unit("current") if levels is not None else ""
+    with look():
+        figure, axes = panels(1, 1 if levels is None else len(levels), height=3.3,
+                              width=5.6 if levels is None else max(5.6, min(9.9, 3.3 * len(levels))))
+        forces = np.concatenate([r["force"] for r, _ in runs])
+        speed = max(float(np.abs(r["velocity"]).max()) for r, _ in runs)
+        for ax, level in zip(axes[0], levels or [None], strict=True):
+            v, measured, model = _near(runs, level, 0.0 if level is None else _span(found.data.held_out))
+            step = max(1, v.size // CLOUD)
+            ax.plot(v[::step], measured[::step], ".", markersize=2.0, color=MEASURED, alpha=0.45, rasterized=True,
+                    label="measured")
+            ax.plot(v[::step], model[::step], ".", markersize=2.0, color=MODEL, alpha=0.45, rasterized=True,
+                    label=row.name)
+            ax.axhline(0, color=INK, linewidth=0.5)
+            ax.axvline(0, color=INK, linewidth=0.5)
+            ax.set_xlim(-1.05 * speed, 1.05 * speed)
+            ax.set_ylim(*robust_limits(forces, 0.06))
+            ax.set_xlabel(label("velocity", "m/s"))
+            if level is not None:
+                ax.set_title(f"{round(level, 2) + 0.0:g} {unit}")
+        axes[0, 0].set_ylabel(label("force", "N"))
+        for ax in axes[0, 1:]:
+            ax.tick_params(labelleft=False)
+        handles, names = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, names, loc="outside lower center", ncols=2, markerscale=4)
+    return figure
+
+
+def _levels(records: Sequence[Record]) -> list[float] | None:
+    """At most four currents on which the records rest for long; None without a current."""
+    if not records[0].has("current"):
+        return None
+    current = np.concatenate([r["current"] for r in records])
+    low, high = float(current.min()), float(current.max())
+    if high - low <= 0.02 * max(abs(low), abs(high)):
+        return [float(np.median(current))]
+    counts, edges = np.histogram(current, bins=round(1 / NEAR), range=(low, high))
+    chosen: list[int] = []
+    for b in map(int, np.argsort(-counts, kind="stable")):
+        if len(chosen) < LEVELS and counts[b] >= RARE * current.size and all(abs(b - c) > APART for c in chosen):
+            chosen.append(b)
+    return [float(np.median(current[(current >= edges[b]) & (current <= edges[b + 1])])) for b in sorted(chosen)]
+
+
+def _span(records: Sequence[Record]) -> float:
+    current = np.concatenate([r["current"] for r in records])
+    return float(np.ptp(current))
+
+
+def _near(runs: Sequence[tuple[Record, np.ndarray]], level: float | None,
+          span: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Velocity, measured and simulated force of the samples whose current is near a level."""
+    parts = []
+    for record, run in runs:
+        keep = np.isfinite(run) if level is None else (
+            np.isfinite(run) & (np.abs(record["current"] - level) <= 0.5 * NEAR * span + 1e-12))
+        parts.append((record["velocity"][keep], record["force"][keep], run[keep]))
+    v, f, m = (np.concatenate([p[k] for p in parts]) for k in range(3))
+    return v, f, m
+
+
+def _run(row: Compared, record: Record) -> np.ndarray:
+    """(n,) free run in the polarity of the record."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ExtrapolationWarning)  # a flag of the row
+        return row.damper.simulate(record).output[:, 0]
+
+
