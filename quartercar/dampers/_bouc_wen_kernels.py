@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from lpvid._compiling import njit
 
 GAMMA = 1.0 - math.sqrt(0.5)
@@ -103,3 +105,52 @@ def _stage(y, z, x, v, ah, c0, k0, c1, alpha, beta, gamma, delta, n):
         root = root - step
         done = abs(step.real) <= CLOSE * scale
     return p - q * root, root
+
+
+@njit()
+def spencer_run(x, v, current, h, substeps, theta, state):
+    """Force of the Spencer model without its gas spring, c_1 ẏ, at every sample.
+
+    Parameters
+    ----------
+    x, v, current : (N,) float array
+        Linear between samples [m], [m/s].
+    h : float
+        Sample time [s].
+    substeps : int
+        Steps per sample.
+    theta : (12,) array, float or complex
+        c_0, its share per current, k_0, c_1, its share per current, α, its share per current, β, γ, δ, n, η; η = 0
+        where the current acts at once.
+    state : (3,) array
+        y, z, w at the first sample; w is the lagged current, ẇ = −η(w − current), exact for a linear current.
+
+    Returns
+    -------
+    (N,) array
+        Of the type of `theta` [N].
+    """
+    c0a, c0b, k0, c1a, c1b, aa, ab, beta, gamma, delta, n, eta = theta
+    y, z, w = state
+    force = np.empty(x.size, theta.dtype)
+    force[0] = (c1a + c1b * w) * node_rate(y, z, x[0], v[0], c0a + c0b * w, k0, c1a + c1b * w, aa + ab * w)
+    step = h / substeps
+    lagged = eta.real > 0.0
+    decay = np.exp(-0.5 * step * eta)
+    for k in range(x.size - 1):
+        dx, dv = (x[k + 1] - x[k]) / substeps, (v[k + 1] - v[k]) / substeps
+        di = (current[k + 1] - current[k]) / substeps
+        for j in range(substeps):
+            now = current[k] + j * di
+            middle = now + 0.5 * di + 0.0 * w
+            after = now + di + 0.0 * w
+            if lagged:
+                behind = di / (step * eta)
+                middle = middle - behind + (w - now + behind) * decay
+                after = after - behind + (w - now + behind) * decay * decay
+            y, z = advance(y, z, x[k] + j * dx, x[k] + (j + 1) * dx, v[k] + j * dv, v[k] + (j + 1) * dv, step,
+                           c0a + c0b * middle, k0, c1a + c1b * middle, aa + ab * middle, beta, gamma, delta, n)
+            w = after
+        c1 = c1a + c1b * w
+        force[k + 1] = c1 * node_rate(y, z, x[k + 1], v[k + 1], c0a + c0b * w, k0, c1, aa + ab * w)
+    return force

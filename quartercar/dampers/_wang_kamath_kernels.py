@@ -1,0 +1,97 @@
+"""Free run of the phase transition model, implicit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lpvid._compiling import njit
+
+GAMMA = 1.0 - math.sqrt(0.5)
+"""diagonal of the two-stage SDIRK method of order 2, L-stable and stiffly accurate"""
+RATIO = (1.0 - GAMMA) / GAMMA
+ITERATIONS = 60
+"""most Newton steps of one stage; three are usual"""
+CLOSE = 1e-9
+"""relative Newton step after which one further step ends the stage, at round-off in the real and the imaginary part"""
+
+
+@njit()
+def landau(f, w3, w4, w5):
+    """(w_3 f + w_4 f³ + w_5 f⁵, its derivative)."""
+    s = f * f
+    return f * (w3 + s * (w4 + s * w5)), w3 + s * (3.0 * w4 + 5.0 * s * w5)
+
+
+@njit()
+def wang_kamath_run(v, h, substeps, theta, f, g):
+    """Scaled force at every sample of w_1 f̈ + w_2 ḟ + w_3 f + w_4 f³ + w_5 f⁵ = v.
+
+    Parameters
+    ----------
+    v : (N,) float array
+        Velocity, linear between samples [m/s].
+    h : float
+        Sample time [s].
+    substeps : int
+        Steps per sample.
+    theta : (N, 5) array, float or complex
+        w_1 … w_5 at the samples, linear in between.
+    f, g : float or complex
+        Scaled force and its rate at the first sample.
+
+    Returns
+    -------
+    (N,) array
+        Of the type of `theta`.
+    """
+    out = np.empty(v.size, theta.dtype)
+    out[0] = f
+    f, g = f + 0.0 * theta[0, 0], g + 0.0 * theta[0, 0]
+    ah = GAMMA * h / substeps
+    for k in range(v.size - 1):
+        for j in range(substeps):
+            early, late = (j + GAMMA) / substeps, (j + 1.0) / substeps
+            fa, ga = _stage(f, g, v[k] + early * (v[k + 1] - v[k]), ah, theta, k, early)
+            fb, gb = f + RATIO * (fa - f), g + RATIO * (ga - g)
+            f, g = _stage(fb, gb, v[k] + late * (v[k + 1] - v[k]), ah, theta, k, late)
+        out[k + 1] = f
+    return out
+
+
+@njit()
+def _stage(f, g, v, ah, theta, k, share):
+    """(f', g') with f' = f + a h g', w_1(g' − g) = a h [v − w_2 g' − P(f')], by guarded Newton steps in f'."""
+    w1 = theta[k, 0] + share * (theta[k + 1, 0] - theta[k, 0])
+    w2 = theta[k, 1] + share * (theta[k + 1, 1] - theta[k, 1])
+    w3 = theta[k, 2] + share * (theta[k + 1, 2] - theta[k, 2])
+    w4 = theta[k, 3] + share * (theta[k + 1, 3] - theta[k, 3])
+    w5 = theta[k, 4] + share * (theta[k + 1, 4] - theta[k, 4])
+    lead = w1 / ah + w2
+    root = f
+    low, high = -math.inf, math.inf
+    done = False
+    for _ in range(ITERATIONS):
+        force, slope = landau(root, w3, w4, w5)
+        error = lead * (root - f) - w1 * g - ah * (v - force)
+        steep = lead + ah * slope
+        if error.real > 0.0:
+            high = min(high, root.real)
+        elif error.real < 0.0:
+            low = max(low, root.real)
+        if steep.real > 0.0:
+            step = error / steep
+        else:
+            step = error / lead
+        if done:
+            root = root - step
+            break
+        guess = root.real - step.real
+        small = abs(step.real) <= CLOSE * (abs(root.real) + 1e-3)
+        if not small and (guess <= low or guess >= high) and high - low < math.inf:
+            root = root + (0.5 * (low + high) - root.real)
+            continue
+        root = root - step
+        done = small
+    return root, (root - f) / ah

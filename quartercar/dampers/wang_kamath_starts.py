@@ -1,0 +1,91 @@
+"""Starting points of the phase transition model: its equation error, linear in the coefficients."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from quartercar.dampers.drive import Drive
+
+if TYPE_CHECKING:
+    from quartercar.dampers.wang_kamath import WangKamath
+
+WINDOWS = (7, 21)
+"""samples of the smoothing that differentiates the force"""
+LAGS = (0.0, 0.003, 0.03, 0.3)
+"""w_2 held at these shares of the rms displacement; 0 leaves it to the regression"""
+FACTORS = (0.1, 1.0)
+"""on the w_1 of the regression, which noise in the force makes uncertain"""
+
+
+def regression_starts(damper: WangKamath, drives: Sequence[Drive], count: int) -> list[np.ndarray]:
+    """Vectors from the regression of v on (f̈, ḟ, f, f³, f⁵), ranked by their free-run residual.
+
+    Parameters
+    ----------
+    damper : WangKamath
+        Structure.
+    drives : sequence of Drive
+        With forces.
+    count : int
+        How many to return.
+    """
+    v = np.concatenate([d.velocity for d in drives])
+    travel = float(np.concatenate([_path(d) for d in drives]).std())
+    ranked = []
+    for window in WINDOWS:
+        columns = np.vstack([_columns(damper, d, window) for d in drives])
+        for lag, factor in product(LAGS, FACTORS):
+            vector = _regressed(damper, columns, v, lag * travel)
+            vector[: damper.degree + 1] *= factor
+            vector = _bounded(damper, vector)
+            with np.errstate(all="ignore"):
+                residual = np.concatenate([damper.response(d, vector) - d.force for d in drives])
+                cost = float(residual @ residual)
+            ranked.append((cost if np.isfinite(cost) else np.inf, len(ranked), vector))
+    ranked.sort()
+    return [vector for _, _, vector in ranked[:count]]
+
+
+def _path(drive: Drive) -> np.ndarray:
+    path = np.cumsum(drive.velocity) * drive.sample_time
+    return path - np.linspace(path[0], path[-1], path.size)
+
+
+def _columns(damper: WangKamath, drive: Drive, window: int) -> np.ndarray:
+    """(n, 5(degree + 1)) regressors of one drive."""
+    from scipy.signal import savgol_filter
+
+    assert drive.force is not None
+    f = drive.force / damper.force_scale
+    window = min(window, (drive.n_samples - 1) // 2 * 2 + 1)
+    if window > 4:
+        rate, bend = (savgol_filter(f, window, 4, deriv=k, delta=drive.sample_time) for k in (1, 2))
+    else:
+        rate, bend = np.gradient(f, drive.sample_time), np.zeros(f.size)
+    basis = damper.basis(drive.current)
+    return np.hstack([signal[:, None] * basis for signal in (bend, rate, f, f**3, f**5)])
+
+
+def _regressed(damper: WangKamath, columns: np.ndarray, v: np.ndarray, lag: float) -> np.ndarray:
+    """Least squares with w_1, w_2, w_5 not below zero; w_2 held at `lag` unless that is 0."""
+    from scipy.optimize import lsq_linear
+
+    wide = damper.degree + 1
+    held = np.zeros(5 * wide, dtype=bool)
+    held[wide: 2 * wide] = lag > 0
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    lower = np.where([p.log for p in damper.parameters], 0.0, -np.inf)
+    target = v - lag * columns[:, held].sum(axis=1)
+    out = np.full(5 * wide, lag)
+    out[~held] = lsq_linear((columns / size)[:, ~held], target, (lower[~held], np.inf), method="bvls").x / size[~held]
+    return out
+
+
+def _bounded(damper: WangKamath, vector: np.ndarray) -> np.ndarray:
+    """Inside the bounds, with coefficients that came out as zero at a hundredth of their defaults."""
+    floor = [max(0.01 * p.default, p.lower) if p.log else p.lower for p in damper.parameters]
+    return np.clip(vector, floor, [p.upper for p in damper.parameters])
