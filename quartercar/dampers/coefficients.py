@@ -163,8 +163,14 @@ class Quotient(Coefficient):
         return {**self.numerator.constant(value), **{p.name: float(t) for p, t in rest}}
 
 
-def check_span(span: tuple[float, float]) -> None:
-    """Refuse a span of currents that is empty or not finite."""
+def settled_span(span: tuple[float, float] | None, fitted: tuple[float, float] | None) -> tuple[float, float]:
+    """Span of the control values: as set, else the fitted currents, else 0 to 1.
+
+    Set it where `current_range` may change later: control values belong to their span.
+    """
+    if span is None:
+        span = fitted if fitted is not None and fitted[1] > fitted[0] else (0.0, 1.0)
     low, high = (_checks.real(x, "an end of the current span") for x in span)
     if not high > low:
         raise InputError("the span of currents is empty", got=span, mend="(lowest, highest) current of the data")
+    return low, high

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from lpvid import _checks
-from quartercar.dampers.coefficients import Controlled, Proportional, Quotient, check_span
+from quartercar.dampers.coefficients import Controlled, Proportional, Quotient, settled_span
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.parameter import Parameter
 from quartercar.dampers.tanh_law import POST_YIELD, RATIO, SHARPNESS, YIELD, TanhLaw, Terms
@@ -28,8 +28,8 @@ class Guo(TanhLaw):
     ----------
     degree : {0, 1}
         Of A_1 and A_2 in the current.
-    span : (float, float)
-        Currents over which A_1 and A_2 are held positive.
+    span : (float, float) or None
+        Currents over which A_1 and A_2 are held positive; left out, those of the fit.
     offset : bool
     hysteresis : bool
         Whether the displacement enters.
@@ -45,18 +45,19 @@ class Guo(TanhLaw):
     title: ClassVar[str] = "Guo"
     source: ClassVar[str] = "seed 004, (2.1)"
     degree: int = 0
-    span: tuple[float, float] = (0.0, 1.0)
+    span: tuple[float, float] | None = None
     offset: bool = True
     hysteresis: bool = True
 
     def check_settings(self) -> None:
-        check_span(self.span)
+        settled_span(self.span, self.current_range)
         _checks.one_of(str(self.degree), ("0", "1"), "degree")
 
     @property
     def terms(self) -> Terms:
-        return Terms(Controlled(YIELD, CONSTANT_YIELD[self.degree], self.span), Controlled(SHARPNESS, (20.0,)),
-                     Controlled(POST_YIELD, CONSTANT_DAMPING[self.degree], self.span),
+        span = settled_span(self.span, self.current_range)
+        return Terms(Controlled(YIELD, CONSTANT_YIELD[self.degree], span), Controlled(SHARPNESS, (20.0,)),
+                     Controlled(POST_YIELD, CONSTANT_DAMPING[self.degree], span),
                      Controlled(RATIO, (3.0,)) if self.hysteresis else None, None)
 
     @property
@@ -65,11 +66,11 @@ class Guo(TanhLaw):
 
     @property
     def lowest_current(self) -> float:
-        return self.span[0]
+        return settled_span(self.span, self.current_range)[0]
 
     @classmethod
     def suited(cls, facts: Facts) -> Guo:
-        span = facts.current_range if facts.current_varies and facts.current_range else (0.0, 1.0)
+        span = facts.current_range if facts.current_varies else None
         return cls(degree=int(facts.current_varies), span=span, hysteresis=facts.has_displacement, **facts.common)
 
 
@@ -118,23 +119,24 @@ class Guo6(TanhLaw):
 
     Attributes
     ----------
-    span : (float, float)
-        Currents over which A_1 i + A_10 is held positive.
+    span : (float, float) or None
+        Currents over which A_1 i + A_10 is held positive; left out, those of the fit.
     offset : bool
     """
 
     name: ClassVar[str] = "guo-6"
     title: ClassVar[str] = "Guo, 6 parameters"
     source: ClassVar[str] = "seed 004, (5.12)"
-    span: tuple[float, float] = (0.0, 1.0)
+    span: tuple[float, float] | None = None
     offset: bool = False
 
     def check_settings(self) -> None:
-        check_span(self.span)
+        settled_span(self.span, self.current_range)
 
     @property
     def terms(self) -> Terms:
-        return Terms(Controlled(YIELD, CONSTANT_YIELD[1], self.span), Controlled(SHARPNESS, (20.0,)),
+        span = settled_span(self.span, self.current_range)
+        return Terms(Controlled(YIELD, CONSTANT_YIELD[1], span), Controlled(SHARPNESS, (20.0,)),
                      Controlled(POST_YIELD, (1200.0,)), Controlled(RATIO, (3.0,)), None)
 
     @property
@@ -143,7 +145,7 @@ class Guo6(TanhLaw):
 
     @property
     def lowest_current(self) -> float:
-        return self.span[0]
+        return settled_span(self.span, self.current_range)[0]
 
     @classmethod
     def suited(cls, facts: Facts) -> Guo6:
@@ -197,30 +199,31 @@ class Guo15(TanhLaw):
 
     Attributes
     ----------
-    span : (float, float)
-        Currents over which A_1, A_2, A_3, V_0 and X_0 are held positive.
+    span : (float, float) or None
+        Currents over which A_1, A_2, A_3, V_0 and X_0 are held positive; left out, those of the fit.
     offset : bool
     """
 
     name: ClassVar[str] = "guo-15"
     title: ClassVar[str] = "Guo, 15 parameters"
     source: ClassVar[str] = "seed 004, Table B.5"
-    span: tuple[float, float] = (0.0, 1.0)
+    span: tuple[float, float] | None = None
     offset: bool = False
 
     def check_settings(self) -> None:
-        check_span(self.span)
+        settled_span(self.span, self.current_range)
 
     @property
     def terms(self) -> Terms:
+        span = settled_span(self.span, self.current_range)
         above = replace(RATIO, name="critical_speed", says="critical velocity V_0 by X_0 at the lowest current")
         below = Parameter("critical_stroke", "", "critical displacement X_0 by X_0 at the lowest current",
                           1.0, 0.05, 20.0)
-        return Terms(Controlled(YIELD, (150.0, 800.0, 1200.0), self.span),
-                     Controlled(replace(SHARPNESS, log=False), (30.0, 20.0, 12.0), self.span),
-                     Controlled(POST_YIELD, (600.0, 1100.0, 1500.0), self.span),
-                     Quotient(Controlled(above, (4.0, 5.0, 9.0), self.span),
-                              Controlled(below, (1.0, 0.4, 0.8), self.span)), None)
+        return Terms(Controlled(YIELD, (150.0, 800.0, 1200.0), span),
+                     Controlled(replace(SHARPNESS, log=False), (30.0, 20.0, 12.0), span),
+                     Controlled(POST_YIELD, (600.0, 1100.0, 1500.0), span),
+                     Quotient(Controlled(above, (4.0, 5.0, 9.0), span),
+                              Controlled(below, (1.0, 0.4, 0.8), span)), None)
 
     @property
     def shifted(self) -> bool:
@@ -228,7 +231,7 @@ class Guo15(TanhLaw):
 
     @property
     def lowest_current(self) -> float:
-        return self.span[0]
+        return settled_span(self.span, self.current_range)[0]
 
     @classmethod
     def suited(cls, facts: Facts) -> Guo15:

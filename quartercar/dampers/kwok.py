@@ -11,7 +11,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from quartercar.dampers.coefficients import Controlled, check_span
+from quartercar.dampers.coefficients import Controlled, settled_span
 from quartercar.dampers.contract import StaticDamper
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
@@ -41,8 +41,8 @@ class Kwok(StaticDamper):
     ----------
     degree : {0, 1}
         Of all but β in the current.
-    span : (float, float)
-        Currents over which c, α and δ are held positive.
+    span : (float, float) or None
+        Currents over which c, α and δ are held positive; left out, those of the fit.
     turning_stroke : float
         ε, the stroke over which the offset turns its sign [m].
 
@@ -50,7 +50,7 @@ class Kwok(StaticDamper):
     --------
     >>> law = Kwok(values={"viscous_damping": 1000.0, "stiffness": 0.0, "hysteresis_force": 500.0, "sharpness": 100.0,
     ...                    "hysteresis_shift": 0.5, "offset": 10.0})
-    >>> law.force([-0.01, 0.01], -0.005).round(3)       # β v = -δ: the hysteresis is zero on the side x > 0
+    >>> law.force(np.array([-0.01, 0.01]), -0.005).round(3)       # β v = -δ: the hysteresis is zero on the side x > 0
     array([-375.797,    5.   ])
     """
 
@@ -58,19 +58,20 @@ class Kwok(StaticDamper):
     title: ClassVar[str] = "Kwok"
     source: ClassVar[str] = "seed 004, (2.5)"
     degree: int = 0
-    span: tuple[float, float] = (0.0, 1.0)
+    span: tuple[float, float] | None = None
     turning_stroke: float = 5e-4
 
     def check_settings(self) -> None:
-        check_span(self.span)
+        settled_span(self.span, self.current_range)
         _checks.one_of(str(self.degree), ("0", "1"), "degree")
         _checks.positive(self.turning_stroke, "turning_stroke", "m")
 
     @property
     def functions(self) -> dict[str, Controlled]:
         """c, k, α, δ, f_0 as functions of the current."""
+        span = settled_span(self.span, self.current_range)
         return {name: Controlled(Parameter(name, unit, says, typical[1], lower),
-                                 typical if self.degree else typical[1:], self.span)
+                                 typical if self.degree else typical[1:], span)
                 for name, (unit, says, typical, lower) in TYPICAL.items()}
 
     @property
@@ -89,7 +90,7 @@ class Kwok(StaticDamper):
     @classmethod
     def suited(cls, facts: Facts) -> Kwok:
         facts.need_displacement(cls.name)
-        span = facts.current_range if facts.current_varies and facts.current_range else (0.0, 1.0)
+        span = facts.current_range if facts.current_varies else None
         return cls(degree=int(facts.current_varies), span=span, turning_stroke=0.02 * facts.stroke or 5e-4,
                    **facts.common)
 
@@ -129,7 +130,7 @@ class Kwok(StaticDamper):
     def conservative_force(self, displacement: np.ndarray) -> np.ndarray:
         """F at v = 0 and the lowest current: k x + f_0 and the hysteresis that depends on the side alone."""
         x = np.asarray(displacement, dtype=float)
-        return self.force(x, 0.0, self.span[0]).reshape(x.shape)
+        return self.force(x, 0.0, settled_span(self.span, self.current_range)[0]).reshape(x.shape)
 
     def to_lpv(self, sample_time: float) -> Any:
         raise InputError("no LPV form of 'kwok'",

@@ -174,7 +174,7 @@ class PowerLaw(PowerLawDamper):
     Examples
     --------
     >>> law = PowerLaw.from_printed((1.1602, 0.0002, 2.4993), (0.61, 0.0, 1.0), unit="mm")
-    >>> law.force(0.0, [-0.7, 0.7]).round(0)
+    >>> law.force(0.0, np.array([-0.7, 0.7])).round(0)
     array([-427., 3393.])
     """
 
@@ -219,7 +219,7 @@ class PowerLawFrictionGas(PowerLawDamper):
 
     Examples
     --------
-    >>> SWIFT_2012.force(0.0, [-0.6, 0.6]).round(1)
+    >>> SWIFT_2012.force(0.0, np.array([-0.6, 0.6])).round(1)
     array([-591. , 2320.9])
     """
 

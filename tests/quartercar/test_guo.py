@@ -55,9 +55,10 @@ def test_fifteen_quadratics_have_one_scale_too_many() -> None:
     law = Guo15(span=(0.0, 2.0))
     x, v, i = rng.normal(scale=0.01, size=500), rng.normal(scale=0.2, size=500), rng.uniform(0, 2, 500)
     powers = law.current_powers()
+    plain = Parameter("c", "", "c", 1.0)
     # the printed form, V_0 and X_0 by powers of the current, reproduced for two values of the scale that cancels
-    speed = Controlled(law.terms.sharpness.prototype, (4.0, 5.0, 9.0), law.span).powers(np.array([4.0, 5.0, 9.0]))
-    stroke = Controlled(law.terms.sharpness.prototype, (1.0, 0.4, 0.8), law.span).powers(np.array([1.0, 0.4, 0.8]))
+    speed = Controlled(plain, (4.0, 5.0, 9.0), (0.0, 2.0)).powers(np.array([4.0, 5.0, 9.0]))
+    stroke = Controlled(plain, (1.0, 0.4, 0.8), (0.0, 2.0)).powers(np.array([1.0, 0.4, 0.8]))
 
     def at(c: np.ndarray) -> np.ndarray:
         return np.polynomial.polynomial.polyval(i, c)
@@ -100,6 +101,13 @@ def test_control_values_bound_the_coefficient_between_them() -> None:
     np.testing.assert_allclose(np.polynomial.polynomial.polyval(i, powers), values, atol=1e-12)
 
 
+def test_span_left_out_is_that_of_the_fit() -> None:
+    i = np.array([0.5, 1.1, 2.0])
+    chosen, left_out = Guo6(span=(0.5, 2.0)), Guo6(current_range=(0.5, 2.0))
+    np.testing.assert_array_equal(chosen.force(0.01, 0.1, i), left_out.force(0.01, 0.1, i))
+    np.testing.assert_array_equal(chosen.force(0.01, 0.1, i), chosen.replace(current_range=(0, 9)).force(0.01, 0.1, i))
+
+
 def test_no_constant_ratio_serves_two_amplitudes() -> None:
     # equations.md 9.2: F_y = 1 kN, k = 1 MN/m, at 1, 5 and 15 Hz
     for amplitude, ratios in ((0.002, (10.9, 54.4, 163)), (0.005, (4.7, 23.6, 70.7)), (0.020, (2.07, 10.3, 31.0))):
@@ -132,8 +140,8 @@ def test_positive_ratio_means_lag() -> None:
 
 
 @pytest.mark.parametrize("law", [
-    Guo(hysteresis=False, values={"yield_force": 600.0}), Guo(degree=1, span=(0.0, 2.0), current_range=(0.0, 2.0), hysteresis=False,
-                                              values={"offset": -120.0}, polarity=-1)])
+    Guo(hysteresis=False, values={"yield_force": 600.0}),
+    Guo(degree=1, current_range=(0.0, 2.0), hysteresis=False, values={"offset": -120.0}, polarity=-1)])
 def test_without_displacement_it_is_a_hammerstein_model(law: Guo, record: Record) -> None:
     model = law.to_lpv(record.sample_time or 0.0)
     run = simulate(model, record.with_channel("force", np.zeros(record.n_samples), "N"))

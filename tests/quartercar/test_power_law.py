@@ -14,7 +14,7 @@ SPEEDS = np.array([0.05, 0.1, 0.25, 0.3, 0.5, 0.7])
 
 def test_forces_of_the_published_law() -> None:
     # equations.md 6.1
-    forces = SWIFT_2012.force(0.0, [-0.6, -0.3, -0.05, 0.05, 0.3, 0.6])
+    forces = SWIFT_2012.force(0.0, np.array([-0.6, -0.3, -0.05, 0.05, 0.3, 0.6]))
     np.testing.assert_allclose(forces, [-591.0, -408.0, -255.5, -69.464, 527.587, 2320.873], atol=6e-4)
 
 
