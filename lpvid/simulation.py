@@ -10,6 +10,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
+from lpvid.model.adaptable import Adaptable, acting
 from lpvid.model.quasi import SelfScheduled
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
@@ -66,13 +67,13 @@ class Simulation:
         return f"Simulation ({self.kind}, from {self.initial}): {self.output.shape[0]} samples of {self.names}{end}"
 
 
-def simulate(model: Model, record: Record, initial: str | np.ndarray = "measured") -> Simulation:
+def simulate(model: Model | Adaptable, record: Record, initial: str | np.ndarray = "measured") -> Simulation:
     """Run a model freely along a record: its own past outputs, the record's inputs and scheduling.
 
     Parameters
     ----------
-    model : LPVTransferFunction, LPVStateSpace or SelfScheduled
-        Discrete-time model.
+    model : LPVTransferFunction, LPVStateSpace, SelfScheduled or Adaptable
+        Discrete-time model, or what acts as one at the record's rate.
     record : Record
         Uniform record at the model's rate with the model's inputs and scheduling (and outputs for "measured").
     initial : {"measured", "zero", "estimate"} or array
@@ -98,6 +99,7 @@ def simulate(model: Model, record: Record, initial: str | np.ndarray = "measured
     >>> simulate(model, record, "zero").output.ravel()
     array([0.  , 1.5 , 2.25])
     """
+    model = _acting(model, record)
     u, p = _signals(model, record)
     needs_output = isinstance(initial, str) and initial != "zero"
     y = _outputs(model, record) if needs_output else np.zeros((record.n_samples, model.n_outputs))
@@ -108,17 +110,18 @@ def simulate(model: Model, record: Record, initial: str | np.ndarray = "measured
     return _simulate_ss(model, u, p, y, initial)
 
 
-def predict(model: Model, record: Record, horizon: int = 1) -> Simulation:
+def predict(model: Model | Adaptable, record: Record, horizon: int = 1) -> Simulation:
     """Predict every sample `horizon` steps ahead from the measured past.
 
     A transfer function predicts by its equation from measured outputs up to k−horizon, with the innovations of its
     noise model up to there and none after (Ljung 1999 (3.20), (3.31)); with output noise that is the free run. A state
     space with an observer gain runs it as its observer; one without a gain has no noise model, and its predictor is the
-    free run at any horizon. A self-scheduled model starts afresh from the measured output at k−horizon.
+    free run at any horizon. A self-scheduled model starts afresh from the measured output at k−horizon; one with
+    output noise runs freely.
 
     Parameters
     ----------
-    model : LPVTransferFunction, LPVStateSpace or SelfScheduled
+    model : LPVTransferFunction, LPVStateSpace, SelfScheduled or Adaptable
     record : Record
         As for `simulate`; the outputs must be measured.
     horizon : int
@@ -131,10 +134,14 @@ def predict(model: Model, record: Record, horizon: int = 1) -> Simulation:
     from lpvid import _kernels
 
     horizon = _checks.count(horizon, "horizon", at_least=1)
+    model = _acting(model, record)
     u, p = _signals(model, record)
     y = _outputs(model, record)
     if len(y) <= model.start:
         raise _too_short(model, len(y))
+    if isinstance(model, SelfScheduled) and model.noise.kind == "output":
+        free = _simulate_self(model, u, p, y, "measured")
+        return _finish(model, free.output, free.start, horizon, free.diverged_at, free.initial)
     if isinstance(model, SelfScheduled):
         ahead = model.ahead(u, p, y[:, 0], horizon)[:, None]
         beyond = _first_beyond(ahead, _limit(model, u, _scale(y)))
@@ -360,6 +367,8 @@ def _simulate_self(model: SelfScheduled, u: np.ndarray, p: np.ndarray, y: np.nda
 def _estimate_self(model: SelfScheduled, u: np.ndarray, p: np.ndarray, y: np.ndarray, limit: float) -> np.ndarray:
     """Past outputs that fit the first samples best, by damped Gauss-Newton steps with difference quotients."""
     start, memory = model.start, model.memory
+    if not memory:
+        return np.zeros(start)
     length = min(len(y), FIT_SAMPLES)
     scale = _scale(y)
 
@@ -384,6 +393,13 @@ def _estimate_self(model: SelfScheduled, u: np.ndarray, p: np.ndarray, y: np.nda
 
 
 # -- shared ----------------------------------------------------------------------------------------------------------
+def _acting(model: Model | Adaptable, record: Record) -> Model:
+    """What runs along this record."""
+    if isinstance(model, Adaptable) and record.sample_time is None:
+        raise InputError(f"record '{record.name}' is not uniformly sampled", mend="resample it first")
+    return acting(model, record.sample_time or 0.0)
+
+
 def _signals(model: Model, record: Record) -> tuple[np.ndarray, np.ndarray]:
     """Filter inputs and scheduling of a record that fits the model."""
     if model.sample_time is None:

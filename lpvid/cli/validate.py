@@ -28,11 +28,13 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
     from lpvid.cli.data import read_clocked, split_names
     from lpvid.cli.parts import parts
     from lpvid.export.serialise import load
+    from lpvid.validation import acting_model
 
     results = Results(out)
     with working("reading") as say:
         loaded = load(model)
         records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=sample_rate)
+        loaded = acting_model(loaded, records, sample_rate)
         named = {"input": split_names(input), "output": split_names(output), "schedule": split_names(schedule)}
         records = [r.with_roles(parts(loaded, named)) for r in records]
         from lpvid import validation

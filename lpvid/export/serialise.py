@@ -7,7 +7,7 @@ import importlib
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,10 @@ from lpvid.errors import InputError
 from lpvid.export.json_files import jsonable, write_json, write_text
 from lpvid.realization import Realization
 
-__all__ = ["KINDS", "Kind", "jsonable", "load", "model_hash", "package_version", "save", "write_json"]
+__all__ = ["KINDS", "Kind", "jsonable", "known_kinds", "load", "model_from_dict", "model_hash", "package_version",
+           "save", "write_json"]
+ENTRY_POINTS = "lpvid.kinds"
+"""Group under which another package names its `Kind`, as ``name = "package.module:KIND"``."""
 LARGEST_FILE = 256 * 2**20
 """bytes above which a JSON file is refused rather than read into memory."""
 LARGEST_BASIS = 100_000
@@ -27,7 +30,7 @@ LARGEST_BASIS = 100_000
 
 @dataclass(frozen=True)
 class Kind:
-    """One sort of file: ``lpvid/<name>/<version>``, and the classes it can hold.
+    """One sort of file: ``<house>/<name>/<version>``, and the classes it can hold.
 
     Attributes
     ----------
@@ -38,16 +41,19 @@ class Kind:
     classes : tuple of (str, str, str)
         Value of "kind" in the file, module, class with `to_dict` and `from_dict`. The tag "" stands for a file
         without "kind".
+    house : str
+        The package whose files these are.
     """
 
     name: str
     version: int
     classes: tuple[tuple[str, str, str], ...]
+    house: str = "lpvid"
 
     @property
     def schema(self) -> str:
         """The schema as written."""
-        return f"lpvid/{self.name}/{self.version}"
+        return f"{self.house}/{self.name}/{self.version}"
 
 
 KINDS: tuple[Kind, ...] = (
@@ -56,17 +62,41 @@ KINDS: tuple[Kind, ...] = (
                       ("quasi-lpv", "lpvid.model.quasi", "QuasiLPVModel"),
                       ("compliance", "lpvid.model.compliance", "ComplianceModel"))),
 )
-"""Every sort of file that `save` writes and `load` reads, in order; a new noun adds its line here."""
+"""Every sort of file of lpvid's own that `save` writes and `load` reads, in order; a new noun adds its line here."""
+
+
+def known_kinds() -> tuple[Kind, ...]:
+    """`KINDS`, then those that installed packages name in the entry-point group ``lpvid.kinds``.
+
+    Raises
+    ------
+    InputError
+        An entry point that does not load, or names something else.
+    """
+    from importlib.metadata import entry_points
+
+    found = list(KINDS)
+    for point in sorted(entry_points(group=ENTRY_POINTS), key=lambda p: (p.name, p.value)):
+        try:
+            kind = point.load()
+        except Exception as error:  # whatever a foreign module raises when it is imported
+            raise InputError(f"the entry point '{point.name}' of {ENTRY_POINTS} does not load", why=_one_line(error),
+                             mend="update or remove the package that names it") from None
+        if not isinstance(kind, Kind):
+            raise InputError(f"the entry point '{point.name}' of {ENTRY_POINTS} is no Kind", got=type(kind).__name__,
+                             mend="update or remove the package that names it")
+        found.append(kind)
+    return tuple(found)
 
 
 def save(obj: Any, path: str | os.PathLike) -> Path:
-    """Write a model (or another noun of `KINDS`) to a JSON file; a realisation saves its state-space model.
+    """Write a model (or another noun of `known_kinds`) to a JSON file; a realisation saves its state-space model.
 
     The file appears complete or not at all. Numbers come back bit for bit.
 
     Parameters
     ----------
-    obj : LPVTransferFunction, LPVStateSpace, Realization or another noun of `KINDS`
+    obj : LPVTransferFunction, LPVStateSpace, Realization or another noun of `known_kinds`
     path : str or path-like
 
     Returns
@@ -124,15 +154,13 @@ def load(path: str | os.PathLike) -> Any:
     """
     data = _read_object(Path(path))
     kind = _kind_named(data.get("schema"), path)
-    tags = {tag: (module, name) for tag, module, name in kind.classes}
+    tags = [tag for tag, _, _ in kind.classes]
     tag = data.get("kind", "")
     if not isinstance(tag, str) or tag not in tags:
         raise InputError(f"'{path}' holds an unknown kind of {kind.name}", got=repr(tag),
                          why=f"known: {', '.join(tags)}", mend="write it again with lpvid.save")
-    cls = _class(*tags[tag])
     try:
-        _check_basis(data.get("basis"))
-        return cls.from_dict(data)  # type: ignore[attr-defined]
+        return _rebuilt(data, kind)
     except KeyError as error:
         raise InputError(f"'{path}' lacks {error}", why=f"a {kind.name} file needs it",
                          mend="write it again with lpvid.save") from None
@@ -140,6 +168,20 @@ def load(path: str | os.PathLike) -> Any:
             RecursionError) as error:
         raise InputError(f"'{path}' is not a consistent {kind.name} file", why=_one_line(error),
                          mend="write it again with lpvid.save") from None
+
+
+def model_from_dict(data: Mapping) -> Any:
+    """The model that a `to_dict` of lpvid's models describes, for files that hold one inside.
+
+    Raises
+    ------
+    InputError, KeyError, ValueError, TypeError
+        What is missing or inconsistent; `load` turns it into one line.
+    """
+    if not isinstance(data, Mapping) or data.get("kind") not in [tag for tag, _, _ in KINDS[0].classes]:
+        raise InputError("a model inside is of no known kind", got=data.get("kind") if isinstance(data, Mapping) else
+                         type(data).__name__)
+    return _rebuilt(data, KINDS[0])
 
 
 def model_hash(model: Any) -> str:
@@ -208,16 +250,26 @@ def _finite(text: str) -> float:
 
 
 def _kind_named(schema: object, path: object) -> Kind:
-    known = ", ".join(k.schema for k in KINDS)
     parts = schema.split("/") if isinstance(schema, str) else []
-    kind = next((k for k in KINDS if len(parts) == 3 and parts[:2] == ["lpvid", k.name]), None)
+
+    def among(kinds: Sequence[Kind]) -> Kind | None:
+        return next((k for k in kinds if len(parts) == 3 and parts[:2] == [k.house, k.name]), None)
+
+    kind = among(KINDS) or among(known_kinds())
     if kind is None or not parts[2].isdecimal() or int(parts[2]) < 1:
+        known = ", ".join(k.schema for k in known_kinds())
         raise InputError(f"'{path}' has a schema that cannot be loaded", got="none" if schema is None else repr(schema),
                          why=f"known: {known}", mend="give a file written by lpvid.save")
     if int(parts[2]) > kind.version:
         raise InputError(f"'{path}' was written in a newer format", got=repr(schema),
-                         why=f"this version reads up to {kind.schema}", mend="update lpvid")
+                         why=f"this version reads up to {kind.schema}", mend=f"update {kind.house}")
     return kind
+
+
+def _rebuilt(data: Mapping, kind: Kind) -> Any:
+    _check_basis(data.get("basis"))
+    tags = {tag: (module, name) for tag, module, name in kind.classes}
+    return _class(*tags[data.get("kind", "")]).from_dict(data)  # type: ignore[attr-defined]
 
 
 def _check_basis(data: object) -> int:
@@ -248,12 +300,15 @@ def _one_line(error: BaseException) -> str:
 
 # -- writing ---------------------------------------------------------------------------------------------------------
 def _kind_of(obj: object) -> Kind:
-    for kind in KINDS:
-        for _, module, name in kind.classes:
-            if type(obj).__module__ == module and type(obj).__name__ == name:
-                return kind
-    raise InputError("this object cannot be saved", got=type(obj).__name__,
-                     mend="save a " + " or a ".join(name for k in KINDS for _, _, name in k.classes))
+    def among(kinds: Sequence[Kind]) -> Kind | None:
+        own = (type(obj).__module__, type(obj).__name__)
+        return next((k for k in kinds if own in [(module, name) for _, module, name in k.classes]), None)
+
+    kind = among(KINDS) or among(known_kinds())
+    if kind is None:
+        raise InputError("this object cannot be saved", got=type(obj).__name__,
+                         mend="save a " + " or a ".join(name for k in KINDS for _, _, name in k.classes))
+    return kind
 
 
 def _class(module: str, name: str) -> type:

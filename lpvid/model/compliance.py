@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.model.noise_model import NoiseModel
 from lpvid.model.quasi import SelfScheduled, lagged
 from lpvid.model.scheduling_stage import SchedulingStage, scheduling_stage_from_dict
 from lpvid.model.signals import Signal
@@ -144,6 +145,10 @@ class ComplianceModel(SelfScheduled):
     @property
     def memory(self) -> int:
         return 1
+
+    @property
+    def noise(self) -> NoiseModel:
+        return NoiseModel("equation")
 
     @property
     def zero(self) -> int:

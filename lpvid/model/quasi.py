@@ -86,9 +86,9 @@ class SelfScheduled(ABC):
         return 1
 
     @property
+    @abstractmethod
     def noise(self) -> NoiseModel:
-        """Equation noise: predictions start from measured outputs, whatever the parameters were fitted to."""
-        return NoiseModel("equation")
+        """Equation noise where predictions start from measured outputs, output noise where they are the free run."""
 
     def replace(self, **changes):
         """A copy with some fields changed."""
@@ -191,6 +191,10 @@ class QuasiLPVModel(SelfScheduled):
     @property
     def memory(self) -> int:
         return max(self.na, 1)
+
+    @property
+    def noise(self) -> NoiseModel:
+        return NoiseModel("equation")
 
     @property
     def vector(self) -> np.ndarray:

@@ -2,8 +2,8 @@
 
 from lpvid.validation.figures import Figures, Pair, RecordFigures
 from lpvid.validation.regimes import Regime
-from lpvid.validation.report import Validation, figures, validate
+from lpvid.validation.report import Validation, acting_model, figures, validate
 from lpvid.validation.residuals import LAGS, ResidualTest, residual_tests
 
-__all__ = ["LAGS", "Figures", "Pair", "RecordFigures", "Regime", "ResidualTest", "Validation", "figures",
-           "residual_tests", "validate"]
+__all__ = ["LAGS", "Figures", "Pair", "RecordFigures", "Regime", "ResidualTest", "Validation", "acting_model",
+           "figures", "residual_tests", "validate"]

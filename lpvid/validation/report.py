@@ -12,6 +12,7 @@ from lpvid.condition import segments, with_velocity
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
 from lpvid.familiar import familiar
+from lpvid.model.adaptable import Adaptable, acting
 from lpvid.model.hull import outside_share
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
@@ -87,7 +88,14 @@ class Validation:
         return "\n".join(lines + [f"  note: {n}" for n in self.notes])
 
 
-def validate(model: Model, records: Record | Sequence[Record], *, sample_rate: float | None = None,
+def acting_model(model: Model | Adaptable, records: Sequence[Record], sample_rate: float | None = None) -> Model:
+    """What stands for a model on these records: itself, or what an `Adaptable` gives for its own or the data's rate."""
+    given = None if sample_rate is None else 1.0 / _checks.positive(sample_rate, "sample_rate", "Hz")
+    own = model.period if isinstance(model, Adaptable) else None
+    return acting(model, own or given or records[0].time_base.period)
+
+
+def validate(model: Model | Adaptable, records: Record | Sequence[Record], *, sample_rate: float | None = None,
              label: str = "held-out", horizons: Sequence[int] = ()) -> Validation:
     """Figures of a model on measured records, free-run, one-step and at any further prediction horizons.
 
@@ -95,7 +103,9 @@ def validate(model: Model, records: Record | Sequence[Record], *, sample_rate: f
 
     Parameters
     ----------
-    model : LPVTransferFunction or LPVStateSpace
+    model : LPVTransferFunction, LPVStateSpace, SelfScheduled or Adaptable
+        An `Adaptable` runs at the rate of the data it was fitted to, or where that is not known at `sample_rate`, or
+        at the data's.
     records : Record or sequence of Record
         With the model's inputs, outputs and scheduling; cut at gaps and NaN.
     sample_rate : float, optional
@@ -116,6 +126,9 @@ def validate(model: Model, records: Record | Sequence[Record], *, sample_rate: f
         Missing channels, another unit than the model's, no stretch long enough.
     """
     listed = [records] if isinstance(records, Record) else list(records)
+    if not listed:
+        raise InputError("no records given")
+    model = acting_model(model, listed, sample_rate)
     if model.sample_time is None:
         raise InputError("this model is continuous in time", why="records are sampled",
                          mend="discretise the model first")

@@ -232,8 +232,13 @@ class Damper(Adaptable):
         if self.current_range is None or "current" not in self.reads:
             return 0.0
         low, high = self.current_range
-        slack = 0.01 * max(high - low, abs(high), 1e-9)
-        return float(np.mean((current < low - slack) | (current > high + slack)))
+        return float(np.mean((current < low - self.slack) | (current > high + self.slack)))
+
+    @property
+    def slack(self) -> float:
+        """How far outside the fitted range a current still counts as inside."""
+        low, high = self.current_range or (0.0, 0.0)
+        return 0.01 * max(high - low, abs(high), 1e-9)
 
     # -- asking ------------------------------------------------------------------------------------------------------
     def fit(self, records: Sequence[Record], held_out: Sequence[Record] = (),

@@ -19,6 +19,8 @@ FEWEST, MOST = 2, 40
 """cycles run before the last one is read"""
 SETTLED = 1e-6
 """relative change of the work from cycle to cycle at which it counts as steady"""
+SETTLED_SAMPLED = 1e-3
+"""the same for a model that runs at its own sample time, whose samples fall elsewhere in every cycle"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,13 +77,26 @@ def steady_cycle(damper: Damper, amplitude: float, frequency: float, current: fl
         t = period / POINTS * np.arange(cycles * POINTS + 1)
         drive = Drive(period / POINTS, amplitude * omega * np.cos(omega * t), amplitude * np.sin(omega * t),
                       np.full(t.size, float(current)))
-        force = damper.response(drive, damper.vector)
+        force = _force(damper, drive, amplitude, omega)
         v = drive.velocity[-POINTS - 1:]
         works = [float(np.trapezoid(force[k: k + POINTS + 1] * drive.velocity[k: k + POINTS + 1], dx=period / POINTS))
                  for k in (len(t) - 1 - 2 * POINTS, len(t) - 1 - POINTS)]
         scale = float(np.trapezoid(np.abs(force[-POINTS - 1:] * v), dx=period / POINTS))
-        settled = abs(works[1] - works[0]) <= SETTLED * max(scale, 1e-300)
+        settled = abs(works[1] - works[0]) <= (SETTLED_SAMPLED if damper.clock else SETTLED) * max(scale, 1e-300)
         if settled or cycles >= MOST or not np.isfinite(works[1]) or works[1] == last:
             break
         cycles, last = min(2 * cycles, MOST), works[1]
     return Cycle(drive.displacement[-POINTS - 1:], v, force[-POINTS - 1:], works[1], settled)
+
+
+def _force(damper: Damper, drive: Drive, amplitude: float, omega: float) -> np.ndarray:
+    """Force along the drive; a model with a clock of its own runs by that, and a spline gives what lies in between."""
+    if damper.clock is None:
+        return damper.response(drive, damper.vector)
+    from scipy.interpolate import CubicSpline
+
+    t = damper.clock * np.arange(int(np.ceil(drive.times[-1] / damper.clock)) + 2)
+    own = Drive(damper.clock, amplitude * omega * np.cos(omega * t), amplitude * np.sin(omega * t),
+                np.full(t.size, drive.current[0]))
+    force = damper.response(own, damper.vector)
+    return CubicSpline(t, force)(drive.times) if np.isfinite(force).all() else np.full(drive.n_samples, np.nan)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from quartercar.dampers.fitting.result import DamperFit
 from quartercar.dampers.fitting.settings import FitSettings
 from quartercar.dampers.passivity import check_passivity
 from quartercar.dampers.polarity import common_polarity
+from quartercar.dampers.training import remembering
 
 FEWEST = 20
 """shortest stretch worth keeping [samples]."""
@@ -63,13 +65,14 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
     if not training:
         raise InputError("no records to fit to")
     kept = prepared(held_out, channels, damper.start, settings.sample_rate)
-    damper, said = _placed(damper, training, kept)
+    damper, said, polarity_note = _placed(damper, training, kept)
     found = damper.estimate(training, settings)
+    found = replace(found, damper=remembering(found.damper, training))
     inside = score(found.damper, training)
     outside = score(found.damper, kept) if kept else None
     passivity = check_passivity(found.damper)
     flags = (*said, *(() if passivity.passive else (f"not passive: {passivity.says}",)))
-    notes = (*(n for r in (*training, *kept) for n in r.notes), *found.notes)
+    notes = (*polarity_note, *(n for r in (*training, *kept) for n in r.notes), *found.notes)
     return DamperFit(found, inside, outside, passivity, flags, tuple(dict.fromkeys(notes)),
                      time.perf_counter() - began)
 
@@ -85,18 +88,22 @@ def prepared(records: Record | Sequence[Record], channels: Sequence[str], start:
     return segments(listed, channels, sample_rate=sample_rate, minimum=max(FEWEST, start + 2))
 
 
-def _placed(damper: Damper, training: Sequence[Record], kept: Sequence[Record]) -> tuple[Damper, tuple[str, ...]]:
-    """The damper with the polarity and currents of the records, and what has to be said of that."""
-    said: list[str] = []
+def _placed(damper: Damper, training: Sequence[Record],
+            kept: Sequence[Record]) -> tuple[Damper, tuple[str, ...], tuple[str, ...]]:
+    """The damper with the polarity and currents of the records, and the flags and notes that this calls for."""
+    flags, notes = (), ()
     sense = common_polarity([*training, *kept])
-    if sense < 0 and damper.polarity > 0:
+    if sense < 0:
         damper = damper.replace(polarity=-1)
-        said.append("reversed polarity: the force is measured against the velocity (mean F·v < 0); the parameters are "
-                    "the damper's own, and `simulate` gives the force as measured; --flip force turns the records")
+        flags = ("reversed polarity: as measured the records are not passive; the verdict below is on the damper",)
+        notes = ("force is measured against the velocity (mean F·v < 0): the parameters are the damper's own, and its "
+                 "simulation gives the force as measured; --flip force turns the records",)
     elif sense > 0 and damper.polarity < 0:
-        said.append("polarity -1 was asked for, but mean F·v of the records is positive")
+        flags = ("polarity -1 was asked for, but mean F·v of the records is positive",)
+    elif sense == 0:
+        notes = (f"the records do not decide the polarity of the force; {damper.polarity:+d} is assumed",)
     if "current" in damper.reads:
         currents = np.concatenate([r["current"] for r in training])
         unit = training[0].unit("current") or damper.current_unit
         damper = damper.replace(current_range=(float(currents.min()), float(currents.max())), current_unit=unit)
-    return damper, tuple(said)
+    return damper, flags, notes

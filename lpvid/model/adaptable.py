@@ -1,0 +1,32 @@
+"""Adaptable: what is no model of lpvid by itself, but acts as one at a given rate."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+from lpvid.model.quasi import SelfScheduled
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
+
+Acting = LPVTransferFunction | LPVStateSpace | SelfScheduled
+
+
+class Adaptable(ABC):
+    """A law of another package (a physical model in continuous time, say) that simulation and validation can run.
+
+    What `lpvid.load` gives back may be one; `simulate`, `predict` and `validate` ask it for its model.
+    """
+
+    @property
+    @abstractmethod
+    def period(self) -> float | None:
+        """Period of the data that it was fitted to [s]; None where that is not known."""
+
+    @abstractmethod
+    def to_model(self, sample_time: float) -> Acting:
+        """The model that runs like it at this period [s]; one that is sampled itself keeps its own period."""
+
+
+def acting(model: Acting | Adaptable, sample_time: float) -> Acting:
+    """`model` itself, or what acts for it at this period."""
+    return model.to_model(sample_time) if isinstance(model, Adaptable) else model

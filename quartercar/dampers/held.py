@@ -1,0 +1,133 @@
+"""What a sampled damper holds: an lpvid model as plain data, with every number that its fit chose under a name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.identification.free_run_search import VectorLayout
+from lpvid.identification.layout import Layout
+from lpvid.model.input_stage import InputStage
+from lpvid.model.quasi import SelfScheduled
+from lpvid.model.scheduling_stage import SchedulingStage
+from lpvid.model.transfer_function import LPVTransferFunction
+from quartercar.dampers.parameter import Parameter
+
+SHAPES = {"tanh": ("v0", "slope"),
+          "three-zone": ("limit", "limit_slope", "upper", "upper_slope", "lower", "lower_slope")}
+"""Names of the parameters of lpvid's input stages, in the order of their vectors."""
+
+Inner = LPVTransferFunction | SelfScheduled
+
+
+class Held:
+    """An lpvid model and the places of its parameters, those of its input stage and current filter included.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction, QuasiLPVModel or ComplianceModel
+    layout : Layout or VectorLayout
+        Which of its coefficients are parameters.
+    """
+
+    def __init__(self, model: Inner, layout: Layout | VectorLayout) -> None:
+        self.model = model
+        self.layout = layout
+        reach = float(model.box.half_width[0]) if model.box.names else 0.0
+        stage, lag = model.input_stage, model.scheduling_stage
+        self._shape = np.zeros(0, int) if stage is None else np.flatnonzero(stage.scales(reach) > 0)
+        self._lag = 0 if lag is None else lag.vector.size
+
+    @classmethod
+    def of(cls, data: Mapping) -> Held:
+        """Inverse of `to_dict`."""
+        from lpvid.export.serialise import model_from_dict
+
+        model = model_from_dict(data["model"])
+        if len(model.outputs) != 1 or [s.name for s in model.outputs] != ["force"]:
+            raise InputError("the model inside a damper gives one force", got=", ".join(s.name for s in model.outputs))
+        if isinstance(model, LPVTransferFunction):
+            return cls(model, Layout(np.asarray(data["layout"], dtype=int)))
+        if not isinstance(model, SelfScheduled):
+            raise InputError("the model inside a damper is a transfer function or schedules itself",
+                             got=type(model).__name__)
+        return cls(model, VectorLayout(model.vector.size))
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON; the model without its metadata, which are the damper's."""
+        model: Any = self.model
+        return {"model": {**model.to_dict(), "metadata": {}}, "layout": self.layout.to_list()}
+
+    @property
+    def vector(self) -> np.ndarray:
+        """(P,) parameters: coefficients, then shape, then lag."""
+        stage, lag = self.model.input_stage, self.model.scheduling_stage
+        layout: Any = self.layout
+        return np.concatenate([layout.read(self.model), np.zeros(0) if stage is None else stage.vector[self._shape],
+                               np.zeros(0) if lag is None else lag.vector])
+
+    def at(self, vector: np.ndarray) -> Inner:
+        """The model at other parameters."""
+        size, stage, lag = self.layout.size, self.model.input_stage, self.model.scheduling_stage
+        model: Any = self.layout.fill(self.model, np.asarray(vector[:size], dtype=float))  # type: ignore[arg-type]
+        if stage is not None and self._shape.size:
+            values = stage.vector.copy()
+            values[self._shape] = vector[size: size + self._shape.size]
+            model = model.replace(input_stage=stage.with_vector(values))
+        if lag is not None:
+            model = model.replace(scheduling_stage=lag.with_vector(np.asarray(vector[vector.size - self._lag:])))
+        return model
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Every parameter with its unit; its default is the value that the fit gave it."""
+        names = self.layout.names(self.model)  # type: ignore[arg-type]
+        units = [_unit(n, self.model) for n in names]
+        says = ["of the model inside, over the normalised current" if self.model.box.names else "of the model inside"
+                ] * len(names)
+        current = (self.model.box.units[0] or "1") if self.model.box.names else "1"
+        stage, lag = self.model.input_stage, self.model.scheduling_stage
+        if stage is not None:
+            chosen = [_shape_names(stage)[int(k)] for k in self._shape]
+            names = (*names, *(f"shape_{n}" for n in chosen))
+            units += [_shape_unit(n, current) for n in chosen]
+            says += ["of the shaped input"] * len(chosen)
+        if lag is not None:
+            chosen = _lag_names(lag)
+            names = (*names, *(f"current_{n}" for n in chosen))
+            units += ["s"] * len(chosen)
+            says += ["of the filter on the current"] * len(chosen)
+        return tuple(Parameter(n, u, s, float(v)) for n, u, s, v in zip(names, units, says, self.vector, strict=True))
+
+    def spread(self, covariance: np.ndarray) -> np.ndarray:
+        """(P, P) covariance from that of the coefficients; what is not known of shape and lag is NaN."""
+        out = np.full((self.vector.size, self.vector.size), np.nan)
+        size = self.layout.size
+        out[:size, :size] = covariance[:size, :size]
+        return out
+
+
+def _unit(name: str, model: Inner) -> str:
+    """SI unit of a coefficient by its name: a_i pure, b_j force per input, the rest as the models define them."""
+    if name.startswith(("b", "kappa", "d")) and name != "displacement":
+        source = name[name.index("{") + 1: name.index("}")] if "{" in name else model.inputs[0].name
+        return {"velocity": "N*s/m", "displacement": "N/m"}.get(source, "N")
+    return "N/m" if name == "displacement" else "N" if name.startswith(("c", "offset")) else ""
+
+
+def _shape_names(stage: InputStage) -> Sequence[str]:
+    return SHAPES[stage.to_dict()["kind"]]
+
+
+def _shape_unit(name: str, current: str) -> str:
+    speed = name in ("v0", "limit", "slope", "limit_slope")
+    return ("m/s" if speed else "1") + (f"/{current}" if name.endswith("slope") else "")
+
+
+def _lag_names(lag: SchedulingStage) -> list[str]:
+    data = lag.to_dict()
+    taus = ["tau"] if data["symmetric"] else ["tau_rise", "tau_fall"]
+    return [*taus, "delay"] if data["with_delay"] else taus

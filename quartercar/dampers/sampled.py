@@ -1,0 +1,222 @@
+"""SampledDamper: dampers that are models of lpvid underneath, identified from samples, run at their own rate only."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from lpvid.condition.segmentation import RATE_TOLERANCE
+from lpvid.errors import InputError
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.record import Record
+from lpvid.simulation import simulate
+from quartercar.dampers.contract import Damper
+from quartercar.dampers.drive import UNITS, Drive
+from quartercar.dampers.parameter import Parameter
+
+if TYPE_CHECKING:
+    from lpvid.identification import Identification
+    from quartercar.dampers.fitting import Estimate, FitSettings
+    from quartercar.dampers.held import Held, Inner
+
+HOLD = (64, 4096)
+"""samples for which a velocity is held to see where the force settles, at first and at most."""
+SETTLED = 1e-7
+"""change over the last half, as a share of the largest force, at which it has."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class SampledDamper(Damper):
+    """A damper whose law is an input-output model of lpvid: past samples of force, motion and current.
+
+    Its parameters are those of the model, with their names there, and have no physical bounds. Before a fit it holds
+    settings alone. Fitted, it runs at its own sample time; its velocity, displacement and current are the record's
+    roles of those names.
+
+    Attributes
+    ----------
+    stored : mapping or None
+        The model inside as plain data; `model` is the object.
+    """
+
+    stored: Mapping[str, Any] | None = None
+
+    # -- what a kind says of itself ----------------------------------------------------------------------------------
+    @abstractmethod
+    def check_orders(self) -> None:
+        """Refuse settings that make no model."""
+
+    @property
+    @abstractmethod
+    def past(self) -> int:
+        """Samples from which a run starts, told before there is a model."""
+
+    @abstractmethod
+    def identified(self, records: Sequence[Record]) -> tuple[Self, Identification, tuple[str, ...]]:
+        """Identify from records in the damper's own sense: the settings as chosen, the estimate, what to say of it."""
+
+    # -- the model ---------------------------------------------------------------------------------------------------
+    def check_settings(self) -> None:
+        self.check_orders()
+        held = None
+        if self.stored is not None:
+            from quartercar.dampers.held import Held
+
+            held = Held.of(self.stored)
+            read = {s.name for s in held.model.inputs} | set(held.model.box.names)
+            if not read <= {"velocity", "displacement", "current"}:
+                raise InputError("the model inside a damper reads velocity, displacement and current",
+                                 got=", ".join(sorted(read)))
+        object.__setattr__(self, "_held", held)
+        object.__setattr__(self, "_parameters", () if held is None else held.parameters)
+
+    @property
+    def held(self) -> Held:
+        """The model inside with the places of its parameters; InputError before a fit."""
+        held: Held | None = self._held  # type: ignore[attr-defined]
+        if held is None:
+            raise InputError(f"{self.name} has not been fitted yet", why="it has no parameters of its own",
+                             mend="fit it to records first")
+        return held
+
+    @property
+    def model(self) -> Inner | None:
+        """The lpvid model at the present parameters, in the damper's own sense; None before a fit."""
+        return None if self.stored is None else self.held.at(self.vector)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return self._parameters  # type: ignore[attr-defined]
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        if self.stored is None:
+            return self.wanted
+        model = self.held.model
+        return (*(s.name for s in model.inputs), *model.box.names)
+
+    @property
+    @abstractmethod
+    def wanted(self) -> tuple[str, ...]:
+        """Roles that a fit would read, told before there is a model."""
+
+    @property
+    def start(self) -> int:
+        return self.past if self.stored is None else self.held.model.start
+
+    @property
+    def clock(self) -> float | None:
+        return None if self.stored is None else self.held.model.sample_time
+
+    # -- running -----------------------------------------------------------------------------------------------------
+    def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+        model = self.held.at(vector)
+        self._check_clock(drive.sample_time)
+        if drive.force is not None:
+            return np.array(simulate(model, _record(drive, drive.force), "measured").output[:, 0])
+        rest = float(at_rest(model, drive.velocity[:1], drive.current[0], drive.displacement[0])[0])
+        padded = Drive(drive.sample_time, *(np.concatenate([np.full(model.start, a[0]), a])
+                                            for a in (drive.velocity, drive.displacement, drive.current)))
+        out = simulate(model, _record(padded, np.zeros(padded.n_samples)), np.full((model.start, 1), rest))
+        return np.array(out.output[model.start:, 0])
+
+    def _check_clock(self, sample_time: float) -> None:
+        clock = self.held.model.sample_time
+        if abs(sample_time / clock - 1) > RATE_TOLERANCE:
+            raise InputError(f"this {self.name} runs at the rate of its training data only",
+                             got=f"{1 / sample_time:.6g} Hz against {1 / clock:.6g} Hz",
+                             mend=f"resample the record to {1 / clock:.6g} Hz (lpvid.condition.resample)")
+
+    def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
+        model = self.held.at(self.vector)
+        speeds = np.atleast_1d(np.asarray(velocity, dtype=float))
+        return at_rest(model, speeds.ravel(), float(current), float(displacement)).reshape(speeds.shape)
+
+    def conservative_force(self, displacement: np.ndarray) -> np.ndarray:
+        """What stays at rest; these models are affine in the displacement, so that two points of it tell all."""
+        low = 0.0 if self.current_range is None else self.current_range[0]
+        zero, one = (float(self.static_force(np.zeros(1), low, x)[0]) for x in (0.0, 1.0))
+        return zero + (one - zero) * np.asarray(displacement, dtype=float)
+
+    def at_clock(self, sample_time: float) -> Inner:
+        """The model inside, in the damper's own sense; InputError at another rate than its own."""
+        self._check_clock(sample_time)
+        return self.held.at(self.vector)
+
+    def to_model(self, sample_time: float) -> Any:
+        """The model inside along records as measured (their polarity, their zero of displacement), at its own rate."""
+        from quartercar.dampers.as_model import turned
+
+        return turned(self.held.at(self.vector), self)
+
+    # -- fitting -----------------------------------------------------------------------------------------------------
+    def estimate(self, records: Sequence[Record], settings: FitSettings) -> Estimate:
+        from quartercar.dampers.fitting.estimate import Estimate
+        from quartercar.dampers.held import Held
+
+        fresh = self.replace(stored=None, values={})
+        own = [_own_sense(fresh, r) for r in records]
+        chosen, found, notes = fresh.identified(own)
+        layout = found.layout
+        held = Held(found.model, layout)  # type: ignore[arg-type]
+        fitted = chosen.replace(stored=held.to_dict())
+        return Estimate(fitted, held.spread(found.covariance), notes=(*notes, *found.notes),
+                        condition=found.scaled_condition)
+
+
+def boolean(value: object, name: str) -> bool:
+    """True or False, nothing that merely counts as one."""
+    if not isinstance(value, bool):
+        raise InputError(f"{name} is true or false", got=value)
+    return value
+
+
+def _own_sense(damper: SampledDamper, record: Record) -> Record:
+    """A record with the damper's own signs and zero, and no other channels than it reads."""
+    drive = damper.drive(record, force=True)
+    assert drive.force is not None
+    units = {**UNITS, "current": "" if damper.current_unit == "1" else damper.current_unit}
+    names = (*damper.reads, "force")
+    return Record({n: getattr(drive, n) for n in names}, drive.sample_time, units={n: units[n] for n in names},
+                  name=record.name, start=record.start)
+
+
+def _record(drive: Drive, force: np.ndarray) -> Record:
+    columns: Any = {"velocity": drive.velocity, "displacement": drive.displacement, "current": drive.current,
+                    "force": force}
+    return Record(columns, drive.sample_time)
+
+
+def at_rest(model: Inner, velocity: np.ndarray, current: float, displacement: float) -> np.ndarray:
+    """(n,) force to which a model settles at each of these velocities, all held; NaN where it does not."""
+    if isinstance(model, LPVTransferFunction):
+        return _closed_form(model, velocity, current, displacement)
+    hold = HOLD[0]
+    while True:
+        v = np.repeat(velocity, hold)
+        drive = Drive(model.sample_time, *(np.concatenate([np.full(model.start, a[0]), a]) for a in
+                                           (v, np.full(v.size, displacement), np.full(v.size, current))))
+        run = simulate(model, _record(drive, np.zeros(drive.n_samples)), np.zeros((model.start, 1)))
+        y = run.output[model.start:, 0].reshape(-1, hold)
+        moved = np.abs(y[:, -1] - y[:, hold // 2])
+        if hold >= HOLD[1] or not np.isfinite(y).all() or np.all(moved <= SETTLED * np.abs(y).max()):
+            return y[:, -1].copy()
+        hold *= 4
+
+
+def _closed_form(model: LPVTransferFunction, velocity: np.ndarray, current: float,
+                 displacement: float) -> np.ndarray:
+    """y = (Σ_j b_j u + Σ_j c_j)/(1 + Σ_i a_i); NaN where a pole at this current stands outside the circle."""
+    point = [current] * len(model.box.names)
+    if np.abs(model.frozen_poles(point)).max(initial=0.0) >= 1:
+        return np.full(velocity.size, np.nan)
+    motion = {"velocity": velocity, "displacement": np.full(velocity.size, displacement)}
+    u = np.column_stack([motion[s.name] for s in model.inputs])
+    if model.input_stage is not None:
+        u = model.input_stage.apply(u, np.tile(point, (velocity.size, 1)))
+    a, b, c = model.coefficients(point)
+    return (u @ b.sum(axis=0)[0] + c.sum()) / (1.0 + a.sum())

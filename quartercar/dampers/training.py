@@ -1,0 +1,26 @@
+"""What a fitted damper remembers of its training data, so that nobody calls them held-out later."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeVar
+
+from lpvid.familiar import heads
+from lpvid.record import Record
+from quartercar.dampers.contract import Damper
+
+D = TypeVar("D", bound=Damper)
+
+
+def remembering(damper: D, records: Sequence[Record]) -> D:
+    """The damper with names, size, rate and first forces of its training records in ``metadata["training"]``.
+
+    Parameters
+    ----------
+    damper : Damper
+    records : sequence of Record
+        Uniform, as fitted: cut and resampled, forces as measured.
+    """
+    training = {"records": [r.name for r in records], "n_samples": sum(r.n_samples for r in records),
+                "sample_time": records[0].sample_time, "heads": heads(records, "force")}
+    return damper.replace(metadata={**damper.metadata, "training": training})
