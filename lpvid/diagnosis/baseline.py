@@ -5,15 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.record import Record
-
-if TYPE_CHECKING:
-    from lpvid.diagnosis.effect import Effect
 
 
 @dataclass(frozen=True)
@@ -74,8 +71,8 @@ class Baseline(ABC):
         """(n, P) derivative of the simulation in its parameters."""
 
     @abstractmethod
-    def extended(self, effects: Sequence[tuple[Effect, np.ndarray]]) -> Any:
-        """A model with these effects and the current parameters that `lpvid.save` can write."""
+    def to_dict(self) -> dict:
+        """Plain data for JSON, from which the entry point of its kind builds it again."""
 
     @property
     @abstractmethod

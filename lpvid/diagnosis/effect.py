@@ -111,6 +111,10 @@ class Effect(ABC):
     """roles without which it cannot be tested"""
     smooth: ClassVar[bool] = True
     """False where the output is not differentiable in the strength: scanned, never linearised"""
+    partners: ClassVar[tuple[str, ...]] = ()
+    """names of effects with which it works together physically, tried as a pair where neither helps alone"""
+    resolution: ClassVar[float] = 0.0
+    """samples below which the strength is a matter of how signals are held between samples, and not a finding"""
     negligible: ClassVar[float] = 0.005
     """share of the output's rms below which the effect, though present, is not worth naming"""
 

@@ -1,0 +1,94 @@
+"""Blocks: the stretches of the records on which evidence is counted, in two alternating folds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.diagnosis.signals import Signals
+from lpvid.errors import InputError
+
+LONGEST, SHORTEST = 2.0, 0.4
+"""length of a block [s]"""
+WANTED = 30
+"""blocks wanted over all records"""
+FEWEST = 8
+"""blocks without which no p-value is worth its name"""
+GAP = 0.1
+"""share of a block left out at its start, so that neighbours do not lean on each other"""
+START_UP = 0.25
+"""time left out at the head of every record [s], or a twentieth of it if that is less"""
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Which sample belongs to which block.
+
+    Attributes
+    ----------
+    number : tuple of (n,) int arrays
+        Per record: the block of every sample, counted over all records; −1 where it belongs to none.
+    count : int
+        Blocks in all.
+    fold : (count,) int array
+        0 and 1 alternating in time.
+    length : float
+        Of a block [s].
+    """
+
+    number: tuple[np.ndarray, ...]
+    count: int
+    fold: np.ndarray
+    length: float
+
+    @classmethod
+    def of(cls, signals: Sequence[Signals], start: int = 0) -> Blocks:
+        """Cut records into blocks of equal length, at least `FEWEST` of them.
+
+        Raises
+        ------
+        InputError
+            Records too short for it.
+        """
+        period = signals[0].sample_time
+        heads = [max(start, round(min(START_UP / period, 0.05 * s.n_samples))) for s in signals]
+        total = sum(max(s.n_samples - h, 0) for s, h in zip(signals, heads, strict=True)) * period
+        length = float(np.clip(total / WANTED, SHORTEST, LONGEST))
+        size = max(round(length / period), 8)
+        numbers, count, folds = [], 0, []
+        for s, head in zip(signals, heads, strict=True):
+            own = np.full(s.n_samples, -1)
+            pieces = (s.n_samples - head) // size
+            for k in range(pieces):
+                first = head + k * size
+                own[first + round(GAP * size): first + size] = count
+                folds.append(count % 2)
+                count += 1
+            numbers.append(own)
+        if count < FEWEST:
+            raise InputError("too little data for a diagnosis", got=f"{total:.3g} s in {len(signals)} record(s)",
+                             why=f"at least {FEWEST} blocks of {length:g} s are needed", mend="longer records")
+        return cls(tuple(numbers), count, np.array(folds), length)
+
+    def mask(self, fold: int | None = None) -> list[np.ndarray]:
+        """Per record, (n,) bool: samples in a block, of one fold if asked."""
+        if fold is None:
+            return [n >= 0 for n in self.number]
+        return [(n >= 0) & (self.fold[n] == fold) for n in self.number]
+
+    def sums(self, values: Sequence[np.ndarray]) -> np.ndarray:
+        """(count,) or (count, k) sums of per-record (n,) or (n, k) values over each block."""
+        out = None
+        for n, v in zip(self.number, values, strict=True):
+            inside = n >= 0
+            part = np.zeros((self.count, *v.shape[1:]))
+            np.add.at(part, n[inside], v[inside])
+            out = part if out is None else out + part
+        assert out is not None
+        return out
+
+    def sizes(self) -> np.ndarray:
+        """(count,) samples in each block."""
+        return np.sum([np.bincount(n[n >= 0], minlength=self.count) for n in self.number], axis=0)

@@ -1,0 +1,230 @@
+"""Diagnosis: what the simulation gets wrong, the causes, what the data cannot tell, and the gain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from lpvid.diagnosis.localise import Wrong
+
+if TYPE_CHECKING:
+    from lpvid.auditing import Audit
+    from lpvid.diagnosis.extended import ExtendedModel
+
+VERDICTS = ("explained", "partly-explained", "unexplained", "nothing-to-explain", "cannot-tell")
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """A fitted number with its standard error, SI."""
+
+    name: str
+    value: float
+    std: float | None
+    unit: str
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"name": self.name, "value": self.value, "std": self.std, "unit": self.unit}
+
+    def __str__(self) -> str:
+        error = "" if self.std is None else f" ± {self.std:.2g}"
+        return f"{self.name} {self.value:.4g}{error} {self.unit}".rstrip()
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A named cause.
+
+    Attributes
+    ----------
+    name, description : str
+    parameters : tuple of Estimated
+    p_value : float
+        Of the largest screening statistic, by flipping blocks.
+    delta_bic : float
+        BIC with it less BIC without it, the others in place; negative speaks for it.
+    share_alone, share_given_others : float
+        Share of the baseline's excess squared error it takes away by itself; and on top of the other causes.
+    held_out_gain : float
+        100 (1 − squared error with / without it) on held-out blocks, the others in place [%].
+    blocks_better : float
+        Share of the held-out blocks in which it helps.
+    contribution : float
+        Root mean square of what it adds to the output, in the output's unit.
+    """
+
+    name: str
+    description: str
+    parameters: tuple[Estimated, ...]
+    p_value: float
+    delta_bic: float
+    share_alone: float
+    share_given_others: float
+    held_out_gain: float
+    blocks_better: float
+    contribution: float
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"name": self.name, "description": self.description,
+                "parameters": [p.to_dict() for p in self.parameters], "p_value": self.p_value,
+                "delta_bic": self.delta_bic, "share_alone": self.share_alone,
+                "share_given_others": self.share_given_others, "held_out_gain": self.held_out_gain,
+                "blocks_better": self.blocks_better, "contribution": self.contribution}
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """Causes that these data cannot keep apart, and what would."""
+
+    names: tuple[str, ...]
+    similarity: float
+    experiment: str
+    parameters: Mapping[str, tuple[Estimated, ...]] = field(default_factory=dict)
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"names": list(self.names), "similarity": self.similarity, "experiment": self.experiment,
+                "parameters": {k: [p.to_dict() for p in v] for k, v in self.parameters.items()}}
+
+
+@dataclass(frozen=True)
+class CannotTell:
+    """A candidate that these data could not reveal, and the measurement that would."""
+
+    name: str
+    reason: str
+    smallest_detectable: float | None
+    unit: str
+    experiment: str
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"name": self.name, "reason": self.reason, "smallest_detectable": self.smallest_detectable,
+                "unit": self.unit, "experiment": self.experiment}
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """A candidate that was looked at and not named."""
+
+    name: str
+    why: str
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"name": self.name, "why": self.why}
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Free-run error of one model: ESR and rmse on training and held-out samples."""
+
+    esr_training: float
+    esr_held_out: float
+    rmse: float
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"esr": {"training": self.esr_training, "held_out": self.esr_held_out}, "rmse": self.rmse}
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The answer.
+
+    Attributes
+    ----------
+    verdict : str
+        One of `VERDICTS`.
+    reason : str
+        One sentence for it.
+    baseline : mapping
+        Name and parameters.
+    before, after : Errors
+        Of the baseline and of the extended model, free run; held-out as `held_out` says.
+    noise_floor : float or None
+        Standard deviation of the noise [output's unit], from repeats; None where nothing repeats.
+    noise : mapping
+        Colour of what is left: order of its autoregressive model, level, whether it is coloured.
+    wrong : tuple of Wrong
+    causes : tuple of Cause
+    rivals : tuple of Rivals
+    cannot_tell : tuple of CannotTell
+    rejected : tuple of Rejected
+    explained_share : (float, float) or None
+        Share of the excess squared error that the causes explain, and its standard error.
+    held_out : str
+        What the held-out figures were taken on.
+    extended : ExtendedModel or None
+    unit : str
+        Of the output.
+    audit : Audit or None
+    evidence : mapping
+        Per candidate: likelihood ratio, p-value, smallest detectable strength.
+    seconds : float
+    """
+
+    verdict: str
+    reason: str
+    baseline: Mapping[str, Any]
+    before: Errors
+    after: Errors
+    noise_floor: float | None
+    noise: Mapping[str, Any]
+    wrong: tuple[Wrong, ...]
+    causes: tuple[Cause, ...]
+    rivals: tuple[Rivals, ...]
+    cannot_tell: tuple[CannotTell, ...]
+    rejected: tuple[Rejected, ...]
+    explained_share: tuple[float, float] | None
+    held_out: str
+    extended: ExtendedModel | None
+    unit: str
+    audit: Audit | None = None
+    evidence: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    @property
+    def gain_percent(self) -> float:
+        """100 (1 − ESR_extended/ESR_baseline), held-out."""
+        if not self.before.esr_held_out > 0:
+            return 0.0
+        return 100.0 * (1.0 - self.after.esr_held_out / self.before.esr_held_out)
+
+    def to_dict(self) -> dict:
+        """diagnosis.json."""
+        share = self.explained_share
+        return {
+            "schema": "lpvid/diagnosis/1", "verdict": self.verdict, "reason": self.reason,
+            "baseline": {**self.baseline, **self.before.to_dict(), "noise_floor": self.noise_floor},
+            "unit": self.unit, "held_out": self.held_out, "noise": dict(self.noise),
+            "wrong": [w.to_dict() for w in self.wrong],
+            "causes": [c.to_dict() for c in self.causes],
+            "rivals": [r.to_dict() for r in self.rivals],
+            "cannot_tell": [c.to_dict() for c in self.cannot_tell],
+            "rejected": [r.to_dict() for r in self.rejected],
+            "explained_share": None if share is None else {"value": share[0], "std": share[1]},
+            "extended": {**self.after.to_dict(), "gain_percent": self.gain_percent, "model": "extended_model.json"},
+            "evidence": {k: dict(v) for k, v in self.evidence.items()}, "seconds": self.seconds,
+        }
+
+    def __repr__(self) -> str:
+        lines = [f"{self.verdict}: {self.reason}",
+                 f"  baseline {self.baseline.get('name')}: free-run ESR {self.before.esr_training:.4g} training, "
+                 f"{self.before.esr_held_out:.4g} held-out ({self.held_out}), rmse {self.before.rmse:.4g} {self.unit}"]
+        lines += [f"  cause {c.name}: {', '.join(map(str, c.parameters))}; held-out gain {c.held_out_gain:.1f} %"
+                  for c in self.causes[:3]]
+        lines += [f"  cannot be kept apart: {', '.join(r.names)}; {r.experiment}" for r in self.rivals[:2]]
+        if self.causes:
+            lines.append(f"  extended model: free-run ESR {self.after.esr_held_out:.4g} held-out, "
+                         f"gain {self.gain_percent:.1f} %")
+        if self.wrong:
+            lines.append("  wrong above all: " + "; ".join(f"{w.where} ({w.share:.0%} of the error)"
+                                                           for w in self.wrong[:3]))
+        if self.cannot_tell:
+            lines.append(f"  {len(self.cannot_tell)} candidates these data could not reveal: "
+                         + ", ".join(c.name for c in self.cannot_tell[:6]))
+        return "\n".join(lines)

@@ -1,0 +1,307 @@
+"""Engine: from records, a baseline and a catalogue of effects to a diagnosis; it knows no damper."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from lpvid._threads import single_thread
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.blocks import Blocks
+from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.deciding import EXPLAINED, Folds, Judged, explained_share, judge, out_of_fold
+from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Errors, Estimated, Rejected, Rivals
+from lpvid.diagnosis.effect import Effect, by_name
+from lpvid.diagnosis.localise import localise
+from lpvid.diagnosis.noise import NoiseLevel, Whitening, noise_level
+from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.refitting import Refit, covariance, refit
+from lpvid.diagnosis.remainder import predictable_share
+from lpvid.diagnosis.screening import Evidence
+from lpvid.diagnosis.selection import SIGNIFICANT, Search
+from lpvid.errors import InputError
+from lpvid.record import Record
+
+PREDICTABLE = 0.02
+"""share of the remaining error, beyond two standard errors, that a regression must predict to count as structure"""
+
+
+@dataclass(frozen=True)
+class DiagnosisSettings:
+    """How to diagnose.
+
+    Attributes
+    ----------
+    seed : int
+        Of the sign patterns.
+    fit_baseline : bool
+        Whether the baseline is fitted first; False for one whose parameters are given.
+    """
+
+    seed: int = 0
+    fit_baseline: bool = True
+
+
+def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[Effect],
+             held_out: Sequence[Record] = (), settings: DiagnosisSettings | None = None,
+             progress: Callable[[str], None] | None = None) -> Diagnosis:
+    """Find what a baseline's free run gets wrong, name the cause or say why not, extend the model, measure the gain.
+
+    The steps and gates are those of docs/diagnosis.md: residual of the free run; noise level from repeats; whitening by
+    what no candidate can explain; directions of all candidates with the baseline's own sensitivities projected out;
+    block max-statistic; joint refits with forward selection, linked pairs, pruning; gates and rivals; share explained.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Uniform, one rate.
+    baseline : Baseline
+    catalogue : sequence of Effect
+    held_out : sequence of Record, optional
+        Further records on which the gain is measured; without them alternating blocks, each judged by the fit to the
+        others.
+    settings : DiagnosisSettings, optional
+    progress : callable, optional
+        Told in words what is being done.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    InputError
+        Too little data, missing channels, no candidates.
+    """
+    begun, settings = time.perf_counter(), settings or DiagnosisSettings()
+    say = progress or (lambda text: None)
+    if not catalogue:
+        raise InputError("a diagnosis needs candidates", got="an empty catalogue")
+    by_name(tuple(catalogue))
+    with single_thread():
+        case = _Case.prepare(records, baseline, tuple(catalogue), settings, say)
+        found = case.decide(held_out)
+    return replace(found, seconds=time.perf_counter() - begun)
+
+
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """Everything known before a decision."""
+
+    records: tuple[Record, ...]
+    baseline: Baseline
+    problem: Problem
+    first: Refit
+    level: NoiseLevel
+    usable: tuple[Effect, ...]
+    unusable: tuple[CannotTell, ...]
+    search: Search
+    screened: tuple[Evidence, ...]
+    given: np.ndarray
+    say: Callable[[str], None]
+
+    @classmethod
+    def prepare(cls, records: Sequence[Record], baseline: Baseline, catalogue: tuple[Effect, ...],
+                settings: DiagnosisSettings, say: Callable[[str], None]) -> _Case:
+        if settings.fit_baseline:
+            say(f"fitting {baseline.name}")
+            baseline = baseline.fit(records)
+        signals = tuple(baseline.signals(r) for r in records)
+        blocks = Blocks.of(signals, baseline.start)
+        problem = Problem(signals, blocks, Whitening(np.ones(1), 1.0))
+        composition = Composition(baseline)
+        given = baseline.vector
+        first = refit(problem, composition, given)
+        level = noise_level(signals, [c for c in baseline.channels if c != baseline.output], blocks.mask())
+        usable, unusable = _usable(catalogue, baseline, signals)
+        say(f"screening {len(usable)} candidates")
+        search, evidence, found = Search.begin(problem, first, usable, np.random.default_rng(settings.seed), say)
+        screened = tuple(evidence)
+        whitened_first = search.fit
+        search.grow(evidence, found)
+        return cls(tuple(records), baseline, search.problem, whitened_first, level, usable, unusable, search, screened,
+                   given, say)
+
+    # -- deciding ----------------------------------------------------------------------------------------------------
+    def decide(self, held_out: Sequence[Record]) -> Diagnosis:
+        problem, fit = self.problem, self.search.fit
+        bare = refit(problem, Composition(self.baseline), self.first.vector)
+        before = out_of_fold(problem, bare)
+        after = out_of_fold(problem, fit) if fit.composition.effects else before
+        self.say("weighing rivals")
+        judged = [judge(self.search, e, after) for e in fit.composition.effects]
+        named = [j for j in judged if not j.objections and not j.rivals]
+        contested = [j for j in judged if not j.objections and j.rivals]
+        dropped = [j for j in judged if j.objections]
+        plain = problem.errors(fit.composition, fit.vector)
+        share, spread = predictable_share(problem, plain, self._inputs)
+        predictable = share if share - 2 * spread > PREDICTABLE else 0.0
+        phi = explained_share(problem, before, after, self.level.variance, predictable) if judged else None
+        verdict, reason = self._verdict(named, contested, dropped, phi, predictable)
+        kept = [j for j in judged if j in named or j in contested] if verdict != "unexplained" else []
+        final = self._final(fit, kept)
+        return self._result(verdict, reason, bare, final, before, judged, named, contested, dropped, phi,
+                            predictable, held_out)
+
+    @property
+    def _inputs(self) -> list[str]:
+        return [c for c in self.baseline.channels if c != self.baseline.output]
+
+    def _verdict(self, named: list[Judged], contested: list[Judged], dropped: list[Judged],
+                 phi: tuple[float, float] | None, predictable: float) -> tuple[str, str]:
+        if not named and not contested:
+            return self._nothing(dropped, predictable)
+        assert phi is not None
+        complete = phi[0] + 2 * phi[1] >= EXPLAINED
+        said = ", ".join(j.effect.name for j in (*named, *contested))
+        if not complete:
+            text = f"{said} resembles it but explains {phi[0]:.0%} of the excess error only; the rest is unexplained"
+            if len(named) >= 2 and phi[0] >= 0.8:
+                return "partly-explained", text
+            return "unexplained", text
+        if not named:
+            groups = "; ".join(f"{j.effect.name} or {' or '.join(e.name for e, _, _ in j.rivals)}" for j in contested)
+            return "cannot-tell", f"these data cannot keep apart {groups}"
+        text = f"{', '.join(j.effect.name for j in named)} explains {min(phi[0], 1.0):.0%} of the excess error"
+        if contested:
+            return "partly-explained", text + f"; {', '.join(j.effect.name for j in contested)} has rivals"
+        return "explained", text
+
+    def _nothing(self, dropped: list[Judged], predictable: float) -> tuple[str, str]:
+        least = min((e.p_value for e in self.screened), default=1.0)
+        coloured = self.problem.whitening.is_coloured
+        small = all("negligible" in " ".join(j.objections) for j in dropped)
+        if least < SIGNIFICANT and not (dropped and small) and predictable:
+            why = f"; {dropped[0].effect.name} comes nearest, but {dropped[0].objections[0]}" if dropped else ""
+            return "unexplained", "the error follows the inputs, but no candidate explains it" + why
+        if predictable > 0.1:
+            return "unexplained", (f"a regression on the inputs predicts {predictable:.0%} of the error, "
+                                   "but no candidate does")
+        kind = "coloured noise" if coloured else "white noise"
+        return "nothing-to-explain", f"what is left looks like {kind}: no candidate stands out over the blocks"
+
+    def _final(self, fit: Refit, kept: Sequence[Judged]) -> Refit:
+        """The fit with the kept effects only."""
+        if len(kept) == len(fit.composition.effects):
+            return fit
+        from lpvid.diagnosis.screening import placed
+
+        composition = Composition(self.baseline, tuple(j.effect for j in kept))
+        return refit(self.problem, composition, placed(composition, fit, {}))
+
+    # -- telling -----------------------------------------------------------------------------------------------------
+    def _result(self, verdict: str, reason: str, bare: Refit, final: Refit, before: Folds, judged: list[Judged],
+                named: list[Judged], contested: list[Judged], dropped: list[Judged],
+                phi: tuple[float, float] | None, predictable: float, held_out: Sequence[Record]) -> Diagnosis:
+        from lpvid.diagnosis.extended import ExtendedModel
+
+        problem = self.problem
+        spoken = verdict != "unexplained"
+        after = out_of_fold(problem, final)
+        model = ExtendedModel.of(final, covariance(problem, final), self.baseline)
+        errors = problem.errors(bare.composition, bare.vector)
+        where = "alternating blocks, each judged by the fit to the others" if not held_out else \
+            f"{len(held_out)} further record(s)"
+        rejected = [Rejected(j.effect.name, "; ".join(j.objections)) for j in dropped]
+        if not spoken:
+            rejected += [Rejected(j.effect.name, f"resembles it, but explains {phi[0]:.0%} of the excess error only"
+                                  if phi else "explains too little") for j in (*named, *contested)]
+        return Diagnosis(
+            verdict, reason, {**self.baseline.with_vector(bare.vector).describe()},
+            self._errors(bare, before, held_out), self._errors(final, after, held_out),
+            None if self.level.variance is None else float(np.sqrt(self.level.variance)),
+            self._noise(predictable), localise(problem, errors),
+            tuple(self._cause(j, bare, judged) for j in named) if spoken else (),
+            tuple(self._rivals(j) for j in contested) if spoken else (),
+            (*self.unusable, *self._invisible({j.effect.name for j in judged})), tuple(rejected), phi, where, model,
+            self.baseline.output_unit, None, self._evidence())
+
+    def _errors(self, fit: Refit, folds: Folds, held_out: Sequence[Record]) -> Errors:
+        problem = self.problem
+        plain = problem.stack(problem.errors(fit.composition, fit.vector), whiten=False)
+        power = problem.n_samples * problem.spread**2
+        if not held_out:
+            squares = float(folds.plain @ folds.plain)
+            return Errors(float(plain @ plain) / power, squares / power, float(np.sqrt(squares / problem.n_samples)))
+        error, total, count = 0.0, 0.0, 0
+        for record in held_out:
+            s = self.baseline.signals(record)
+            e = (s.output - fit.composition.predict(s, fit.vector))[self.baseline.start:]
+            y = s.output[self.baseline.start:]
+            error, total, count = error + float(e @ e), total + float(np.sum((y - y.mean()) ** 2)), count + y.size
+        return Errors(float(plain @ plain) / power, error / max(total, 1e-300), float(np.sqrt(error / max(count, 1))))
+
+    def _cause(self, j: Judged, bare: Refit, judged: list[Judged]) -> Cause:
+        fit, problem = self.search.fit, self.problem
+        place = fit.composition.places[fit.composition.effects.index(j.effect)]
+        deviation = np.sqrt(np.maximum(np.diag(covariance(problem, fit))[place], 0.0))
+        excess = max(bare.cost - fit.cost, 1e-300)
+        if len(judged) == 1:
+            alone = (bare.cost - fit.cost) / excess
+        else:
+            from lpvid.diagnosis.screening import placed
+
+            composition = Composition(self.baseline, (j.effect,))
+            alone = (bare.cost - refit(problem, composition, placed(composition, bare, {j.effect.name: j.values})).cost
+                     ) / excess
+        return Cause(j.effect.name, j.effect.title, _estimates(j.effect, j.values, deviation), j.p_value, j.delta_bic,
+                     float(alone), float((j.without.cost - fit.cost) / excess), j.held_out_gain, j.blocks_better,
+                     j.contribution)
+
+    def _rivals(self, j: Judged) -> Rivals:
+        parameters = {j.effect.name: _estimates(j.effect, j.values, None)}
+        for effect, fit, _ in j.rivals:
+            place = fit.composition.places[fit.composition.effects.index(effect)]
+            parameters[effect.name] = _estimates(effect, fit.vector[place], None)
+        experiments = list(dict.fromkeys([j.effect.experiment, *(e.experiment for e, _, _ in j.rivals)]))
+        return Rivals((j.effect.name, *(e.name for e, _, _ in j.rivals)), float(max(s for _, _, s in j.rivals)),
+                      "; or ".join(experiments), parameters)
+
+    def _invisible(self, chosen: set[str]) -> tuple[CannotTell, ...]:
+        """Candidates whose smallest detectable strength lies above what is plausible."""
+        out = []
+        for e in self.screened:
+            strength = e.effect.parameters[0]
+            largest = max(abs(strength.plausible[0] - strength.neutral), abs(strength.plausible[1] - strength.neutral))
+            if e.effect.name in chosen:
+                continue
+            if e.smallest_detectable is None or e.smallest_detectable > largest:
+                why = "these data carry no trace of it at any strength" if e.smallest_detectable is None else \
+                    f"only {strength.name} above {e.smallest_detectable:.3g} {strength.unit} would show".rstrip()
+                out.append(CannotTell(e.effect.name, why, e.smallest_detectable, strength.unit, e.effect.experiment))
+        return tuple(out)
+
+    def _noise(self, predictable: float) -> Mapping[str, Any]:
+        w = self.problem.whitening
+        return {"name": "coloured-noise" if w.is_coloured else "white-noise", "order": w.order, "level": w.level,
+                "coefficients": w.coefficients.tolist(), "from_repeats": self.level.says,
+                "predictable_share": predictable}
+
+    def _evidence(self) -> dict[str, dict[str, Any]]:
+        return {e.effect.name: {"likelihood_ratio": e.likelihood_ratio, "p_value": e.p_value,
+                                "smallest_detectable": e.smallest_detectable} for e in self.screened}
+
+
+def _usable(catalogue: tuple[Effect, ...], baseline: Baseline, signals: tuple) -> tuple[
+        tuple[Effect, ...], tuple[CannotTell, ...]]:
+    usable, unusable = [], []
+    for effect in catalogue:
+        missing = effect.missing(signals)
+        why = f"no {', '.join(missing)} was measured" if missing else effect.applies(baseline, signals)
+        if why is None:
+            usable.append(effect)
+        else:
+            unusable.append(CannotTell(effect.name, why, None, effect.parameters[0].unit, effect.experiment))
+    return tuple(usable), tuple(unusable)
+
+
+def _estimates(effect: Effect, values: np.ndarray, deviation: np.ndarray | None) -> tuple[Estimated, ...]:
+    found = []
+    for k, p in enumerate(effect.parameters):
+        std = None if deviation is None or not np.isfinite(deviation[k]) else float(deviation[k])
+        found.append(Estimated(p.name, float(values[k]), std, p.unit))
+    return tuple(found)

@@ -1,0 +1,113 @@
+"""Localise: where the simulation goes wrong, in the words in which an engineer looks at it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.diagnosis.problem import Problem
+
+BANDS = ((0.0, 1.0), (1.0, 5.0), (5.0, 15.0), (15.0, 50.0), (50.0, np.inf))
+"""frequency bands [Hz]"""
+NOTABLE = 1.5
+"""times its share of the time that a regime's share of the squared error must be to be listed"""
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """A regime that holds more of the error than of the time.
+
+    Attributes
+    ----------
+    where : str
+        E.g. ``"velocity < 0"``.
+    share : float
+        Of the squared error.
+    time : float
+        Of the samples.
+    """
+
+    where: str
+    share: float
+    time: float
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"where": self.where, "share": self.share, "time": self.time}
+
+
+def localise(problem: Problem, errors: Sequence[np.ndarray]) -> tuple[Wrong, ...]:
+    """Shares of the squared error by sign and size of each input, by time, after reversals, by frequency; worst first.
+
+    Parameters
+    ----------
+    problem : Problem
+    errors : sequence of (n,) arrays
+        Free-run errors, per record, not whitened.
+
+    Returns
+    -------
+    tuple of Wrong
+        At most eight regimes, those that stand out most; the share of the frequency bands is that of the error's power.
+    """
+    squared = problem.stack([e**2 for e in errors], whiten=False)
+    total = float(squared.sum())
+    if not total > 0:
+        return ()
+    regimes: list[tuple[str, np.ndarray]] = []
+    for name in dict.fromkeys(k for s in problem.signals for k in s.channels):
+        if all(s.has(name) for s in problem.signals):
+            regimes += _regimes(name, problem.stack([s[name] for s in problem.signals], whiten=False))
+    if all(s.has("velocity") for s in problem.signals):
+        regimes.append(("after a reversal", problem.stack([_after_reversal(s["velocity"]).astype(float)
+                                                            for s in problem.signals], whiten=False) > 0.5))
+    if all(s.has("current") for s in problem.signals):
+        rate = problem.stack([np.gradient(s["current"], s.sample_time) for s in problem.signals], whiten=False)
+        if np.ptp(rate) > 0:
+            regimes.append(("after a change of current", np.abs(rate) > 0.1 * np.abs(rate).max()))
+    place = np.concatenate([np.linspace(0, 1, n.size)[n >= 0] for n in problem.blocks.number])
+    regimes += [("first third of the time", place < 1 / 3), ("last third of the time", place > 2 / 3)]
+    found = [Wrong(where, float(squared[inside].sum()) / total, float(inside.mean()))
+             for where, inside in regimes if 0 < inside.mean() < 1]
+    found += _bands(problem, errors)
+    notable = [w for w in found if w.share > max(NOTABLE * w.time, 0.05) or (w.share > 0.65 and w.time < 0.55)]
+    return tuple(sorted(notable, key=lambda w: w.time - w.share)[:8])
+
+
+def _regimes(name: str, x: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    found: list[tuple[str, np.ndarray]] = []
+    if x.min() < 0 < x.max():
+        found += [(f"{name} < 0", x < 0), (f"{name} > 0", x > 0)]
+    size = np.abs(x)
+    low, high = np.quantile(size, [0.25, 0.75])
+    if high > low:
+        found += [(f"small |{name}|", size <= low), (f"large |{name}|", size >= high)]
+    return found
+
+
+def _after_reversal(velocity: np.ndarray) -> np.ndarray:
+    """Samples within the eighth of a half stroke that follows a change of sign."""
+    sign = np.sign(velocity)
+    turns = np.flatnonzero(np.diff(sign) != 0) + 1
+    out = np.zeros(velocity.size, dtype=bool)
+    ends = np.append(turns[1:], velocity.size)
+    for a, b in zip(turns, ends, strict=True):
+        out[a: a + max(1, (b - a) // 8)] = True
+    return out
+
+
+def _bands(problem: Problem, errors: Sequence[np.ndarray]) -> list[Wrong]:
+    period = problem.signals[0].sample_time
+    power = np.zeros(len(BANDS))
+    for e, n in zip(errors, problem.blocks.number, strict=True):
+        x = np.where(n >= 0, e, 0.0)
+        spectrum, f = np.abs(np.fft.rfft(x)) ** 2, np.fft.rfftfreq(x.size, period)
+        power += [float(spectrum[(f >= a) & (f < b)].sum()) for a, b in BANDS]
+    top = 0.5 / period
+    total = float(power.sum())
+    if not total > 0:
+        return []
+    return [Wrong(f"{a:g} to {b:g} Hz" if b < top else f"above {a:g} Hz", float(p) / total, (min(b, top) - a) / top)
+            for (a, b), p in zip(BANDS, power, strict=True) if a < top]

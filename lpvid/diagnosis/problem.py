@@ -1,0 +1,94 @@
+"""Problem: records, their blocks and the noise's colour; what every statistic of a diagnosis is computed from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from lpvid.diagnosis.blocks import Blocks
+from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.noise import Whitening
+from lpvid.diagnosis.signals import Signals
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Signals, blocks and whitening filter.
+
+    Attributes
+    ----------
+    signals : tuple of Signals
+    blocks : Blocks
+    whitening : Whitening
+    """
+
+    signals: tuple[Signals, ...]
+    blocks: Blocks
+    whitening: Whitening
+
+    def with_whitening(self, whitening: Whitening) -> Problem:
+        """The same data with another filter."""
+        return replace(self, whitening=whitening)
+
+    @cached_property
+    def block(self) -> np.ndarray:
+        """(N,) block of every stacked sample."""
+        return np.concatenate([n[n >= 0] for n in self.blocks.number])
+
+    @property
+    def n_samples(self) -> int:
+        """Samples inside blocks."""
+        return self.block.size
+
+    @cached_property
+    def spread(self) -> float:
+        """Root mean square of the output about its mean, over the blocks."""
+        return float(np.concatenate([s.output[n >= 0] for s, n in zip(self.signals, self.blocks.number,
+                                                                      strict=True)]).std())
+
+    def errors(self, composition: Composition, vector: np.ndarray) -> list[np.ndarray]:
+        """Per record, (n,) measured less simulated output; infinite where the simulation is not finite."""
+        out = []
+        for s in self.signals:
+            with np.errstate(all="ignore"):
+                e = s.output - composition.predict(s, vector)
+            out.append(np.where(np.isfinite(e), e, 1e150))
+        return out
+
+    def stack(self, values: Sequence[np.ndarray], whiten: bool = True) -> np.ndarray:
+        """(N,) or (N, k): per-record values, whitened, inside the blocks, one record after the other."""
+        return np.concatenate([(self.whitening.apply(v) if whiten else v)[n >= 0]
+                               for v, n in zip(values, self.blocks.number, strict=True)])
+
+    def block_sums(self, stacked: np.ndarray) -> np.ndarray:
+        """(blocks,) or (blocks, k) sums of stacked values."""
+        out = np.zeros((self.blocks.count, *stacked.shape[1:]))
+        np.add.at(out, self.block, stacked)
+        return out
+
+    def in_fold(self, fold: int) -> np.ndarray:
+        """(N,) bool: stacked samples of a fold."""
+        return self.blocks.fold[self.block] == fold
+
+
+def projector(jacobian: np.ndarray) -> np.ndarray:
+    """(N, r) orthonormal basis of the columns, those without weight left out."""
+    norms = np.linalg.norm(jacobian, axis=0)
+    columns = jacobian[:, norms > 0] / norms[norms > 0]
+    if not columns.shape[1]:
+        return np.zeros((jacobian.shape[0], 0))
+    from scipy.linalg import svd
+
+    left, values, _ = svd(columns, full_matrices=False, lapack_driver="gesdd")
+    return left[:, values > 1e-7 * values[0]]
+
+
+def without(basis: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values less their projection on an orthonormal basis, twice for the digits."""
+    if not basis.shape[1]:
+        return values
+    values = values - basis @ (basis.T @ values)
+    return values - basis @ (basis.T @ values)

@@ -1,0 +1,225 @@
+"""Directions of the candidates, what the data could reveal of them, and which of them the residual contains."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.problem import Problem, projector, without
+from lpvid.diagnosis.refitting import Refit
+
+MOST_POINTS = 14
+"""grid points of a candidate that are looked at"""
+FLIPS = 2000
+"""sign patterns drawn for the distribution of the largest statistic"""
+DETECT = 10.0
+"""log-likelihood ratio, beyond ln n, at which a strength counts as detectable"""
+FAINT = 1e-9
+"""share of its own norm below which a direction is a combination of the baseline's sensitivities"""
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """What one strength and shape of an effect does to the whitened output, beyond what the baseline can do.
+
+    Attributes
+    ----------
+    effect : Effect
+    values : (k,) array
+        Parameters of the effect at this grid point.
+    change : (N,) array
+        P W (f(values) − f(neutral)).
+    norm, raw_norm : float
+        Of `change`, and of W (f(values) − f(neutral)) before the projection.
+    size : float
+        Root mean square of f(values) − f(neutral) in the output's unit.
+    gain : float
+        Whitened squared error that it takes away, in its own sense: (change·e)₊²/‖change‖².
+    """
+
+    effect: Effect
+    values: np.ndarray
+    change: np.ndarray
+    norm: float
+    raw_norm: float
+    size: float
+    gain: float
+
+    @property
+    def strength(self) -> float:
+        """Distance of the first parameter from neutral."""
+        return float(self.values[0] - self.effect.parameters[0].neutral)
+
+    @property
+    def visible(self) -> bool:
+        """Whether the baseline's own parameters could not produce it."""
+        return self.norm > FAINT * max(self.raw_norm, 1e-300) and self.norm > 0
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What the screening says of one effect.
+
+    Attributes
+    ----------
+    effect : Effect
+    likelihood_ratio : float
+        (sᵀPr)²/(σ²‖Ps‖²) at the best grid point.
+    statistic : float
+        (Σ_b u_b)²/Σ_b u_b² over blocks at the best point, u_b the block sums of s r: at most the number of blocks.
+    p_value : float
+        Share of sign patterns whose largest statistic over all effects is as large.
+    best : Direction or None
+        The grid point; None where no point is visible.
+    smallest_detectable : float or None
+        Strength at which the likelihood ratio would reach 10 + ln n; None where nothing would.
+    """
+
+    effect: Effect
+    likelihood_ratio: float
+    statistic: float
+    p_value: float
+    best: Direction | None
+    smallest_detectable: float | None
+
+
+def grid_points(effect: Effect) -> list[np.ndarray]:
+    """Parameters at which an effect is looked at: every strength with every shape, thinned to `MOST_POINTS`."""
+    points = [np.array(p) for p in itertools.product(*(p.grid for p in effect.parameters))]
+    if len(points) > MOST_POINTS:
+        points = [points[k] for k in np.unique(np.linspace(0, len(points) - 1, MOST_POINTS).round().astype(int))]
+    return points
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """What one strength and shape of an effect does to the simulation, record by record, as it stands.
+
+    Attributes
+    ----------
+    effect : Effect
+    values : (k,) array
+    change : tuple of (n,) arrays
+        f(values) − f(neutral) in the output's unit.
+    """
+
+    effect: Effect
+    values: np.ndarray
+    change: tuple[np.ndarray, ...]
+
+
+def moves(problem: Problem, fit: Refit, effects: Sequence[Effect]) -> list[Move]:
+    """Every candidate at every grid point, around a fitted composition; those that do not simulate are left out."""
+    now = [fit.composition.predict(s, fit.vector) for s in problem.signals]
+    found = []
+    for effect in effects:
+        bigger = Composition(fit.composition.baseline, (*fit.composition.effects, effect))
+        for values in grid_points(effect):
+            vector = placed(bigger, fit, {effect.name: values})
+            with np.errstate(all="ignore"):
+                change = tuple(bigger.predict(s, vector) - f for s, f in zip(problem.signals, now, strict=True))
+            if all(np.isfinite(c).all() for c in change):
+                found.append(Move(effect, values, change))
+    return found
+
+
+def directions(problem: Problem, fit: Refit, moved: Sequence[Move]) -> list[Direction]:
+    """Moves whitened, with the sensitivities of the fitted composition projected out."""
+    basis = projector(fit.jacobian)
+    out = []
+    for move in moved:
+        raw = problem.stack(move.change)
+        change = without(basis, raw)
+        size = float(np.sqrt(np.mean(problem.stack(move.change, whiten=False) ** 2)))
+        norm = float(np.linalg.norm(change))
+        gain = max(float(change @ fit.errors), 0.0) ** 2 / norm**2 if norm > 0 else 0.0
+        out.append(Direction(move.effect, move.values, change, norm, float(np.linalg.norm(raw)), size, gain))
+    return out
+
+
+def saturated(problem: Problem, fit: Refit, moved: Sequence[Move]) -> list[np.ndarray]:
+    """Per record, the error of the fit less all that any candidate could explain of it: what the noise looks like.
+
+    Least squares on the sensitivities and all moves together, without whitening, over the blocks.
+    """
+    errors = problem.errors(fit.composition, fit.vector)
+    jacobians = [fit.composition.sensitivities(s, fit.vector) for s in problem.signals]
+    columns = [np.column_stack([j, *(m.change[k] for m in moved)]) for k, j in enumerate(jacobians)]
+    stacked = np.vstack([c[n >= 0] for c, n in zip(columns, problem.blocks.number, strict=True)])
+    scale = np.linalg.norm(stacked, axis=0)
+    keep = scale > 0
+    target = problem.stack(errors, whiten=False)
+    weights = np.linalg.lstsq(stacked[:, keep] / scale[keep], target, rcond=1e-8)[0] / scale[keep]
+    return [e - c[:, keep] @ weights for e, c in zip(errors, columns, strict=True)]
+
+
+def placed(composition: Composition, fit: Refit, given: dict[str, np.ndarray]) -> np.ndarray:
+    """(P,) start of a larger composition: a fit's parameters where it has them, `given` for the new effects."""
+    own = {e.name: fit.vector[p] for e, p in zip(fit.composition.effects, fit.composition.places, strict=True)}
+    vector = composition.neutral
+    size = composition.baseline.vector.size
+    vector[:size] = fit.vector[:size]
+    for effect, place in zip(composition.effects, composition.places, strict=True):
+        if effect.name in given:
+            vector[place] = given[effect.name]
+        elif effect.name in own:
+            vector[place] = own[effect.name]
+    return vector
+
+
+def screen(problem: Problem, fit: Refit, found: Sequence[Direction], rng: np.random.Generator) -> list[Evidence]:
+    """Likelihood ratios of all candidates and block p-values of the largest statistic, strongest first.
+
+    Under "nothing hidden" the block sums u_b have random signs whatever the noise's size and (within a block) colour,
+    so that flipping whole blocks gives the distribution of the maximum over all candidates and grid points.
+
+    Parameters
+    ----------
+    problem : Problem
+    fit : Refit
+        What the directions were taken around.
+    found : sequence of Direction
+    rng : Generator
+    """
+    residual = without(projector(fit.jacobian), fit.errors)
+    variance = max(float(residual @ residual) / max(residual.size - fit.vector.size, 1), 1e-300)
+    seen = [d for d in found if d.visible]
+    by_effect: dict[str, Evidence] = {}
+    if seen:
+        unit = np.column_stack([d.change / d.norm for d in seen])
+        sums = problem.block_sums(unit * residual[:, None])
+        score = np.maximum(sums.sum(axis=0), 0.0)  # a move counts in its own sense: friction is never negative
+        ratio = score**2 / variance
+        power = np.maximum((sums**2).sum(axis=0), 1e-300)
+        statistic = score**2 / power
+        signs = rng.choice([-1.0, 1.0], size=(FLIPS, problem.blocks.count))
+        largest = (np.maximum(signs @ sums, 0.0) ** 2 / power).max(axis=1)
+    for effect in dict.fromkeys(d.effect for d in found):
+        mine = [k for k, d in enumerate(seen) if d.effect is effect]
+        if not mine:
+            by_effect[effect.name] = Evidence(effect, 0.0, 0.0, 1.0, None, None)
+            continue
+        best = max(mine, key=lambda k: ratio[k])
+        p = float((1 + np.sum(largest >= max(statistic[k] for k in mine))) / (1 + FLIPS))
+        by_effect[effect.name] = Evidence(effect, float(ratio[best]), float(statistic[best]), p, seen[best],
+                                          _smallest(effect, [seen[k] for k in mine], variance, problem.n_samples))
+    return sorted(by_effect.values(), key=lambda e: -e.likelihood_ratio)
+
+
+def _smallest(effect: Effect, seen: Sequence[Direction], variance: float, n: int) -> float | None:
+    """Smallest strength with a likelihood ratio of 10 + ln n at some shape: by proportion, or off the scan."""
+    wanted = np.sqrt(variance * (DETECT + np.log(n)))
+    if effect.smooth:
+        return float(min(abs(d.strength) * wanted / d.norm for d in seen if d.strength))
+    enough = [abs(d.strength) for d in seen if d.norm >= wanted]
+    return float(min(enough)) if enough else None
+
+
+def similarity(a: Direction, b: Direction) -> float:
+    """cos of the angle between two directions, after the baseline's sensitivities are taken out."""
+    return float(a.change @ b.change / (a.norm * b.norm)) if a.norm and b.norm else 0.0

@@ -1,0 +1,90 @@
+"""DamperBaseline: any law of `quartercar.dampers` as what a diagnosis starts from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline, Coefficient
+from lpvid.diagnosis.signals import Core, Signals
+from lpvid.record import Record
+from quartercar.dampers.contract import LawDamper, StaticDamper
+from quartercar.dampers.drive import Drive
+
+ROLES = ("displacement", "velocity", "current", "temperature")
+
+
+@dataclass(frozen=True, eq=False)
+class DamperBaseline(Baseline):
+    """A damper law, free in its own parameters.
+
+    Attributes
+    ----------
+    damper : LawDamper
+    """
+
+    damper: LawDamper
+    name: str = field(init=False)
+    output: str = field(default="force", init=False)
+    output_unit: str = field(default="N", init=False)
+    static: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", self.damper.name)
+        object.__setattr__(self, "static", isinstance(self.damper, StaticDamper))
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return (*self.damper.reads, "force")
+
+    @property
+    def coefficients(self) -> tuple[Coefficient, ...]:
+        return tuple(Coefficient(p.name, p.unit, p.lower, p.upper, _scale(p.default, v)) for p, v in
+                     zip(self.damper.parameters, self.damper.vector, strict=True))
+
+    @property
+    def vector(self) -> np.ndarray:
+        return self.damper.vector
+
+    @property
+    def start(self) -> int:
+        return self.damper.start
+
+    def with_vector(self, vector: np.ndarray) -> DamperBaseline:
+        return replace(self, damper=self.damper.with_vector(vector))
+
+    def signals(self, record: Record) -> Signals:
+        drive = self.damper.drive(record, force=True)
+        assert drive.force is not None
+        channels = {r: record[r] for r in ROLES if record.has(r)}
+        if "displacement" in channels:
+            channels["displacement"] = channels["displacement"] - self.damper.centre
+        return Signals(drive.sample_time, channels, drive.force, record.name)
+
+    def core(self, vector: np.ndarray) -> Core:
+        def run(s: Signals) -> np.ndarray:
+            zeros = np.zeros(s.n_samples)
+            drive = Drive(s.sample_time, s["velocity"], s["displacement"] if s.has("displacement") else zeros,
+                          s["current"] if s.has("current") else zeros, s.output)
+            return self.damper.response(drive, vector)
+
+        return run
+
+    def fit(self, records: Sequence[Record]) -> DamperBaseline:
+        return DamperBaseline(self.damper.fit(records).damper)  # type: ignore[arg-type]
+
+    def sensitivities(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
+        zeros = np.zeros(signals.n_samples)
+        drive = Drive(signals.sample_time, signals["velocity"],
+                      signals["displacement"] if signals.has("displacement") else zeros,
+                      signals["current"] if signals.has("current") else zeros, signals.output)
+        return self.damper.jacobian(drive, vector)
+
+    def to_dict(self) -> dict:
+        return {"kind": "damper", "damper": self.damper.to_dict()}
+
+
+def _scale(default: float, value: float) -> float:
+    return max(abs(value), abs(default), 1e-6)
