@@ -6,6 +6,7 @@ A model's author edits `CASES`; where a model is not named the defaults below se
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,8 @@ class Case:
         White, as a share of the force's standard deviation.
     fit : dict
         Changed `FitSettings`.
+    teacher : str
+        The model whose force a sampled model is fitted to, to have true parameters; ignored by laws.
     smooth_tolerance : float
         Of `response` against a tight integration of `rates`, as a share of the force's range.
     """
@@ -56,6 +59,7 @@ class Case:
     sample_time: float = 1.0 / 512
     noise: float = 0.01
     fit: dict[str, Any] = field(default_factory=dict)
+    teacher: str = "guo"
     smooth_tolerance: float = 2e-3
 
 
@@ -81,30 +85,47 @@ def blank(name: str) -> Damper:
     return model_class(name)(**case.settings, current_range=case.currents)
 
 
+@cache
 def truth(name: str) -> Damper:
-    """The model with the case's true parameters: the defaults moved by up to 15 %, or as the case says."""
+    """The model with the case's true parameters: the defaults moved by up to 15 %, or as the case says.
+
+    A sampled model has no default parameters; its true ones are what it makes of another model's force.
+    """
     damper, rng = blank(name), np.random.default_rng(7)
+    if name not in LAWS:
+        case, teacher = case_of(name), truth(case_of(name).teacher)
+        drive = _driven(case, 2)
+        force = teacher.response(drive, teacher.vector)
+        return damper.fit([record_of(drive, force + 0.02 * force.std() * rng.normal(size=force.size))]).damper
     moved = {p.name: float(np.clip(p.default * rng.uniform(0.85, 1.15), p.lower, p.upper)) for p in damper.parameters}
     return damper.with_values(**{**moved, **case_of(name).values})
 
 
-def motion(case: Case, rng: np.random.Generator, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(displacement, velocity) of a multisine at any times, smooth and exact derivatives of each other."""
-    f = np.geomspace(case.lowest, case.highest, 14) * rng.uniform(0.95, 1.05, 14)
-    phase = rng.uniform(0, 2 * np.pi, f.size)
-    dense = np.arange(0.0, case.duration, 1e-3)
-    amplitude, power = np.zeros(1), 0.0
-    for power in np.arange(0.0, 3.01, 0.1):  # the flatter the line spectrum the faster for its stroke
-        amplitude = f**-power
-        x, v = _lines(amplitude, f, phase, dense)
-        if np.abs(v).max() / np.abs(x).max() <= case.speed / case.stroke:
-            break
-    return _lines(amplitude * case.speed / np.abs(v).max(), f, phase, times)
+@dataclass(frozen=True)
+class Multisine:
+    """A motion that is smooth and known at any time."""
 
+    amplitude: np.ndarray
+    omega: np.ndarray
+    phase: np.ndarray
 
-def _lines(amplitude: np.ndarray, f: np.ndarray, phase: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    angle = 2 * np.pi * np.outer(times, f) + phase
-    return np.sin(angle) @ amplitude, np.cos(angle) @ (amplitude * 2 * np.pi * f)
+    @classmethod
+    def of(cls, case: Case, rng: np.random.Generator) -> Multisine:
+        """As fast as the case says, with the spectrum that gives its stroke."""
+        f = np.geomspace(case.lowest, case.highest, 14) * rng.uniform(0.95, 1.05, 14)
+        found = cls(np.ones(14), 2 * np.pi * f, rng.uniform(0, 2 * np.pi, 14))
+        dense = np.arange(0.0, case.duration, 4e-3)
+        for power in np.arange(0.0, 3.01, 0.1):  # the flatter the line spectrum the faster for its stroke
+            found = cls(f**-power, found.omega, found.phase)
+            x, v = found.at(dense)
+            if np.abs(v).max() / np.abs(x).max() <= case.speed / case.stroke:
+                break
+        return cls(found.amplitude * case.speed / np.abs(v).max(), found.omega, found.phase)
+
+    def at(self, times: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+        """(displacement, velocity)."""
+        angle = np.multiply.outer(times, self.omega) + self.phase
+        return np.sin(angle) @ self.amplitude, np.cos(angle) @ (self.amplitude * self.omega)
 
 
 def current_of(case: Case, rng: np.random.Generator, times: np.ndarray) -> np.ndarray:
@@ -117,9 +138,13 @@ def current_of(case: Case, rng: np.random.Generator, times: np.ndarray) -> np.nd
 
 def recovery_drive(name: str, seed: int = 1) -> Drive:
     """The motion and current of a model's case, without force."""
-    case, rng = case_of(name), np.random.default_rng(seed)
+    return _driven(case_of(name), seed)
+
+
+def _driven(case: Case, seed: int) -> Drive:
+    rng = np.random.default_rng(seed)
     times = np.arange(0.0, case.duration, case.sample_time)
-    x, v = motion(case, rng, times)
+    x, v = Multisine.of(case, rng).at(times)
     return Drive(case.sample_time, v, x, current_of(case, rng, times))
 
 

@@ -9,7 +9,7 @@ from itertools import accumulate, pairwise
 import numpy as np
 
 from lpvid.identification.sandwich import block_length, residual_memory
-from lpvid.validation.residuals import EXACT, residual_tests
+from lpvid.validation.residuals import residual_tests
 
 SINGULAR = 1e-10
 """singular values of the column-scaled sensitivities below this share of the largest count as zero."""
@@ -98,8 +98,3 @@ def _bartlett(scores: Sequence[np.ndarray], lags: int) -> np.ndarray:
         if isinstance(part, np.ndarray):
             out = out + (1 - lag / (lags + 1)) * (part + part.T)
     return np.asarray(out)
-
-
-def exact(residual: np.ndarray, measured: np.ndarray) -> bool:
-    """Whether nothing is left but rounding."""
-    return bool(np.linalg.norm(residual) <= EXACT * np.linalg.norm(measured))

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid._threads import single_thread
-from lpvid.errors import InputError
+from lpvid.errors import InputError, NumericalError
+from lpvid.validation.residuals import EXACT, residual_of
 from quartercar.dampers.contract import LawDamper
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.fitting.covariance import covariance_of
@@ -37,7 +38,9 @@ def estimate_law(damper: LawDamper, drives: Sequence[Drive], settings: FitSettin
     Raises
     ------
     InputError
-        Fewer samples than parameters; a model that diverges from every start.
+        Fewer samples than parameters.
+    NumericalError
+        The free run diverges from every start.
     """
     problem = Problem(damper, tuple(drives))
     if problem.measured.size <= len(damper.names):
@@ -48,7 +51,8 @@ def estimate_law(damper: LawDamper, drives: Sequence[Drive], settings: FitSettin
         theta = found.trial.theta
         held = at_bounds(damper, theta)
         jacobian = problem.jacobian(theta)
-        spread = covariance_of(jacobian, found.trial.residual, problem.lengths, ~held)
+        left = residual_of(problem.measured, problem.measured + found.trial.residual)
+        spread = covariance_of(jacobian, left, problem.lengths, ~held)
         report = identifiability(damper, theta, jacobian, problem.measured, spread.covariance, ~held)
     notes = [*spread.notes]
     if not found.converged:
@@ -63,17 +67,17 @@ def search(problem: Problem, settings: FitSettings) -> tuple[Found, Starts]:
     damper = problem.damper
     rng = np.random.default_rng(settings.seed)
     short = Problem(damper, shortened(problem.drives, settings.tasting_samples))
-    given = [np.asarray(s, dtype=float) for s in damper.starts(short.drives, settings.starts, rng)]
-    starts = distinct([*given[: settings.starts], damper.vector][: settings.starts] or [damper.vector])
+    given = [np.asarray(s, dtype=float) for s in damper.starts(problem.drives, settings.starts, rng)]
+    starts = distinct([*given[: max(settings.starts - 1, 1)], damper.vector][: settings.starts])
     tasted = [(0.0, starts[0])] if len(starts) == 1 else sorted(_taste(short, starts, settings), key=lambda t: t[0])
     promising = distinct([theta for _, theta in tasted])[: settings.polished]
     ends = [end for theta in promising if (end := polish(problem, theta, settings)) is not None]
     if not ends:
-        raise InputError(f"{damper.name}: the free run diverges from every start",
-                         got=f"{len(starts)} starts", mend="check units and signs of the records, or another model")
+        raise NumericalError(f"{damper.name}: the free run diverges from each of {len(starts)} starts; check units and "
+                             "signs of the records")
     ends.sort(key=lambda e: e.trial.cost)
-    best = ends[0].trial.cost
-    agreed = sum(e.trial.cost <= best * (1 + AGREEING) + 1e-300 for e in ends)
+    least = ends[0].trial.cost * (1 + AGREEING) + EXACT**2 * float(problem.measured @ problem.measured)
+    agreed = sum(e.trial.cost <= least for e in ends)
     return ends[0], Starts(len(starts), len(ends), agreed)
 
 
