@@ -176,8 +176,9 @@ def _row(row: Compared) -> str:
 
     energy = None if row.held_out.energy_error is None else 100 * row.held_out.energy_error
     return (f"{row.name:<28}{shown(run.esr, '.4g'):>9}{shown(run.fit_percent, '.1f'):>7}"
-            f"{shown(run.sqrt_sse, '.4g'):>11}{shown(run.rmse, '.4g'):>9}{shown(energy, '.2g') + ' %':>9}{shown(row.training.total.esr, '.4g'):>10}"
-            f"{len(row.damper.parameters):>5}{1e3 * row.time_per_simulated_second:>8.2g}  {', '.join(row.flags)}")
+            f"{shown(run.sqrt_sse, '.4g'):>11}{shown(run.rmse, '.4g'):>9}{shown(energy, '.2g') + ' %':>9}"
+            f"{shown(row.training.total.esr, '.4g'):>10}{len(row.damper.parameters):>5}"
+            f"{1e3 * row.time_per_simulated_second:>8.2g}  {', '.join(row.flags)}")
 
 
 def _plain(value: Any) -> Any:

@@ -158,8 +158,9 @@ def _suited(names: Sequence[str], facts: Facts) -> tuple[list[Damper], list[tupl
     return sorted(found, key=_effort), refused
 
 
-def _effort(damper: Damper) -> tuple[bool, int]:
-    return isinstance(damper, DynamicDamper), len(damper.parameters)
+def _effort(damper: Damper) -> tuple[int, int]:
+    kind = 2 if isinstance(damper, DynamicDamper) else 0 if isinstance(damper, LawDamper) else 1
+    return kind, len(damper.parameters)
 
 
 def _reason(error: Exception) -> str:

@@ -64,8 +64,8 @@ def ranking(found: Comparison) -> Figure:
         ax.plot([t for _, t in known], [i for i, _ in known], "D", color=VERMILION, markersize=4, label="training",
                 linestyle="none")
         for i, (value, seen) in enumerate(zip(held, trained, strict=True)):
-            ax.annotate(f"{value:.3g}", (max(value, seen or 0.0), i), xytext=(5, 0), textcoords="offset points", va="center",
-                        fontsize=7.5, color=MUTED)
+            ax.annotate(f"{value:.3g}", (max(value, seen or 0.0), i), xytext=(5, 0), textcoords="offset points",
+                        va="center", fontsize=7.5, color=MUTED)
         ax.set_xscale("log")
         ax.set_xlim(low, 1.9 * max([*held, *(t for _, t in known), low]))
         ax.set_ylim(len(names) - 0.4, -0.6)

@@ -1,0 +1,214 @@
+"""`quartercar fit`, through its own door: what it prints, what it writes, how it ends."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import lpvid as lpv
+from quartercar.cli.app import app
+from quartercar.dampers import MODELS
+
+RATE = 400.0
+
+
+def run(*arguments: object, code: int = 0):
+    result = CliRunner().invoke(app, ["fit", *map(str, arguments)], catch_exceptions=False)
+    assert result.exit_code == code, result.output
+    return result
+
+
+def measured(path: Path, seed: int = 0, n: int = 900, sign: float = 1.0, header: str = "displacement [mm],"
+             "velocity [mm/s],current [mA],force [kN]", factor: tuple[float, ...] = (1e3, 1e3, 1e3, 1e-3)) -> Path:
+    """A csv of a damper with yield force and viscosity that follow the current, in mixed units."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(n) / RATE
+    omega, phase = 2 * np.pi * np.array([0.9, 2.3, 5.1]), rng.uniform(0, 6, 3)
+    x = 0.004 * np.sin(np.outer(t, omega) + phase).sum(axis=1)
+    v = 0.004 * (omega * np.cos(np.outer(t, omega) + phase)).sum(axis=1)
+    i = np.repeat(rng.integers(0, 3, n // 60 + 1), 60)[:n] / 2
+    force = (250 + 600 * i) * np.tanh(15 * v) + (500 + 300 * i) * v - 40 + 10 * rng.standard_normal(n)
+    named = dict(zip(("displacement", "velocity", "current", "force"), (x, v, i, sign * force), strict=True))
+    columns = [named[c.split(" ")[0]] for c in header.split(",")]
+    rows = [f"time [s],{header}"]
+    for k in range(n):
+        cells = [repr(float(c[k] * f)) for c, f in zip(columns, factor, strict=True)]
+        rows.append(",".join([repr(float(t[k])), *cells]))
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory) -> tuple[Path, Path]:
+    folder = tmp_path_factory.mktemp("data")
+    return measured(folder / "a-run.csv", 0), measured(folder / "b-run.csv", 1)
+
+
+@pytest.fixture(scope="module")
+def written(files, tmp_path_factory) -> tuple[Path, str]:
+    out = tmp_path_factory.mktemp("fit") / "out"
+    return out, run(files[0], "--held-out", files[1], "--models", "linear,guo,power-law", "--out", out).stdout
+
+
+def test_it_writes_the_comparison_the_models_the_figures_and_a_report(written):
+    out, _ = written
+    assert {p.name for p in out.iterdir()} == {
+        "comparison.json", "report.html", "linear.json", "guo.json", "power-law.json", "ranking.png",
+        "force_time.png", "force_velocity.png"}
+    assert all(p.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n" and p.stat().st_size > 8000 for p in out.glob("*.png"))
+    page = (out / "report.html").read_text()
+    assert "<h1>Damper models compared</h1>" in page and "http" not in page.replace("http://www.w3.org", "")
+
+
+def test_the_table_is_that_of_the_saved_models(written, files):
+    """comparison.json against free runs of the models that were written, by the definition of ESR."""
+    out, shown = written
+    told = json.loads((out / "comparison.json").read_text())
+    assert told["schema"] == "quartercar/comparison/1" and told["best"] == "guo"
+    assert shown.splitlines()[0] == told["verdict"]
+    record, *_ = lpv.read(files[1])
+    for row in told["models"]:
+        model = lpv.load(out / f"{row['name']}.json").simulate(record).output[:, 0]
+        force = record["force"][told["data"]["first_sample"]:]
+        esr = np.sum((force - model[told["data"]["first_sample"]:]) ** 2) / np.sum((force - force.mean()) ** 2)
+        assert row["held_out"]["free_run"]["esr"] == pytest.approx(esr, rel=1e-6)
+        assert row["held_out"]["free_run"]["n_samples"] == force.size
+    assert [m["held_out"]["free_run"]["esr"] for m in told["models"]] == sorted(
+        m["held_out"]["free_run"]["esr"] for m in told["models"])
+
+
+def test_json_alone_on_standard_output(files):
+    result = run(files[0], "--models", "linear", "--json")
+    told = json.loads(result.stdout)
+    assert result.stderr == "" and told["models"][0]["name"] == "linear"
+    assert any("the last third of every record" in n for n in told["notes"])
+    assert told["data"]["held_out"][0]["n_samples"] == 300  # 900 − floor(2·900/3)
+
+
+def test_hold_out_and_seed(files):
+    told = json.loads(run(files[0], "--models", "guo", "--hold-out", "1/4", "--json").stdout)
+    assert told["data"]["held_out"][0]["n_samples"] == 225
+    again = json.loads(run(files[0], "--models", "guo", "--hold-out", "1/4", "--seed", 0, "--json").stdout)
+    assert again["models"][0]["parameters"] == told["models"][0]["parameters"]
+
+
+def test_channels_of_other_names(files, tmp_path):
+    plain = json.loads(run(files[0], "--models", "guo", "--json").stdout)
+    text = files[0].read_text()
+    for old, new in (("displacement [", "s ["), ("velocity [", "vel ["), ("current [", "coil ["), ("force [", "F [")):
+        text = text.replace(old, new, 1)
+    (tmp_path / "other.csv").write_text(text)
+    renamed = json.loads(run(tmp_path / "other.csv", "--input", "vel,s", "--schedule", "coil", "--output", "F",
+                             "--models", "guo", "--json").stdout)
+    assert renamed["models"][0]["held_out"]["free_run"]["esr"] == pytest.approx(
+        plain["models"][0]["held_out"]["free_run"]["esr"], rel=1e-9)
+    roles = json.loads(run(tmp_path / "other.csv", "--role", "velocity=vel,displacement=s", "--role",
+                           "current=coil,force=F", "--models", "guo", "--json").stdout)
+    assert roles["models"][0]["parameters"] == renamed["models"][0]["parameters"]
+
+
+def test_a_voltage_stands_in_and_it_says_so(files, tmp_path):
+    (tmp_path / "v.csv").write_text(files[0].read_text().replace("current [mA]", "voltage [mV]"))
+    shown = run(tmp_path / "v.csv", "--models", "guo").stdout
+    assert "'voltage' stands for it" in shown
+
+
+def test_reversed_polarity_comes_first_and_flip_mends_it(files, tmp_path):
+    turned = measured(tmp_path / "t-psi.csv", 0, sign=-1.0)
+    shown = run(turned, "--models", "guo").stdout
+    assert shown.startswith("Reversed polarity")
+    flipped = json.loads(run(turned, "--models", "guo", "--flip", "force", "--json").stdout)
+    plain = json.loads(run(files[0], "--models", "guo", "--json").stdout)
+    assert flipped["data"]["polarity"] == 1
+    kept = json.loads(run(turned, "--models", "guo", "--json").stdout)
+    assert kept["data"]["polarity"] == -1
+    for a, b in zip(kept["models"][0]["parameters"], plain["models"][0]["parameters"], strict=True):
+        assert a["value"] == pytest.approx(b["value"], rel=1e-3)
+    line = run(files[1], turned, "--models", "linear", code=2).stderr
+    assert len(line.splitlines()) == 1 and "t-psi" in line and "--flip" in line
+    mended = json.loads(run(files[1], turned, "--models", "linear", "--flip", "force@*psi*", "--json").stdout)
+    assert mended["data"]["polarity"] == 1 and len(mended["data"]["training"]) == 2
+
+
+def test_a_published_set_beside_the_fits(files, tmp_path):
+    (tmp_path / "handbook.json").write_text(json.dumps({"model": "guo", "parameters": {}}))
+    told = json.loads(run(files[0], "--models", "linear", "--parameters", tmp_path / "handbook.json", "--json").stdout)
+    assert sorted(m["name"] for m in told["models"]) == ["guo (handbook)", "linear"]
+    alone = json.loads(run(files[0], "--parameters", tmp_path / "handbook.json", "--json").stdout)
+    assert [m["name"] for m in alone["models"]] == ["guo (handbook)"] and alone["models"][0]["fitted"] is False
+
+
+def test_a_model_file_is_run_again_as_it_was(files, written):
+    out, _ = written
+    told = json.loads((out / "comparison.json").read_text())
+    again = json.loads(run(files[0], "--held-out", files[1], "--models", "linear", "--parameters", out / "guo.json",
+                           "--json").stdout)
+    esr = {m["name"]: m["held_out"]["free_run"]["esr"] for m in told["models"]}
+    assert again["models"][0]["name"] == "guo (guo)"
+    assert again["models"][0]["held_out"]["free_run"]["esr"] == pytest.approx(esr["guo"], rel=1e-9)
+
+
+def test_list_names_every_model():
+    shown = run("--list").stdout
+    assert [line.split()[0] for line in shown.splitlines()] == [name for name, _, _ in MODELS]
+
+
+BAD = {
+    "unknown model": (("--models", "gou"), ("gou", "guo")),
+    "no such role": (("--role", "force=F"), ("F",)),
+    "two schedules": (("--schedule", "current,force"), ("--schedule",)),
+    "an input that is no motion": (("--input", "current"), ("--input current", "--role")),
+    "absurd share": (("--hold-out", "2"), ("--hold-out",)),
+    "no parameter file": (("--parameters", "nowhere.json"), ("nowhere.json",)),
+    "a rate below zero": (("--sample-rate", "-3"), ("sample_rate",)),
+    "flip of no file": (("--flip", "force@zzz"), ("zzz",)),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_words_end_with_one_line_and_nothing_written(case, files, tmp_path):
+    words, parts = BAD[case]
+    arguments = [*(() if words[0] == "--models" else ("--models", "linear")), *words]
+    result = run(files[0], *arguments, "--out", tmp_path / "out", code=2)
+    lines = result.stderr.splitlines()
+    assert len(lines) == 1 and lines[0].startswith("error: ") and result.stdout == ""
+    assert all(part in lines[0] for part in parts), lines[0]
+    assert not (tmp_path / "out").exists()
+
+
+def test_bad_data_end_with_one_line(files, tmp_path):
+    text = files[0].read_text()
+    (tmp_path / "a.csv").write_text(text.replace("force [kN]", "load [kN]"))
+    assert "no force" in run(tmp_path / "a.csv", "--models", "linear", code=2).stderr
+    (tmp_path / "b.csv").write_text(text.replace("force [kN]", "force [raw]"))
+    assert "unknown unit" in run(tmp_path / "b.csv", "--models", "linear", code=2).stderr
+    assert "both training and held-out" in run(files[0], "--held-out", files[0], code=2).stderr
+    bare = measured(tmp_path / "c.csv", header="velocity [m/s],force [N]", factor=(1.0, 1.0))
+    line = run(bare, "--models", "kwok", code=2).stderr
+    assert "no damper model could be fitted" in line and "displacement" in line and len(line.splitlines()) == 1
+
+
+def test_a_report_opens_in_a_browser(written):
+    import shutil
+    import subprocess
+
+    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no browser here")
+    page = written[0] / "report.html"
+    done = subprocess.run([browser, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom", page.as_uri()],
+                          capture_output=True, text=True, timeout=120, check=False)
+    assert "Damper models compared" in done.stdout and done.stdout.count("<figure>") >= 3
+
+
+def test_real_random_data(shared_data):
+    """The prototype MR damper at 3004.8 Hz: decimated, the voltage standing for the current."""
+    file = shared_data / "mr_damper_random" / "estimation.csv"
+    told = json.loads(run(file, "--models", "linear,guo", "--json").stdout)
+    assert told["best"] == "guo" and told["data"]["sample_rate"] == pytest.approx(500.8, rel=1e-6)
+    assert told["models"][0]["held_out"]["free_run"]["esr"] < 0.13
+    assert any("decimated by 6" in n for n in told["notes"]) and any("voltage" in n for n in told["notes"])

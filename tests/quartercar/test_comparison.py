@@ -1,0 +1,309 @@
+"""Comparing damper models: the same samples for all, figures by their definitions, the truth on top."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from lpvid.errors import InputError
+from lpvid.record import Record
+from quartercar.dampers import CompareSettings, Linear, compare, prepare, read_parameters
+from quartercar.dampers import comparison as module
+from quartercar.dampers.scoring import FreeRun, experiment, score, stretches
+
+RATE = 500.0
+UNITS = {"velocity": "m/s", "displacement": "m", "current": "A", "force": "N", "voltage": "V"}
+
+
+def motion(n: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Displacement, its exact derivative and a current that steps."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(n) / RATE
+    x, v = np.zeros(n), np.zeros(n)
+    for omega in 2 * np.pi * np.array([0.8, 2.1, 4.7]):
+        phase, size = rng.uniform(0, 6), 0.006 / omega**0.5
+        x, v = x + size * np.sin(omega * t + phase), v + size * omega * np.cos(omega * t + phase)
+    return x, v, np.repeat(rng.integers(0, 4, n // 100 + 1) / 2, 100)[:n]
+
+
+def guo_record(n: int = 1600, seed: int = 0, noise: float = 15.0, name: str = "run", sign: float = 1.0) -> Record:
+    """Guo's law (2.1) with yield force and viscosity affine in the current, and noise."""
+    x, v, i = motion(n, seed)
+    arg = v + 2.5 * x
+    force = (300 + 500 * i) * np.tanh(18 * arg) + (700 + 350 * i) * arg - 60
+    force = sign * (force + noise * np.random.default_rng(seed + 99).standard_normal(n))
+    return Record({"displacement": x, "velocity": v, "current": i, "force": force}, sample_time=1 / RATE, units=UNITS,
+                  name=name)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return compare([guo_record(seed=0), guo_record(seed=1, name="second")], ["linear", "power-law", "guo", "narx-2"],
+                   [guo_record(seed=2, name="test-1-r0"), guo_record(seed=3, name="test-1-r1"),
+                    guo_record(seed=4, name="test-2-r0")])
+
+
+def test_the_truth_comes_first_and_reaches_the_noise(found):
+    """With Guo's law as truth its held-out ESR is noise variance over force variance, to within sampling error."""
+    assert found.best.name == "guo"
+    power = found.best.held_out.total.power / found.best.held_out.total.n_samples
+    assert found.best.held_out.total.esr == pytest.approx(15.0**2 / power, rel=0.08)
+    values = found["guo"].damper.values
+    assert any(value == pytest.approx(18.0, rel=0.03) for value in values.values())
+    esr = [row.held_out.total.esr for row in found.rows]
+    assert esr == sorted(esr)
+
+
+def test_all_models_are_scored_on_the_same_samples(found):
+    """narx-2 starts from two measured samples, so two samples of every record count for no model."""
+    assert found.first == max(row.damper.start for row in found.rows) == 2
+    assert {row.held_out.total.n_samples for row in found.rows} == {3 * (1600 - 2)}
+    assert len({round(row.held_out.total.power, 3) for row in found.rows}) == 1
+
+
+def test_figures_by_their_definitions(found):
+    """ESR, √SSE with N, rmse, energy and quadrants of one row, recomputed here."""
+    row = found["power-law"]
+    error, power, work, taken, quadrant = 0.0, 0.0, 0.0, 0.0, np.zeros((2, 2))
+    count = np.zeros((2, 2))
+    for r in found.data.held_out:
+        f, v, x = (r[n][2:] for n in ("force", "velocity", "displacement"))
+        model = row.damper.simulate(r).output[2:, 0]
+        error, power = error + np.sum((f - model) ** 2), power + np.sum((f - f.mean()) ** 2)
+        work, taken = work + np.trapezoid(model * v), taken + np.trapezoid(f * v)
+        for a, forward in enumerate((v > 0, v <= 0)):
+            for b, ahead in enumerate((x > row.damper.centre, x <= row.damper.centre)):
+                quadrant[a, b] += np.sum((f - model)[forward & ahead] ** 2)
+                count[a, b] += np.sum(forward & ahead)
+    total = row.held_out.total
+    assert total.esr == pytest.approx(error / power, rel=1e-12)
+    assert total.sqrt_sse == pytest.approx(np.sqrt(error), rel=1e-12)
+    assert total.rmse == pytest.approx(np.sqrt(error / total.n_samples), rel=1e-12)
+    assert total.fit_percent == pytest.approx(100 * (1 - np.sqrt(error / power)), rel=1e-12)
+    assert row.held_out.energy_error == pytest.approx(abs(work / taken - 1), rel=1e-9)
+    told = {q.where: (q.rmse, q.n_samples) for q in row.held_out.quadrants}
+    for a, first in enumerate(("v>0", "v<=0")):
+        for b, second in enumerate(("x>0", "x<=0")):
+            rmse, n = told[f"{first},{second}"]
+            assert n == count[a, b] and rmse == pytest.approx(np.sqrt(quadrant[a, b] / n), rel=1e-9)
+
+
+def test_replicates_are_pooled_by_experiment(found):
+    names = [name for name, _ in found.best.held_out.experiments]
+    assert names == ["test-1", "test-2"]
+    runs = [run for name, run in found.best.held_out.records if experiment(name) == "test-1"]
+    pooled = dict(found.best.held_out.experiments)["test-1"]
+    assert pooled.esr == pytest.approx(sum(r.error for r in runs) / sum(r.power for r in runs), rel=1e-14)
+
+
+def test_json_has_its_keys_and_only_plain_data(found):
+    told = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert told["schema"] == "quartercar/comparison/1" and told["best"] == "guo" and told["complete"]
+    assert [m["rank"] for m in told["models"]] == [1, 2, 3, 4]
+    first = told["models"][0]
+    assert {"name", "title", "rank", "held_out", "training", "energy_error", "n_parameters", "flags", "parameters",
+            "time_per_simulated_second"} <= set(first)
+    assert {"esr", "fit_percent", "rmse", "sqrt_sse", "n_samples"} <= set(first["held_out"]["free_run"])
+    assert {"name", "value", "std", "unit"} == set(first["parameters"][0])
+    assert first["n_parameters"] == len(first["parameters"])
+    assert first["time_per_simulated_second"] > 0
+
+
+def test_it_prints_as_a_table(found):
+    text = str(found)
+    assert text.splitlines()[0] == found.verdict and "Guo" in found.verdict
+    assert [line.split()[1] for line in text.splitlines() if line[:3].strip().isdigit()] == [r.name for r in found.rows]
+    assert "N = 4,794 samples in 3 records" in text
+
+
+def test_models_that_do_not_suit_say_why():
+    v = motion(1200, 5)[1]
+    bare = Record({"velocity": v, "force": 900 * v}, sample_time=1 / RATE, units=UNITS)
+    found = compare([bare], ["linear", "kwok", "guo-6"])
+    assert [row.name for row in found.rows] == ["linear"]
+    refused = dict(found.not_fitted)
+    assert "displacement" in refused["kwok"] and "current" in refused["guo-6"] and len(refused) == 2
+    assert all(f"not fitted: {name}: {why}" in str(found) for name, why in refused.items())
+    with pytest.raises(InputError, match=r"no damper model could be fitted.*kwok.*displacement"):
+        compare([bare], ["kwok"])
+
+
+def test_the_last_third_is_held_out_by_default():
+    record = guo_record(1501)
+    found = compare([record], ["linear"])
+    assert [r.n_samples for r in found.data.training] == [1000] and found.best.held_out.total.n_samples == 501
+    assert any("last third" in n for n in found.notes)
+    np.testing.assert_array_equal(found.data.held_out[0]["force"], record["force"][1000:])
+
+
+def test_interrupted_keeps_what_is_done(monkeypatch):
+    real, seen = module.fit, []
+
+    def second_is_interrupted(damper, records, settings):
+        seen.append(damper.name)
+        if len(seen) == 2:
+            raise KeyboardInterrupt
+        return real(damper, records, settings=settings)
+
+    monkeypatch.setattr(module, "fit", second_is_interrupted)
+    found = compare([guo_record()], ["linear", "power-law", "guo"])
+    assert [row.name for row in found.rows] == seen[:1] and not found.complete
+    assert {why for _, why in found.not_fitted} == {"interrupted before its turn"} and len(found.not_fitted) == 2
+    assert "INTERRUPTED" in found.verdict and found.to_dict()["complete"] is False
+    seen[:] = ["", ""]
+    monkeypatch.setattr(module, "fit", lambda *a, **k: (_ for _ in ()).throw(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        compare([guo_record()], ["linear"])
+
+
+def test_a_fit_that_fails_leaves_the_others(monkeypatch):
+    real = module.fit
+
+    def guo_fails(damper, records, settings):
+        if damper.name == "guo":
+            raise np.linalg.LinAlgError("singular")
+        return real(damper, records, settings=settings)
+
+    monkeypatch.setattr(module, "fit", guo_fails)
+    found = compare([guo_record()], ["guo", "linear"])
+    assert [row.name for row in found.rows] == ["linear"] and found.not_fitted == (("guo", "singular"),)
+
+
+# -- reversed and mixed polarity --------------------------------------------------------------------------------------
+def test_reversed_polarity_leaves_figures_and_parameters():
+    """Turning the measured force changes no figure and no parameter, only what is said."""
+    plain = compare([guo_record()], ["guo"])
+    turned = compare([guo_record(sign=-1.0)], ["guo"])
+    assert str(turned).startswith("Reversed polarity") and not str(plain).startswith("Reversed")
+    assert turned.best.held_out.total.esr == pytest.approx(plain.best.held_out.total.esr, rel=1e-6)
+    assert turned.best.flags == (*plain.best.flags, "reversed-polarity")
+    for name, value in plain.best.damper.values.items():
+        assert turned.best.damper.values[name] == pytest.approx(value, rel=1e-4)
+
+
+def test_mixed_polarity_is_one_error_that_names_the_files():
+    with pytest.raises(InputError, match=r"'turned'.*--flip"):
+        compare([guo_record(), guo_record(seed=1, name="turned", sign=-1.0), guo_record(seed=2, name="third")],
+                ["linear"])
+
+
+# -- preparing --------------------------------------------------------------------------------------------------------
+def test_a_lone_voltage_stands_for_the_current():
+    plain = guo_record()
+    other = Record({"voltage": plain["current"], **{n: plain[n] for n in ("displacement", "velocity", "force")}},
+                   sample_time=1 / RATE, units=UNITS)
+    data = prepare([other])
+    np.testing.assert_array_equal(data.training[0]["current"], plain["current"])
+    assert any("'voltage' stands for it" in n for n in data.notes)
+    found = compare([other], ["guo"])
+    assert found.best.damper.current_unit == "V"
+    assert not any("voltage" in n for n in prepare([plain]).notes)
+
+
+def test_velocity_is_derived_where_it_was_not_measured():
+    x, v, _ = motion(2000, 6)
+    data = prepare([Record({"displacement": x, "force": 800 * v}, sample_time=1 / RATE, units=UNITS)])
+    np.testing.assert_allclose(data.training[0]["velocity"][20:-20], v[20:-20], atol=2e-4)
+    assert any("derived from displacement" in n for n in data.notes)
+    with pytest.raises(InputError, match=r"neither velocity nor displacement"):
+        prepare([Record({"force": v}, sample_time=1 / RATE, units=UNITS)])
+
+
+@pytest.mark.parametrize("rate, expected", [(3004.8, 500.8), (1000.0, 1000.0), (2048.0, 512.0), (200.0, 200.0)])
+def test_fast_records_are_decimated_by_a_whole_number(rate, expected):
+    t = np.arange(int(2 * rate)) / rate
+    v = 0.1 * np.sin(2 * np.pi * 3 * t)
+    data = prepare([Record({"velocity": v, "force": 900 * v}, sample_time=1 / rate, units=UNITS)])
+    assert data.sample_rate == pytest.approx(expected, rel=1e-9)
+    assert any("decimated" in n for n in data.notes) == (rate != expected)
+    np.testing.assert_allclose(data.training[0]["velocity"], 0.1 * np.sin(2 * np.pi * 3 * data.training[0].times),
+                               atol=2e-4)
+
+
+def test_unequal_rates_need_a_rate():
+    slow, fast = guo_record(), guo_record(seed=1)
+    fast = Record({n: fast[n] for n in fast.channels}, sample_time=1 / 1000, units=UNITS, name="fast")
+    with pytest.raises(InputError, match=r"different sampling rates.*--sample-rate 500"):
+        prepare([slow, fast])
+    assert prepare([slow, fast], sample_rate=250.0).sample_rate == pytest.approx(250.0)
+
+
+def test_a_channel_that_some_records_lack():
+    whole = guo_record(seed=1)
+    half = Record({n: whole[n] for n in ("velocity", "current", "force")}, sample_time=1 / RATE, units=UNITS,
+                  name="half")
+    with pytest.raises(InputError, match=r"no displacement.*half"):
+        prepare([guo_record(), half])
+
+
+# -- figures and thinning ---------------------------------------------------------------------------------------------
+def test_a_diverged_run_has_no_figure():
+    run = FreeRun.pooled([FreeRun(1.0, 2.0, 10), FreeRun(float("inf"), 2.0, 10, 3)])
+    assert run.esr is None and run.rmse is None and run.sqrt_sse is None and run.n_samples == 20
+    assert json.loads(json.dumps(run.to_dict(), allow_nan=False))["diverged_at"] == 3
+
+
+def test_a_perfect_model_scores_zero():
+    x, v, _ = motion(800, 8)
+    record = Record({"displacement": x, "velocity": v, "force": 700 * v + 3000 * x}, sample_time=1 / RATE, units=UNITS)
+    model = Linear(values={"damping": 700.0, "stiffness": 3000.0, "mass": 0.0, "offset": 0.0})
+    told = score(model, [record], 3)
+    assert told.total.esr == pytest.approx(0.0, abs=1e-24) and told.energy_error == pytest.approx(0.0, abs=1e-12)
+
+
+def test_thinning_keeps_stretches_of_every_record_and_says_so():
+    records = [guo_record(4000, 0), guo_record(4000, 1, name="second")]
+    cut = stretches(records, 2000, 250)
+    assert sum(r.n_samples for r in cut) == 2000 and {r.n_samples for r in cut} == {250}
+    np.testing.assert_array_equal(cut[-1]["force"], records[1]["force"][-250:])
+    found = compare(records, ["linear"], settings=CompareSettings(quick_work=4 * 1500))
+    assert any("fitted to stretches" in n and "linear" in n for n in found.notes)
+    full = compare(records, ["linear"], settings=CompareSettings(quick_work=4 * 1500, thorough=True))
+    assert not any("fitted to stretches" in n for n in full.notes)
+    assert full.best.training.total.n_samples == found.best.training.total.n_samples
+    assert full.best.training.total.esr < found.best.training.total.esr
+
+
+# -- given models -----------------------------------------------------------------------------------------------------
+def test_a_parameter_set_is_compared_as_it_is(tmp_path):
+    file = tmp_path / "handbook.json"
+    file.write_text(json.dumps({"model": "linear", "label": "handbook",
+                                "parameters": {"damping": "21 N*s/cm", "offset": -60.0}}))
+    given = read_parameters(file)
+    assert given.values["damping"] == pytest.approx(2100.0) and given.values["stiffness"] == 0.0
+    found = compare([guo_record()], ["linear", given])
+    assert [row.name for row in found.rows] == ["linear", "linear (handbook)"]
+    row = found["linear (handbook)"]
+    assert row.fit is None and row.to_dict(2)["fitted"] is False
+    force, velocity = (found.data.held_out[0][n] for n in ("force", "velocity"))
+    assert row.held_out.total.error == pytest.approx(np.sum((force - 2100 * velocity + 60) ** 2), rel=1e-9)
+
+
+@pytest.mark.parametrize("text, parts", [
+    ("{", ("not a JSON",)), ("[]", ("no parameter set",)), ('{"model": "linear"}', ("parameters",)),
+    ('{"model": "linea", "parameters": {}}', ("linea", "linear")),
+    ('{"model": "linear", "parameters": {"dampin": 1}}', ("dampin", "damping")),
+    ('{"model": "linear", "parameters": {"damping": "1 kg"}}', ("damping", "unit")),
+    ('{"model": "linear", "parameters": {"damping": -1}}', ("damping", "bounds")),
+    ('{"model": "linear", "parameters": {"damping": true}}', ("damping", "number")),
+    ('{"model": "linear", "parameters": {}, "colour": 1}', ("colour",)),
+    ('{"model": "linear", "settings": {"sprin": 1}, "parameters": {}}', ("sprin",)),
+    ('{"schema": "lpvid/other/1"}', ("schema",)),
+])
+def test_bad_parameter_files_are_one_line(tmp_path, text, parts):
+    file = tmp_path / "set.json"
+    file.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_parameters(file)
+    assert len(str(caught.value).splitlines()) == 1 and all(p in str(caught.value) for p in parts), str(caught.value)
+
+
+def test_unknown_models_and_empty_lists():
+    with pytest.raises(InputError, match=r"no damper model 'gou'.*'guo'"):
+        compare([guo_record()], "gou")
+    with pytest.raises(InputError, match="no damper model to compare"):
+        compare([guo_record()], [])
+    with pytest.raises(InputError, match="no records"):
+        compare([], "linear")
