@@ -93,7 +93,8 @@ def _levinson(r: np.ndarray, order: int) -> list[tuple[np.ndarray, float]]:
         reflection = -(a @ r[k:0:-1]) / power
         if not abs(reflection) < 1:
             break
-        a = np.append(a, 0.0) + reflection * np.append(a, 0.0)[::-1]
+        longer = np.concatenate([a, [0.0]])
+        a = longer + reflection * longer[::-1]
         power *= 1 - reflection**2
         found.append((a, power))
     return found
