@@ -100,7 +100,7 @@ class CurrentLag:
         vector : array
             Values of `parameters`, real or complex.
         """
-        if self.sharing == "none":
+        if self.sharing == "none" or not np.ptp(current):
             return current.astype(vector.dtype)
         from quartercar.dampers._semi_active_kernels import lagged
 

@@ -147,14 +147,12 @@ class ExtendedBoucWen(SemiActiveDamper):
               current + 0.0 * vector[0], row)
         return row
 
-    def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
-        """(n, P): by the complex step, for the rows between which the current moves; exact."""
-        width, out = 2 * len(ROW), np.zeros((drive.n_samples, vector.size))
+    def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
+        """By the complex step, but for rows between which the current never comes: these are zero."""
+        width, out = 2 * len(ROW), np.zeros((drive.n_samples, len(columns)))
         first, last = self._touched(drive.current)
-        gas = self.rows * width
-        out[:, gas:] = self.complex_step(drive, vector, range(gas, vector.size))
-        moved = range(first * width, (last + 1) * width)
-        out[:, moved] = self.complex_step(drive, vector, moved)
+        moves = [i for i, j in enumerate(columns) if j >= self.rows * width or first <= j // width <= last]
+        out[:, moves] = self.complex_step(drive, vector, [columns[i] for i in moves])
         return out
 
     def _touched(self, current: np.ndarray) -> tuple[int, int]:
@@ -186,13 +184,30 @@ class ExtendedBoucWen(SemiActiveDamper):
         return float(max(rates)) * step
 
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
-        """The step-by-step identification's result, then rows scaled from it."""
+        """The result of the step-by-step identification: many starts of so many parameters would take too long."""
         from quartercar.dampers.stepwise import stepwise_start
 
-        first = stepwise_start(self, drives, rng).vector
-        low, high = (np.array([getattr(p, side) for p in self.parameters]) for side in ("lower", "upper"))
-        spread = [np.clip(first * np.exp(rng.normal(0.0, 0.5, first.size)), low, high) for _ in range(count - 1)]
-        return [first, *spread]
+        return [stepwise_start(self, drives).vector]
+
+    def row_starts(self, drives: Sequence[Drive], gas_known: bool) -> list[ExtendedBoucWen]:
+        """Gas, c_0 and α from the force at higher speeds; c_1 and δ over a grid."""
+        x, v, f = (np.concatenate([getattr(d, name) for d in drives]) for name in ("displacement", "velocity", "force"))
+        fastest, stroke = float(np.abs(v).max()), max(float(np.ptp(x)), 1e-6)
+        if gas_known:
+            f = f - self.conservative_force(x)
+        plateau = np.abs(v) > 0.3 * fastest
+        sides = [g for side in (v < 0, v > 0) for g in (side * v, side * np.sign(v))]
+        columns = np.column_stack([*sides, *([] if gas_known else [x, np.ones(x.size)])])[plateau]
+        size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        found = [float(a) for a in np.linalg.lstsq(columns / size, f[plateau], rcond=1e-6)[0] / size]
+        guess = {} if gas_known else {"gas_stiffness": max(found[4], 0.0), "gas_preload": found[5]}
+        scale = max(float(np.abs(f - guess.get("gas_preload", 0.0)).max()) / fastest, 1.0)
+        for d, c0, alpha in zip(DIRECTIONS, found[0:4:2], found[1:4:2], strict=True):
+            guess[f"damping_{d}"] = max(c0, 0.02 * scale)
+            guess[f"yield_force_{d}"] = max(alpha, 0.02 * scale * fastest)
+        return [self.with_values(**guess, **{f"roll_off_damping_{d}": max(factor * scale, 10.0) for d in DIRECTIONS},
+                                 **{f"sharpness_{d}": max(share / stroke, 1.0) for d in DIRECTIONS})
+                for factor in (3.0, 20.0) for share in (5.0, 50.0)]
 
     def real_time(self, step: float = 1e-3) -> RealTime:
         from quartercar.dampers._semi_active_kernels import bouc_wen_force, bouc_wen_step, mixed, sense

@@ -109,7 +109,7 @@ class ForceMap(SemiActiveDamper):
         return map_run(drive.displacement, drive.velocity, self._followed(drive, vector), np.array(self.knots),
                        np.array(self.nodes), self.table(vector), self.parted(vector)[1])
 
-    def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+    def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
         from quartercar.dampers._semi_active_kernels import map_columns
 
         n, size = drive.n_samples, len(self.knots)
@@ -119,26 +119,34 @@ class ForceMap(SemiActiveDamper):
         zero = self.knots.index(0.0)
         table = np.delete(weights, [r * size + zero for r in range(self.rows)], axis=1)
         gas = np.column_stack([drive.displacement, np.ones(n)])[:, 0 if self.spring else 1:]
-        columns = [table, gas]
-        for j in range(self._affine, vector.size):
-            moved = vector.astype(complex)
-            moved[j] += 1e-30j
-            columns.append((slope * np.imag(self._followed(drive, moved)) / 1e-30)[:, None])
-        return np.hstack(columns)
+        affine = np.hstack([table, gas])
+        out = np.empty((n, len(columns)))
+        for i, j in enumerate(columns):
+            if j < self._affine:
+                out[:, i] = affine[:, j]
+            else:
+                moved = vector.astype(complex)
+                moved[j] += 1e-30j
+                out[:, i] = slope * np.imag(self._followed(drive, moved)) / 1e-30
+        return out
 
     def _followed(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
         lag = self.parted(vector)[2]
         return self.current_lag.follow(drive.current, drive.velocity, drive.sample_time, lag)
 
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
-        """Time constants and delays spread over milliseconds; the table follows by least squares."""
+        """Three sets of time constants and delays; the table follows by least squares."""
         first, lag = self.vector, slice(self._affine, None)
         found = [first]
-        for factor in (0.3, 3.0, *np.exp(rng.uniform(-2.0, 2.0, max(count - 3, 0)))):
+        for factor in (0.3, 3.0):
             moved = first.copy()
             moved[lag] *= factor
             found.append(np.clip(moved, [p.lower for p in self.parameters], [p.upper for p in self.parameters]))
-        return found[: count if self.current_lag.parameters else 1]
+        return found if self.current_lag.parameters else [first]
+
+    def row_starts(self, drives: Sequence[Drive], gas_known: bool) -> list[ForceMap]:
+        """As it stands: a table is found by linear least squares from anywhere."""
+        return [self]
 
     def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
         from quartercar.dampers._semi_active_kernels import map_run

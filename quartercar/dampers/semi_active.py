@@ -61,6 +61,14 @@ class SemiActiveDamper(LawDamper):
         """Row parameters whose default grows from node to node."""
 
     @abstractmethod
+    def row_starts(self, drives: Sequence[Drive], gas_known: bool) -> list[Self]:
+        """Dampers of one row whose values, and gas where it is unknown, are guessed from forces at one current."""
+
+    @abstractmethod
+    def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
+        """(n, len(columns)) derivative of `response` in the parameters at these places, exact."""
+
+    @abstractmethod
     def real_time(self, step: float = 1e-3) -> RealTime:
         """A stepper for fixed-step simulation [s]: one sample in, one force out."""
 
@@ -134,6 +142,9 @@ class SemiActiveDamper(LawDamper):
     def to_lpv(self, sample_time: float) -> Any:
         raise InputError(f"no LPV form of '{self.name}'",
                          why="its current is delayed by times that switch with the motion")
+
+    def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+        return self.sensitivity(drive, vector, range(vector.size))
 
     def complex_step(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
         """(n, len(columns)) derivative of `response` in some parameters; see `DynamicDamper.jacobian`."""
