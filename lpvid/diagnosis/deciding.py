@@ -126,7 +126,8 @@ def judge(search: Search, effect: Effect, whole: Folds) -> Judged:
 def rivals_of(search: Search, effect: Effect, rest: Refit) -> tuple[tuple[Effect, Refit, float], ...]:
     """Admissible effects that, put in its place, do as well within `SEPARATED`."""
     problem = search.problem
-    others = [e for e in search.candidates if e.name not in {x.name for x in search.fit.composition.effects}]
+    chosen = {x.name for x in search.fit.composition.effects}
+    others = [e for e in search.candidates if e.name not in chosen and effect.name not in e.contains]
     moved = moves(problem, rest, [effect, *others])
     found = directions(problem, rest, moved)
     evidence = {e.effect.name: e for e in screen(problem, rest, found, np.random.default_rng(0))}

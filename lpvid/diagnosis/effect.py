@@ -113,6 +113,8 @@ class Effect(ABC):
     """False where the output is not differentiable in the strength: scanned, never linearised"""
     partners: ClassVar[tuple[str, ...]] = ()
     """names of effects with which it works together physically, tried as a pair where neither helps alone"""
+    contains: ClassVar[tuple[str, ...]] = ()
+    """names of effects that are special cases of it, of which it can therefore never be told apart as a rival"""
     resolution: ClassVar[float] = 0.0
     """samples below which the strength is a matter of how signals are held between samples, and not a finding"""
     negligible: ClassVar[float] = 0.005

@@ -9,16 +9,21 @@ import numpy as np
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.signals import Signals
 
-LAGS = (1, 2, 4, 8, 16, 32, 64)
-RIDGE = 1e-3
+LAGS = (2, 6, 16)
+"""samples by which inputs are delayed"""
+UNITS = 300
+"""random features"""
+STEEPNESS = (0.5, 1.5, 5.0)
+"""widths of the random directions, in standard deviations of the inputs"""
+RIDGE = 1e-4
 
 
 def predictable_share(problem: Problem, errors: Sequence[np.ndarray], channels: Sequence[str]) -> tuple[float, float]:
     """Share of the squared error that a flexible regression on the inputs predicts out of fold, and its standard error.
 
-    Ridge regression of the whitened error on products, moduli, soft signs, lags and differences of the inputs and on
-    slow drifts, fitted to one fold of blocks and tested on the other, both ways. At best 0 for noise (a little below,
-    by the number of features over the number of samples).
+    Ridge regression on random features tanh(wᵀz + b) of the inputs, their soft signs, their values some samples ago and
+    their slopes, and on slow drifts, fitted to one fold of blocks and tested on the other, both ways (Rahimi, Recht
+    2007, random features). About 0 for noise, a little below it by the number of features over that of samples.
 
     Parameters
     ----------
@@ -28,7 +33,7 @@ def predictable_share(problem: Problem, errors: Sequence[np.ndarray], channels: 
     channels : sequence of str
         Inputs.
     """
-    features = problem.stack([_features(s, channels) for s in problem.signals])
+    features = problem.stack(_features(problem.signals, channels))
     target = problem.stack(errors)
     scale = features.std(axis=0)
     features = features[:, scale > 1e-12 * max(float(scale.max(initial=0.0)), 1e-300)]
@@ -47,22 +52,31 @@ def predictable_share(problem: Problem, errors: Sequence[np.ndarray], channels: 
     return float(gains.sum()) / total, spread / total
 
 
-def _features(s: Signals, channels: Sequence[str]) -> np.ndarray:
-    """(n, f) functions of the inputs."""
-    units = []
+def _features(signals: Sequence[Signals], channels: Sequence[str]) -> list[np.ndarray]:
+    """Per record, (n, f) random functions of the inputs, the same for all records."""
+    raw = [_regressors(s, channels) for s in signals]
+    together = np.vstack(raw)
+    centre, spread = together.mean(axis=0), together.std(axis=0)
+    moving = spread > 1e-9 * np.maximum(np.abs(together).max(axis=0), 1e-300)
+    rng = np.random.default_rng(0)
+    width = int(moving.sum())
+    weights = rng.standard_normal((width, UNITS)) / np.sqrt(max(width, 1))
+    weights *= np.repeat(STEEPNESS, -(-UNITS // len(STEEPNESS)))[:UNITS]
+    shift = rng.uniform(-1.5, 1.5, UNITS)
+    out = []
+    for values in raw:
+        z = (values[:, moving] - centre[moving]) / spread[moving]
+        drift = np.linspace(-1.0, 1.0, len(values))[:, None] ** np.arange(4)
+        out.append(np.hstack([np.tanh(z @ weights + shift), z, drift]))
+    return out
+
+
+def _regressors(s: Signals, channels: Sequence[str]) -> np.ndarray:
+    columns = []
     for name in channels:
-        x = s[name] - s[name].mean()
-        spread = x.std()
-        if spread > 1e-9 * max(float(np.abs(s[name]).max(initial=0.0)), 1e-300):
-            units.append(x / spread)
-    columns = [np.linspace(-1.0, 1.0, s.n_samples) ** k for k in (0, 1, 2, 3)]
-    for k, x in enumerate(units):
-        soft = np.tanh(5 * x)
-        columns += [x, np.abs(x), x * np.abs(x), x**3, soft, np.tanh(20 * x), np.maximum(x, 0.0) ** 2]
-        columns += [_lag(x, j) - x for j in LAGS] + [_lag(soft, j) - soft for j in LAGS]
-        for y in units[k + 1:]:
-            columns += [x * y, x * np.abs(y), soft * y, x * np.tanh(5 * y), x * y**2, x**2 * y,
-                        soft * (_lag(y, 4) - y), soft * (_lag(y, 16) - y)]
+        x = s[name]
+        soft = np.tanh(8 * (x - x.mean()) / max(float(x.std()), 1e-300))
+        columns += [x, soft, np.gradient(x), *(_lag(x, k) for k in LAGS), *(_lag(soft, k) for k in LAGS)]
     return np.column_stack(columns)
 
 

@@ -1,0 +1,187 @@
+"""Electrical and magnetic causes: what lies between the commanded current and the field in the fluid."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
+from lpvid.diagnosis.signals import Core, Signals
+
+SEEN_AFTER = 0.05
+"""part of a sample after a step of a held current at which the force is taken"""
+STEPPED = 0.3
+"""ratio of the median to the root mean square of the increments below which a current counts as held between samples"""
+
+
+def is_held(current: np.ndarray) -> bool:
+    """Whether a current is piecewise constant, noise of the sensor aside: most increments are far below their rms.
+
+    Examples
+    --------
+    >>> is_held(np.repeat([0.0, 2.0, 1.0], 10)), is_held(np.sin(np.linspace(0, 9, 200)))
+    (True, False)
+    """
+    increments = np.abs(np.diff(current))
+    size = float(np.sqrt(np.mean(increments**2))) if increments.size else 0.0
+    return size > 0 and float(np.median(increments)) < STEPPED * size
+
+
+def lagged(s: Signals, rise: float, fall: float) -> np.ndarray:
+    """(n,) current behind a first-order lag with unequal edges; the current itself where both are zero."""
+    from quartercar.effects import _current_kernels as kernels
+
+    current = np.ascontiguousarray(s["current"])
+    if rise <= 0 and fall <= 0:
+        return current
+    out = np.empty_like(current)
+    if s.cached("current is held", lambda: np.array(is_held(current))):
+        kernels.lag_held(current, rise, fall, s.sample_time, SEEN_AFTER, out)
+    else:
+        kernels.lag_linear(current, rise, fall, s.sample_time, out)
+    return out
+
+
+class CurrentEffect(Effect):
+    """A cause that acts on the current before the law sees it."""
+
+    family: ClassVar[str] = "electrical"
+    stage: ClassVar[str] = "current"
+    needs: ClassVar[tuple[str, ...]] = ("current",)
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        if "current" not in baseline.channels:
+            return f"{baseline.name} does not depend on the current"
+        return None
+
+
+class CoilLag(CurrentEffect):
+    """Coil and eddy currents: τ di_e/dt = i − i_e (equation sheet 3.12)."""
+
+    name: ClassVar[str] = "coil-lag"
+    title: ClassVar[str] = "the field follows the current with a first-order lag"
+    equation: ClassVar[str] = "tau di_e/dt = i - i_e"
+    reference: ClassVar[str] = "equation sheet 3.12; Sename & Do, coil L/R and eddy currents"
+    experiment: ClassVar[str] = "current steps up and down at constant piston speed, and a random current (APRBS)"
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("time_constant", "s", "tau", 0.0, (0.0, 0.1), (0.0, 0.5),
+                                (0.002, 0.005, 0.01, 0.02, 0.05)),)
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        tau = float(values[0])
+        return lambda s: core(s.replace(current=lagged(s, tau, tau))) if tau > 0 else core(s)
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("scheduled on the lagged current", schedule_filter="lag")
+
+
+class RiseFallLag(CurrentEffect):
+    """Unequal edges: the field builds up and breaks down with time constants of its own (equation sheet 3.14)."""
+
+    name: ClassVar[str] = "rise-fall-lag"
+    title: ClassVar[str] = "the field rises and falls with different time constants"
+    equation: ClassVar[str] = "tau di_e/dt = i - i_e, tau = T r where |i| rises, T/r where it falls"
+    reference: ClassVar[str] = "equation sheet 3.14; seed 002, block firstOrder_varT"
+    experiment: ClassVar[str] = "current steps up and down of several heights at constant piston speed"
+    contains: ClassVar[tuple[str, ...]] = ("coil-lag",)
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("time_constant", "s", "T, geometric mean of both", 0.0, (0.0, 0.1), (0.0, 0.5),
+                                (0.003, 0.008, 0.02)),
+                EffectParameter("ratio", "", "r, square root of rise over fall", 1.0, (0.2, 5.0), (0.1, 10.0),
+                                (0.5, 1.0, 2.0)))
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        tau, ratio = float(values[0]), float(values[1])
+        return lambda s: core(s.replace(current=lagged(s, tau * ratio, tau / ratio))) if tau > 0 else core(s)
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("scheduled on a current that rises and falls unequally", schedule_filter="rise-fall")
+
+
+class CommandDelay(CurrentEffect):
+    """Driver and bus: the current acts T later than it is recorded (equation sheet 3.13)."""
+
+    name: ClassVar[str] = "command-delay"
+    title: ClassVar[str] = "the current acts later than it is recorded"
+    equation: ClassVar[str] = "i_e(t) = i(t - T)"
+    reference: ClassVar[str] = "equation sheet 3.13"
+    experiment: ClassVar[str] = "current steps at constant piston speed, sampled at least ten times within the delay"
+    resolution: ClassVar[float] = 1.0
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("delay", "s", "T", 0.0, (0.0, 0.03), (0.0, 0.1), (0.002, 0.004, 0.008, 0.016)),)
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        delay = float(values[0])
+
+        def run(s: Signals) -> np.ndarray:
+            t = s.times
+            return core(s.replace(current=np.interp(t - delay, t, s["current"])))
+
+        return run if delay > 0 else core
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("scheduled on the delayed current", schedule_filter="delay")
+
+
+class CurrentSaturation(CurrentEffect):
+    """Magnetic saturation: the field grows less and less with the current (equation sheet 3.15)."""
+
+    name: ClassVar[str] = "current-saturation"
+    title: ClassVar[str] = "the field saturates with the current"
+    equation: ClassVar[str] = "i_e = tanh(q i)/q"
+    reference: ClassVar[str] = "equation sheet 3.15"
+    experiment: ClassVar[str] = "constant currents over the full range, at least five levels, the same motion at each"
+    smooth: ClassVar[bool] = False
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("saturation", "1/A", "q, reciprocal of the current at which the field bends", 0.0,
+                                (0.0, 2.0), (0.0, 20.0), (0.1, 0.25, 0.5, 1.0)),)
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        q = float(values[0])
+        if q <= 0:
+            return core
+        return lambda s: core(s.replace(current=np.tanh(q * s["current"]) / q))
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("one more degree in the current", degree=1)
+
+
+class Remanence(CurrentEffect):
+    """Magnetic hysteresis as play between current and field (equation sheet 3.15)."""
+
+    name: ClassVar[str] = "remanence"
+    title: ClassVar[str] = "the field keeps a memory of the current: play between the two"
+    equation: ClassVar[str] = "i_e = play(i, w): moves only when i pushes at either end of a gap of 2w"
+    reference: ClassVar[str] = "equation sheet 3.15; Visintin 1994, play operator"
+    experiment: ClassVar[str] = "a slow triangle of the current at constant piston speed, up and down"
+    smooth: ClassVar[bool] = False
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("half_width", "A", "w, half of the gap", 0.0, (0.0, 0.5), (0.0, 2.0),
+                                (0.03, 0.08, 0.2, 0.4)),)
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        from quartercar.effects import _current_kernels as kernels
+
+        width = float(values[0])
+
+        def run(s: Signals) -> np.ndarray:
+            out = np.empty(s.n_samples)
+            kernels.play(np.ascontiguousarray(s["current"]), width, out)
+            return core(s.replace(current=out))
+
+        return run if width > 0 else core
+
+    def lpv_change(self) -> LpvChange | None:
+        return None
