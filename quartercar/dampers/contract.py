@@ -93,8 +93,15 @@ class Damper(Adaptable):
         set_(self, "values", MappingProxyType({n: p.checked(self.values.get(n, p.default)) for n, p in known.items()}))
         if self.polarity not in (1, -1):
             raise InputError("polarity is 1 or -1", got=self.polarity)
+        if not isinstance(self.current_unit, str):
+            raise InputError("current_unit is text", got=self.current_unit)
+        if not isinstance(self.metadata, Mapping):
+            raise InputError("metadata are a mapping", got=type(self.metadata).__name__)
         if self.current_range is not None:
-            set_(self, "current_range", (float(self.current_range[0]), float(self.current_range[1])))
+            low, high = (_checks.real(x, "a current of the fitted range") for x in self.current_range)
+            if low > high:
+                raise InputError("current_range runs from low to high", got=f"{low:g} to {high:g}")
+            set_(self, "current_range", (low, high))
 
     # -- what a model says of itself ---------------------------------------------------------------------------------
     @abstractmethod

@@ -46,7 +46,8 @@ class Passivity:
     speed : float
         The grid reached ± this [m/s].
     stored : bool
-        Whether power is given near zero velocity only and no cycle gives any: energy stored before.
+        Whether power is given near zero velocity only and no cycle gives any, by a law with displacement or memory:
+        energy stored before.
     unit : str
         Of the current.
     """
@@ -120,7 +121,8 @@ def check_passivity(damper: Damper, speed: float = 2.0) -> Passivity:
         power, power_at, reach = _static(damper, speed, currents)
         share, work_at = _cycles(damper, speed, currents)
     cyclic = bool(share >= -ROUNDING)
-    stored = cyclic and power < 0 and reach <= NEAR_ZERO * speed
+    can_store = damper.start > 0 or "displacement" in damper.reads
+    stored = can_store and cyclic and power < 0 and reach <= NEAR_ZERO * speed
     return Passivity(cyclic and (power == 0 or stored), power, power_at, share, work_at, speed, stored,
                      damper.current_unit)
 

@@ -20,9 +20,9 @@ class Starts:
     tasted : int
         Starts tried on shortened data.
     polished : int
-        Starts followed to their end on all data.
+        Different minima among them that were followed to their end on all data.
     agreed : int
-        Of those polished, the ones that ended at the least cost (within a ten-thousandth).
+        Starts that led to the least cost.
     """
 
     tasted: int
@@ -30,7 +30,7 @@ class Starts:
     agreed: int
 
     def __str__(self) -> str:
-        return f"{self.agreed} of {self.polished} polished starts agree on the best cost ({self.tasted} tasted)"
+        return f"{self.agreed} of {self.tasted} starts agree on the best cost ({self.polished} followed on all data)"
 
 
 @dataclass(frozen=True, eq=False)

@@ -116,7 +116,8 @@ class Projected:
         for k, place in enumerate(np.flatnonzero(self.linear)):
             moved = theta.copy()
             moved[place] += self.step[k]
-            columns[:, k] = (self.problem.model(moved) - base) / self.step[k]
+            with np.errstate(invalid="ignore"):
+                columns[:, k] = (self.problem.model(moved) - base) / self.step[k]
         if not (np.isfinite(base).all() and np.isfinite(columns).all()):
             return None
         best = bounded_least_squares(columns, self.problem.measured - base + columns @ theta[self.linear],

@@ -20,6 +20,8 @@ from quartercar.dampers.fitting.solver import Found, levenberg_marquardt
 
 AGREEING = 1e-4
 """relative difference of two costs that counts as none."""
+ALIKE = 1e-3
+"""tasted costs closer than this in relative terms belong to one minimum, which is polished once."""
 SAME_POINT = 1e-3
 """parameters closer than this in relative terms are one start."""
 
@@ -69,16 +71,16 @@ def search(problem: Problem, settings: FitSettings) -> tuple[Found, Starts]:
     short = Problem(damper, shortened(problem.drives, settings.tasting_samples))
     given = [np.asarray(s, dtype=float) for s in damper.starts(problem.drives, settings.starts, rng)]
     starts = distinct([*given[: max(settings.starts - 1, 1)], damper.vector][: settings.starts])
-    tasted = [(0.0, starts[0])] if len(starts) == 1 else sorted(_taste(short, starts, settings), key=lambda t: t[0])
-    promising = distinct([theta for _, theta in tasted])[: settings.polished]
-    ends = [end for theta in promising if (end := polish(problem, theta, settings)) is not None]
+    groups = [[(0.0, starts[0])]] if len(starts) == 1 else _alike(_taste(short, starts, settings))
+    polished = [(polish(problem, group[0][1], settings), len(group)) for group in groups[: settings.polished]]
+    ends = [(end, size) for end, size in polished if end is not None]
     if not ends:
         raise NumericalError(f"{damper.name}: the free run diverges from each of {len(starts)} starts; check units and "
                              "signs of the records")
-    ends.sort(key=lambda e: e.trial.cost)
-    least = ends[0].trial.cost * (1 + AGREEING) + EXACT**2 * float(problem.measured @ problem.measured)
-    agreed = sum(e.trial.cost <= least for e in ends)
-    return ends[0], Starts(len(starts), len(ends), agreed)
+    best = min((end for end, _ in ends), key=lambda e: e.trial.cost)
+    least = best.trial.cost * (1 + AGREEING) + EXACT**2 * float(problem.measured @ problem.measured)
+    agreed = sum(size for end, size in ends if end.trial.cost <= least)
+    return best, Starts(len(starts), len(ends), agreed)
 
 
 def _taste(problem: Problem, starts: Sequence[np.ndarray], settings: FitSettings) -> list[tuple[float, np.ndarray]]:
@@ -90,6 +92,17 @@ def _taste(problem: Problem, starts: Sequence[np.ndarray], settings: FitSettings
         if end is not None:
             out.append((end.trial.cost, end.trial.theta))
     return out or [(np.inf, s) for s in starts]
+
+
+def _alike(tasted: Sequence[tuple[float, np.ndarray]]) -> list[list[tuple[float, np.ndarray]]]:
+    """Tasted starts by rising cost, those of nearly one cost together."""
+    groups: list[list[tuple[float, np.ndarray]]] = []
+    for cost, theta in sorted(tasted, key=lambda t: t[0]):
+        if groups and cost <= groups[-1][0][0] * (1 + ALIKE):
+            groups[-1].append((cost, theta))
+        else:
+            groups.append([(cost, theta)])
+    return groups
 
 
 def polish(problem: Problem, theta: np.ndarray, settings: FitSettings) -> Found | None:

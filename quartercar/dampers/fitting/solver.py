@@ -88,7 +88,8 @@ def bounded_least_squares(columns: np.ndarray, target: np.ndarray, lower: np.nda
     best = np.linalg.lstsq(square, right, rcond=1e-11)[0]
     if (best < low).any() or (best > high).any():
         best = _active_sets(square, right, low, high)
-    out[moves] = np.clip(best / scale, lower[moves], upper[moves])
+    inside = np.clip(best / scale, lower[moves], upper[moves])
+    out[moves] = np.where(best <= low, lower[moves], np.where(best >= high, upper[moves], inside))
     return out
 
 
