@@ -59,9 +59,27 @@ def advance(y, z, x0, x1, v0, v1, h, c0, k0, c1, alpha, beta, gamma, delta, n):
     xa = x0 + GAMMA * (x1 - x0)
     slip, za = _stage(y, z, xa, va, ah, c0, k0, c1, alpha, beta, gamma, delta, n)
     yb = y + RATIO * (ah * va - slip)
-    zb = z + RATIO * (za - z)
+    zb = _capped(z, z + RATIO * (za - z), beta + gamma, delta, n)
     slip, zc = _stage(yb, zb, x1, v1, ah, c0, k0, c1, alpha, beta, gamma, delta, n)
     return yb + ah * v1 - slip, zc
+
+
+@njit()
+def _capped(z, ahead, bend, delta, n):
+    """`ahead`, what the second stage starts from, but not beyond saturation, (δ/(β + γ))^{1/n}, where z is not, either.
+
+    It passes there only where the step is too long to follow the build-up, and then the yield force would overshoot.
+    """
+    ratio = bend / delta if delta.real > 0.0 else 0.0 * bend
+    if ratio.real <= 0.0:
+        return ahead
+    side = 1.0 if ahead.real >= 0 else -1.0
+    size, before = side * ahead, abs(z.real)
+    share = ratio * size * size if n == 2.0 else ratio * size**n
+    if share.real <= 1.0:
+        return ahead
+    top = ratio**-0.5 if n == 2.0 else ratio ** (-1.0 / n)
+    return side * top + 0.0 * ahead if before <= top.real else ahead
 
 
 @njit()
@@ -117,8 +135,8 @@ def spencer_run(x, v, current, h, substeps, theta, state):
         Linear between samples [m], [m/s].
     h : float
         Sample time [s].
-    substeps : int
-        Steps per sample.
+    substeps : (N − 1,) int array
+        Steps from each sample to the next.
     theta : (12,) array, float or complex
         c_0, its share per current, k_0, c_1, its share per current, α, its share per current, β, γ, δ, n, η; η = 0
         where the current acts at once.
@@ -134,13 +152,15 @@ def spencer_run(x, v, current, h, substeps, theta, state):
     y, z, w = state
     force = np.empty(x.size, theta.dtype)
     force[0] = (c1a + c1b * w) * node_rate(y, z, x[0], v[0], c0a + c0b * w, k0, c1a + c1b * w, aa + ab * w)
-    step = h / substeps
+    step, decay, count = h, np.exp(-0.5 * h * eta), 1
     lagged = eta.real > 0.0
-    decay = np.exp(-0.5 * step * eta)
     for k in range(x.size - 1):
-        dx, dv = (x[k + 1] - x[k]) / substeps, (v[k + 1] - v[k]) / substeps
-        di = (current[k + 1] - current[k]) / substeps
-        for j in range(substeps):
+        if substeps[k] != count:
+            count = substeps[k]
+            step = h / count
+            decay = np.exp(-0.5 * step * eta)
+        dx, dv, di = (x[k + 1] - x[k]) / count, (v[k + 1] - v[k]) / count, (current[k + 1] - current[k]) / count
+        for j in range(count):
             now = current[k] + j * di
             middle = now + 0.5 * di + 0.0 * w
             after = now + di + 0.0 * w
