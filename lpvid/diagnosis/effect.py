@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,6 +17,8 @@ from lpvid.errors import InputError
 if TYPE_CHECKING:
     from lpvid.diagnosis.baseline import Baseline
 
+MOST_POINTS = 14
+"""grid points at which an effect is looked at"""
 STAGES = ("core", "series", "force", "kinematics", "current", "channel", "measurement")
 """Where an effect acts, from the inside out::
 
@@ -126,6 +129,10 @@ class Effect(ABC):
         """Strength first, then shapes."""
 
     @abstractmethod
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        """Parameter vectors away from neutral at which it is looked at when screening; at most about a dozen."""
+
+    @abstractmethod
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         """Why it cannot be composed with this baseline on these data (a missing channel apart); None where it can."""
 
@@ -156,6 +163,16 @@ class Effect(ABC):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.name})"
+
+
+class GridEffect(Effect):
+    """An effect that is looked at on the product of its parameters' grids, whatever the data."""
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        found = [np.array(p) for p in itertools.product(*(p.grid for p in self.parameters))]
+        if len(found) > MOST_POINTS:
+            found = [found[k] for k in np.unique(np.linspace(0, len(found) - 1, MOST_POINTS).round().astype(int))]
+        return found
 
 
 def by_name(catalogue: tuple[Effect, ...]) -> Mapping[str, Effect]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,8 +12,6 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.problem import Problem, projector, without
 from lpvid.diagnosis.refitting import Refit
 
-MOST_POINTS = 14
-"""grid points of a candidate that are looked at"""
 FLIPS = 2000
 """sign patterns drawn for the distribution of the largest statistic"""
 DETECT = 10.0
@@ -88,14 +85,6 @@ class Evidence:
     smallest_detectable: float | None
 
 
-def grid_points(effect: Effect) -> list[np.ndarray]:
-    """Parameters at which an effect is looked at: every strength with every shape, thinned to `MOST_POINTS`."""
-    points = [np.array(p) for p in itertools.product(*(p.grid for p in effect.parameters))]
-    if len(points) > MOST_POINTS:
-        points = [points[k] for k in np.unique(np.linspace(0, len(points) - 1, MOST_POINTS).round().astype(int))]
-    return points
-
-
 @dataclass(frozen=True, eq=False)
 class Move:
     """What one strength and shape of an effect does to the simulation, record by record, as it stands.
@@ -119,7 +108,7 @@ def moves(problem: Problem, fit: Refit, effects: Sequence[Effect]) -> list[Move]
     found = []
     for effect in effects:
         bigger = Composition(fit.composition.baseline, (*fit.composition.effects, effect))
-        for values in grid_points(effect):
+        for values in effect.points(problem.signals):
             vector = placed(bigger, fit, {effect.name: values})
             with np.errstate(all="ignore"):
                 change = tuple(bigger.predict(s, vector) - f for s, f in zip(problem.signals, now, strict=True))

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from lpvid.diagnosis.effect import Effect
 from quartercar.effects.electrical import CoilLag, CommandDelay, CurrentSaturation, Remanence, RiseFallLag
+from quartercar.effects.friction_gas import CoulombFriction, GasPreload, GasStiffness, StribeckFriction
 
 CATALOGUE: tuple[Effect, ...] = (
+    CoulombFriction(), StribeckFriction(), GasPreload(), GasStiffness(),
     CoilLag(), CommandDelay(), RiseFallLag(), CurrentSaturation(), Remanence(),
 )
 """Every cause, in the order in which they are listed."""

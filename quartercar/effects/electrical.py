@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
+from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 
 SEEN_AFTER = 0.05
@@ -44,7 +44,7 @@ def lagged(s: Signals, rise: float, fall: float) -> np.ndarray:
     return out
 
 
-class CurrentEffect(Effect):
+class CurrentEffect(GridEffect):
     """A cause that acts on the current before the law sees it."""
 
     family: ClassVar[str] = "electrical"

@@ -1,0 +1,114 @@
+"""Friction and gas: forces in parallel with the law, of the direction of motion or of position alone."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
+from lpvid.diagnosis.signals import Core, Signals
+
+REVERSAL = 2e-3
+"""speed over which the sign of the velocity is smoothed [m/s]"""
+
+
+class ParallelForce(GridEffect):
+    """A force that adds to that of the law."""
+
+    family: ClassVar[str] = "friction and gas"
+    stage: ClassVar[str] = "force"
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+
+
+class CoulombFriction(ParallelForce):
+    """Seal and guide friction F_c sign v, smoothed (equation sheet 3.1)."""
+
+    name: ClassVar[str] = "coulomb-friction"
+    title: ClassVar[str] = "dry friction"
+    equation: ClassVar[str] = "F += F_c tanh(v/eps), eps = 2 mm/s"
+    reference: ClassVar[str] = "equation sheet 3.1"
+    experiment: ClassVar[str] = "a triangle below 2 mm/s at constant current: half the difference of the two directions"
+    needs: ClassVar[tuple[str, ...]] = ("velocity",)
+    partners: ClassVar[tuple[str, ...]] = ("series-compliance", "backlash")
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e4), (20.0,)),)
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        friction = float(values[0])
+        return lambda s: core(s) + friction * s.cached("direction", lambda: np.tanh(s["velocity"] / REVERSAL))
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("the sign of the velocity as a further input", regressors=("sign(velocity)",))
+
+
+class StribeckFriction(ParallelForce):
+    """Breakaway force that falls off with speed (equation sheet 3.2)."""
+
+    name: ClassVar[str] = "stribeck-friction"
+    title: ClassVar[str] = "breakaway friction that falls off with speed"
+    equation: ClassVar[str] = "F += F_s exp(-(v/v_S)^2) tanh(v/eps)"
+    reference: ClassVar[str] = "equation sheet 3.2"
+    experiment: ClassVar[str] = "a staircase of speeds from 0.1 to 50 mm/s in both directions, and dwells"
+    needs: ClassVar[tuple[str, ...]] = ("velocity",)
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("breakaway", "N", "F_s, above the sliding friction", 0.0, (0.0, 300.0), (0.0, 1e4),
+                                (30.0,)),
+                EffectParameter("stribeck_speed", "m/s", "v_S", 0.01, (1e-3, 0.05), (5e-4, 0.2), (0.003, 0.01, 0.03)))
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        force, speed = float(values[0]), float(values[1])
+        return lambda s: core(s) + force * np.exp(-(s["velocity"] / speed) ** 2) * np.tanh(s["velocity"] / REVERSAL)
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("the sign of the velocity as a further input", regressors=("sign(velocity)",))
+
+
+class GasPreload(ParallelForce):
+    """Gas pressure on the rod: a constant outward force (equation sheet 3.3)."""
+
+    name: ClassVar[str] = "gas-preload"
+    title: ClassVar[str] = "gas force at mid stroke"
+    equation: ClassVar[str] = "F -= P"
+    reference: ClassVar[str] = "equation sheet 3.3"
+    experiment: ClassVar[str] = "creep at several positions and temperatures: a gas force follows both, an offset neither"
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("preload", "N", "P", 0.0, (0.0, 800.0), (0.0, 1e4), (50.0,)),)
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        preload = float(values[0])
+        return lambda s: core(s) - preload
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("a constant as a further input", regressors=("1",))
+
+
+class GasStiffness(ParallelForce):
+    """Gas spring (equation sheet 3.4)."""
+
+    name: ClassVar[str] = "gas-stiffness"
+    title: ClassVar[str] = "gas spring"
+    equation: ClassVar[str] = "F += K x"
+    reference: ClassVar[str] = "equation sheet 3.4"
+    experiment: ClassVar[str] = "creep over the full stroke, or the same stroke at two frequencies"
+    needs: ClassVar[tuple[str, ...]] = ("displacement",)
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("stiffness", "N/m", "K at mid stroke", 0.0, (0.0, 2e4), (0.0, 1e6), (500.0,)),)
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        stiffness = float(values[0])
+        return lambda s: core(s) + stiffness * s["displacement"]
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("the displacement as a further input", regressors=("displacement",))
