@@ -90,7 +90,7 @@ def _levinson(r: np.ndarray, order: int) -> list[tuple[np.ndarray, float]]:
     power = float(r[0])
     found = [(a, power)]
     for k in range(1, order + 1):
-        reflection = -(a @ r[k:0:-1]) / power
+        reflection = -float(a @ r[k:0:-1]) / power
         if not abs(reflection) < 1:
             break
         longer = np.concatenate([a, [0.0]])

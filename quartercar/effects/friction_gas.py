@@ -78,7 +78,7 @@ class GasPreload(ParallelForce):
     title: ClassVar[str] = "gas force at mid stroke"
     equation: ClassVar[str] = "F -= P"
     reference: ClassVar[str] = "equation sheet 3.3"
-    experiment: ClassVar[str] = "creep at several positions and temperatures: a gas force follows both, an offset neither"
+    experiment: ClassVar[str] = "creep at several positions and temperatures: gas follows both, an offset neither"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
