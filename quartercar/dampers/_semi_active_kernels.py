@@ -47,13 +47,12 @@ def lag(uf, u, k, a, b, period, s, times, delays):
 
     A rise follows u(t − τ_r) while that lies above u_f, a fall u(t − τ_f) while that lies below; where both do, the
     later command counts; where neither does, u_f rests. times, delays (4,): compression rise, fall, rebound rise, fall.
-    The interval is cut where u(t − τ) has a kink.
+    That is decided by the command at b; the part is cut where u(t − τ) has a kink.
     """
     up = ((1.0 - s) * delays[0] + s * delays[2]) / period
     down = ((1.0 - s) * delays[1] + s * delays[3]) / period
-    middle = 0.5 * (a + b) - 1.0
-    rising = (delayed(u, k, middle - up) - uf).real > 0.0
-    falling = (delayed(u, k, middle - down) - uf).real < 0.0
+    rising = (delayed(u, k, b - 1.0 - up) - uf).real > 0.0
+    falling = (delayed(u, k, b - 1.0 - down) - uf).real < 0.0
     if rising and falling:
         rising = up.real < down.real
     elif not rising and not falling:

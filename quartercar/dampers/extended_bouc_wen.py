@@ -41,6 +41,10 @@ class ExtendedBoucWen(SemiActiveDamper):
     The scale of z is free in the paper's seven parameters; δ = β + γ makes |z| = 1 the saturated state, so that α is a
     force and six numbers are left. All are linear between the nodes of the current, which keeps δ = β + γ.
 
+    The pair (y, z) is integrated by L-stable implicit steps of at most 0.5 ms. On a sine of 25 mm, 0.8 Hz sampled at 1 ms
+    its force stays within 2e-4 of the force's standard deviation from a Radau solution to 1e-10, for sharpnesses from
+    5e3 to 1e6 1/m; the classical Runge-Kutta method at 1 ms diverges on these from 5e4 1/m on and is 20 % off at 2e4.
+
     Attributes
     ----------
     exponent : float
@@ -55,8 +59,8 @@ class ExtendedBoucWen(SemiActiveDamper):
     >>> damper = ExtendedBoucWen(nodes=(0.1, 0.5), current_unit="1")
     >>> len(damper.parameters)  # 2 nodes, 2 directions, 6 each; gas; T and τ by edge and direction
     34
-    >>> damper.rk4_limit(0.5) < 2.785
-    True
+    >>> round(damper.fastest_rate(0.13, current=0.5))  # 1/s, so that Runge-Kutta 4 takes steps up to 12 ms
+    218
     """
 
     name: ClassVar[str] = "extended-bouc-wen"
@@ -172,16 +176,19 @@ class ExtendedBoucWen(SemiActiveDamper):
             out.append(c1 * (alpha * self._settled(float(v), c0, c1, alpha) + c0 * v) / (c0 + c1))
         return np.array(out) + self.conservative_force(np.array(float(displacement)))
 
-    def rk4_limit(self, current: float = 0.0, step: float = 1e-3) -> float:
-        """(α δ + k_0)/(c_0 + c_1) times `step`, the larger of both directions; a Runge-Kutta-4 step fails above 2.785.
+    def fastest_rate(self, speed: float, current: float = 0.0) -> float:
+        """Fastest rate of (y, z) at speeds up to ±`speed` [1/s]: a Runge-Kutta-4 step h is unstable from 2.785/rate on.
 
-        That is the rate of the mode of (y, z) at z = 0, and 2.785 the end of the method's stability on the real axis.
+        The largest of (α δ max(1, 2γ/δ) + k_0)/(c_0 + c_1), z being far from or leaving its saturation, and of n δ |r|,
+        z being saturated while the hysteresis slips at r = (c_1 |v| − α)/(c_0 + c_1). The second can be the larger one
+        by far: a sharp hysteresis ends an explicit step even where its force is small.
         """
         rates = []
-        for v in (-1.0, 1.0):
-            c0, k0, c1, alpha, _, _, delta = self.mixture(v, current, self.vector)
-            rates.append((alpha * delta + k0) / (c0 + c1))
-        return float(max(rates)) * step
+        for v in (-abs(speed), abs(speed)):
+            c0, k0, c1, alpha, _, gamma, delta = self.mixture(v, current, self.vector)
+            slip = max(c1 * abs(v) - alpha, 0.0) / (c0 + c1)
+            rates += [(alpha * max(delta, 2 * gamma) + k0) / (c0 + c1), self.exponent * delta * slip]
+        return float(max(rates))
 
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
         """The result of the step-by-step identification: many starts of so many parameters would take too long."""
