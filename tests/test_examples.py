@@ -61,3 +61,12 @@ def test_fixed_voltage(shared_data: Path) -> None:
 def test_coprime() -> None:
     fits = load("coprime").main()
     assert fits["direct", 1] > 99 > fits["routed", 1] + 10
+
+
+def test_gas_damper(tmp_path: Path) -> None:
+    results = load("gas_damper").main(tmp_path / "loops.png")
+    assert (tmp_path / "loops.png").stat().st_size > 10_000
+    work, esr = ({key: pair[k] for key, pair in results.items()} for k in (0, 1))
+    assert abs(work[0.063, 1.0]) < 0.01 and abs(work[0.030, 0.5]) < 0.01    # the claim holds where it is slow
+    assert work[0.010, 8.0] > 0.10                                          # and fails at the highest frequency
+    assert esr[0.063, 1.0] < esr[0.063, 1.5] < esr[0.030, 3.5] < esr[0.010, 8.0]
