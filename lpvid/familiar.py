@@ -21,7 +21,7 @@ def heads(records: Sequence[Record], output: str) -> list[list[float]]:
 
 
 def familiar(metadata: Mapping, records: Sequence[Record], output: str) -> list[str]:
-    """Names of the records that begin with the samples of a training record.
+    """Names of the records that begin with the samples of a training record, turned round or not.
 
     Parameters
     ----------
@@ -37,6 +37,7 @@ def familiar(metadata: Mapping, records: Sequence[Record], output: str) -> list[
 
     def seen(record: Record) -> bool:
         head = record[output][:SAMPLES]
-        return any(len(h) == len(head) and np.abs(h - head).max() <= 1e-6 * np.ptp(h) for h in known)
+        return any(len(h) == len(head) and min(np.abs(h - head).max(), np.abs(h + head).max()) <= 1e-6 * np.ptp(h)
+                   for h in known)
 
     return [r.name for r in records if seen(r)]

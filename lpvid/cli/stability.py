@@ -56,14 +56,19 @@ def _studied(loaded: object, path: Path, rate: list[str] | None, range: list[str
     """What can be said of a model of any kind, and what makes its page."""
     from lpvid.cli.data import rates
     from lpvid.errors import InputError
-    from lpvid.model.quasi import SelfScheduled
+    from lpvid.model.adaptable import Adaptable
+    from lpvid.model.compliance import ComplianceModel
+    from lpvid.model.quasi import QuasiLPVModel, SelfScheduled
     from lpvid.model.state_space import LPVStateSpace
     from lpvid.model.transfer_function import LPVTransferFunction
     from lpvid.report.self_scheduled import self_scheduled_page, study_self_scheduled
     from lpvid.report.stability import stability_page, study_stability
 
-    if not isinstance(loaded, (LPVTransferFunction, LPVStateSpace, SelfScheduled)):
-        raise InputError(f"'{path}' holds a {type(loaded).__name__}", mend="give a transfer function, a state-space "
+    named = type(loaded).__name__
+    if isinstance(loaded, Adaptable) and loaded.period:
+        loaded = loaded.to_model(loaded.period)
+    if not isinstance(loaded, (LPVTransferFunction, LPVStateSpace, QuasiLPVModel, ComplianceModel)):
+        raise InputError(f"'{path}' holds a {named}", mend="give a transfer function, a state-space "
                          "model, or a model that schedules itself")
     speeds, ranges = rates(rate, loaded.box.names), _ranges(range, loaded.box.names)
     if isinstance(loaded, SelfScheduled):

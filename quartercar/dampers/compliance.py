@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from lpvid.identification.quasi_lpv import QuasiLPV as QuasiStructure
     from lpvid.identification.structure import Structure as AnyStructure
 
-FOLDS = 3
+FOLDS = 2
 """blocks of the training data on which settings are compared."""
-SAMPLES = 6_000
+SAMPLES = 3_000
 """training samples on which settings are compared at most."""
 TASTE = 12
 """iterations of a fit that is only to be compared."""
-WORTH = 0.99
+WORTH = 0.97
 """a larger setting must bring the cross-validated ESR below this share of the smaller one's."""
 LAGS = (1, 3, 5, 8)
 """linear velocity lags that a compliance damper is tried with."""
