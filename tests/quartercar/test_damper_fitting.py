@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from monte_carlo import coverage
 from scipy.optimize import lsq_linear
-from toy_dampers import Misra, Redundant, Tanh, record, sweep
+from toy_dampers import Misra, Redundant, Tanh, Wave, record, sweep
 
 import quartercar
 from lpvid import InputError, NumericalError, Record
@@ -118,6 +118,18 @@ def test_runs_that_diverge_count_as_bad_trials() -> None:
     assert found.damper.vector == pytest.approx(true.vector, rel=0.01)
     with pytest.raises(NumericalError, match="diverges from each of"):
         fit(Tanh(limit=1e-3), given)
+
+
+def test_many_starts_find_the_minimum_that_one_misses() -> None:
+    v = sweep()
+    given = record(v, 80 * np.sin(11 * v) + 2 * np.random.default_rng(0).normal(size=v.size))
+    alone = fit(Wave(), given, settings=FitSettings(starts=1))
+    many = fit(Wave(), given)
+    assert alone.training.esr is not None and alone.training.esr > 0.3
+    assert many.damper.vector == pytest.approx([80, 11], rel=0.01)
+    starts = many.estimate.starts
+    assert starts is not None and 1 <= starts.agreed < starts.tasted == 20
+    assert f"{starts.agreed} of 20 starts agree" in repr(many)
 
 
 def test_the_same_seed_gives_the_same_fit() -> None:
@@ -286,6 +298,16 @@ def test_records_that_cannot_be_fitted_are_refused_in_one_line(records, says: st
     with pytest.raises(InputError, match=says) as caught:
         fit(Tanh(), records)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_held_out_records_of_another_rate_are_refused_and_can_be_resampled() -> None:
+    _, given = _tanh(30.0)
+    slow = Record({n: c.values[::2] for n, c in given.channels.items()}, sample_time=0.004,  # type: ignore[arg-type]
+                  units={n: c.unit for n, c in given.channels.items()})
+    with pytest.raises(InputError, match="--sample-rate 250"):
+        fit(Tanh(), given, slow)
+    found = fit(Tanh(), given, slow, FitSettings(sample_rate=250.0))
+    assert found.n_samples == 1500 and found.held_out is not None and found.held_out.n_samples == 1500
 
 
 def test_settings_are_checked() -> None:

@@ -29,7 +29,7 @@ class Toy(StaticDamper):
 
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
         first = self.vector
-        return [first, *(first * rng.uniform(0.5, 2.0, first.size) for _ in range(count - 1))]
+        return [first, *(first * np.exp(rng.uniform(-2.0, 2.0, first.size)) for _ in range(count - 1))]
 
     def conservative_force(self, displacement: np.ndarray) -> np.ndarray:
         return np.zeros_like(np.asarray(displacement, dtype=float))
@@ -127,6 +127,32 @@ class Redundant(Toy):
     def law_gradient(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
                      vector: np.ndarray) -> np.ndarray:
         return np.column_stack([vector[1] * velocity, vector[0] * velocity, np.zeros_like(velocity)])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Wave(Toy):
+    """F = A sin(k v): as many minima as waves fit into the velocities."""
+
+    name: ClassVar[str] = "wave"
+    title: ClassVar[str] = "wave"
+    source: ClassVar[str] = "a toy"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("height", "N", "A", 100.0, 0.0), Parameter("number", "s/m", "k", 2.0, 0.1, 50.0, log=True))
+
+    @property
+    def linear(self) -> tuple[str, ...]:
+        return ("height",)
+
+    def law(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
+            vector: np.ndarray) -> np.ndarray:
+        return vector[0] * np.sin(vector[1] * velocity)
+
+    def law_gradient(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
+                     vector: np.ndarray) -> np.ndarray:
+        angle = vector[1] * velocity
+        return np.column_stack([np.sin(angle), vector[0] * velocity * np.cos(angle)])
 
 
 def record(velocity: np.ndarray, force: np.ndarray, current: np.ndarray | None = None, name: str = "toy") -> Record:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from lpvid.condition import segments, with_velocity
+from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.dampers.contract import Damper
@@ -65,6 +66,7 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
     if not training:
         raise InputError("no records to fit to")
     kept = prepared(held_out, channels, damper.start, settings.sample_rate)
+    _one_rate(training, kept)
     damper, said, polarity_note = _placed(damper, training, kept)
     found = damper.estimate(training, settings)
     found = replace(found, damper=remembering(found.damper, training))
@@ -86,6 +88,14 @@ def prepared(records: Record | Sequence[Record], channels: Sequence[str], start:
     if "velocity" in channels:
         listed = [with_velocity(r) for r in listed]
     return segments(listed, channels, sample_rate=sample_rate, minimum=max(FEWEST, start + 2))
+
+
+def _one_rate(training: Sequence[Record], kept: Sequence[Record]) -> None:
+    """Refuse held-out data at another rate, where a sampled model would be another model."""
+    rates = [1.0 / r.sample_time for r in (*training[:1], *kept[:1]) if r.sample_time]
+    if abs(rates[-1] / rates[0] - 1) > RATE_TOLERANCE:
+        raise InputError("held-out records have another rate", got=f"{rates[-1]:.6g} Hz against {rates[0]:.6g} Hz",
+                         mend=f"--sample-rate {min(rates):.6g}")
 
 
 def _placed(damper: Damper, training: Sequence[Record],

@@ -14,7 +14,7 @@ OPEN = 0.5
 """relative standard error of a combination above which the data do not determine it."""
 SINGULAR = 1e-7
 """share of the largest singular value below which a direction is open whatever the noise."""
-NEGLIGIBLE = 0.01
+NEGLIGIBLE = 0.05
 """share of the measured force that counts as a parameter's natural size where its value is near zero."""
 NAMED = 0.3
 """share of a direction from which a parameter is named, up to three."""
@@ -75,7 +75,7 @@ def identifiability(damper: LawDamper, theta: np.ndarray, jacobian: np.ndarray, 
 
 
 def natural_sizes(damper: LawDamper, theta: np.ndarray, jacobian: np.ndarray, measured: np.ndarray) -> np.ndarray:
-    """(P,) what a change of 100 % is: the value, or where that is near zero, what moves the force by a hundredth."""
+    """(P,) what a change of 100 % is: the value, or where that is near zero, what moves the force by a twentieth."""
     effect = np.linalg.norm(jacobian, axis=0)
     small = np.where(effect > 0, NEGLIGIBLE * np.linalg.norm(measured) / np.where(effect > 0, effect, 1.0), 0.0)
     log = np.array([p.log for p in damper.parameters])

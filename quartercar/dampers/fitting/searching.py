@@ -61,7 +61,7 @@ def estimate_law(damper: LawDamper, drives: Sequence[Drive], settings: FitSettin
         notes.append(f"the search stopped at its limit of {settings.evaluations} evaluations before it had settled")
     return Estimate(damper.with_vector(theta), spread.covariance,
                     tuple(n for n, h in zip(damper.names, held, strict=True) if h), report.undetermined, tuple(notes),
-                    starts, report.condition)
+                    starts if len(damper.linear) < len(damper.names) else None, report.condition)
 
 
 def search(problem: Problem, settings: FitSettings) -> tuple[Found, Starts]:
