@@ -134,6 +134,8 @@ class WorkTable:
             *(f"{1e3 * r.printed_amplitude:g} mm at {r.frequency:g} Hz would be {r.printed_peak_speed:.2f} m/s on a "
               f"rig limited to {RIG_SPEED:g} m/s; read as {1e3 * r.amplitude:g} mm ({r.peak_speed:.2f} m/s)."
               for r in slipped),
+            f"Table I lists 3,5 Hz for 30 mm: 5 Hz would be {2 * math.pi * 5.0 * 0.03:.2f} m/s; read as 3.5 Hz, as in "
+            "the figures.",
             f"The constants are in N and mm/s: in N and m/s the works deviate by {min(metre):+.0%} to "
             f"{max(metre):+.0%}, which is friction alone.",
             f"Table III is read by columns (compression linear, extension linear and power 2.5). Read by rows "

@@ -55,7 +55,7 @@ class Guo(TanhLaw):
 
     @property
     def terms(self) -> Terms:
-        span = settled_span(self.span, self.current_range)
+        span = self.currents
         return Terms(Controlled(YIELD, CONSTANT_YIELD[self.degree], span), Controlled(SHARPNESS, (20.0,)),
                      Controlled(POST_YIELD, CONSTANT_DAMPING[self.degree], span),
                      Controlled(RATIO, (3.0,)) if self.hysteresis else None, None)
@@ -65,8 +65,8 @@ class Guo(TanhLaw):
         return self.offset
 
     @property
-    def lowest_current(self) -> float:
-        return settled_span(self.span, self.current_range)[0]
+    def currents(self) -> tuple[float, float]:
+        return settled_span(self.span, self.current_range)
 
     @classmethod
     def suited(cls, facts: Facts) -> Guo:
@@ -100,8 +100,8 @@ class Guo5(TanhLaw):
         return self.offset
 
     @property
-    def lowest_current(self) -> float:
-        return 0.0
+    def currents(self) -> tuple[float, float]:
+        return settled_span(None, self.current_range)
 
     @classmethod
     def suited(cls, facts: Facts) -> Guo5:
@@ -135,7 +135,7 @@ class Guo6(TanhLaw):
 
     @property
     def terms(self) -> Terms:
-        span = settled_span(self.span, self.current_range)
+        span = self.currents
         return Terms(Controlled(YIELD, CONSTANT_YIELD[1], span), Controlled(SHARPNESS, (20.0,)),
                      Controlled(POST_YIELD, (1200.0,)), Controlled(RATIO, (3.0,)), None)
 
@@ -144,8 +144,8 @@ class Guo6(TanhLaw):
         return self.offset
 
     @property
-    def lowest_current(self) -> float:
-        return settled_span(self.span, self.current_range)[0]
+    def currents(self) -> tuple[float, float]:
+        return settled_span(self.span, self.current_range)
 
     @classmethod
     def suited(cls, facts: Facts) -> Guo6:
@@ -179,8 +179,8 @@ class Guo7(TanhLaw):
         return self.offset
 
     @property
-    def lowest_current(self) -> float:
-        return 0.0
+    def currents(self) -> tuple[float, float]:
+        return settled_span(None, self.current_range)
 
     @classmethod
     def suited(cls, facts: Facts) -> Guo7:
@@ -215,7 +215,7 @@ class Guo15(TanhLaw):
 
     @property
     def terms(self) -> Terms:
-        span = settled_span(self.span, self.current_range)
+        span = self.currents
         above = replace(RATIO, name="critical_speed", says="critical velocity V_0 by X_0 at the lowest current")
         below = Parameter("critical_stroke", "", "critical displacement X_0 by X_0 at the lowest current",
                           1.0, 0.05, 20.0)
@@ -230,8 +230,8 @@ class Guo15(TanhLaw):
         return self.offset
 
     @property
-    def lowest_current(self) -> float:
-        return settled_span(self.span, self.current_range)[0]
+    def currents(self) -> tuple[float, float]:
+        return settled_span(self.span, self.current_range)
 
     @classmethod
     def suited(cls, facts: Facts) -> Guo15:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from lpvid import _checks
-from lpvid.errors import InputError
+from lpvid.record import Record
 from quartercar.dampers.coefficients import Controlled, settled_span
 from quartercar.dampers.contract import StaticDamper
 from quartercar.dampers.drive import Drive
@@ -96,13 +96,13 @@ class Kwok(StaticDamper):
 
     def law(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
             vector: np.ndarray) -> np.ndarray:
-        c, k, alpha, delta, offset = self._at(current, vector)
+        c, k, alpha, delta, offset = self.coefficients(current, vector)
         return c * velocity + k * displacement + alpha * np.tanh(vector[-1] * velocity
                                                                  + delta * self._side(displacement)) + offset
 
     def law_gradient(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
                      vector: np.ndarray) -> np.ndarray:
-        _, _, alpha, delta, _ = self._at(current, vector)
+        _, _, alpha, delta, _ = self.coefficients(current, vector)
         side = self._side(displacement)
         curve = np.tanh(vector[-1] * velocity + delta * side)
         steep = alpha * (1 - curve**2)
@@ -114,7 +114,8 @@ class Kwok(StaticDamper):
     def _side(self, displacement: np.ndarray) -> np.ndarray:
         return np.tanh(displacement / self.turning_stroke)
 
-    def _at(self, current: np.ndarray, vector: np.ndarray) -> list[np.ndarray]:
+    def coefficients(self, current: np.ndarray, vector: np.ndarray) -> list[np.ndarray]:
+        """c, k, α, δ, f_0, (n,) each."""
         size = self.degree + 1
         return [f.value(current, vector[j * size: (j + 1) * size]) for j, f in enumerate(self.functions.values())]
 
@@ -128,11 +129,19 @@ class Kwok(StaticDamper):
         return best_starts(self, drives, grid, count)
 
     def conservative_force(self, displacement: np.ndarray) -> np.ndarray:
-        """F at v = 0 and the lowest current: k x + f_0 and the hysteresis that depends on the side alone."""
+        """F at v = 0 and the current nearest to zero: k x + f_0 and the hysteresis that depends on the side alone."""
         x = np.asarray(displacement, dtype=float)
-        return self.force(x, 0.0, settled_span(self.span, self.current_range)[0]).reshape(x.shape)
+        nearest = float(np.clip(0.0, *settled_span(self.span, self.current_range)))
+        return self.force(x, 0.0, nearest).reshape(x.shape)
 
     def to_lpv(self, sample_time: float) -> Any:
-        raise InputError("no LPV form of 'kwok'",
-                         why="its hysteresis turns with the sign of the displacement, at v = 0 too: no coefficient on "
-                             "velocity or displacement gives that force", mend="guo, which is lag in velocity")
+        """Quasi-LPV model, scheduled on the current and two secants; see `quartercar.dampers.kwok_lpv`."""
+        from quartercar.dampers.kwok_lpv import to_lpv
+
+        return to_lpv(self, sample_time)
+
+    def with_secants(self, record: Record) -> Record:
+        """The record with the channels that schedule `to_lpv`; see `quartercar.dampers.kwok_lpv`."""
+        from quartercar.dampers.kwok_lpv import with_secants
+
+        return with_secants(self, record)

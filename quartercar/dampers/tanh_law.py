@@ -64,8 +64,8 @@ class TanhLaw(StaticDamper):
 
     @property
     @abstractmethod
-    def lowest_current(self) -> float:
-        """Lowest current of the span."""
+    def currents(self) -> tuple[float, float]:
+        """Currents over which the coefficients keep their bounds."""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -86,39 +86,40 @@ class TanhLaw(StaticDamper):
 
     def law(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
             vector: np.ndarray) -> np.ndarray:
-        f = self._factors(displacement, velocity, current, vector)
+        f = self.factors(displacement, velocity, current, vector)
         constant = vector[-1] if self.shifted else 0.0
         return f.yield_force * np.tanh(f.sharpness * f.lagged) + f.post_yield * f.post_lagged + constant
 
     def law_gradient(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
                      vector: np.ndarray) -> np.ndarray:
-        f = self._factors(displacement, velocity, current, vector)
+        f = self.factors(displacement, velocity, current, vector)
         curve = np.tanh(f.sharpness * f.lagged)
         steep = f.yield_force * (1 - curve**2)
         by_yield_ratio, by_post_ratio = steep * f.sharpness * displacement, f.post_yield * displacement
         shared = self.terms.post_ratio is None
         outer = (curve, steep * f.lagged, f.post_lagged, by_yield_ratio + (by_post_ratio if shared else 0.0),
                  by_post_ratio)
-        thetas = self._split(vector)
+        thetas = self.pieces(vector)
         columns = [a[:, None] * c.gradient(current, theta)
                    for a, c, theta in zip(outer, self.terms, thetas, strict=True) if c is not None]
         return np.hstack([*columns, *([np.ones((velocity.size, 1))] if self.shifted else [])])
 
-    def _split(self, vector: np.ndarray) -> list[np.ndarray]:
+    def pieces(self, vector: np.ndarray) -> list[np.ndarray]:
         """θ of each of `terms`; empty where there is none."""
         sizes = [0 if c is None else len(c.parameters) for c in self.terms]
         ends = np.cumsum(sizes)
         return [vector[end - size: end] for size, end in zip(sizes, ends, strict=True)]
 
-    def _factors(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
-                 vector: np.ndarray) -> _Factors:
+    def factors(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
+                 vector: np.ndarray) -> Factors:
+        """Coefficients and lagged velocities along a motion."""
         values = [None if c is None else c.value(current, theta)
-                  for c, theta in zip(self.terms, self._split(vector), strict=True)]
+                  for c, theta in zip(self.terms, self.pieces(vector), strict=True)]
         y, s, c, ratio, post_ratio = values
         assert y is not None and s is not None and c is not None
         lagged = velocity if ratio is None else velocity + ratio * displacement
         post_lagged = lagged if post_ratio is None else velocity + post_ratio * displacement
-        return _Factors(y, s, c, lagged, post_lagged)
+        return Factors(y, s, c, lagged, post_lagged)
 
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
         """Bounded least squares for everything linear on a grid of sharpness and critical ratio, the best first."""
@@ -136,21 +137,21 @@ class TanhLaw(StaticDamper):
         return best_starts(self, drives, grid, count)
 
     def conservative_force(self, displacement: np.ndarray) -> np.ndarray:
-        """F at v = 0 and the lowest current: κ makes the law a spring there, a stored and not a dissipated force."""
+        """F at v = 0 and the current nearest to zero: with κ a spring, whose force is stored and not dissipated."""
         x = np.asarray(displacement, dtype=float)
-        return self.force(x, 0.0, self.lowest_current).reshape(x.shape)
+        return self.force(x, 0.0, float(np.clip(0.0, *self.currents))).reshape(x.shape)
 
     def current_powers(self) -> dict[str, np.ndarray]:
         """Coefficients of the powers 1, i, i² of every coefficient that is a polynomial in the current, SI."""
         return {c.prototype.name: c.powers(theta)
-                for c, theta in zip(self.terms, self._split(self.vector), strict=True) if isinstance(c, Controlled)}
+                for c, theta in zip(self.terms, self.pieces(self.vector), strict=True) if isinstance(c, Controlled)}
 
     def coefficients_at(self, current: float) -> Mapping[str, float]:
         """A_1, A_3, A_2, κ (and κ' where it differs) at a current, by the names of the sheet."""
         names = ("A_1", "A_3", "A_2", "kappa", "kappa_post")
         at = np.array([float(current)])
         return {n: float(c.value(at, theta)[0])
-                for n, c, theta in zip(names, self.terms, self._split(self.vector), strict=True) if c is not None}
+                for n, c, theta in zip(names, self.terms, self.pieces(self.vector), strict=True) if c is not None}
 
     def to_lpv(self, sample_time: float) -> Any:
         """Hammerstein model without displacement, quasi-LPV model with it; see `quartercar.dampers.tanh_lpv`."""
@@ -165,7 +166,9 @@ class TanhLaw(StaticDamper):
         return with_saturation(self, record)
 
 
-class _Factors(NamedTuple):
+class Factors(NamedTuple):
+    """(n,) each: A_1, A_3, A_2, v + κ x and v + κ' x."""
+
     yield_force: np.ndarray
     sharpness: np.ndarray
     post_yield: np.ndarray

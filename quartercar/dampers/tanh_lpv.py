@@ -36,7 +36,7 @@ def to_lpv(damper: TanhLaw, sample_time: float) -> LPVTransferFunction:
         A_3 or κ depend on the current: the coefficients are then no polynomials in the scheduling.
     """
     terms, vector = damper.terms, damper.vector
-    pieces = damper._split(vector)
+    pieces = damper.pieces(vector)
     fixed = [c for c in (terms.sharpness, terms.ratio, terms.post_ratio) if c is not None]
     if not all(isinstance(c, Controlled) and c.degree == 0 for c in fixed):
         raise InputError(f"no LPV form of '{damper.name}'", mend="guo, guo-6 or guo-7",
@@ -71,11 +71,15 @@ def to_lpv(damper: TanhLaw, sample_time: float) -> LPVTransferFunction:
 def with_saturation(damper: TanhLaw, record: Record) -> Record:
     """The record with a channel ``saturation``, ρ = tanh(A_3 s)/(A_3 s), that schedules the model of `to_lpv`."""
     drive = damper.drive(record)
-    factors = damper._factors(drive.displacement, drive.velocity, drive.current, damper.vector)
-    s = factors.sharpness * factors.lagged
-    near = np.abs(s) < 1e-6
-    rho = np.where(near, 1 - s**2 / 3, np.tanh(s) / np.where(near, 1.0, s))
+    factors = damper.factors(drive.displacement, drive.velocity, drive.current, damper.vector)
+    rho = saturation(factors.sharpness * factors.lagged)
     return record.with_channel(SATURATION, rho, note=f"saturation of the lagged velocity of '{damper.name}'")
+
+
+def saturation(s: np.ndarray) -> np.ndarray:
+    """(n,) tanh(s)/s, 1 at 0."""
+    near = np.abs(s) < 1e-6
+    return np.where(near, 1 - s**2 / 3, np.tanh(s) / np.where(near, 1.0, s))
 
 
 def _powers(coefficient: Coefficient, theta: np.ndarray) -> np.ndarray:
@@ -86,7 +90,7 @@ def _powers(coefficient: Coefficient, theta: np.ndarray) -> np.ndarray:
 
 
 def _box(damper: TanhLaw, degree: int, saturated: bool) -> Scheduling:
-    low, high = damper.current_range or (damper.lowest_current, damper.lowest_current + 1.0)
+    low, high = damper.current_range or damper.currents
     rows = [("current", low, high, damper.current_unit)] if degree else []
     rows += [(SATURATION, 0.0, 1.0, "")] if saturated else []
     names, lower, upper, units = zip(*rows, strict=True) if rows else ((), (), (), ())

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from lpvid.errors import InputError
+from lpvid.record import Record
+from lpvid.simulation import simulate
 from quartercar.dampers import Drive, Facts
 from quartercar.dampers.kwok import Kwok
 
@@ -82,10 +84,23 @@ def test_it_needs_the_displacement_and_follows_the_current() -> None:
     assert Kwok.suited(facts(True, False)).turning_stroke == pytest.approx(4e-4)
 
 
-def test_bad_settings_and_the_missing_lpv_form() -> None:
+@pytest.mark.parametrize("law", [
+    Kwok(values=VALUES), Kwok(degree=1, current_range=(0.0, 2.0), centre=0.002, values={"offset_at_high": -90.0}),
+    Kwok(values=VALUES, polarity=-1)])
+def test_it_is_quasi_lpv_in_two_secants(law: Kwok) -> None:
+    t = np.arange(400) / 200
+    record = Record({"displacement": 0.01 * np.sin(9 * t) + 0.004 * np.sin(31 * t), "current": 1.0 + np.sin(2 * t),
+                     "velocity": 0.09 * np.cos(9 * t) + 0.124 * np.cos(31 * t)}, sample_time=1 / 200,
+                    units={"displacement": "m", "velocity": "m/s", "current": "A"})
+    scheduled = law.with_secants(record).with_channel("force", np.zeros(t.size), "N")
+    for name in ("saturation", "turning"):
+        assert 0 < scheduled[name].min() < scheduled[name].max() <= 1
+    run = simulate(law.to_lpv(1 / 200), scheduled)
+    np.testing.assert_allclose(run.output[:, 0], law.simulate(record).output[:, 0], rtol=1e-9, atol=1e-8)
+
+
+def test_bad_settings() -> None:
     with pytest.raises(InputError, match="turning_stroke"):
         Kwok(turning_stroke=0.0)
     with pytest.raises(InputError, match="hysteresis_force"):
         Kwok(values={"hysteresis_force": -1.0})
-    with pytest.raises(InputError, match="no LPV form"):
-        Kwok().to_lpv(1 / 500)
