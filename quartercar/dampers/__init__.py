@@ -30,6 +30,8 @@ _EXPORTS = {
     "quartercar.dampers.narx": ("Narx2", "Narx3"),
     "quartercar.dampers.network": ("MixedNetwork", "ParallelNetwork", "SeriesNetwork"),
     "quartercar.dampers.parameter": ("Parameter",),
+    "quartercar.dampers.real_time": ("RealTime",),
+    "quartercar.dampers.stepwise": ("Stepwise", "identify_stepwise"),
     "quartercar.dampers.preparing": ("Prepared", "prepare"),
     "quartercar.dampers.published": ("read_parameters",),
     "quartercar.dampers.wang_kamath": ("WangKamath",),

@@ -53,6 +53,16 @@ def best_of(starts: Sequence[D], drives: Sequence[Drive], free: Sequence[str],
     return part.damper.with_vector(end.theta), end.cost / max(power, 1e-300)
 
 
+def unseen(damper: SemiActiveDamper, drives: Sequence[Drive], free: Sequence[str]) -> tuple[str, ...]:
+    """Those of some parameters on which the force along these drives does not depend."""
+    part = Part(damper, drives, free)
+    now = part.trial(part.start())
+    if now is None or not free:
+        return ()
+    size = np.abs(part.jacobian(now)).max(axis=0)
+    return tuple(n for n, s in zip(free, size, strict=True) if s == 0.0)
+
+
 class Part(Generic[D]):
     """Residuals of a damper of which only some parameters move.
 

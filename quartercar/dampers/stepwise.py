@@ -14,7 +14,7 @@ from lpvid.record import Record
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.fitting.front import prepared
 from quartercar.dampers.fitting.settings import FitSettings
-from quartercar.dampers.partial_search import best_of
+from quartercar.dampers.partial_search import best_of, unseen
 from quartercar.dampers.polarity import common_polarity
 from quartercar.dampers.semi_active import SemiActiveDamper
 
@@ -210,6 +210,9 @@ def _identify(damper: SemiActiveDamper, drives: Sequence[Drive], names: Sequence
     if rest:
         damper, found, esr = _joint(damper, [drives[i] for i in rest], missing, joint, bool(kinds.switching), settings)
         step("lag" if not missing else "lag and rows", rest, found, esr)
+        blind = unseen(damper, [drives[i] for i in rest], found)
+        if blind:
+            notes.append(f"these records show nothing of {', '.join(blind)}: they stay as they were")
     return Stepwise(damper, tuple(steps), tuple(notes))
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -77,7 +79,7 @@ def test_derivatives_in_times_and_delays_are_exact() -> None:
         moved, step = theta.astype(complex), np.zeros(8)
         moved[j] += 1e-30j
         step[j] = 1e-8
-        exact = lag.follow(u, v, H, moved).imag / 1e-30
+        exact = np.imag(lag.follow(u, v, H, moved)) / 1e-30
         differences = (lag.follow(u, v, H, theta + step) - lag.follow(u, v, H, theta - step)) / 2e-8
         assert np.abs(exact - differences).max() < 1e-6 * np.abs(differences).max()
 
@@ -127,7 +129,8 @@ def test_without_current_and_without_displacement() -> None:
     v = np.linspace(-0.4, 0.4, 9)
     table = dict(zip(damper.knots, damper.table(damper.vector)[0], strict=True))
     assert np.allclose(damper.static_force(v), np.interp(v, list(table), list(table.values())))
-    record = Record({"velocity": v}, sample_time=H, units={"velocity": "m/s"})
+    channels: dict[str, Any] = {"velocity": v}
+    record = Record(channels, sample_time=H, units={"velocity": "m/s"})
     assert np.allclose(damper.simulate(record).output[:, 0], damper.static_force(v))
 
 
@@ -143,7 +146,7 @@ def test_settings_that_make_no_model_are_refused(settings: dict, message: str) -
 
 def facts_of(current: np.ndarray, displacement: bool = True) -> Facts:
     t = H * np.arange(2000)
-    channels = {"velocity": 0.4 * np.cos(20 * t), "force": 300 * np.cos(20 * t), "current": current}
+    channels: dict[str, Any] = {"velocity": 0.4 * np.cos(20 * t), "force": 300 * np.cos(20 * t), "current": current}
     if displacement:
         channels["displacement"] = 0.02 * np.sin(20 * t)
     units = {"velocity": "m/s", "force": "N", "current": "A", "displacement": "m"}
