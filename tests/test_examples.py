@@ -70,3 +70,13 @@ def test_gas_damper(tmp_path: Path) -> None:
     assert abs(work[0.063, 1.0]) < 0.01 and abs(work[0.030, 0.5]) < 0.01    # the claim holds where it is slow
     assert work[0.010, 8.0] > 0.10                                          # and fails at the highest frequency
     assert esr[0.063, 1.0] < esr[0.063, 1.5] < esr[0.030, 3.5] < esr[0.010, 8.0]
+
+
+def test_network_topology(tmp_path: Path) -> None:
+    choices = load("network_topology").main(tmp_path / "networks.png")
+    assert {truth: c.verdict for truth, c in choices.items()} == {"series": "series", "mixed": "mixed"}
+    assert choices["series"].fits["parallel"].aicc - choices["series"].fits["series"].aicc > 100
+    assert choices["series"].slopes.trend == "rising"
+    assert choices["series"].best.theta[[0, 1, 3]] == pytest.approx([5e4, 2e8, 10.0], rel=0.03)
+    assert choices["mixed"].best.theta == pytest.approx([2e5, 2e10, 5e-7, 10.0], rel=0.1)
+    assert (tmp_path / "networks.png").stat().st_size > 10_000

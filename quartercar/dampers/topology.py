@@ -118,7 +118,7 @@ class NetworkChoice:
                                       for r in self.ratios if r.larger == "mixed"))
         lines.append(f"  {self.slopes}")
         low, high = self.friction.interval
-        lines.append(f"  friction {self.best.theta[3]:.3g} N, 95 % {low:.3g} to {high:.3g} N")
+        lines.append(f"  friction {self.best.theta[3]:.4g} N, 95 % {low:.4g} to {high:.4g} N")
         return "\n".join([*lines, *(f"  {n}" for n in self.notes)])
 
 
