@@ -22,6 +22,8 @@ FLOOR = 50.0
 """least force that weighs a point [N]: weights are 1/max(|F|, 50 N)"""
 SHARP = 0.2
 """width of the friction's turn by the slowest speed: the points lie beyond it"""
+MISSED = 0.05
+"""relative residual from which a law does not describe its own points"""
 EXPONENTS = (1.3, 1.8, 2.3, 2.8)
 
 
@@ -63,12 +65,19 @@ class RampFit:
         errors = np.sqrt(np.diag(self.covariance))
         return self.covariance / np.outer(errors, errors)
 
+    @property
+    def describes(self) -> bool:
+        """Whether the points lie on the law, to `MISSED` of their force."""
+        return self.rms < MISSED
+
     def __repr__(self) -> str:
         lines = [f"Ramp fit: {self.force.size} points, relative residual {self.rms:.2%} rms"]
         for p in self.law.parameters:
             error = self.std[p.name]
             said = "held: no power term in this direction" if error is None else f"± {error:.2g} {p.unit}"
             lines.append(f"  {p.name:<26}{self.law.values[p.name]:10.5g} {said}")
+        if not self.describes:
+            lines.append("  it does not describe its own points: a law of another shape (quartercar fit --models all)")
         return "\n".join(lines)
 
 

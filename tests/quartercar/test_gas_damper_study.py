@@ -12,6 +12,7 @@ from quartercar.dampers.creep import static_forces
 from quartercar.dampers.gas_damper_study import RIG_SPEED, behind_spring, measured, work_table
 from quartercar.dampers.power_law import SWIFT_2012, PowerLawFrictionGas, sine_work
 from quartercar.dampers.ramps import RampFit, fit_ramps
+from quartercar.rig import Constant, Creep, Experiment, Rig, Triangle
 
 SHARP = SWIFT_2012.replace(friction_speed=1e-4)
 RIGID = np.inf
@@ -139,7 +140,7 @@ def test_a_power_term_in_compression_is_found_when_it_is_there(rng: np.random.Ge
     assert not found.held
     for side in ("extension", "compression"):
         assert found.law.values[f"exponent_{side}"] == pytest.approx(truth.values[f"exponent_{side}"], abs=0.1)
-    assert found.rms < 0.02 and "Ramp fit" in repr(found)
+    assert found.describes and found.rms < 0.02 and "Ramp fit" in repr(found)
     assert np.nanmax(np.abs(found.correlation)) <= 1 + 1e-9
 
 
@@ -154,6 +155,19 @@ def test_ramps_without_displacement_leave_the_stiffness_out(rng: np.random.Gener
 def test_too_few_speeds_are_refused(rng: np.random.Generator) -> None:
     with pytest.raises(InputError, match="speeds"):
         fit_ramps(ramps(rng)[:2])
+
+
+def test_the_virtual_rig_and_a_law_of_another_shape() -> None:
+    # the rig's damper has gas 180 N and 500 N/m, and a knee of its yield force that is no power law
+    off = Constant(levels=(0.0,))
+    slow = [Rig().run(Experiment(f"creep {v:g}", Creep(amplitude=0.015, speed=v), off, duration=0.135 / v), seed=1)
+            for v in (0.002, 0.01)]
+    found = static_forces(slow)
+    assert found.preload == pytest.approx(180.0, abs=1.0) and found.stiffness == pytest.approx(500.0, abs=12.0)
+    fast = [Rig().run(Experiment(f"ramp {f:g}", Triangle(amplitude=0.015, frequency=f, acceleration=60.0), off,
+                                 duration=4 / f), seed=2) for f in (1.0, 2.0, 4.0, 6.0, 8.0)]
+    fit = fit_ramps([*fast, *slow])
+    assert not fit.describes and "another shape" in repr(fit)
 
 
 # -- the missing hysteresis ----------------------------------------------------------------------------------------

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from lpvid.condition import resample, with_velocity
 from lpvid.errors import InputError
+from lpvid.files import read
 from lpvid.record import Record
 from lpvid.simulation import simulate
-from quartercar.dampers import Drive, Facts
+from quartercar.dampers import Drive, Facts, FitSettings, fit
 from quartercar.dampers.coefficients import Controlled
 from quartercar.dampers.guo import Guo, Guo5, Guo6, Guo7, Guo15, jenkins_ratio
 from quartercar.dampers.parameter import Parameter
@@ -208,3 +211,28 @@ def test_settings_and_bounds_are_refused() -> None:
         Guo(degree=3)
     with pytest.raises(InputError, match="yield_force"):
         Guo(values={"yield_force": -1.0})
+
+
+def real(folder: Path, pattern: str) -> list[Record]:
+    return [with_velocity(r) for path in sorted(folder.glob(pattern)) for r in read(path)]
+
+
+def test_real_sines_at_a_current_that_was_not_fitted(shared_data: Path) -> None:
+    runs = {level: real(shared_data / "mr_damper_sines", f"*Hz{level}A.csv") for level in ("0", "0p25", "0p75", "1")}
+    training = [r for level in ("0", "0p25", "1") for r in runs[level]]
+    for kind, least in ((Guo, 0.03), (Guo6, 0.03)):
+        found = fit(kind.suited(Facts.of(training)), training, runs["0p75"], FitSettings(sample_rate=200.0))
+        assert found.held_out is not None and found.held_out.esr < least
+        assert found.passivity.passive and not found.at_bounds
+        none, full = (found.damper.coefficients_at(i)["A_1"] for i in (0.0, 1.0))
+        assert 50 < none < 150 and 900 < full < 1300
+
+
+def test_real_random_motion_and_switched_voltage(shared_data: Path) -> None:
+    [record] = real(shared_data / "mr_damper_random", "*.csv")
+    record = resample(record.with_roles({"current": "voltage"}), 500.8)
+    cut = round(8 * 500.8)
+    training, rest = [record.slice(0, cut)], [record.slice(cut, record.n_samples)]
+    found = fit(Guo.suited(Facts.of(training)), training, rest)
+    assert found.held_out is not None and found.held_out.esr < 0.13     # no memory, no driver lag: a tenth is left
+    assert found.damper.current_unit == "V" and found.damper.values["critical_ratio"] > 0
