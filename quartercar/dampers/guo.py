@@ -12,8 +12,9 @@ from quartercar.dampers.facts import Facts
 from quartercar.dampers.parameter import Parameter
 from quartercar.dampers.tanh_law import POST_YIELD, RATIO, SHARPNESS, YIELD, TanhLaw, Terms
 
-CONSTANT_YIELD = {0: (600.0,), 1: (200.0, 1200.0)}
-CONSTANT_DAMPING = {0: (1500.0,), 1: (900.0, 1500.0)}
+YIELD_BY_DEGREE = {0: (600.0,), 1: (200.0, 1200.0), 2: (200.0, 900.0, 1200.0)}
+DAMPING_BY_DEGREE = {0: (1500.0,), 1: (900.0, 1500.0), 2: (900.0, 1300.0, 1500.0)}
+"""Typical control values of A_1 [N] and A_2 [N·s/m]."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -26,8 +27,8 @@ class Guo(TanhLaw):
 
     Attributes
     ----------
-    degree : {0, 1}
-        Of A_1 and A_2 in the current.
+    degree : {0, 1, 2}
+        Of A_1 and A_2 in the current; `suited` takes 1 where the current varies.
     span : (float, float) or None
         Currents over which A_1 and A_2 are held positive; left out, those of the fit.
     offset : bool
@@ -51,13 +52,13 @@ class Guo(TanhLaw):
 
     def check_settings(self) -> None:
         settled_span(self.span, self.current_range)
-        _checks.one_of(str(self.degree), ("0", "1"), "degree")
+        _checks.one_of(str(self.degree), ("0", "1", "2"), "degree")
 
     @property
     def terms(self) -> Terms:
         span = self.currents
-        return Terms(Controlled(YIELD, CONSTANT_YIELD[self.degree], span), Controlled(SHARPNESS, (20.0,)),
-                     Controlled(POST_YIELD, CONSTANT_DAMPING[self.degree], span),
+        return Terms(Controlled(YIELD, YIELD_BY_DEGREE[self.degree], span), Controlled(SHARPNESS, (20.0,)),
+                     Controlled(POST_YIELD, DAMPING_BY_DEGREE[self.degree], span),
                      Controlled(RATIO, (3.0,)) if self.hysteresis else None, None)
 
     @property
@@ -136,7 +137,7 @@ class Guo6(TanhLaw):
     @property
     def terms(self) -> Terms:
         span = self.currents
-        return Terms(Controlled(YIELD, CONSTANT_YIELD[1], span), Controlled(SHARPNESS, (20.0,)),
+        return Terms(Controlled(YIELD, YIELD_BY_DEGREE[1], span), Controlled(SHARPNESS, (20.0,)),
                      Controlled(POST_YIELD, (1200.0,)), Controlled(RATIO, (3.0,)), None)
 
     @property

@@ -20,7 +20,8 @@ from quartercar.dampers.parameter import Parameter
 from quartercar.dampers.tanh_law import TanhLaw
 
 GOLDEN = {"yield_force": 600.0, "sharpness": 20.0, "post_yield_damping": 1500.0, "critical_ratio": 3.0}
-FAMILY = [Guo(), Guo(degree=1, span=(0.0, 2.5)), Guo(hysteresis=False, offset=False), Guo5(), Guo5(offset=True),
+FAMILY = [Guo(), Guo(degree=2), Guo(degree=1, span=(0.0, 2.5)), Guo(hysteresis=False, offset=False), Guo5(),
+          Guo5(offset=True),
           Guo6(span=(0.0, 2.5)), Guo7(), Guo7(offset=True), Guo15(span=(0.2, 2.0)), Guo15(offset=True)]
 
 
@@ -152,7 +153,8 @@ def test_without_displacement_it_is_a_hammerstein_model(law: Guo, record: Record
 
 
 @pytest.mark.parametrize("law", [
-    Guo(values=GOLDEN), Guo(degree=1, span=(0.0, 2.0), centre=0.003, values={"offset": -120.0}), Guo5(), Guo6(),
+    Guo(values=GOLDEN), Guo(degree=1, span=(0.0, 2.0), centre=0.003, values={"offset": -120.0}),
+    Guo(degree=2, span=(0.0, 2.0)), Guo5(), Guo6(),
     Guo7(offset=True, values={"offset": 40.0}, polarity=-1)])
 def test_with_displacement_it_is_quasi_lpv_in_the_saturation(law: TanhLaw, record: Record) -> None:
     scheduled = law.with_saturation(record)
