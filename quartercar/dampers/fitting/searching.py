@@ -22,6 +22,8 @@ AGREEING = 1e-4
 """relative difference of two costs that counts as none."""
 ALIKE = 1e-3
 """tasted costs closer than this in relative terms belong to one minimum, which is polished once."""
+COARSE, FINE = 1e-4, 1e-7
+"""relative decrease of the cost at which a first tasting and its continuation end."""
 SAME_POINT = 1e-3
 """parameters closer than this in relative terms are one start."""
 
@@ -71,7 +73,7 @@ def search(problem: Problem, settings: FitSettings) -> tuple[Found, Starts]:
     short = Problem(damper, shortened(problem.drives, settings.tasting_samples))
     given = [np.asarray(s, dtype=float) for s in damper.starts(problem.drives, settings.starts, rng)]
     starts = distinct([*given[: max(settings.starts - 1, 1)], damper.vector][: settings.starts])
-    groups = [[(0.0, starts[0])]] if len(starts) == 1 else _alike(_taste(short, starts, settings))
+    groups = [[(0.0, starts[0])]] if len(starts) == 1 else _alike(tasted(short, starts, settings))
     polished = [(polish(problem, group[0][1], settings), len(group)) for group in groups[: settings.polished]]
     ends = [(end, size) for end, size in polished if end is not None]
     if not ends:
@@ -83,21 +85,27 @@ def search(problem: Problem, settings: FitSettings) -> tuple[Found, Starts]:
     return best, Starts(len(starts), len(ends), agreed)
 
 
-def _taste(problem: Problem, starts: Sequence[np.ndarray], settings: FitSettings) -> list[tuple[float, np.ndarray]]:
-    """(cost, parameters) of each start after a few steps on shortened data; starts that diverge are left out."""
+def tasted(problem: Problem, starts: Sequence[np.ndarray], settings: FitSettings) -> list[tuple[float, np.ndarray]]:
+    """(cost, parameters) of each start by rising cost, after a few steps on shortened data.
+
+    The best of them are followed three times as far, so that starts which share a minimum are seen to. Starts that
+    diverge are left out, unless all do.
+    """
     view = Projected(problem) if problem.damper.linear else Full(problem)
-    out = []
-    for theta in starts:
-        end = levenberg_marquardt(view, view.start(theta), settings.tasting_evaluations, 1e-4)
+    ends = [levenberg_marquardt(view, view.start(s), settings.tasting_evaluations, COARSE) for s in starts]
+    out = sorted(((e.trial.cost, e.trial.theta) for e in ends if e is not None), key=lambda t: t[0])
+    leading = 2 * settings.polished
+    for k, (_, theta) in enumerate(out[:leading]):
+        end = levenberg_marquardt(view, view.start(theta), 3 * settings.tasting_evaluations, FINE)
         if end is not None:
-            out.append((end.trial.cost, end.trial.theta))
-    return out or [(np.inf, s) for s in starts]
+            out[k] = (end.trial.cost, end.trial.theta)
+    return sorted(out, key=lambda t: t[0]) or [(np.inf, s) for s in starts]
 
 
-def _alike(tasted: Sequence[tuple[float, np.ndarray]]) -> list[list[tuple[float, np.ndarray]]]:
+def _alike(ends: Sequence[tuple[float, np.ndarray]]) -> list[list[tuple[float, np.ndarray]]]:
     """Tasted starts by rising cost, those of nearly one cost together."""
     groups: list[list[tuple[float, np.ndarray]]] = []
-    for cost, theta in sorted(tasted, key=lambda t: t[0]):
+    for cost, theta in ends:
         if groups and cost <= groups[-1][0][0] * (1 + ALIKE):
             groups[-1].append((cost, theta))
         else:
