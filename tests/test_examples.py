@@ -80,3 +80,11 @@ def test_network_topology(tmp_path: Path) -> None:
     assert choices["series"].best.theta[[0, 1, 3]] == pytest.approx([5e4, 2e8, 10.0], rel=0.03)
     assert choices["mixed"].best.theta == pytest.approx([2e5, 2e10, 5e-7, 10.0], rel=0.1)
     assert (tmp_path / "networks.png").stat().st_size > 10_000
+
+
+def test_compare_dampers_on_a_sample(tmp_path: Path) -> None:
+    """Of the thesis's models the LPV model comes first, as in the thesis; models of a Coulomb law alone are far off."""
+    means = load("compare_dampers").main(("guo", "narx-2", "lpv-arx"), ("test-1", "test-2"), str(tmp_path / "esr.png"))
+    assert min(means, key=lambda name: means[name]) == "lpv-arx"
+    assert means["lpv-arx"] < 0.02 < 0.1 < min(means["guo"], means["narx-2"])
+    assert (tmp_path / "esr.png").stat().st_size > 10_000

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +39,8 @@ class CompareSettings:
     quick_work, slow_work : int
         Samples times parameters above which training data are thinned, for models without states and with: stretches
         spread evenly over all records are kept, and a note says so.
+    sampled_samples : int
+        Samples above which they are thinned for models identified from samples, such as NARX and LPV.
     thorough : bool
         All data and twenty starts for every model, however long that takes.
     """
@@ -47,11 +49,12 @@ class CompareSettings:
     sample_rate: float | None = None
     quick_work: int = 1_500_000
     slow_work: int = 80_000
+    sampled_samples: int = 20_000
     thorough: bool = False
 
     def __post_init__(self) -> None:
         _checks.count(self.seed, "seed")
-        for name in ("quick_work", "slow_work"):
+        for name in ("quick_work", "slow_work", "sampled_samples"):
             _checks.count(getattr(self, name), name, at_least=1)
 
 
@@ -186,14 +189,13 @@ def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings
 
 
 def _fit(damper: Damper, data: Prepared, settings: CompareSettings) -> DamperFit:
-    from dataclasses import replace
-
     slow = isinstance(damper, DynamicDamper)
     effort = replace(SLOW if slow and not settings.thorough else QUICK, seed=settings.seed)
-    work = settings.slow_work if slow else settings.quick_work
-    if settings.thorough or not isinstance(damper, LawDamper):
+    if settings.thorough:
         return fit(damper, data.training, settings=effort)
-    return fit(damper, stretches(data.training, work // max(len(damper.parameters), 1), STRETCH), settings=effort)
+    work = settings.slow_work if slow else settings.quick_work
+    samples = work // max(len(damper.parameters), 1) if isinstance(damper, LawDamper) else settings.sampled_samples
+    return fit(damper, stretches(data.training, samples, STRETCH), settings=effort)
 
 
 def _thinned(fits: Sequence[DamperFit], data: Prepared) -> tuple[str, ...]:

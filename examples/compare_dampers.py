@@ -1,0 +1,50 @@
+"""Which damper model simulates the eight experiments of the thesis best, on roads and currents it has not seen?"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from lpvid.plot import png
+from quartercar import plot
+from quartercar.dampers import compare
+from quartercar.rig import default_records
+
+THESIS = ("guo", "guo-5", "guo-6", "guo-7", "guo-15", "bouc-wen", "kwok", "wang-kamath", "narx-2", "narx-3", "lpv-arx")
+"""Models that Díaz Salas (2011) compares; the others are beyond it."""
+BEYOND = ("quasi-lpv", "compliance")
+
+
+def main(models: Sequence[str] = (*THESIS, *BEYOND), tests: Sequence[str] | None = None,
+         figure: str | None = None) -> dict[str, float]:
+    """Train on replicate 0 of tests 1-3 and the constant currents of test 6; returns the mean held-out ESR."""
+    training = default_records(part="training", names=tests)
+    held_out = default_records(part="held-out", names=tests)
+    found = compare(training, models, held_out, progress=lambda text: print(text, file=sys.stderr))
+    print(found)
+
+    names = [name for name, _ in found.best.held_out.experiments]
+    print(f"\n  {'free-run ESR, held-out':<24}{''.join(f'{n:>8}' for n in names)}{'mean':>8}")
+    means: dict[str, float] = {}
+    for row in found.rows:
+        esr = [run.esr for _, run in row.held_out.experiments]
+        if None not in esr:
+            means[row.name] = sum(e for e in esr if e is not None) / len(esr)
+        shown = "".join(f"{'–' if e is None else format(e, '.4f'):>8}" for e in (*esr, means.get(row.name)))
+        print(f"  {row.name:<24}{shown}")
+
+    ranked = sorted(means, key=lambda name: means[name])
+    ours = [name for name in ranked if name in THESIS]
+    print(f"\n  of the thesis's models {ours[0]} comes first" if ours else "")
+    before = [name for name in ranked if name in BEYOND and ours and means[name] < means[ours[0]]]
+    if before:
+        print(f"  before it, of models that the thesis does not have: {', '.join(before)}")
+    drawn = plot.experiments_by_model(found)
+    if figure is not None and drawn is not None:
+        Path(figure).write_bytes(png(drawn))
+    return means
+
+
+if __name__ == "__main__":
+    main(figure=sys.argv[1] if len(sys.argv) > 1 else None)
