@@ -155,16 +155,22 @@ class SampledDamper(Damper):
 
     # -- fitting -----------------------------------------------------------------------------------------------------
     def estimate(self, records: Sequence[Record], settings: FitSettings) -> Estimate:
+        from lpvid.identification.output_error import OutputError
+        from lpvid.identification.stage_fit import shorten
         from quartercar.dampers.fitting.estimate import Estimate
+        from quartercar.dampers.free_run_covariance import free_run_covariance
         from quartercar.dampers.held import Held
+        from quartercar.dampers.simulation_error import MOST_SAMPLES
 
         fresh = self.replace(stored=None, values={})
         own = [_own_sense(fresh, r) for r in records]
         chosen, found, notes = fresh.identified(own)
-        layout = found.layout
-        held = Held(found.model, layout)  # type: ignore[arg-type]
-        fitted = chosen.replace(stored=held.to_dict())
-        return Estimate(fitted, held.spread(found.covariance), notes=(*notes, *found.notes),
+        held = Held(found.model, found.layout)  # type: ignore[arg-type]
+        covariance = held.spread(found.covariance)
+        if isinstance(found.structure, OutputError) and not np.isfinite(covariance).all():
+            joint = free_run_covariance(held, shorten(own, MOST_SAMPLES, held.model.start + 50))
+            covariance = covariance if joint is None else joint
+        return Estimate(chosen.replace(stored=held.to_dict()), covariance, notes=(*notes, *found.notes),
                         condition=found.scaled_condition)
 
 
