@@ -109,7 +109,7 @@ class Search:
         for e in listed:
             self.say(f"refitting with {e.effect.name}")
             tried.append((e.effect, self.with_effects((e.effect,), found)))
-        tried = [(e, f) for e, f in tried if f.bic() < self.fit.bic() - BIC_GAIN]
+        tried = [(e, f) for e, f in tried if f.bic() < self.fit.bic() - BIC_GAIN and resolved(self.problem, f)]
         if not tried:
             return None
         effect, fit = min(tried, key=lambda t: t[1].bic())
@@ -158,6 +158,13 @@ class Search:
                 return
             self.say(f"{effect.name} is no longer needed")
             self.fit = fit
+
+
+def resolved(problem: Problem, fit: Refit) -> bool:
+    """Whether every strength is more than what the hold between samples can feign."""
+    clock = problem.signals[0].sample_time
+    return all(abs(fit.vector[p.start] - e.neutral[0]) >= e.resolution * clock
+               for e, p in zip(fit.composition.effects, fit.composition.places, strict=True))
 
 
 def _starts(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]:

@@ -29,6 +29,33 @@ def is_held(current: np.ndarray) -> bool:
     return size > 0 and float(np.median(increments)) < STEPPED * size
 
 
+def held(s: Signals) -> bool:
+    """Whether the current of these signals is held between samples, found once."""
+    return bool(s.cached("current is held", lambda: np.array(is_held(s["current"]))))
+
+
+def later(s: Signals, delay: float) -> np.ndarray:
+    """(n,) current that acts `delay` [s] later.
+
+    A held current that changes at a sample is seen one whole sample late for every delay within that sample, so that a
+    delay of d samples looks like d + ½ on average; below half a sample it runs to 0 with d.
+    """
+    d = delay / s.sample_time
+    if held(s):
+        d = min(2 * d, d + 0.5)
+    n = np.arange(s.n_samples)
+    return np.interp(n - d, n, s["current"])
+
+
+def read_earlier(s: Signals, delay: float) -> np.ndarray:
+    """(n,) current of `delay` [s] ago, for a force that is itself recorded late; a held one in whole samples."""
+    d = delay / s.sample_time
+    if held(s):
+        d = float(np.ceil(d - SEEN_AFTER))
+    n = np.arange(s.n_samples)
+    return np.interp(n - d, n, s["current"])
+
+
 def lagged(s: Signals, rise: float, fall: float) -> np.ndarray:
     """(n,) current behind a first-order lag with unequal edges; the current itself where both are zero."""
     from quartercar.effects import _current_kernels as kernels
@@ -37,7 +64,7 @@ def lagged(s: Signals, rise: float, fall: float) -> np.ndarray:
     if rise <= 0 and fall <= 0:
         return current
     out = np.empty_like(current)
-    if s.cached("current is held", lambda: np.array(is_held(current))):
+    if held(s):
         kernels.lag_held(current, rise, fall, s.sample_time, SEEN_AFTER, out)
     else:
         kernels.lag_linear(current, rise, fall, s.sample_time, out)
@@ -121,11 +148,7 @@ class CommandDelay(CurrentEffect):
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         delay = float(values[0])
 
-        def run(s: Signals) -> np.ndarray:
-            t = s.times
-            return core(s.replace(current=np.interp(t - delay, t, s["current"])))
-
-        return run if delay > 0 else core
+        return lambda s: core(s.replace(current=later(s, delay))) if delay > 0 else core(s)
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("scheduled on the delayed current", schedule_filter="delay")
