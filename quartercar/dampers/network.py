@@ -98,10 +98,10 @@ class NetworkDamper(StaticDamper):
 
     @classmethod
     def suited(cls, facts: Facts) -> Self:
-        """Any data with velocity; friction is smoothed over a hundredth of the largest speed, 2 mm/s at most."""
+        """Any moving record: a network per direction, friction smoothed over 1 % of the top speed, 2 mm/s at most."""
         if facts.speed <= 0:
             raise InputError(f"{cls.name} needs motion", got="zero velocity throughout")
-        return cls(smoothing=float(f"{min(2e-3, 0.01 * facts.speed):.2g}"), **facts.common)
+        return cls(asymmetric=True, smoothing=float(f"{min(2e-3, 0.01 * facts.speed):.2g}"), **facts.common)
 
     def law(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
             vector: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -38,11 +38,11 @@ class WindowSettings:
     straight : float
         Deviation of the displacement from a straight line that ends a plateau, as a share of the stroke.
     unsettled : float
-        Part of the force that is still to build up, as a share of it, above which a window is refused; below, it is
-        added to the force, and 30 % of it to the standard error.
+        Part of the force that is still to build up above which a window is refused; below, it is added to the force,
+        and 30 % of it to the standard error. As a share of the force, or of half its range in the record, if larger.
     drift : float
-        Change of the force along the window, as a share of it, above which it is refused: a pressure that builds up
-        more slowly than the stroke lasts looks straight.
+        Change of the force along the window above which it is refused, as a share of the same: a pressure that builds
+        up more slowly than the stroke lasts looks straight.
     least : int
         Samples that a window needs.
     """
@@ -152,6 +152,7 @@ def _window(record: Record, x: np.ndarray, force: np.ndarray, first: int, last: 
         return refuse(f"{place}: the speed is not constant")
     late = max(dropped, begin + round(LATE * length))
     lag = settling(force[late:last_used])
+    swing = 0.5 * float(np.ptp(np.quantile(force, (0.05, 0.95))))  # the level itself may be next to zero: gas preload
     half, share = 0.5 * settings.centre, np.inf
     for low, high in ((0.5 - half, 0.5 + half), *LATER):
         a, b = max(begin + round(low * length), dropped), begin + round(high * length)
@@ -159,23 +160,31 @@ def _window(record: Record, x: np.ndarray, force: np.ndarray, first: int, last: 
             continue
         level, std, slope, spikes = straight_line(force[a:b])
         left = lag.left(a - late, b - late)
-        share = abs(left) / max(abs(level), 1e-300)
+        scale = max(abs(level), swing, 1e-300)
+        share = abs(left) / scale
         if not lag.found or share <= settings.unsettled:
-            return _point(record, x, (*lag.settled(level, std, left), slope, spikes), a, b, settings, place, measured)
+            window = _point(record, x, (*lag.settled(level, std, left), slope), a, b, measured)
+            return replace(window, fault=_fault(window, spikes, abs(slope) * (b - a) / scale, settings, place))
     return refuse(f"{place}: the force does not settle, {min(share, 9.99):.1%} of it still to build up at the end")
 
 
-def _point(record: Record, x: np.ndarray, line: tuple[float, float, float, float], a: int, b: int,
-           settings: WindowSettings, place: str, measured: bool) -> SteadyWindow:
-    """The window from its line through the force, unless that drifts or is spiked."""
+def _point(record: Record, x: np.ndarray, line: tuple[float, float, float], a: int, b: int,
+           measured: bool) -> SteadyWindow:
+    """The window from the force's line (level, standard error, step per sample)."""
     period = float(record.sample_time or 0.0)
-    level, std, slope, spikes = line
+    level, std, slope = line
     _, error, step, _ = straight_line(x[a:b])
-    fault = ""
-    if spikes > SPIKES:
-        fault = f"{place}: {spikes:.0%} of the force samples are spikes"
-    elif abs(slope) * (b - a) > settings.drift * abs(level) + 4 * std:
-        fault = f"{place}: the force changes by {abs(slope * (b - a) / level):.0%} along the window"
     return SteadyWindow(record.name, a * period, b * period, step / period, level, std,
                         float(error * np.sqrt(12.0) / (b - a) / period), float(x[a:b].mean()) if measured else 0.0,
-                        slope / step, fault)
+                        slope / step)
+
+
+def _fault(window: SteadyWindow, spikes: float, change: float, settings: WindowSettings, place: str) -> str:
+    """What speaks against a window that has settled."""
+    if spikes > SPIKES:
+        return f"{place}: {spikes:.0%} of the force samples are spikes"
+    if change > settings.drift:
+        return f"{place}: the force changes by {change:.0%} along the window"
+    if window.velocity == 0.0:
+        return f"{place}: no motion within the window"
+    return ""
