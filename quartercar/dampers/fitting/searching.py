@@ -24,6 +24,8 @@ ALIKE = 1e-3
 """tasted costs closer than this in relative terms belong to one minimum, which is polished once."""
 COARSE, FINE = 1e-4, 1e-7
 """relative decrease of the cost at which a first tasting and its continuation end."""
+PROMISING = 2.0
+"""tasted cost over the best up to which a start is followed further."""
 SAME_POINT = 1e-3
 """parameters closer than this in relative terms are one start."""
 
@@ -88,14 +90,15 @@ def search(problem: Problem, settings: FitSettings) -> tuple[Found, Starts]:
 def tasted(problem: Problem, starts: Sequence[np.ndarray], settings: FitSettings) -> list[tuple[float, np.ndarray]]:
     """(cost, parameters) of each start by rising cost, after a few steps on shortened data.
 
-    The best of them are followed three times as far, so that starts which share a minimum are seen to. Starts that
+    Those near the best are followed three times as far, so that starts which share a minimum are seen to. Starts that
     diverge are left out, unless all do.
     """
     view = Projected(problem) if problem.damper.linear else Full(problem)
     ends = [levenberg_marquardt(view, view.start(s), settings.tasting_evaluations, COARSE) for s in starts]
     out = sorted(((e.trial.cost, e.trial.theta) for e in ends if e is not None), key=lambda t: t[0])
-    leading = 2 * settings.polished
-    for k, (_, theta) in enumerate(out[:leading]):
+    for k, (cost, theta) in enumerate(out):
+        if cost > PROMISING * out[0][0]:
+            break
         end = levenberg_marquardt(view, view.start(theta), 3 * settings.tasting_evaluations, FINE)
         if end is not None:
             out[k] = (end.trial.cost, end.trial.theta)
