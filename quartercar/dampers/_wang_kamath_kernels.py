@@ -34,8 +34,8 @@ def wang_kamath_run(v, h, substeps, theta, f, g):
         Velocity, linear between samples [m/s].
     h : float
         Sample time [s].
-    substeps : int
-        Steps per sample.
+    substeps : (N − 1,) int array
+        Steps from each sample to the next.
     theta : (N, 5) array, float or complex
         w_1 … w_5 at the samples, linear in between.
     f, g : float or complex
@@ -49,10 +49,11 @@ def wang_kamath_run(v, h, substeps, theta, f, g):
     out = np.empty(v.size, theta.dtype)
     out[0] = f
     f, g = f + 0.0 * theta[0, 0], g + 0.0 * theta[0, 0]
-    ah = GAMMA * h / substeps
     for k in range(v.size - 1):
-        for j in range(substeps):
-            early, late = (j + GAMMA) / substeps, (j + 1.0) / substeps
+        count = substeps[k]
+        ah = GAMMA * h / count
+        for j in range(count):
+            early, late = (j + GAMMA) / count, (j + 1.0) / count
             fa, ga = _stage(f, g, v[k] + early * (v[k + 1] - v[k]), ah, theta, k, early)
             fb, gb = f + RATIO * (fa - f), g + RATIO * (ga - g)
             f, g = _stage(fb, gb, v[k] + late * (v[k + 1] - v[k]), ah, theta, k, late)

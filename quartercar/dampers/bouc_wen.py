@@ -15,11 +15,8 @@ from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.parameter import Parameter
 from quartercar.dampers.spencer import SpencerParameters
+from quartercar.dampers.stepping import motion_steps
 
-TRAVEL = 1e-6
-"""a² times the acceleration that an integration step of length a may have [m]: what it travels about a reversal."""
-FEWEST, MOST = 2, 20
-"""integration steps per sample"""
 MOST_STARTS = 8
 """starting vectors worth a search; more only cost time."""
 
@@ -137,7 +134,7 @@ class BoucWen(DynamicDamper):
         state = self.rest(float(x[0]), float(v[0]), float(i[0]), first, vector)
         if not self.scheduled:
             state = np.append(state, 0.0)
-        force = spencer_run(x, v, i, drive.sample_time, _substeps(drive), theta, state)
+        force = spencer_run(x, v, i, drive.sample_time, motion_steps(drive), theta, state)
         return force + stiffness * x + gas
 
     def rates(self, state: np.ndarray, displacement: float, velocity: float, current: float) -> np.ndarray:
@@ -221,12 +218,6 @@ class BoucWen(DynamicDamper):
         length = -float(gas / stiffness) if stiffness else 0.0
         return SpencerParameters(c0a, c1a, ya / top, k0, float(stiffness), length, scale * beta, scale * gamma, A, n,
                                  c0b, c1b, yb / top, eta)
-
-
-def _substeps(drive: Drive) -> np.ndarray:
-    """(n − 1,) integration steps per sample, by the motion alone: the force stays smooth in the parameters."""
-    wanted = np.sqrt(np.abs(np.diff(drive.velocity)) * drive.sample_time / TRAVEL)
-    return np.clip(np.ceil(wanted), FEWEST, MOST).astype(int)
 
 
 def _at(theta: np.ndarray, current) -> tuple:

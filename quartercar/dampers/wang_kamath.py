@@ -15,9 +15,8 @@ from quartercar.dampers.contract import DynamicDamper
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.stepping import motion_steps
 
-STEP = 2.5e-4
-"""longest integration step [s]; eight steps per sample at 512 Hz."""
 MOST_STARTS = 8
 """starting vectors worth a search; more only cost time."""
 
@@ -123,8 +122,7 @@ class WangKamath(DynamicDamper):
         first = None if drive.force is None else float(drive.force[0])
         f, g = self.rest(0.0, float(v[0]), float(i[0]), first, vector)
         theta = np.ascontiguousarray(self.coefficients(i, vector))
-        substeps = math.ceil(drive.sample_time / STEP)
-        return self.force_scale * wang_kamath_run(v, drive.sample_time, substeps, theta, f, g)
+        return self.force_scale * wang_kamath_run(v, drive.sample_time, motion_steps(drive), theta, f, g)
 
     def rates(self, state: np.ndarray, displacement: float, velocity: float, current: float) -> np.ndarray:
         w = self.coefficients(current, self.vector)[0]

@@ -14,6 +14,7 @@ import pytest
 from quartercar.dampers import Drive
 from quartercar.dampers.bouc_wen import BoucWen
 from quartercar.dampers.contract import DynamicDamper
+from quartercar.dampers.stepping import motion_steps
 from quartercar.dampers.wang_kamath import WangKamath
 
 SAMPLES = 30 * 512
@@ -47,24 +48,22 @@ def report(model: DynamicDamper, bare: Callable[[], object], drive: Drive, aim: 
 
 
 def test_bouc_wen_of_ten_parameters(drive, benchmark) -> None:
-    from quartercar.dampers import bouc_wen
     from quartercar.dampers._bouc_wen_kernels import spencer_run
 
     model = BoucWen(scheduled=False, free_exponent=True, values={"yield_force": 900.0})
     theta, _ = model.coefficients(model.vector)
     still, state = np.zeros(SAMPLES), np.array([drive.displacement[0], 0.0, 0.0])
-    steps = bouc_wen._substeps(drive)
+    steps = motion_steps(drive)
     report(model, lambda: spencer_run(drive.displacement, drive.velocity, still, 1 / 512, steps, theta, state), drive,
            " (aim 20 ms)")
     assert np.isfinite(benchmark(lambda: model.response(drive, model.vector))).all()
 
 
 def test_wang_kamath_of_ten_parameters(drive, benchmark) -> None:
-    from quartercar.dampers import wang_kamath
     from quartercar.dampers._wang_kamath_kernels import wang_kamath_run
 
     model = WangKamath(degree=1, current_scale=2.0)
     theta = np.ascontiguousarray(model.coefficients(drive.current, model.vector))
-    steps = int(np.ceil(1 / 512 / wang_kamath.STEP))
+    steps = motion_steps(drive)
     report(model, lambda: wang_kamath_run(drive.velocity, 1 / 512, steps, theta, 0.0, 0.0), drive, "")
     assert np.isfinite(benchmark(lambda: model.response(drive, model.vector))).all()

@@ -42,12 +42,12 @@ def test_with_a_straight_flow_it_is_a_linear_filter() -> None:
 
 @pytest.mark.parametrize(("degree", "values", "tolerance"), [
     (0, {}, 5e-4), (0, {"linear_flow": -0.02}, 5e-4), (0, {"linear_flow": 0.05, "cubic_flow": -0.1}, 5e-4),
-    (0, {"force_inertia": 1e-8}, 5e-4), (0, {"force_lag": 1e-4}, 5e-3), (1, {}, 5e-4),
+    (0, {"force_inertia": 1e-7}, 5e-4), (0, {"force_lag": 3e-4}, 2e-3), (1, {}, 5e-4),
     (2, {"cubic_flow_1": 0.05}, 5e-4)])
 def test_against_lsoda(degree: int, values: dict[str, float], tolerance: float) -> None:
     """Smooth, bistable (w_3 < 0), three-branched (w_4 < 0), stiff (w_1 → 0), ringing (w_2 → 0), with the current."""
     model = WangKamath(degree=degree, values=values, current_scale=2.0)
-    given = drive(0.6, 1024.0, 1.0 if degree else 0.0)
+    given = drive(0.3, 1024.0, 1.0 if degree else 0.0)
 
     def at(t: float) -> tuple[float, float, float]:
         return 0.0, float(np.interp(t, given.times, given.velocity)), float(np.interp(t, given.times, given.current))
@@ -66,7 +66,8 @@ def test_second_order() -> None:
     model, given = WangKamath(), drive(0.5)
     theta = np.ascontiguousarray(model.coefficients(given.current, model.vector))
     f, g = model.rest(0.0, given.velocity[0], 0.0, None, model.vector)
-    runs = [wang_kamath_run(given.velocity, given.sample_time, k, theta, f, g) for k in (2, 4, 8, 64)]
+    runs = [wang_kamath_run(given.velocity, given.sample_time, np.full(theta.shape[0] - 1, k), theta, f, g)
+            for k in (2, 4, 8, 64)]
     errors = [rms(r - runs[-1], runs[-1]) for r in runs[:-1]]
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.25)
     assert errors[1] / errors[2] == pytest.approx(4, rel=0.25)
@@ -131,7 +132,7 @@ def test_recovered_from_its_own_simulation() -> None:
         "force_inertia_0": 3e-6, "force_inertia_1": 2e-6, "force_lag_0": 8e-4, "force_lag_1": 5e-4,
         "linear_flow_0": 0.03, "linear_flow_1": 0.01, "cubic_flow_0": 0.02, "cubic_flow_1": 0.01,
         "quintic_flow_0": 0.08, "quintic_flow_1": 0.02})
-    given = drive(4.0, current=1.2)
+    given = drive(2.0, current=1.2)
     channels = {"velocity": given.velocity, "current": given.current, "force": truth.response(given, truth.vector)}
     units = {"velocity": "m/s", "current": "A", "force": "N"}
     record = lpv.Record(channels, sample_time=given.sample_time, units=units)
