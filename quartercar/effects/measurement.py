@@ -41,7 +41,6 @@ class DisplacementDelay(ChainEffect):
     equation: ClassVar[str] = "x(t) = x_recorded(t + T), v alike"
     reference: ClassVar[str] = "equation sheet 3.20"
     experiment: ClassVar[str] = "a spring in place of the damper, or a synchronisation pulse on all channels"
-    resolution: ClassVar[float] = 1.0
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
     resolution: ClassVar[float] = 0.5
 
