@@ -58,6 +58,13 @@ def test_fixed_voltage(shared_data: Path) -> None:
     assert load("fixed_voltage").main(str(data)) >= 91.0
 
 
+def test_semi_active(tmp_path: Path) -> None:
+    esr, implicit, explicit = load("semi_active").main(tmp_path / "semi_active.png")
+    assert all(a < 0.3 * b for a, b in zip(esr["extended-bouc-wen"], esr["force-map"], strict=True))
+    assert max(esr["extended-bouc-wen"]) < 0.005 and implicit < 1e-8 and explicit == float("inf")
+    assert (tmp_path / "semi_active.png").stat().st_size > 10_000
+
+
 def test_coprime() -> None:
     fits = load("coprime").main()
     assert fits["direct", 1] > 99 > fits["routed", 1] + 10

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Self
 
@@ -85,6 +86,10 @@ class SemiActiveDamper(LawDamper):
         """From the command to the current that counts."""
         return CurrentLag(self.lag if self.nodes else "none", self.switch_speed)
 
+    def at(self, index: int) -> str:
+        """A node with its unit, as in prose."""
+        return f"{self.nodes[index]:g}" + (f" {self.current_unit}" if self.current_unit != "1" else "")
+
     @property
     def rows(self) -> int:
         """Number of rows."""
@@ -92,11 +97,15 @@ class SemiActiveDamper(LawDamper):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
+        return self._parameters
+
+    @cached_property
+    def _parameters(self) -> tuple[Parameter, ...]:
         if not self.nodes:
             return (*self.row_parameters, *self.gas_parameters)
-        table = [replace(p, name=f"{p.name}_{j + 1}", says=f"{p.says} at {u:g} {self.current_unit}",
+        table = [replace(p, name=f"{p.name}_{j + 1}", says=f"{p.says} at {self.at(j)}",
                          default=p.default * (1 + j if p.name in self.growing else 1))
-                 for j, u in enumerate(self.nodes) for p in self.row_parameters]
+                 for j in range(len(self.nodes)) for p in self.row_parameters]
         return (*table, *self.gas_parameters, *self.current_lag.parameters)
 
     @property

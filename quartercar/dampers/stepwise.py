@@ -114,7 +114,7 @@ def identify_stepwise(damper: SemiActiveDamper, records: Sequence[Record],
     records : sequence of Record
         Mixed; they are sorted here.
     settings : FitSettings, optional
-        ``evaluations`` and ``tolerance`` of each step, ``sample_rate``.
+        ``evaluations`` and ``tolerance`` of each step, 60 and 1e-6 where left out; ``sample_rate``.
 
     Returns
     -------
@@ -129,7 +129,7 @@ def identify_stepwise(damper: SemiActiveDamper, records: Sequence[Record],
     ----------
     Seed 002 (doi 10.3384/ECP14096283), equations (11) to (13).
     """
-    settings = settings or FitSettings()
+    settings = settings or FitSettings(evaluations=60, tolerance=1e-6)
     training = prepared(records, tuple(dict.fromkeys((*damper.reads, "force"))), damper.start, settings.sample_rate)
     if not training:
         raise InputError("no records to fit to")
@@ -194,7 +194,7 @@ def _identify(damper: SemiActiveDamper, drives: Sequence[Drive], names: Sequence
                           settings)
         damper = damper.with_row(j, warm)
         mark = f"_{j + 1}" if damper.nodes else ""
-        label = f"row at {damper.nodes[j]:g} {damper.current_unit}" if damper.nodes else "row"
+        label = f"row at {damper.at(j)}" if damper.nodes else "row"
         step(label, used, (*(f"{n}{mark}" for n in own), *joint), esr)
         joint = ()
         fitted.append(j)
@@ -202,9 +202,8 @@ def _identify(damper: SemiActiveDamper, drives: Sequence[Drive], names: Sequence
     rest = [*kinds.switching, *kinds.between]
     damper = _filled(damper, fitted, [drives[i] for i in rest], settings)
     if missing:
-        notes.append(f"no constant current near {', '.join(f'{damper.nodes[j]:g}' for j in missing)} "
-                     f"{damper.current_unit}: " + ("these rows are fitted jointly with the lag" if rest else
-                                                   "these rows are taken from their neighbours"))
+        notes.append(f"no constant current near {', '.join(damper.at(j) for j in missing)}: these rows are "
+                     f"{'fitted jointly with the lag' if rest else 'taken from their neighbours'}")
     if damper.current_lag.parameters and not kinds.switching:
         notes.append("no record in which the current moves: delays and time constants stay as they were")
     if rest:
