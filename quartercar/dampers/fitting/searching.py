@@ -11,6 +11,7 @@ from lpvid.errors import InputError, NumericalError
 from lpvid.validation.residuals import EXACT, residual_of
 from quartercar.dampers.contract import LawDamper
 from quartercar.dampers.drive import Drive
+from quartercar.dampers.fitting.coordinates import Coordinates
 from quartercar.dampers.fitting.covariance import covariance_of
 from quartercar.dampers.fitting.estimate import Estimate, Starts
 from quartercar.dampers.fitting.identifiability import identifiability
@@ -26,6 +27,8 @@ COARSE, FINE = 1e-4, 1e-7
 """relative decrease of the cost at which a first tasting and its continuation end."""
 PROMISING = 2.0
 """tasted cost over the best up to which a start is followed further."""
+SCATTER = 0.7
+"""of scattered starts: of a logarithm, or relative to the value."""
 SAME_POINT = 1e-3
 """parameters closer than this in relative terms are one start."""
 
@@ -75,6 +78,7 @@ def search(problem: Problem, settings: FitSettings) -> tuple[Found, Starts]:
     short = Problem(damper, shortened(problem.drives, settings.tasting_samples))
     given = [np.asarray(s, dtype=float) for s in damper.starts(problem.drives, settings.starts, rng)]
     starts = distinct([*given[: max(settings.starts - 1, 1)], damper.vector][: settings.starts])
+    starts += scattered(damper, starts, settings.starts // 2 - len(starts), rng)
     groups = [[(0.0, starts[0])]] if len(starts) == 1 else _alike(tasted(short, starts, settings))
     polished = [(polish(problem, group[0][1], settings), len(group)) for group in groups[: settings.polished]]
     ends = [(end, size) for end, size in polished if end is not None]
@@ -85,6 +89,21 @@ def search(problem: Problem, settings: FitSettings) -> tuple[Found, Starts]:
     least = best.trial.cost * (1 + AGREEING) + EXACT**2 * float(problem.measured @ problem.measured)
     agreed = sum(size for end, size in ends if end.trial.cost <= least)
     return best, Starts(len(starts), len(ends), agreed)
+
+
+def scattered(damper: LawDamper, starts: Sequence[np.ndarray], count: int,
+              rng: np.random.Generator) -> list[np.ndarray]:
+    """`count` further starts about the given ones: factors of about two where a parameter moves by its logarithm."""
+    if len(damper.linear) == len(damper.names):
+        return []
+    place = Coordinates(damper.parameters)
+    default = np.array([abs(p.default) for p in damper.parameters])
+    out = []
+    for k in range(max(count, 0)):
+        theta = starts[k % len(starts)]
+        spread = np.where(place.log, SCATTER, SCATTER * np.maximum(np.abs(theta), default))
+        out.append(place.values(place.of(theta) + spread * rng.normal(size=theta.size)))
+    return out
 
 
 def tasted(problem: Problem, starts: Sequence[np.ndarray], settings: FitSettings) -> list[tuple[float, np.ndarray]]:
