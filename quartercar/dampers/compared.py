@@ -23,6 +23,8 @@ FLAGS: Mapping[str, str] = {
     "extrapolates": "held-out currents lie outside those of the fit",
 }
 """What each flag means."""
+SAID = "reversed-polarity"
+"""Flag that stands above the table, not in each of its rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,9 +163,16 @@ class Comparison:
         lines += [f"{i:2d} {_row(row)}" for i, row in enumerate(self.rows, start=1)]
         lines.append(f"  N = {total:,} samples in {count} record{'s' * (count > 1)} at {self.data.sample_rate:.6g} Hz; "
                      "'training' is the ESR on training data, ms/s the time to simulate a second")
-        lines += [f"  not fitted: {name}: {why}" for name, why in self.not_fitted]
+        lines += [f"  not fitted: {', '.join(names)}: {why}" for why, names in self._refusals().items()]
         lines += [f"  note: {n}" for n in self.notes if n not in grave]
         return "\n".join(lines)
+
+    def _refusals(self) -> dict[str, list[str]]:
+        """Models by the reason why they were not fitted."""
+        groups: dict[str, list[str]] = {}
+        for name, why in self.not_fitted:
+            groups.setdefault(why, []).append(name)
+        return groups
 
     __repr__ = __str__
 
@@ -176,9 +185,9 @@ def _row(row: Compared) -> str:
 
     energy = None if row.held_out.energy_error is None else 100 * row.held_out.energy_error
     return (f"{row.name:<28}{shown(run.esr, '.4g'):>9}{shown(run.fit_percent, '.1f'):>7}"
-            f"{shown(run.sqrt_sse, '.4g'):>11}{shown(run.rmse, '.4g'):>9}{shown(energy, '.2g') + ' %':>9}"
+            f"{shown(run.sqrt_sse, '.4g'):>11}{shown(run.rmse, '.4g'):>9}{shown(energy, '.3g') + ' %':>9}"
             f"{shown(row.training.total.esr, '.4g'):>10}{len(row.damper.parameters):>5}"
-            f"{1e3 * row.time_per_simulated_second:>8.2g}  {', '.join(row.flags)}")
+            f"{1e3 * row.time_per_simulated_second:>8.2g}  {', '.join(f for f in row.flags if f != SAID)}".rstrip())
 
 
 def _plain(value: Any) -> Any:

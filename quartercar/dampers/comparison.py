@@ -157,7 +157,7 @@ def _suited(names: Sequence[str], facts: Facts) -> tuple[list[Damper], list[tupl
         try:
             found.append(model_class(name).suited(facts))
         except InputError as error:
-            refused.append((name, _reason(error)))
+            refused.append((name, _reason(error, name)))
     return sorted(found, key=_effort), refused
 
 
@@ -166,8 +166,10 @@ def _effort(damper: Damper) -> tuple[int, int]:
     return kind, len(damper.parameters)
 
 
-def _reason(error: Exception) -> str:
-    return " ".join(str(error).split()).rstrip(".")
+def _reason(error: Exception, name: str) -> str:
+    """What stands in the way, without the model's name and without the mend."""
+    said = " ".join(str(error).split()).split(" Mend: ")[0].rstrip(".")
+    return said.removeprefix(f"{name} ").removeprefix(f"{name}: ")
 
 
 def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings,
@@ -180,7 +182,7 @@ def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings
         try:
             fits.append(_fit(damper, data, settings))
         except (LpvError, ArithmeticError, np.linalg.LinAlgError) as error:
-            failed.append((damper.name, _reason(error)))
+            failed.append((damper.name, _reason(error, damper.name)))
         except KeyboardInterrupt:
             if not fits:
                 raise

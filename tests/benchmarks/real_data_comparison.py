@@ -1,9 +1,9 @@
 """Held-out free-run ESR of every applicable damper model on measured data: `python real_data_comparison.py FOLDER`.
 
-Not a test: it takes minutes and needs the measurements, which are not part of the project. Splits, all by time or by file:
+Not a test: it takes minutes and needs the measurements, which are not part of the project. The splits:
 
-- ``random``: mr_damper_random, train on the first 8 s, test on the last 4 s, at 500.8 Hz; the voltage command stands for
-  the current.
+- ``random``: mr_damper_random, train on the first 8 s, test on the last 4 s, at 500.8 Hz; the voltage command stands
+  for the current.
 - ``sines``: mr_damper_sines, train on the records at 0, 0.25 and 1 A, test on those at 0.75 A, all at 200 Hz.
 - ``fixed``: mr_damper_fixed_voltage, test on the last third; velocity and force alone.
 - ``race-pressure``: race_damper_dyno at one clicker setting, train on the fast run at 150 psi, test on the slow run at

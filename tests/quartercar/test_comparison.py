@@ -126,6 +126,7 @@ def test_models_that_do_not_suit_say_why():
     refused = dict(found.not_fitted)
     assert "displacement" in refused["kwok"] and "current" in refused["guo-6"] and len(refused) == 2
     assert all(f"not fitted: {name}: {why}" in str(found) for name, why in refused.items())
+    assert not any("Mend" in why or why.startswith(name) for name, why in refused.items())
     with pytest.raises(InputError, match=r"no damper model could be fitted.*kwok.*displacement"):
         compare([bare], ["kwok"])
 
