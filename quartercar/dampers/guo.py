@@ -19,11 +19,11 @@ DAMPING_BY_DEGREE = {0: (1500.0,), 1: (900.0, 1500.0), 2: (900.0, 1300.0, 1500.0
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Guo(TanhLaw):
-    """F = A_1 tanh[A_3 (v + κ x)] + A_2 (v + κ x) + F_0, A_1 and A_2 affine in the current where it varies.
+    """F = A_1 tanh[A_3 (v + κ x)] + A_2 (v + κ x) [+ F_0], A_1 and A_2 affine in the current where it varies.
 
     Guo, Yang, Pan (2006), as (2.1) of seed 004, whose five parameters A_1, A_2, A_3, V_0, X_0 are four identifiable
-    ones with κ = V_0/X_0. The constant F_0 (gas preload, offset of the load cell) is an extension; ``offset=False``
-    leaves it out. Without a displacement in the data κ is left out and the law has no hysteresis.
+    ones with κ = V_0/X_0. The constant F_0 (gas preload, offset of the load cell) is an extension, taken in by
+    ``offset=True``. Without a displacement in the data κ is left out and the law has no hysteresis.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Guo(TanhLaw):
     source: ClassVar[str] = "seed 004, (2.1)"
     degree: int = 0
     span: tuple[float, float] | None = None
-    offset: bool = True
+    offset: bool = False
     hysteresis: bool = True
 
     def check_settings(self) -> None:

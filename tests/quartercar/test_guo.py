@@ -20,7 +20,7 @@ from quartercar.dampers.parameter import Parameter
 from quartercar.dampers.tanh_law import TanhLaw
 
 GOLDEN = {"yield_force": 600.0, "sharpness": 20.0, "post_yield_damping": 1500.0, "critical_ratio": 3.0}
-FAMILY = [Guo(), Guo(degree=2), Guo(degree=1, span=(0.0, 2.5)), Guo(hysteresis=False, offset=False), Guo5(),
+FAMILY = [Guo(), Guo(degree=2, offset=True), Guo(degree=1, span=(0.0, 2.5)), Guo(hysteresis=False), Guo5(),
           Guo5(offset=True),
           Guo6(span=(0.0, 2.5)), Guo7(), Guo7(offset=True), Guo15(span=(0.2, 2.0)), Guo15(offset=True)]
 
@@ -41,7 +41,7 @@ def test_the_golden_force() -> None:
 
 def test_the_thesis_forms_at_a_constant_current_are_guo() -> None:
     x, v, i = 0.008, np.linspace(-0.4, 0.4, 9), 1.6
-    plain = Guo(values=GOLDEN, offset=False).force(x, v)
+    plain = Guo(values=GOLDEN).force(x, v)
     five = Guo5(values={"yield_force_per_current": 600.0 / i, "sharpness": 20.0, "post_yield_damping": 1500.0,
                         "critical_ratio": 3.0})
     seven = Guo7(values={**five.values, "post_yield_ratio": 3.0})
@@ -77,7 +77,7 @@ def test_fifteen_quadratics_have_one_scale_too_many() -> None:
     assert np.linalg.matrix_rank(gradient / np.linalg.norm(gradient, axis=0), tol=1e-6) == 14
 
 
-@pytest.mark.parametrize(("law", "count"), [(Guo(offset=False), 4), (Guo5(), 4), (Guo6(), 5), (Guo7(), 5)])
+@pytest.mark.parametrize(("law", "count"), [(Guo(), 4), (Guo5(), 4), (Guo6(), 5), (Guo7(), 5)])
 def test_fewer_parameters_than_the_names_say(law: TanhLaw, count: int, rng: np.random.Generator) -> None:
     x, v, i = rng.normal(scale=0.01, size=300), rng.normal(scale=0.2, size=300), rng.uniform(0, 1, 300)
     gradient = law.law_gradient(x, v, i, law.vector)
@@ -145,7 +145,7 @@ def test_positive_ratio_means_lag() -> None:
 
 @pytest.mark.parametrize("law", [
     Guo(hysteresis=False, values={"yield_force": 600.0}),
-    Guo(degree=1, current_range=(0.0, 2.0), hysteresis=False, values={"offset": -120.0}, polarity=-1)])
+    Guo(degree=1, offset=True, current_range=(0.0, 2.0), hysteresis=False, values={"offset": -120.0}, polarity=-1)])
 def test_without_displacement_it_is_a_hammerstein_model(law: Guo, record: Record) -> None:
     model = law.to_lpv(record.sample_time or 0.0)
     run = simulate(model, record.with_channel("force", np.zeros(record.n_samples), "N"))
@@ -153,7 +153,7 @@ def test_without_displacement_it_is_a_hammerstein_model(law: Guo, record: Record
 
 
 @pytest.mark.parametrize("law", [
-    Guo(values=GOLDEN), Guo(degree=1, span=(0.0, 2.0), centre=0.003, values={"offset": -120.0}),
+    Guo(values=GOLDEN), Guo(degree=1, offset=True, span=(0.0, 2.0), centre=0.003, values={"offset": -120.0}),
     Guo(degree=2, span=(0.0, 2.0)), Guo5(), Guo6(),
     Guo7(offset=True, values={"offset": 40.0}, polarity=-1)])
 def test_with_displacement_it_is_quasi_lpv_in_the_saturation(law: TanhLaw, record: Record) -> None:
@@ -170,7 +170,7 @@ def test_guo_15_has_no_lpv_form() -> None:
 
 
 def test_the_elastic_part_leaves_a_dissipative_rest(rng: np.random.Generator) -> None:
-    law = Guo(values={**GOLDEN, "offset": -100.0})
+    law = Guo(offset=True, values={**GOLDEN, "offset": -100.0})
     x, v = rng.normal(scale=0.02, size=2000), rng.normal(scale=0.2, size=2000)
     rest = law.law(x, v, 0 * v, law.vector) - law.conservative_force(x)
     assert (rest * v).min() >= 0
@@ -183,7 +183,7 @@ def test_structure_follows_the_data() -> None:
                      1 / 500, 1000, 1)
 
     law = Guo.suited(facts(True, True))
-    assert law.degree == 1 and law.span == (0.0, 2.25) and law.offset and law.current_unit == "V"
+    assert law.degree == 1 and law.span == (0.0, 2.25) and not law.offset and law.current_unit == "V"
     assert Guo.suited(facts(False, False)).reads == ("velocity",)
     for kind in (Guo5, Guo6, Guo7, Guo15):
         assert not kind.suited(facts(True, True)).offset
