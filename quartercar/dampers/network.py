@@ -21,6 +21,7 @@ STATICS = (Parameter("friction", "N", "Coulomb friction F_c", 20.0, 0.0),
            Parameter("offset", "N", "constant F_0: gas preload, zero of the load cell", 0.0))
 LAMINAR = Parameter("laminar_damping", "N*s/m", "laminar loss c_L = A_p² C_L", 1000.0, 0.0)
 QUADRATIC = Parameter("quadratic_damping", "N*s^2/m^2", "turbulent loss c_Q = A_p³ C_Q", 2000.0, 0.0)
+ORIFICE = Parameter("orifice_mobility", "m/(s*N^0.5)", "turbulent path c_Q^(−1/2) = A_p^(−3/2) C_Q^(−1/2)", 0.02, 0.0)
 LEAK = Parameter("leak_mobility", "m/(N*s)", "laminar leak 1/c_leak = 1/(A_p² C_leak)", 1e-4, 0.0)
 SHARES = (0.0, 0.03, 0.1, 0.3, 0.6, 0.9, 1.0)
 """trial shares of the laminar loss at the largest speed"""
@@ -47,6 +48,24 @@ def network_gradient(speed: np.ndarray, laminar: float, quadratic: float, leak: 
     q, d = _path_speed(speed, laminar, quadratic, leak)
     slope = laminar + 2 * quadratic * q
     return np.column_stack([q / d, q**2 / d, -(laminar + quadratic * q) * q * slope / d, slope / d])
+
+
+def parallel_force(speed: np.ndarray, orifice: float, leak: float) -> np.ndarray:
+    """Force of a parallel network at speeds ≥ 0, `hydraulics.parallel_pressure` in the force domain [N]."""
+    return _root_force(speed, orifice, leak)[0] ** 2
+
+
+def parallel_gradient(speed: np.ndarray, orifice: float, leak: float) -> np.ndarray:
+    """(n, 2) derivative of `parallel_force` in c_Q^(−1/2) and 1/c_leak: −2s²/(2as + b), −2s³/(2as + b), s = √F."""
+    root, bottom = _root_force(speed, orifice, leak)
+    common = np.divide(-2 * root**2, bottom, out=np.zeros_like(root), where=bottom > 0)
+    return np.column_stack([common, common * root])
+
+
+def _root_force(speed: np.ndarray, orifice: float, leak: float) -> tuple[np.ndarray, np.ndarray]:
+    """s = √F from a s² + b s = v, and 2as + b."""
+    bottom = np.sqrt(orifice**2 + 4 * leak * speed)
+    return np.divide(2 * speed, orifice + bottom, out=np.zeros(speed.shape), where=bottom > 0), bottom
 
 
 def _path_speed(speed: np.ndarray, laminar: float, quadratic: float, leak: float) -> tuple[np.ndarray, np.ndarray]:
@@ -79,7 +98,19 @@ class NetworkDamper(StaticDamper):
     @property
     @abstractmethod
     def network(self) -> tuple[Parameter, ...]:
-        """Parameters of one network, out of `LAMINAR`, `QUADRATIC`, `LEAK`, in this order."""
+        """Parameters of one network."""
+
+    @abstractmethod
+    def network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """(n,) force of one network at speeds ≥ 0 [N]."""
+
+    @abstractmethod
+    def network_slopes(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """(n, k) derivative of `network_law` in its parameters."""
+
+    @abstractmethod
+    def network_vector(self, laminar: float, quadratic: float, leak: float) -> np.ndarray:
+        """(k,) parameters of the network with these c_L, c_Q, 1/c_leak, those dropped that it has not."""
 
     def check_settings(self) -> None:
         _checks.positive(self.smoothing, "smoothing", "m/s")
@@ -108,7 +139,7 @@ class NetworkDamper(StaticDamper):
         hydraulic = np.zeros(velocity.size)
         for sign, places in self._sides():
             moving = np.maximum(sign * velocity, 0.0)
-            hydraulic += sign * network_force(moving, *self._three(vector[places]))
+            hydraulic += sign * self.network_law(moving, vector[places])
         return hydraulic + vector[-2] * np.tanh(velocity / self.smoothing) + vector[-1]
 
     def law_gradient(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
@@ -116,7 +147,7 @@ class NetworkDamper(StaticDamper):
         out = np.zeros((velocity.size, vector.size))
         for sign, places in self._sides():
             moving = np.maximum(sign * velocity, 0.0)
-            out[:, places] += sign * network_gradient(moving, *self._three(vector[places]))[:, self._columns]
+            out[:, places] += sign * self.network_slopes(moving, vector[places])
         out[:, -2] = np.tanh(velocity / self.smoothing)
         out[:, -1] = 1.0
         return out
@@ -124,15 +155,6 @@ class NetworkDamper(StaticDamper):
     def _sides(self) -> tuple[tuple[float, slice], ...]:
         k = len(self.network)
         return (1.0, slice(0, k)), (-1.0, slice(k, 2 * k) if self.asymmetric else slice(0, k))
-
-    @property
-    def _columns(self) -> list[int]:
-        return [(LAMINAR, QUADRATIC, LEAK).index(p) for p in self.network]
-
-    def _three(self, some: np.ndarray) -> np.ndarray:
-        three = np.zeros(3)
-        three[self._columns] = some
-        return three
 
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
         """A grid over laminar share and leak; force scale, friction and offset by least squares; the best first."""
@@ -155,16 +177,11 @@ class NetworkDamper(StaticDamper):
             size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
             scaled, cost = nnls(design / size, f)
             found = scaled / size
-            sides = [self._network(scale, share, turbulent, leak, top) for scale in found[:-3]]
+            sides = [self.network_vector(k * share / top, k * turbulent / top**2, min(leak / k, 1e6))
+                     for k in np.maximum(found[:-3], 1e-12 * float(np.abs(f).max()))]
             ranked.append((cost, np.concatenate([*sides, [found[-3], found[-2] - found[-1]]])))
         ranked.sort(key=lambda pair: pair[0])
         return [vector for _, vector in ranked[:count]]
-
-    def _network(self, scale: float, share: float, turbulent: float, leak: float, top: float) -> np.ndarray:
-        """Parameters of the network whose force is `scale` times that of the shape tried."""
-        scale = max(scale, 1e-300)
-        all_three = np.array([scale * share / top, scale * turbulent / top**2, min(leak / scale, 1e6)])
-        return all_three[self._columns]
 
     @property
     def linear(self) -> tuple[str, ...]:
@@ -200,17 +217,26 @@ class SeriesNetwork(NetworkDamper):
     def network(self) -> tuple[Parameter, ...]:
         return LAMINAR, QUADRATIC
 
+    def network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        return network_force(speed, theta[0], theta[1], 0.0)
+
+    def network_slopes(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        return network_gradient(speed, theta[0], theta[1], 0.0)[:, :2]
+
+    def network_vector(self, laminar: float, quadratic: float, leak: float) -> np.ndarray:
+        return np.array([laminar, quadratic])
+
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ParallelNetwork(NetworkDamper):
     """A laminar leak beside a turbulent orifice: v = F/c_leak + √(F/c_Q), resisting.
 
-    Seed 003, (6), with a = 1/c_leak and b = c_Q^(−1/2) (E3.2). Log-log slope 2 → 1 with rising speed; equal shares at
-    F_t = c_leak²/c_Q, that is v_t = 2 c_leak/c_Q.
+    Seed 003, (6), with a = 1/c_leak and b = c_Q^(−1/2) (E3.2) as its parameters: either may be zero. Log-log
+    slope 2 → 1 with rising speed; equal shares at F_t = c_leak²/c_Q, that is v_t = 2 c_leak/c_Q.
 
     Examples
     --------
-    >>> p = ParallelNetwork(values={"quadratic_damping": 1 / 0.7**2, "leak_mobility": 1.3, "friction": 0.0})
+    >>> p = ParallelNetwork(values={"orifice_mobility": 0.7, "leak_mobility": 1.3, "friction": 0.0})
     >>> p.force(0.0, [2.0, -2.0]).round(9)
     array([ 1., -1.])
     """
@@ -221,7 +247,16 @@ class ParallelNetwork(NetworkDamper):
 
     @property
     def network(self) -> tuple[Parameter, ...]:
-        return QUADRATIC, LEAK
+        return ORIFICE, LEAK
+
+    def network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        return parallel_force(speed, theta[0], theta[1])
+
+    def network_slopes(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        return parallel_gradient(speed, theta[0], theta[1])
+
+    def network_vector(self, laminar: float, quadratic: float, leak: float) -> np.ndarray:
+        return np.array([max(quadratic, 1e-300) ** -0.5, leak])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -246,3 +281,12 @@ class MixedNetwork(NetworkDamper):
     @property
     def network(self) -> tuple[Parameter, ...]:
         return LAMINAR, QUADRATIC, LEAK
+
+    def network_law(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        return network_force(speed, theta[0], theta[1], theta[2])
+
+    def network_slopes(self, speed: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        return network_gradient(speed, theta[0], theta[1], theta[2])[:, :3]
+
+    def network_vector(self, laminar: float, quadratic: float, leak: float) -> np.ndarray:
+        return np.array([laminar, quadratic, leak])

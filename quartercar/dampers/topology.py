@@ -96,8 +96,8 @@ class NetworkChoice:
         fit = self.fits[_checks.known_name(network, list(self.fits), "network")] if network else self.best
         kind = KINDS.get(fit.network, SeriesNetwork)
         bare = kind(smoothing=0.2 * float(self.points.speed.min()))
-        known = fit.values
-        return bare.with_values(**{n: known.get(n, 0.0) for n in bare.names})
+        hydraulic = bare.network_vector(*map(float, fit.theta[:3]))
+        return bare.with_vector(np.array([*hydraulic, fit.theta[3], 0.0]))
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""

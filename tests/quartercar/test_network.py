@@ -33,8 +33,8 @@ from quartercar.dampers.network import (
 )
 
 MODELS = [SeriesNetwork, ParallelNetwork, MixedNetwork]
-TRUTH = {"laminar_damping": 1.2e5, "quadratic_damping": 1.5e8, "leak_mobility": 1.5e-6, "friction": 15.0,
-         "offset": -4.0}
+TRUTH = {"orifice_mobility": 1.5e8**-0.5, "leak_mobility": 1.5e-6, "laminar_damping": 1.2e5, "quadratic_damping": 1.5e8,
+         "friction": 15.0, "offset": -4.0}
 
 
 def printed_parallel(Q: float, a: float, b: float) -> float:
@@ -165,7 +165,14 @@ def test_nested_networks_are_the_same_damper() -> None:
     v = np.linspace(-2e-3, 2e-3, 41)
     mixed = build(MixedNetwork)
     assert np.array_equal(mixed.with_values(leak_mobility=0.0).force(0, v), build(SeriesNetwork).force(0, v))
-    assert np.array_equal(mixed.with_values(laminar_damping=0.0).force(0, v), build(ParallelNetwork).force(0, v))
+    parallel = build(ParallelNetwork)
+    assert np.allclose(mixed.with_values(laminar_damping=0.0).force(0, v), parallel.force(0, v), rtol=1e-13)
+    leak = parallel.with_values(orifice_mobility=0.0, friction=0.0, offset=0.0)
+    assert np.allclose(leak.force(0, v), v / 1.5e-6, rtol=1e-13)
+    orifice = parallel.with_values(leak_mobility=0.0, friction=0.0, offset=0.0)
+    assert np.allclose(orifice.force(0, v), 1.5e8 * v * np.abs(v), rtol=1e-13)
+    z = np.zeros(v.size)
+    assert np.all(np.isfinite(leak.law_gradient(z, v, z, leak.vector)))
 
 
 @pytest.mark.parametrize("kind", MODELS)

@@ -238,6 +238,8 @@ def test_it_prints_stores_and_becomes_a_damper(rng: np.random.Generator) -> None
     assert isinstance(damper, MixedNetwork)
     speed = RANGES["mixed"]
     assert np.allclose(damper.force(0.0, speed), choice.best.force(speed), rtol=1e-3)
+    other = choice.damper("parallel")
+    assert np.allclose(other.force(0.0, speed), choice.fits["parallel"].force(speed), rtol=1e-3)
     assert choice.to_dict()["networks"]["mixed"]["values"] == choice.fits["mixed"].values
     with pytest.raises(InputError, match="no network 'serial'"):
         choice.damper("serial")
