@@ -38,8 +38,8 @@ LEVELS = (1, 2, 3)
 """segments in the current that it is tried with."""
 WIDTHS = ((4, 1), (4, 3), (10, 1), (10, 3))
 """velocity lags, and lags in the trial force, that a quasi-LPV damper is tried with."""
-ODDNESS = 900.0
-"""samples that an asymmetry of a quasi-LPV damper must be bought for (examples/fixed_voltage.py)."""
+ODDNESS = (900.0, 1.0)
+"""samples for which an asymmetry of a quasi-LPV damper must be bought, as tried (examples/fixed_voltage.py: 900)."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -130,6 +130,8 @@ class QuasiLpv(SampledDamper):
         Velocity lags in ρ.
     segments : int
         Of the hat functions in ρ.
+    oddness : float or None
+        Samples for which an asymmetry must be bought.
     degree : int
         Degree of all coefficients in the current; 0 without current.
     """
@@ -141,6 +143,7 @@ class QuasiLpv(SampledDamper):
     lags: int | None = None
     trial: int | None = None
     segments: int = 10
+    oddness: float | None = None
     degree: int = 0
 
     def check_orders(self) -> None:
@@ -148,6 +151,8 @@ class QuasiLpv(SampledDamper):
             if getattr(self, name) is not None:
                 _checks.count(getattr(self, name), name, at_least=1)
         _checks.count(self.segments, "segments", at_least=2)
+        if self.oddness is not None and not _checks.real(self.oddness, "oddness") >= 0:
+            raise InputError("oddness must not be negative", got=self.oddness)
         _checks.count(self.degree, "degree")
 
     @property
@@ -162,14 +167,14 @@ class QuasiLpv(SampledDamper):
     def suited(cls, facts: Facts) -> QuasiLpv:
         return cls(degree=1 if facts.current_varies else 0, **facts.common)
 
-    def structure(self, lags: int, trial: int, moving: bool, iterations: int = 80) -> QuasiStructure:
+    def structure(self, lags: int, trial: int, oddness: float, moving: bool, iterations: int = 80) -> QuasiStructure:
         """The structure in lpvid's words; `moving` says whether the current ever moves within a record."""
         from lpvid.identification.quasi_lpv import QuasiLPV as QuasiStructure
 
         external = Polynomial(("current",), self.degree) if self.degree else Polynomial()
         return QuasiStructure(nb=lags, basis=Spline("force", self.segments, order=1), on="trial", trial=trial,
                               external=external, schedule_filter="rise-fall" if self.degree and moving else None,
-                              oddness=ODDNESS, max_iterations=iterations)
+                              oddness=oddness, max_iterations=iterations)
 
     def identified(self, records: Sequence[Record]) -> tuple[Self, Identification, tuple[str, ...]]:
         from lpvid.identification import identify
@@ -177,10 +182,13 @@ class QuasiLpv(SampledDamper):
         moving = bool(self.degree) and current_moves(records)
         open_ = [(n, t) for n, t in WIDTHS if self.lags in (None, n) and self.trial in (None, t)]
         widths = open_ or [(self.lags or 4, self.trial or 1)]
-        (lags, trial), said = _chosen(records, widths, lambda w: self.structure(w[0], w[1], moving, TASTE))
-        found = identify(records, self.structure(lags, trial, moving))
-        notes = tuple(f"lags of velocity and of trial force, {m}" for m in said)
-        return self.replace(lags=lags, trial=trial), found, notes
+        prices = ODDNESS if self.oddness is None else (self.oddness,)
+        (lags, trial), said = _chosen(records, widths, lambda w: self.structure(w[0], w[1], prices[0], moving, TASTE))
+        oddness, more = _chosen(records, prices, lambda o: self.structure(lags, trial, o, moving, TASTE))
+        found = identify(records, self.structure(lags, trial, oddness, moving))
+        notes = (*(f"lags of velocity and of trial force, {m}" for m in said),
+                 *(f"price of an asymmetry in samples, {m}" for m in more))
+        return self.replace(lags=lags, trial=trial, oddness=oddness), found, notes
 
     def to_lpv(self, sample_time: float) -> Any:
         """The LPV model whose scheduling variable ``rho`` moves freely: every run of this one is one of it."""

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from damper_cases import (
     DYNAMIC,
+    FREE,
     LAWS,
     NAMES,
+    PENALISED,
     STATIC,
     Multisine,
     blank,
@@ -223,12 +225,21 @@ def _assert_recovered(name: str, count: int, band: tuple[float, float]) -> None:
     assert band[0] <= coverage(vectors, std, true) <= band[1], worst
 
 
-@every
+@pytest.mark.parametrize("name", FREE)
 def test_parameters_are_recovered_from_noisy_simulations(name: str) -> None:
     _assert_recovered(name, 1, (0.6, 1.0))
 
 
+@pytest.mark.parametrize("name", PENALISED)
+def test_force_of_penalised_models_is_recovered_within_the_noise(name: str) -> None:
+    """Their parameters are no test; a fit to the noisy force must be nearer to the true one than the noise is."""
+    true, drive = truth(name), recovery_drive(name, 4)
+    found = blank(name).fit([noisy_record(name, np.random.default_rng(100))]).damper
+    force = true.response(drive, true.vector)
+    assert np.std(found.response(drive, found.vector) - force) < case_of(name).noise * force.std()
+
+
 @pytest.mark.slow
-@every
+@pytest.mark.parametrize("name", FREE)
 def test_intervals_cover(name: str) -> None:
     _assert_recovered(name, 40, (0.90, 0.98))
