@@ -9,10 +9,12 @@ import pytest
 from scipy.optimize import least_squares
 
 from lpvid.errors import InputError
+from lpvid.record import Channel, Record
+from quartercar.dampers.facts import Facts
 from quartercar.dampers.friction_profile import friction_profile
-from quartercar.dampers.hydraulics import Laminar, Parallel, Series, Turbulent
+from quartercar.dampers.hydraulics import Laminar, Parallel, Series, Turbulent, parallel_pressure
 from quartercar.dampers.log_fit import NETWORKS, Points, fit_log_force, held_out_error, upper_bound
-from quartercar.dampers.network import MixedNetwork, SeriesNetwork
+from quartercar.dampers.network import MixedNetwork, ParallelNetwork, SeriesNetwork
 from quartercar.dampers.slopes import log_slopes
 from quartercar.dampers.static_characteristic import StaticCharacteristic
 from quartercar.dampers.topology import choose_network
@@ -59,14 +61,14 @@ def test_the_fit_is_that_of_a_general_solver(rng: np.random.Generator) -> None:
 
 def test_standard_errors_and_friction_intervals_cover_the_truth() -> None:
     inside, scaled = 0, []
-    for seed in range(60):
+    for seed in range(40):
         points = Points.of(characteristic("series", 0.02, np.random.default_rng(seed)))
         fit = fit_log_force(points, "series")
         scaled.append((fit.theta - (5e4, 2e8, 0, 10.0))[[0, 1, 3]] / list(fit.std.values()))
         low, high = friction_profile(points, fit).interval
         inside += low <= 10.0 <= high
     assert 0.88 <= np.mean(np.abs(scaled) < 2.086) <= 1.0  # t with 20 degrees of freedom
-    assert inside >= 52
+    assert inside >= 34
 
 
 def test_subtracting_the_least_force_biases_the_laminar_loss(rng: np.random.Generator) -> None:
@@ -161,9 +163,9 @@ def test_the_right_network_is_chosen_over_twenty_draws(name: str, noise: float) 
 def test_a_short_range_cannot_tell_and_names_the_missing_speeds(name: str, low: float, high: float,
                                                                missing: str) -> None:
     speed = np.geomspace(low, high, 12)
-    choices = [choose_network(characteristic(name, 0.01, np.random.default_rng(s), speed)) for s in range(20)]
+    choices = [choose_network(characteristic(name, 0.01, np.random.default_rng(s), speed)) for s in range(12)]
     verdicts = Counter(c.verdict for c in choices)
-    assert verdicts["cannot tell"] >= 16, verdicts
+    assert verdicts["cannot tell"] >= 10, verdicts
     undecided = [c.reason for c in choices if c.verdict == "cannot tell"]
     assert all("mm/s" in r and any(word in r for word in missing.split("|")) for r in undecided)
 
@@ -198,7 +200,7 @@ def test_the_bound_on_a_leak_holds() -> None:
 
 def test_ratio_of_a_true_null_is_rarely_small() -> None:
     """p of mixed against series where series is the truth: at most uniform."""
-    draws = [choose_network(characteristic("series", 0.02, np.random.default_rng(s))).ratios for s in range(60)]
+    draws = [choose_network(characteristic("series", 0.02, np.random.default_rng(s))).ratios for s in range(40)]
     p = np.array([next(r.p_value for r in some if (r.smaller, r.larger) == ("series", "mixed")) for some in draws])
     assert np.mean(p < 0.1) <= 0.2
     assert p.max() <= 0.5
@@ -250,3 +252,34 @@ def test_too_few_points_are_refused(rng: np.random.Generator) -> None:
         choose_network(characteristic("series", 0.01, rng, SPEEDS[:5]))
     with pytest.raises(InputError, match="takes one direction"):
         Points.of(StaticCharacteristic(-SPEEDS, -SPEEDS, SPEEDS))
+
+
+def test_part_of_the_printed_margin_is_the_norm(rng: np.random.Generator) -> None:
+    """E3.6: (8) minimises the error of Q with noisy regressors; in one norm parallel does better, yet series wins."""
+    c = characteristic("series", 0.01, rng)
+    net = (c.force - 10.0)[2:]  # the true friction, so that only the norm differs; two slowest points left out
+    v = c.speed[2:]
+    a, b = np.linalg.lstsq(np.column_stack([net, np.sqrt(net)]), v, rcond=None)[0]
+    printed = parallel_pressure(v, a, b)
+    points = Points(v, net, np.full(v.size, 0.01))
+    best, series = (fit_log_force(points, n, friction=0.0) for n in ("parallel", "series"))
+
+    def miss(model: np.ndarray) -> float:
+        return float(np.sqrt(np.mean(np.log(model / net) ** 2)))
+
+    assert miss(printed) > 1.2 * miss(best.force(v))
+    assert miss(best.force(v)) > 5 * miss(series.force(v))
+
+
+def test_free_runs_rank_the_networks_the_same_way(rng: np.random.Generator) -> None:
+    path, friction = TRUTHS["series"]
+    records = []
+    for speed in SPEEDS[::2]:
+        v = speed * np.where(np.arange(400) % 200 < 100, 1.0, -1.0)
+        force = path.pressure(v) + friction * np.sign(v)
+        records.append(Record({"velocity": Channel(v, "m/s"), "force": Channel(
+            force * (1 + 0.01 * rng.standard_normal(v.size)), "N")}, sample_time=0.01))
+    esr = [kind.suited(Facts.of(records)).replace(smoothing=1e-6).fit(records).training.esr or 0.0
+           for kind in (SeriesNetwork, ParallelNetwork, MixedNetwork)]
+    assert 0.0 < esr[0] < 0.6 * esr[1]  # the fast runs weigh most in newtons: log-force tells the two apart by far more
+    assert 0.0 < esr[2] <= esr[0] * (1 + 1e-4)
