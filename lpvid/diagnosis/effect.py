@@ -112,6 +112,8 @@ class Effect(ABC):
     """the measurement that reveals it, in one sentence"""
     needs: ClassVar[tuple[str, ...]] = ()
     """roles without which it cannot be tested"""
+    strengths: ClassVar[int] = 1
+    """how many of the leading parameters are strengths; the others are shapes"""
     smooth: ClassVar[bool] = True
     """False where the output is not differentiable in the strength: scanned, never linearised"""
     partners: ClassVar[tuple[str, ...]] = ()

@@ -290,6 +290,8 @@ def _usable(catalogue: tuple[Effect, ...], baseline: Baseline, signals: tuple) -
         tuple[Effect, ...], tuple[CannotTell, ...]]:
     usable, unusable = [], []
     for effect in catalogue:
+        if effect.family == "noise":
+            continue
         missing = effect.missing(signals)
         why = f"no {', '.join(missing)} was measured" if missing else effect.applies(baseline, signals)
         if why is None:

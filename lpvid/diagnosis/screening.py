@@ -49,8 +49,9 @@ class Direction:
 
     @property
     def strength(self) -> float:
-        """Distance of the first parameter from neutral."""
-        return float(self.values[0] - self.effect.parameters[0].neutral)
+        """Largest distance of a strength from neutral."""
+        k = self.effect.strengths
+        return float(np.abs(self.values[:k] - self.effect.neutral[:k]).max())
 
     @property
     def visible(self) -> bool:
@@ -204,8 +205,8 @@ def _smallest(effect: Effect, seen: Sequence[Direction], variance: float, n: int
     """Smallest strength with a likelihood ratio of 10 + ln n at some shape: by proportion, or off the scan."""
     wanted = np.sqrt(variance * (DETECT + np.log(n)))
     if effect.smooth:
-        return float(min(abs(d.strength) * wanted / d.norm for d in seen if d.strength))
-    enough = [abs(d.strength) for d in seen if d.norm >= wanted]
+        return float(min(d.strength * wanted / d.norm for d in seen))
+    enough = [d.strength for d in seen if d.norm >= wanted]
     return float(min(enough)) if enough else None
 
 

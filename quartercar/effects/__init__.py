@@ -13,11 +13,16 @@ from quartercar.effects.measurement import (
     OneSidedFilter,
     Quantisation,
 )
+from quartercar.effects.model_structure import ColouredNoise, MissingScheduling, ModelOrder, SchedulingDegree
+from quartercar.effects.structure import EndStop, FixtureInertia, FixtureResonance
+from quartercar.effects.thermal import ThermalFade, ViscousFade
 
 CATALOGUE: tuple[Effect, ...] = (
     CoulombFriction(), StribeckFriction(), GasPreload(), GasStiffness(),
     CoilLag(), CommandDelay(), RiseFallLag(), CurrentSaturation(), Remanence(),
     DisplacementDelay(), ForceDelay(), OneSidedFilter(), ForceOffset(), ForceClipping(), Quantisation(),
+    ThermalFade(), ViscousFade(), EndStop(), FixtureInertia(), FixtureResonance(),
+    SchedulingDegree(), MissingScheduling(), ModelOrder(), ColouredNoise(),
 )
 """Every cause, in the order in which they are listed."""
 

@@ -1,0 +1,153 @@
+"""Model structure: what the simulation leaves out in form, rather than a component of the damper."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
+from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.electrical import CurrentEffect
+from quartercar.effects.structure import second_order
+
+MODES = 7
+"""slow cosines of which an unlogged modulation is built"""
+
+
+class SchedulingDegree(CurrentEffect):
+    """The law bends with the current in a way that its degree does not show (equation sheet 1.4.5).
+
+    i_e = i + q (i² − i R)/R + r (i³ − i R²)/R², R the largest current in the record: 0 and R stay where they are.
+    """
+
+    name: ClassVar[str] = "scheduling-degree"
+    title: ClassVar[str] = "the law depends on the current to a higher degree than the model"
+    family: ClassVar[str] = "model"
+    equation: ClassVar[str] = "i_e = i + q (i^2 - i R)/R + r (i^3 - i R^2)/R^2"
+    reference: ClassVar[str] = "equation sheet 1.4.5, 3.15"
+    experiment: ClassVar[str] = "constant currents over the full range, at least five levels, the same motion at each"
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("quadratic", "", "q", 0.0, (-2.0, 2.0), (-4.0, 4.0), (-0.2, 0.2)),
+                EffectParameter("cubic", "", "r", 0.0, (-2.0, 2.0), (-4.0, 4.0), (0.0,)))
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        q, r = float(values[0]), float(values[1])
+        if q == 0 and r == 0:
+            return core
+
+        def run(s: Signals) -> np.ndarray:
+            i = s["current"]
+            full = float(np.abs(i).max()) or 1.0
+            return core(s.replace(current=i + q * (i**2 - i * full) / full + r * (i**3 - i * full**2) / full**2))
+
+        return run
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("one more degree in the current", degree=1)
+
+
+class MissingScheduling(Effect):
+    """The force is modulated slowly by something that was not logged, or not used (equation sheet 1.4.5)."""
+
+    name: ClassVar[str] = "missing-scheduling"
+    title: ClassVar[str] = "the force is modulated slowly by a quantity that the model does not see"
+    family: ClassVar[str] = "model"
+    stage: ClassVar[str] = "core"
+    equation: ClassVar[str] = "F -> F (1 + sum_k m_k cos(pi k t/T)), k = 1..7"
+    reference: ClassVar[str] = "equation sheet 1.4.5"
+    experiment: ClassVar[str] = "log temperature, position and supply voltage along with a repeated segment"
+    strengths: ClassVar[int] = MODES
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return tuple(EffectParameter(f"mode_{k}", "", f"m_{k}", 0.0, (-0.5, 0.5), (-0.9, 0.9), (-0.03, 0.03))
+                     for k in range(1, MODES + 1))
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        return [sign * 0.03 * np.eye(MODES)[k] for k in range(MODES) for sign in (1.0, -1.0)]
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        return None
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        if not np.any(values):
+            return core
+
+        def run(s: Signals) -> np.ndarray:
+            modes = s.cached("slow modes", lambda: np.cos(
+                np.pi * np.outer(np.linspace(0.0, 1.0, s.n_samples), np.arange(1, MODES + 1))))
+            return core(s) * (1 + modes @ values)
+
+        return run
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("a further scheduling variable, once it is logged", schedule=("temperature",))
+
+
+class ModelOrder(GridEffect):
+    """Part of the force passes a further mode (equation sheet 7.1)."""
+
+    name: ClassVar[str] = "model-order"
+    title: ClassVar[str] = "a further dynamic mode between motion and force"
+    family: ClassVar[str] = "model"
+    stage: ClassVar[str] = "series"
+    equation: ClassVar[str] = "F -> F + g (q - F), q = F/(1 + 2 zeta T s + T^2 s^2)"
+    reference: ClassVar[str] = "equation sheet 7.1"
+    experiment: ClassVar[str] = "a sweep beyond 50 Hz at small amplitude"
+    contains: ClassVar[tuple[str, ...]] = ("fixture-resonance",)
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("share", "", "g", 0.0, (0.0, 1.0), (-2.0, 2.0), (0.1,)),
+                EffectParameter("period", "s", "T = 1/(2 pi f)", 0.006, (0.001, 0.08), (0.0004, 0.3),
+                                (0.0025, 0.006, 0.015, 0.04)),
+                EffectParameter("damping", "", "zeta", 0.3, (0.01, 1.5), (0.005, 3.0), (0.1, 0.3, 0.8)))
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        return None
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        share, period, damping = (float(v) for v in values)
+        if share == 0:
+            return core
+
+        def run(s: Signals) -> np.ndarray:
+            force = core(s)
+            return force + share * (second_order(force, period, damping, s.sample_time) - force)
+
+        return run
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("one order more", order=1)
+
+
+class ColouredNoise(Effect):
+    """Noise with memory: a verdict on what is left, told by the whitening filter, never composed."""
+
+    name: ClassVar[str] = "coloured-noise"
+    title: ClassVar[str] = "noise with memory on the force"
+    family: ClassVar[str] = "noise"
+    stage: ClassVar[str] = "measurement"
+    equation: ClassVar[str] = "F_recorded = F + v, A(q) v = e"
+    reference: ClassVar[str] = "equation sheet 3.20"
+    experiment: ClassVar[str] = "the same segment repeated: noise differs, a cause does not"
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("level", "N", "standard deviation", 0.0, (0.0, 1e4), (0.0, 1e6), (1.0,)),)
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        return []
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        return "noise is told by the colour of what is left"
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        return core
+
+    def lpv_change(self) -> LpvChange | None:
+        return None

@@ -1,0 +1,135 @@
+"""Structure: stops, and the fixture between damper and load cell."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
+from lpvid.diagnosis.signals import Core, Signals
+
+
+class EndStop(Effect):
+    """A stop that engages beyond a position on either side (equation sheet 3.18)."""
+
+    name: ClassVar[str] = "end-stop"
+    title: ClassVar[str] = "an end stop engages near the end of the stroke"
+    family: ClassVar[str] = "structure"
+    stage: ClassVar[str] = "force"
+    equation: ClassVar[str] = "F += k (|x| - x_s)+ sign x"
+    reference: ClassVar[str] = "equation sheet 3.18"
+    experiment: ClassVar[str] = "the full stroke, slowly and fast"
+    needs: ClassVar[tuple[str, ...]] = ("displacement",)
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("stiffness", "N/m", "k", 0.0, (0.0, 1e6), (0.0, 1e7), (3e4,)),
+                EffectParameter("position", "m", "x_s from mid stroke", 0.01, (0.0, 0.2), (0.0, 0.5), (0.01,)))
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        reach = np.concatenate([np.abs(s["displacement"]) for s in signals])
+        return [np.array([3e4, float(np.quantile(reach, q))]) for q in (0.6, 0.75, 0.85, 0.93, 0.98)]
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        stiffness, position = float(values[0]), float(values[1])
+        if stiffness == 0:
+            return core
+
+        def run(s: Signals) -> np.ndarray:
+            x = s["displacement"]
+            return core(s) + stiffness * np.sign(x) * np.maximum(np.abs(x) - position, 0.0)
+
+        return run
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("scheduled on the displacement too", schedule=("displacement",))
+
+
+class FixtureInertia(GridEffect):
+    """Mass between the damper and the load cell (equation sheet 3.19)."""
+
+    name: ClassVar[str] = "fixture-inertia"
+    title: ClassVar[str] = "mass of the fixture between damper and load cell"
+    family: ClassVar[str] = "structure"
+    stage: ClassVar[str] = "force"
+    equation: ClassVar[str] = "F_recorded = F + m a"
+    reference: ClassVar[str] = "equation sheet 3.19"
+    experiment: ClassVar[str] = "a sweep to 15 Hz and more without the damper, or with an accelerometer on the fixture"
+    needs: ClassVar[tuple[str, ...]] = ("velocity",)
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("mass", "kg", "m", 0.0, (0.0, 20.0), (0.0, 1e3), (1.0,)),)
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        mass = float(values[0])
+        return lambda s: core(s) + mass * acceleration(s)
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("the acceleration as a further input", regressors=("acceleration",))
+
+
+class FixtureResonance(GridEffect):
+    """The fixture swings: the force passes a second-order low-pass on its way to the load cell (sheet 3.19)."""
+
+    name: ClassVar[str] = "fixture-resonance"
+    title: ClassVar[str] = "a resonance of the fixture colours the force"
+    family: ClassVar[str] = "structure"
+    stage: ClassVar[str] = "measurement"
+    equation: ClassVar[str] = "F_recorded = F/(1 + 2 zeta T s + T^2 s^2), T = 1/(2 pi f)"
+    reference: ClassVar[str] = "equation sheet 3.10, 3.19"
+    experiment: ClassVar[str] = "a hammer blow on the fixture, or a sweep to 200 Hz"
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("period", "s", "T = 1/(2 pi f)", 0.0, (0.0, 0.008), (0.0, 0.05),
+                                (0.0012, 0.002, 0.0035, 0.006)),
+                EffectParameter("damping", "", "zeta", 0.1, (0.005, 1.0), (0.002, 2.0), (0.03, 0.15, 0.5)))
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        return None
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        period, damping = float(values[0]), float(values[1])
+        if period <= 0:
+            return core
+        return lambda s: second_order(core(s), period, damping, s.sample_time)
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("two orders more", order=2)
+
+
+def acceleration(s: Signals) -> np.ndarray:
+    """(n,) measured acceleration, or the derivative of the velocity by central differences."""
+    if s.has("acceleration"):
+        return s["acceleration"]
+    return s.cached("acceleration", lambda: np.gradient(s["velocity"], s.sample_time))
+
+
+def second_order(values: np.ndarray, period: float, damping: float, step: float) -> np.ndarray:
+    """Values behind 1/(1 + 2ζTs + T²s²), settled on the first, exact for a signal that is linear between samples.
+
+    State (q, q̇): the matrix exponential of the augmented system (Van Loan 1978) gives the weights of both ends.
+    """
+    from scipy.linalg import expm
+    from scipy.signal import lfilter
+
+    omega = 1.0 / period
+    a = np.array([[0.0, 1.0], [-omega**2, -2 * damping * omega]])
+    block = np.zeros((4, 4))
+    block[:2, :2], block[1, 2], block[2, 3] = a, omega**2, 1.0 / step
+    e = expm(block * step)
+    f, g0, g1 = e[:2, :2], e[:2, 2], e[:2, 3]
+    # q(k+1) = f z(k) + (g0 - g1) u(k) + g1 u(k+1): transfer function from u to the first state
+    b0 = g0 - g1
+    trace, det = f[0, 0] + f[1, 1], f[0, 0] * f[1, 1] - f[0, 1] * f[1, 0]
+    top = np.array([g1[0], b0[0] - f[1, 1] * g1[0] + f[0, 1] * g1[1], f[0, 1] * b0[1] - f[1, 1] * b0[0]])
+    return np.asarray(lfilter(top, [1.0, -trace, det], values - values[0])) + values[0]

@@ -1,0 +1,94 @@
+"""Thermal causes: force that fades as the fluid heats, by the work that it takes or by a measured temperature."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
+from lpvid.diagnosis.signals import Core, Signals
+
+COOLING = (20.0, 200.0)
+"""time constants of cooling that are looked at [s]"""
+
+
+def stored_heat(s: Signals, power: np.ndarray, cooling: float) -> np.ndarray:
+    """(n,) heat E in the fluid [J] above its start: dE/dt = P₊ − E/τ, exact for a power held over a sample."""
+    from scipy.signal import lfilter
+
+    decay = np.exp(-s.sample_time / cooling)
+    warmed = np.maximum(power, 0.0) * cooling * (1 - decay)
+    return np.concatenate([[0.0], np.asarray(lfilter([1.0], [1.0, -decay], warmed))[:-1]])
+
+
+class ThermalEffect(GridEffect):
+    """A cause that follows the heat which the damper has taken up."""
+
+    family: ClassVar[str] = "thermal"
+    stage: ClassVar[str] = "core"
+    needs: ClassVar[tuple[str, ...]] = ("velocity",)
+    reference: ClassVar[str] = "equation sheet 3.16"
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+
+
+class ThermalFade(ThermalEffect):
+    """All of the force fades with the heat: F (1 − a E), a = α/C (equation sheet 3.16)."""
+
+    name: ClassVar[str] = "thermal-fade"
+    title: ClassVar[str] = "the force fades as the damper heats up"
+    equation: ClassVar[str] = "F -> F (1 - a E), dE/dt = F v - E/tau, a = alpha/C"
+    experiment: ClassVar[str] = "the same segment repeated through a long run of constant power, with rests"
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("fade", "1/J", "a, share of the force lost per joule of heat", 0.0, (0.0, 2e-4),
+                                (0.0, 2e-3), (5e-6, 5e-5)),
+                EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (2.0, 1e4), COOLING))
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        fade, cooling = float(values[0]), float(values[1])
+        if fade <= 0:
+            return core
+
+        def run(s: Signals) -> np.ndarray:
+            cold = core(s)
+            heat = stored_heat(s, cold * s["velocity"], cooling)
+            return cold * np.maximum(1 - fade * heat, 0.05)
+
+        return run
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("the heat as a slow second scheduling variable", schedule=("heat",))
+
+
+class ViscousFade(ThermalEffect):
+    """The viscous share alone fades: F − b E v, to first order (equation sheet 3.16)."""
+
+    name: ClassVar[str] = "viscous-fade"
+    title: ClassVar[str] = "the viscous share of the force fades as the damper heats up"
+    equation: ClassVar[str] = "F -> F - b E v, dE/dt = F v - E/tau"
+    experiment: ClassVar[str] = "a long run of constant power in which low and high speeds alternate"
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("fade", "s/m", "b, damping lost per joule of heat [N*s/m/J]", 0.0, (0.0, 1.0),
+                                (0.0, 20.0), (0.01, 0.1)),
+                EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (2.0, 1e4), COOLING))
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        fade, cooling = float(values[0]), float(values[1])
+        if fade <= 0:
+            return core
+
+        def run(s: Signals) -> np.ndarray:
+            cold = core(s)
+            return cold - fade * stored_heat(s, cold * s["velocity"], cooling) * s["velocity"]
+
+        return run
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("the heat as a slow second scheduling variable", schedule=("heat",))
