@@ -25,9 +25,9 @@ NETWORKS: dict[str, tuple[str, ...]] = {
     "mixed": ("laminar_damping", "quadratic_damping", "leak_mobility", "friction"),
 }
 """Networks by name, with the parameters that are free; the others are zero."""
-POLISHED = 3
+POLISHED = 2
 """starts that are followed to the end"""
-EVALUATIONS, TOLERANCE = 200, 1e-10
+EVALUATIONS, TOLERANCE = 200, 1e-9
 FLOOR = 0.5
 """least error of a point, as a share of the median one, so that no single point decides"""
 
