@@ -29,13 +29,18 @@ COEFFICIENTS = (Parameter("force_inertia", "m*s", "w_1, on the second derivative
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class WangKamath(DynamicDamper):
-    """w_1 f̈ + w_2 ḟ + w_3 f + w_4 f³ + w_5 f⁵ = v, f = F/F_s.
+    """w_1 f̈ + w_2 ḟ + w_3 f + w_4 f³ + w_5 f⁵ = v, f = F/F_s, or with the current f = F/[F_s(1 + g i)].
 
     Wang, Kamath (2006), Smart Mater. Struct. 15(6), 1725-1733, after Landau's sixth-order free energy; (2.4) of seed
-    004, reconstructed. In state form ẋ_1 = x_2, ẋ_2 = (v − w_2 x_2 − P(x_1))/w_1. The coefficients are polynomials in
-    the current in Bernstein form on [0, `current_scale`], so that coefficients above zero keep w_1, w_2 and w_5 above
-    zero in between; they are told apart by `_0`, `_1`, `_2`, the first and the last being the values at both ends,
-    which also serve beyond them.
+    004, reconstructed. In state form ẋ_1 = x_2, ẋ_2 = (v − w_2 x_2 − P(x_1))/w_1. The current enters in one of two
+    ways:
+
+    - `growing`: one law scaled by 1 + g i, so that w_1, w_2, w_3 fall as its inverse, w_4 and w_5 as its inverse third
+      and fifth powers. One parameter, and it interpolates between currents.
+    - `degree` 1 or 2: every w_j a polynomial in the current, in Bernstein form on [0, `current_scale`], so that
+      coefficients above zero keep w_1, w_2 and w_5 above zero in between. `_0`, `_1`, `_2` tell them apart, the first
+      and the last being the values at both ends, which also serve beyond them. Between currents of the fit it can be
+      far off: w_4 and w_5 fall by decades over the range, which no such polynomial follows.
 
     What it can do: yield, post-yield softening or stiffening by one odd polynomial, lag that grows with the rate of the
     force, and, with w_3 < 0 or w_4 < 0, jumps between branches. What it cannot: it reads the velocity alone, so that it
@@ -43,8 +48,10 @@ class WangKamath(DynamicDamper):
 
     Attributes
     ----------
+    growing : bool
+        Whether the force grows with the current by one factor.
     degree : {0, 1, 2}
-        Of the polynomials in the current; 0 where the current is not read.
+        Of the polynomials in the current.
     force_scale : float
         F_s [N], so that f is of the order of one.
     current_scale : float
@@ -54,27 +61,33 @@ class WangKamath(DynamicDamper):
     name: ClassVar[str] = "wang-kamath"
     title: ClassVar[str] = "Phase transition (Wang-Kamath)"
     source: ClassVar[str] = "Wang, Kamath 2006; seed 004, equation (2.4)"
+    growing: bool = False
     degree: int = 0
     force_scale: float = 1000.0
     current_scale: float = 1.0
 
     def check_settings(self) -> None:
-        """Degree 0 to 2, scales above zero."""
+        """Degree 0 to 2, none beside `growing`, scales above zero."""
         if _checks.count(self.degree, "degree") > 2:
             raise InputError("degree of the Wang-Kamath coefficients is 0, 1 or 2", got=self.degree)
+        if self.growing and self.degree:
+            raise InputError("a Wang-Kamath model depends on the current by growth or by polynomials, not by both",
+                             got=f"growing with degree {self.degree}", why="two currents cannot tell them apart")
         _checks.positive(self.force_scale, "force_scale", "N")
         _checks.positive(self.current_scale, "current_scale")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         if not self.degree:
-            return COEFFICIENTS
+            unit = "" if self.current_unit == "1" else f"1/{self.current_unit}"
+            growth = Parameter("force_growth", unit, "g, of the force with the current", 1.0, 0.0)
+            return (*COEFFICIENTS, growth) if self.growing else COEFFICIENTS
         return tuple(Parameter(f"{p.name}_{m}", p.unit, p.says, p.default * 0.4 ** (m / self.degree), p.lower, p.upper,
                                p.log) for p in COEFFICIENTS for m in range(self.degree + 1))
 
     @property
     def reads(self) -> tuple[str, ...]:
-        return ("velocity", "current") if self.degree else ("velocity",)
+        return ("velocity", "current") if self.degree or self.growing else ("velocity",)
 
     @property
     def linear(self) -> tuple[str, ...]:
@@ -87,10 +100,8 @@ class WangKamath(DynamicDamper):
 
     @classmethod
     def suited(cls, facts: Facts) -> WangKamath:
-        degree = 0 if not facts.current_varies else 2 if len(facts.levels) > 2 else 1
-        top = facts.current_range[1] if degree and facts.current_range else 1.0
-        return cls(degree=degree, force_scale=float(f"{2 * facts.force:.2g}"), current_scale=top if top > 0 else 1.0,
-                   **facts.common)
+        share = 0.4 if facts.current_varies else 2.0
+        return cls(growing=facts.current_varies, force_scale=float(f"{share * facts.force:.2g}"), **facts.common)
 
     # -- running -----------------------------------------------------------------------------------------------------
     def basis(self, current: np.ndarray | float) -> np.ndarray:
@@ -101,7 +112,12 @@ class WangKamath(DynamicDamper):
 
     def coefficients(self, current: np.ndarray | float, vector: np.ndarray) -> np.ndarray:
         """(n, 5) w_1 … w_5 at currents."""
-        return self.basis(current) @ vector.reshape(5, self.degree + 1).T
+        return self.basis(current) @ vector[: 5 * (self.degree + 1)].reshape(5, self.degree + 1).T
+
+    def scale(self, current: np.ndarray | float, vector: np.ndarray) -> np.ndarray:
+        """(n,) force where f = 1, at currents; those below zero count as none [N]."""
+        i = np.maximum(np.atleast_1d(np.asarray(current, dtype=float)), 0.0)
+        return self.force_scale * (1.0 + vector[5] * i if self.growing else np.ones(i.size))
 
     def rest(self, displacement: float, velocity: float, current: float, force: float | None,
              vector: np.ndarray) -> np.ndarray:
@@ -112,7 +128,7 @@ class WangKamath(DynamicDamper):
             flow, slope = _flow(f, w)
             f = f - (flow - velocity) / slope if abs(slope) > 0 else f
         else:
-            f = force / self.force_scale + 0.0 * w[0]
+            f = force / self.scale(current, vector)[0] + 0.0 * w[0]
         return np.array([f, (velocity - _flow(f, w)[0]) / w[1]], dtype=vector.dtype)
 
     def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
@@ -122,14 +138,14 @@ class WangKamath(DynamicDamper):
         first = None if drive.force is None else float(drive.force[0])
         f, g = self.rest(0.0, float(v[0]), float(i[0]), first, vector)
         theta = np.ascontiguousarray(self.coefficients(i, vector))
-        return self.force_scale * wang_kamath_run(v, drive.sample_time, motion_steps(drive), theta, f, g)
+        return self.scale(i, vector) * wang_kamath_run(v, drive.sample_time, motion_steps(drive), theta, f, g)
 
     def rates(self, state: np.ndarray, displacement: float, velocity: float, current: float) -> np.ndarray:
         w = self.coefficients(current, self.vector)[0]
         return np.array([state[1], (velocity - w[1] * state[1] - _flow(state[0], w)[0]) / w[0]])
 
     def output(self, state: np.ndarray, displacement: float, velocity: float, current: float) -> float:
-        return float(self.force_scale * state[0])
+        return float(self.scale(current, self.vector)[0] * state[0])
 
     def conservative_force(self, displacement: np.ndarray) -> np.ndarray:
         """None."""
@@ -139,7 +155,8 @@ class WangKamath(DynamicDamper):
         """Settled from zero force: the first root of w_3 f + w_4 f³ + w_5 f⁵ = v on the side of v."""
         w = self.coefficients(current, self.vector)[0]
         v = np.asarray(velocity, dtype=float)
-        return self.force_scale * np.array([_settled(float(s), w) for s in v.ravel()]).reshape(v.shape)
+        scale = self.scale(current, self.vector)[0]
+        return scale * np.array([_settled(float(s), w) for s in v.ravel()]).reshape(v.shape)
 
     def to_lpv(self, sample_time: float):
         raise InputError("no LPV form of 'wang-kamath'", why="it would be scheduled by its own force",

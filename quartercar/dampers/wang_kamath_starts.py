@@ -19,6 +19,8 @@ LAGS = (0.0, 0.003, 0.03, 0.3)
 """w_2 held at these shares of the rms displacement; 0 leaves it to the regression"""
 FACTORS = (0.1, 1.0)
 """on the w_1 of the regression, which noise in the force makes uncertain"""
+GROWTHS = (0.5, 2.0, 8.0)
+"""share by which the largest current raises the force, where the model has one law that grows with it"""
 
 
 def regression_starts(damper: WangKamath, drives: Sequence[Drive], count: int) -> list[np.ndarray]:
@@ -35,13 +37,14 @@ def regression_starts(damper: WangKamath, drives: Sequence[Drive], count: int) -
     """
     v = np.concatenate([d.velocity for d in drives])
     travel = float(np.concatenate([_path(d) for d in drives]).std())
+    top = max(float(np.abs(np.concatenate([d.current for d in drives])).max()), 1e-9)
     ranked = []
-    for window in WINDOWS:
-        columns = np.vstack([_columns(damper, d, window) for d in drives])
+    for growth, window in product([g / top for g in GROWTHS] if damper.growing else [0.0], WINDOWS):
+        columns = np.vstack([_columns(damper, d, window, growth) for d in drives])
         for lag, factor in product(LAGS, FACTORS):
             vector = _regressed(damper, columns, v, lag * travel)
             vector[: damper.degree + 1] *= factor
-            vector = _bounded(damper, vector)
+            vector = _bounded(damper, np.append(vector, growth) if damper.growing else vector)
             with np.errstate(all="ignore"):
                 residual = np.concatenate([damper.response(d, vector) - d.force for d in drives])
                 cost = float(residual @ residual)
@@ -55,12 +58,12 @@ def _path(drive: Drive) -> np.ndarray:
     return path - np.linspace(path[0], path[-1], path.size)
 
 
-def _columns(damper: WangKamath, drive: Drive, window: int) -> np.ndarray:
+def _columns(damper: WangKamath, drive: Drive, window: int, growth: float) -> np.ndarray:
     """(n, 5(degree + 1)) regressors of one drive."""
     from scipy.signal import savgol_filter
 
     assert drive.force is not None
-    f = drive.force / damper.force_scale
+    f = drive.force / (damper.force_scale * (1.0 + growth * np.maximum(drive.current, 0.0)))
     window = min(window, (drive.n_samples - 1) // 2 * 2 + 1)
     if window > 4:
         rate, bend = (savgol_filter(f, window, 4, deriv=k, delta=drive.sample_time) for k in (1, 2))
@@ -78,7 +81,7 @@ def _regressed(damper: WangKamath, columns: np.ndarray, v: np.ndarray, lag: floa
     held = np.zeros(5 * wide, dtype=bool)
     held[wide: 2 * wide] = lag > 0
     size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    lower = np.where([p.log for p in damper.parameters], 0.0, -np.inf)
+    lower = np.where([p.log for p in damper.parameters[: 5 * wide]], 0.0, -np.inf)
     target = v - lag * columns[:, held].sum(axis=1)
     out = np.full(5 * wide, lag)
     out[~held] = lsq_linear((columns / size)[:, ~held], target, (lower[~held], np.inf), method="bvls").x / size[~held]

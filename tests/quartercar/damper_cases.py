@@ -66,6 +66,7 @@ class Case:
 CASES: dict[str, Case] = {
     "linear": Case(values={"mass": 1.5, "stiffness": 4000.0}),
     "bouc-wen": Case(values={"series_damping_per_current": 4000.0, "hysteresis_shape": 0.3, "gas_force": -70.0}),
+    "wang-kamath": Case(settings={"growing": True}),
     "force-map": Case(settings={"nodes": (0.0, 1.0, 2.0), "knots": (-0.5, -0.15, 0.0, 0.15, 0.5)}, hold=0.1),
     "extended-bouc-wen": Case(settings={"nodes": (0.0, 2.0)}, hold=0.1, noise=0.005, fit={"polished": 1}),
     "narx-2": Case(highest=60.0),

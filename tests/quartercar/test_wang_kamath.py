@@ -140,6 +140,20 @@ def test_recovered_from_its_own_simulation() -> None:
     assert found.damper.vector == pytest.approx(truth.vector, rel=1e-4)
 
 
+def test_growing_force_is_one_law_in_other_units() -> None:
+    """At a constant current i it is the same law with F_s(1 + g i) for F_s."""
+    given = drive(0.5, current=1.0)
+    still = Drive(given.sample_time, given.velocity, given.displacement, np.full(given.n_samples, 0.7))
+    grown = WangKamath(growing=True, values={"force_growth": 4.0})
+    plain = WangKamath(force_scale=1000.0 * 3.8)
+    assert grown.response(still, grown.vector) == pytest.approx(plain.response(still, plain.vector), rel=1e-12)
+    assert grown.static_force(np.array([0.2]), 0.7) == pytest.approx(plain.static_force(np.array([0.2])), rel=1e-12)
+    w = WangKamath(degree=1, values={f"{n}_{m}": v / 3.8**p for m in (0, 1) for n, v, p in zip(
+        ("force_inertia", "force_lag", "linear_flow", "cubic_flow", "quintic_flow"), plain.vector, (1, 1, 1, 3, 5),
+        strict=True)})
+    assert w.response(still, w.vector) == pytest.approx(plain.response(still, plain.vector), rel=1e-9)
+
+
 def test_structure_follows_the_data_and_bad_settings_are_refused() -> None:
     given = drive(1.0, current=1.0)
     channels = {"velocity": given.velocity, "force": 3000 * given.velocity}
@@ -149,7 +163,9 @@ def test_structure_follows_the_data_and_bad_settings_are_refused() -> None:
     assert bare.force_scale == pytest.approx(2 * 3000 * given.velocity.std(), rel=0.05)
     swung = WangKamath.suited(Facts.of([lpv.Record({**channels, "current": given.current}, sample_time=1 / 512,
                                                    units=units)]))
-    assert (swung.degree, swung.current_scale) == (1, given.current.max())
+    assert (swung.growing, swung.degree, swung.reads) == (True, 0, ("velocity", "current"))
+    with pytest.raises(InputError, match="not by both"):
+        WangKamath(growing=True, degree=1)
     with pytest.raises(InputError, match="degree"):
         WangKamath(degree=3)
     with pytest.raises(InputError, match="force_scale"):
