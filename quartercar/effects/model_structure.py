@@ -10,7 +10,7 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import CurrentEffect
-from quartercar.effects.structure import second_order
+from quartercar.effects.structure import before_steps, second_order
 
 MODES = 7
 """slow cosines of which an unlogged modulation is built"""
@@ -117,7 +117,8 @@ class ModelOrder(GridEffect):
 
         def run(s: Signals) -> np.ndarray:
             force = core(s)
-            return force + share * (second_order(force, period, damping, s.sample_time) - force)
+            mode = second_order(force, period, damping, s.sample_time, before_steps(core, s))
+            return force + share * (mode - force)
 
         return run
 

@@ -9,6 +9,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.electrical import held
 
 
 class EndStop(Effect):
@@ -101,7 +102,7 @@ class FixtureResonance(GridEffect):
         period, damping = float(values[0]), float(values[1])
         if period <= 0:
             return core
-        return lambda s: second_order(core(s), period, damping, s.sample_time)
+        return lambda s: second_order(core(s), period, damping, s.sample_time, before_steps(core, s))
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("two orders more", order=2)
@@ -114,22 +115,41 @@ def acceleration(s: Signals) -> np.ndarray:
     return s.cached("acceleration", lambda: np.gradient(s["velocity"], s.sample_time))
 
 
-def second_order(values: np.ndarray, period: float, damping: float, step: float) -> np.ndarray:
-    """Values behind 1/(1 + 2ζTs + T²s²), settled on the first, exact for a signal that is linear between samples.
+def before_steps(core: Core, s: Signals) -> np.ndarray | None:
+    """(n,) simulation just before each sample, where a held current steps at samples; None for a smooth current."""
+    if not s.has("current") or not held(s):
+        return None
+    current = s["current"]
+    return core(s.replace(current=np.concatenate([current[:1], current[:-1]])))
+
+
+def second_order(values: np.ndarray, period: float, damping: float, step: float,
+                 before: np.ndarray | None = None) -> np.ndarray:
+    """Values behind 1/(1 + 2ζTs + T²s²), settled on the first; exact for signals that are linear between samples.
 
     State (q, q̇): the matrix exponential of the augmented system (Van Loan 1978) gives the weights of both ends.
+
+    Parameters
+    ----------
+    values : (n,) array
+    period, damping, step : float
+        T [s], ζ, sampling period [s].
+    before : (n,) array, optional
+        Left limits of a signal that jumps at its samples: it runs from values[k] to before[k+1].
     """
     from scipy.linalg import expm
     from scipy.signal import lfilter
 
     omega = 1.0 / period
-    a = np.array([[0.0, 1.0], [-omega**2, -2 * damping * omega]])
     block = np.zeros((4, 4))
-    block[:2, :2], block[1, 2], block[2, 3] = a, omega**2, 1.0 / step
+    block[:2, :2] = [[0.0, 1.0], [-omega**2, -2 * damping * omega]]
+    block[1, 2], block[2, 3] = omega**2, 1.0 / step
     e = expm(block * step)
-    f, g0, g1 = e[:2, :2], e[:2, 2], e[:2, 3]
-    # q(k+1) = f z(k) + (g0 - g1) u(k) + g1 u(k+1): transfer function from u to the first state
-    b0 = g0 - g1
-    trace, det = f[0, 0] + f[1, 1], f[0, 0] * f[1, 1] - f[0, 1] * f[1, 0]
-    top = np.array([g1[0], b0[0] - f[1, 1] * g1[0] + f[0, 1] * g1[1], f[0, 1] * b0[1] - f[1, 1] * b0[0]])
-    return np.asarray(lfilter(top, [1.0, -trace, det], values - values[0])) + values[0]
+    f, late = e[:2, :2], e[:2, 3]
+    early = e[:2, 2] - late
+    below = [1.0, -(f[0, 0] + f[1, 1]), f[0, 0] * f[1, 1] - f[0, 1] * f[1, 0]]
+    start = [0.0, early[0], f[0, 1] * early[1] - f[1, 1] * early[0]]
+    end = [late[0], f[0, 1] * late[1] - f[1, 1] * late[0], 0.0]
+    ends = values if before is None else before
+    first = values[0]
+    return np.asarray(lfilter(start, below, values - first) + lfilter(end, below, ends - first)) + first
