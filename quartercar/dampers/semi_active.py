@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from lpvid.errors import InputError
-from quartercar.dampers.contract import COMPLEX_STEP, LawDamper
+from quartercar.dampers.contract import LawDamper
 from quartercar.dampers.current_lag import CurrentLag
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.parameter import Parameter
@@ -154,16 +154,6 @@ class SemiActiveDamper(LawDamper):
 
     def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
         return self.sensitivity(drive, vector, range(vector.size))
-
-    def complex_step(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
-        """(n, len(columns)) derivative of `response` in some parameters; see `DynamicDamper.jacobian`."""
-        out = np.empty((drive.n_samples, len(columns)))
-        for i, j in enumerate(columns):
-            step = COMPLEX_STEP * max(abs(float(vector[j])), 1e-6)
-            moved = vector.astype(complex)
-            moved[j] += 1j * step
-            out[:, i] = np.imag(self.response(drive, moved)) / step
-        return out
 
 
 def proposed_nodes(facts: Facts) -> tuple[float, ...]:

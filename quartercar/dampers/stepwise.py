@@ -146,7 +146,8 @@ def identify_stepwise(damper: SemiActiveDamper, records: Sequence[Record],
 
 def stepwise_start(damper: SemiActiveDamper, drives: Sequence[Drive]) -> SemiActiveDamper:
     """A quick step-by-step identification as a start for `fit`."""
-    return _identify(damper, drives, [""] * len(drives), FitSettings(evaluations=25, tolerance=1e-5)).damper
+    quick = FitSettings(evaluations=15, tasting_evaluations=6, tolerance=1e-4)
+    return _identify(damper, drives, [""] * len(drives), quick).damper
 
 
 def sort_records(damper: SemiActiveDamper, drives: Sequence[Drive]) -> Sorted:
