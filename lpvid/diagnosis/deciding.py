@@ -104,7 +104,7 @@ def judge(search: Search, effect: Effect, whole: Folds) -> Judged:
     better = float(np.mean(gains > 0))
     largest = float(gains.max() / total) if total > 0 else 1.0
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
-    contribution = _contribution(problem, fit, effect)
+    contribution = _contribution(problem, fit, rest)
     objections = []
     p = search.p_values.get(effect.name, 1.0)
     if delta > -BIC_GAIN:
@@ -179,10 +179,10 @@ def explained_share(problem: Problem, before: Folds, after: Folds, floor: float 
     return share(every), error
 
 
-def _contribution(problem: Problem, fit: Refit, effect: Effect) -> float:
-    vector = fit.vector.copy()
-    vector[fit.composition.places[fit.composition.effects.index(effect)]] = effect.neutral
-    change = [fit.composition.predict(s, fit.vector) - fit.composition.predict(s, vector) for s in problem.signals]
+def _contribution(problem: Problem, fit: Refit, rest: Refit) -> float:
+    """Root mean square of what an effect changes in the simulation once the others have been refitted without it."""
+    change = [fit.composition.predict(s, fit.vector) - rest.composition.predict(s, rest.vector)
+              for s in problem.signals]
     return float(np.sqrt(np.mean(problem.stack(change, whiten=False) ** 2)))
 
 

@@ -32,7 +32,7 @@ SHORTLIST = 6
 MOST_EFFECTS = 4
 TASTE = 6
 """iterations of a first refit from each starting point"""
-STARTS = 2
+STARTS = 3
 
 
 @dataclass
