@@ -61,13 +61,13 @@ def ranking(found: Comparison) -> Figure:
         ax.barh(place[: len(rows)], np.maximum(held, low) - low, left=low, height=0.68, color=BLUE, alpha=0.85,
                 label="held-out")
         known = [(i, t) for i, t in enumerate(trained) if t is not None]
-        ax.plot([t for _, t in known], [i for i, _ in known], "D", color=VERMILION, markersize=4, label="training",
-                linestyle="none")
-        for i, (value, seen) in enumerate(zip(held, trained, strict=True)):
-            ax.annotate(f"{value:.3g}", (max(value, seen or 0.0), i), xytext=(5, 0), textcoords="offset points",
-                        va="center", fontsize=7.5, color=MUTED)
+        ax.plot([t for _, t in known], [i for i, _ in known], "D", color=VERMILION, markersize=4.5, label="training",
+                markeredgecolor="white", markeredgewidth=0.6, linestyle="none")
+        for i, value in enumerate(held):
+            ax.annotate(f"{value:.3g}", (value, i), xytext=(-4, 0), textcoords="offset points", ha="right", va="center",
+                        fontsize=7.5, color="white")
         ax.set_xscale("log")
-        ax.set_xlim(low, 1.9 * max([*held, *(t for _, t in known), low]))
+        ax.set_xlim(low, 1.3 * max([*held, *(t for _, t in known), low]))
         ax.set_ylim(len(names) - 0.4, -0.6)
         ax.set_yticks(place, names)
         ax.grid(visible=False, axis="y")
@@ -112,7 +112,7 @@ def force_over_time(found: Comparison) -> Figure:
     record = livelier(found.data.held_out)
     window = _excerpt(record)
     rows = [r for r in found.rows if r.held_out.total.esr is not None][:DRAWN] or list(found.rows[:1])
-    moving = record.has("current") and np.ptp(record["current"]) > 0
+    moving = not _still(record, _span(found.data.held_out))
     t = record.times[window]
     force = record["force"]
     with look():
@@ -140,8 +140,22 @@ def force_over_time(found: Comparison) -> Figure:
 
 
 def livelier(records: Sequence[Record]) -> Record:
-    """The record that shows most: one whose current moves if there is one, then the one of the largest force."""
-    return max(records, key=lambda r: (r.has("current") and bool(np.ptp(r["current"]) > 0), float(r["force"].std())))
+    """The record that shows most: one whose current moves, with few jumps, then the one of the largest force."""
+    span = _span(records)
+
+    def worth(record: Record) -> tuple[bool, float, float]:
+        if _still(record, span):
+            return False, 0.0, float(record["force"].std())
+        jumps = float(np.mean(np.abs(np.diff(record["current"])) > NEAR * span))
+        return True, -round(jumps, 2), float(record["force"].std())
+
+    return max(records, key=worth)
+
+
+def _still(record: Record, span: float) -> bool:
+    """Whether the current rests but for its noise; `span` is that of all records."""
+    return not record.has("current") or float(np.ptp(record["current"])) <= max(
+        NEAR * span, 0.02 * float(np.abs(record["current"]).max()))
 
 
 def _excerpt(record: Record) -> slice:
@@ -162,16 +176,19 @@ def _excerpt(record: Record) -> slice:
 def force_over_velocity(found: Comparison) -> Figure:
     """Force-velocity loops of the best model over the measured ones, a panel for each of at most four currents."""
     row = found.best
-    runs = [(r, _run(row, r)) for r in found.data.held_out]
-    levels = _levels(found.data.held_out)
-    unit = found.data.held_out[0].unit("current") if levels is not None else ""
+    span = _span(found.data.held_out)
+    still = [r for r in found.data.held_out if _still(r, span)]
+    records = still if len(still) > 1 else found.data.held_out  # a switching current leaves transients in every loop
+    runs = [(r, _run(row, r)) for r in records]
+    levels = _levels(records)
+    unit = records[0].unit("current") if levels is not None else ""
     with look():
         figure, axes = panels(1, 1 if levels is None else len(levels), height=3.3,
                               width=5.6 if levels is None else max(5.6, min(9.9, 3.3 * len(levels))))
         forces = np.concatenate([r["force"] for r, _ in runs])
         speed = max(float(np.abs(r["velocity"]).max()) for r, _ in runs)
         for ax, level in zip(axes[0], levels or [None], strict=True):
-            v, measured, model = _near(runs, level, 0.0 if level is None else _span(found.data.held_out))
+            v, measured, model = _near(runs, level, span)
             step = max(1, v.size // CLOUD)
             ax.plot(v[::step], measured[::step], ".", markersize=2.0, color=MEASURED, alpha=0.45, rasterized=True,
                     label="measured")
@@ -203,14 +220,18 @@ def _levels(records: Sequence[Record]) -> list[float] | None:
     counts, edges = np.histogram(current, bins=round(1 / NEAR), range=(low, high))
     chosen: list[int] = []
     for b in map(int, np.argsort(-counts, kind="stable")):
-        if len(chosen) < LEVELS and counts[b] >= RARE * current.size and all(abs(b - c) > APART for c in chosen):
+        if counts[b] >= RARE * current.size and all(abs(b - c) > APART for c in chosen):
             chosen.append(b)
-    return [float(np.median(current[(current >= edges[b]) & (current <= edges[b + 1])])) for b in sorted(chosen)]
+    spread = np.unique(np.linspace(0, len(chosen) - 1, min(LEVELS, len(chosen))).round().astype(int))
+    shown = [sorted(chosen)[k] for k in spread]
+    return [float(np.median(current[(current >= edges[b]) & (current <= edges[b + 1])])) for b in shown]
 
 
 def _span(records: Sequence[Record]) -> float:
-    current = np.concatenate([r["current"] for r in records])
-    return float(np.ptp(current))
+    """Range of the current over all records."""
+    if not all(r.has("current") for r in records):
+        return 0.0
+    return float(max(r["current"].max() for r in records) - min(r["current"].min() for r in records))
 
 
 def _near(runs: Sequence[tuple[Record, np.ndarray]], level: float | None,
