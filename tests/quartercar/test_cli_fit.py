@@ -212,3 +212,17 @@ def test_real_random_data(shared_data):
     assert told["best"] == "guo" and told["data"]["sample_rate"] == pytest.approx(500.8, rel=1e-6)
     assert told["models"][0]["held_out"]["free_run"]["esr"] < 0.13
     assert any("decimated by 6" in n for n in told["notes"]) and any("voltage" in n for n in told["notes"])
+
+
+def test_published_parameters_on_real_data(shared_data, tmp_path):
+    """Fourteen published Bouc-Wen parameters of the very prototype, not fitted: ESR about 0.055 on the raw record."""
+    from quartercar.dampers import BoucWen
+    from quartercar.dampers.spencer import LORD
+
+    file = shared_data / "mr_damper_random" / "estimation.csv"
+    lpv.save(BoucWen.from_published(LORD, current_range=(0.0, 2.25)), tmp_path / "lord.json")
+    told = json.loads(run(file, "--parameters", tmp_path / "lord.json", "--sample-rate", 3004.8, "--json").stdout)
+    row, = told["models"]
+    assert row["name"] == "bouc-wen (lord)" and not row["fitted"]
+    assert row["training"]["free_run"]["esr"] == pytest.approx(0.055, abs=0.006)
+    assert "extrapolates" in row["flags"]  # the driver's command leaves 0 to 2.25 V now and then
