@@ -69,6 +69,8 @@ CASES: dict[str, Case] = {
     "wang-kamath": Case(settings={"growing": True}),
     "force-map": Case(settings={"nodes": (0.0, 1.0, 2.0), "knots": (-0.5, -0.15, 0.0, 0.15, 0.5)}, hold=0.1),
     "extended-bouc-wen": Case(settings={"nodes": (0.0, 2.0)}, hold=0.1, noise=0.005, fit={"polished": 1}),
+    "relief-valve": Case(duration=3.0, fit={"starts": 3, "polished": 1}),
+    "relief-valve-orifice": Case(duration=3.0, fit={"starts": 3, "polished": 1}),
     "narx-2": Case(highest=60.0),
     "narx-3": Case(highest=60.0),
     "lpv-arx": Case(settings={"order": 1}, teacher="bouc-wen", highest=30.0, hold=0.1),

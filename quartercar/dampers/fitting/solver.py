@@ -150,7 +150,7 @@ def levenberg_marquardt(problem: Residuals, start: np.ndarray, evaluations: int,
             scale = _scale(triangle, scale)
         else:
             damping, growth = damping * growth, growth * 2
-            if damping > MAX_DAMPING:
+            if damping > MAX_DAMPING or promised < tolerance * now.cost:
                 return Found(now, used, True)
     return Found(now, used, False)
 
