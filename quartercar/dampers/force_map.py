@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from lpvid.errors import InputError
+from quartercar.dampers.current_lag import CurrentLag
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.parameter import Parameter
@@ -18,6 +20,9 @@ from quartercar.dampers.semi_active import SemiActiveDamper, gas_spring, propose
 
 SPREAD = (0.03, 0.1, 0.25, 0.5, 0.9)
 """knots on either side of zero that are proposed for data, as shares of the largest speed"""
+
+_FOLLOWED: WeakKeyDictionary[Drive, tuple[tuple[CurrentLag, bytes], np.ndarray]] = WeakKeyDictionary()
+"""What a lag last made of each drive's current: variable projection asks for one lag with many tables."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -90,7 +95,8 @@ class ForceMap(SemiActiveDamper):
 
     @property
     def _affine(self) -> int:
-        return self.rows * len(self.row_parameters) + len(self.gas_parameters)
+        width, springs = self._sizes
+        return self.rows * width + springs
 
     @classmethod
     def suited(cls, facts: Facts) -> ForceMap:
@@ -131,8 +137,14 @@ class ForceMap(SemiActiveDamper):
         return out
 
     def _followed(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
-        lag = self.parted(vector)[2]
-        return self.current_lag.follow(drive.current, drive.velocity, drive.sample_time, lag)
+        part, lag = self.parted(vector)[2], self.current_lag
+        key = (lag, part.tobytes())
+        if drive not in _FOLLOWED or _FOLLOWED[drive][0] != key or np.iscomplexobj(part):
+            found = lag.follow(drive.current, drive.velocity, drive.sample_time, part)
+            if np.iscomplexobj(part):
+                return found
+            _FOLLOWED[drive] = key, found
+        return _FOLLOWED[drive][1]
 
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
         """Three sets of time constants and delays; the table follows by least squares."""

@@ -120,12 +120,17 @@ class SemiActiveDamper(LawDamper):
 
     def parted(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rows (M, R), gas (2,) stiffness and preload, and lag part of a vector."""
-        width = len(self.row_parameters)
+        width, springs = self._sizes
         table = vector[: self.rows * width].reshape(self.rows, width)
-        end = self.rows * width + len(self.gas_parameters)
+        end = self.rows * width + springs
         gas = np.zeros(2, vector.dtype)
-        gas[2 - len(self.gas_parameters):] = vector[self.rows * width: end]
+        gas[2 - springs:] = vector[self.rows * width: end]
         return table, gas, vector[end:]
+
+    @cached_property
+    def _sizes(self) -> tuple[int, int]:
+        """Numbers of parameters of a row and of the gas spring."""
+        return len(self.row_parameters), len(self.gas_parameters)
 
     def row(self, index: int) -> Self:
         """The damper at one node, without current."""
