@@ -65,6 +65,12 @@ def test_semi_active(tmp_path: Path) -> None:
     assert (tmp_path / "semi_active.png").stat().st_size > 10_000
 
 
+def test_lag_damper(tmp_path: Path) -> None:
+    esr = load("lag_damper").main(tmp_path / "lines.png")
+    assert esr["relief-valve-orifice"] < 2e-4 and esr["relief-valve"] > 100 * esr["relief-valve-orifice"]
+    assert (tmp_path / "lines.png").stat().st_size > 10_000
+
+
 def test_coprime() -> None:
     fits = load("coprime").main()
     assert fits["direct", 1] > 99 > fits["routed", 1] + 10

@@ -5,7 +5,7 @@ Scaled states: lifts s = x_V/X_CRIT and their rates r [1/s] of valve 1 and 2, hy
     Ḟ   = k_h(y) {v − R(F) [1/√a_O + e(s_1) + e(s_2)]},     R(F) = F/(F² + δ²)^{1/4}
     s̈_j = ω² {max(σ_j F, 0) u(s_j)/F_c − 1 − s_j} − 2ζω ṡ_j,   s_j ≥ 0,   σ = ±1
 
-with w = γX s²/(1 + γX s), e = w/√(a_V + a_S w²), u = (1 − J w) a_V/(a_V + a_S w²). Decisions are taken by real parts, so
+with w = γX s²/(1 + γX s), e = w/√(a_V + a_S w²), u = (1 − J w) a_V/(a_V + a_S w²). Decisions follow real parts, so
 that every kernel also runs with complex parameters.
 
 A law is the tuple (k_h, a_O, F_c, a_V, ω, ζ, a_S); a shape the tuple (γX, J, s_max, δ/F_c, 1/l_1, 1/l_2) of floats.
@@ -93,7 +93,7 @@ def settled_branches(forces, law, shape):
 
 @njit(error_model="numpy")
 def settled_force(speed, law, shape):
-    """Hydraulic force at a constant velocity [N], the inverse of `settled_speed`, odd; by bisection in its logarithm."""
+    """Hydraulic force at a constant velocity [N], the odd inverse of `settled_speed`; bisection in its logarithm."""
     size = abs(speed.real)
     zero = 0.0 * speed + 0.0 * law[1]
     if size == 0.0:

@@ -1,7 +1,7 @@
 """The stiff free run of the relief-valve damper: linearly implicit steps that end where a poppet meets a stop.
 
-The grid is dyadic: steps of T_s/2^m, m by error control. Between two changes of m the result is a smooth function of
-the parameters, and the events are solved for in complex arithmetic where the parameters are complex, so that the complex
+The grid is dyadic: steps of T_s/2^m, m by error control. Between two changes of m the result is smooth in the
+parameters, and the events are solved for in complex arithmetic where the parameters are complex: the complex
 step differentiates through them.
 """
 

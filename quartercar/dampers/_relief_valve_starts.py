@@ -54,7 +54,7 @@ def starting_vectors(damper: LagDamper, drives: Sequence[Drive], count: int) -> 
 
 
 def settled_points(drives: Sequence[Drive]) -> tuple[np.ndarray, np.ndarray, float]:
-    """(speeds, forces, preload): binned force against speed, both directions and both branches of the loops averaged."""
+    """(speeds, forces, preload): force binned over speed, directions and loop branches averaged."""
     v = np.concatenate([d.velocity for d in drives])
     force = np.concatenate([d.force for d in drives if d.force is not None])
     edges = np.unique(np.quantile(np.abs(v), np.linspace(0.0, 1.0, BINS + 1)))

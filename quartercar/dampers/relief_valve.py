@@ -25,8 +25,8 @@ TOLERANCE = 3e-4
 POSITIVE = ("piston_area", "precompression", "seat_diameter", "discharge", "discharge_rise", "smoothing",
             "friction_speed")
 SEATING, SEAT = 1e-4, 1e-5
-"""in `rates` only: a poppet settles on a stop within `SEATING` [s], `SEAT` X_CRIT past it, where round-off cannot make it
-chatter; the compiled run stops it at once"""
+"""in `rates` only: a poppet settles on a stop within `SEATING` [s], `SEAT` X_CRIT past it, where round-off cannot make
+it chatter; the compiled run stops it at once"""
 
 COMMON = (
     Parameter("hydraulic_stiffness", "N/m", "oil column A_P²/(β_eff 𝒱)", 1.5e7, 1e2, 1e12, log=True),

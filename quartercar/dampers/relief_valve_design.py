@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from typing import Any
 
 from lpvid import _checks
 from lpvid.errors import InputError
@@ -131,7 +132,7 @@ class ReliefValveDesign:
         return {**found, "series_loss": cube / self.ring_flow**2} if self.holes else found
 
     @property
-    def settings(self) -> dict[str, float]:
+    def settings(self) -> dict[str, Any]:
         """Settings of the damper models."""
         return {n: getattr(self, n) for n in ("piston_area", "precompression", "seat_diameter", "cone_half_angle",
                                               "discharge", "discharge_rise")}
