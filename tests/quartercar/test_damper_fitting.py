@@ -256,7 +256,8 @@ def test_currents_are_remembered_and_those_outside_counted() -> None:
     assert found.damper.current_range == pytest.approx((0, 1), abs=1e-2) and found.damper.current_unit == "A"
     assert found.held_out_score is not None
     assert found.held_out_score.extrapolation_share == pytest.approx(np.mean(high > 1.01), abs=0.01)
-    assert "outside the fitted range" in repr(found)
+    assert "outside the fitted range" in repr(found) and found.flags[0].startswith("extrapolation: ")
+    assert fit(damper, record(v, 900 * v * (1 + 0.5 * low), low), record(v, 900 * v, low)).flags == ()
 
 
 def test_energy_error_is_the_share_of_work_missed() -> None:

@@ -13,7 +13,7 @@ from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.dampers.contract import Damper
-from quartercar.dampers.fitting.figures import score
+from quartercar.dampers.fitting.figures import Score, score
 from quartercar.dampers.fitting.result import DamperFit
 from quartercar.dampers.fitting.settings import FitSettings
 from quartercar.dampers.passivity import check_passivity
@@ -47,6 +47,8 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
     ------
     InputError
         Missing or unusable channels, records of different polarity or rate, too few samples.
+    NumericalError
+        The free run diverges from every start.
 
     Examples
     --------
@@ -73,10 +75,20 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
     inside = score(found.damper, training)
     outside = score(found.damper, kept) if kept else None
     passivity = check_passivity(found.damper)
-    flags = (*said, *(() if passivity.passive else (f"not passive: {passivity.says}",)))
+    giving = () if passivity.passive else (f"not passive: {passivity.says}",)
+    flags = (*said, *giving, *_beyond(found.damper, outside))
     notes = (*polarity_note, *(n for r in (*training, *kept) for n in r.notes), *found.notes)
     return DamperFit(found, inside, outside, passivity, flags, tuple(dict.fromkeys(notes)),
                      time.perf_counter() - began)
+
+
+def _beyond(damper: Damper, outside: Score | None) -> tuple[str, ...]:
+    """A flag where held-out currents lie outside the fitted range."""
+    if outside is None or not outside.extrapolation_share or damper.current_range is None:
+        return ()
+    low, high = damper.current_range
+    return (f"extrapolation: {100 * outside.extrapolation_share:.2g} % of the held-out currents lie outside the fitted "
+            f"{low:.4g} to {high:.4g} {damper.current_unit}",)
 
 
 def prepared(records: Record | Sequence[Record], channels: Sequence[str], start: int,
