@@ -18,8 +18,8 @@ TRAINING, FAST = (0, 2, 4, 6, 7, 8), (9, 10)
 
 
 def measured(truth: LagDamper, amplitude: float, rng: np.random.Generator) -> lpv.Record:
-    """Three cycles on the virtual rig, with 1 % noise."""
-    angle = 2 * np.pi * FREQUENCY * np.arange(round(3 * RATE / FREQUENCY)) / RATE
+    """Two cycles on the virtual rig, with 1 % noise."""
+    angle = 2 * np.pi * FREQUENCY * np.arange(round(2 * RATE / FREQUENCY)) / RATE
     motion = {"displacement": amplitude * np.sin(angle), "velocity": 2 * np.pi * FREQUENCY * amplitude * np.cos(angle)}
     units = {"displacement": "m", "velocity": "m/s", "force": "N"}
     force = truth.simulate(lpv.Record(motion, sample_time=1 / RATE, units=units)).output[:, 0]
@@ -31,7 +31,7 @@ def main(figure: Path | None = None) -> dict[str, float]:
     """Fit on low and middle amplitudes; free-run ESR on the two fastest, which no fit has seen."""
     rng = np.random.default_rng(1)
     records = [measured(ReliefValveOrifice(values={"friction": 80.0}), a, rng) for a in AMPLITUDES]
-    settings = FitSettings(starts=3, polished=1, tasting_evaluations=6, evaluations=40, tolerance=1e-5)
+    settings = FitSettings(starts=2, polished=1, tasting_evaluations=5, evaluations=25, tolerance=1e-5)
     training, fast = [records[k] for k in TRAINING], [records[k] for k in FAST]
     fits = {m.name: m.fit(training, fast, settings) for m in (ReliefValve(), ReliefValveOrifice())}
     esr = {}
