@@ -186,7 +186,7 @@ def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings
         except KeyboardInterrupt:
             if not fits:
                 raise
-            return fits, failed + [(d.name, "interrupted before its turn") for d in suited[i - 1:]], False
+            return fits, failed + [(d.name, "interrupted") for d in suited[i - 1:]], False
     return fits, failed, True
 
 

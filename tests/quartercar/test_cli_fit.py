@@ -31,7 +31,7 @@ def measured(path: Path, seed: int = 0, n: int = 900, sign: float = 1.0, header:
     x = 0.004 * np.sin(np.outer(t, omega) + phase).sum(axis=1)
     v = 0.004 * (omega * np.cos(np.outer(t, omega) + phase)).sum(axis=1)
     i = np.repeat(rng.integers(0, 3, n // 60 + 1), 60)[:n] / 2
-    force = (250 + 600 * i) * np.tanh(15 * v) + (500 + 300 * i) * v - 40 + 10 * rng.standard_normal(n)
+    force = (250 + 600 * i) * np.tanh(15 * v) + (500 + 300 * i) * v + 10 * rng.standard_normal(n)
     named = dict(zip(("displacement", "velocity", "current", "force"), (x, v, i, sign * force), strict=True))
     columns = [named[c.split(" ")[0]] for c in header.split(",")]
     rows = [f"time [s],{header}"]
