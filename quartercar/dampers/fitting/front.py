@@ -117,7 +117,7 @@ def _placed(damper: Damper, training: Sequence[Record],
     sense = common_polarity([*training, *kept])
     if sense < 0:
         damper = damper.replace(polarity=-1)
-        flags = ("reversed polarity: as measured the records are not passive; the verdict below is on the damper",)
+        flags = ("reversed polarity: as measured the records are not passive; the verdict is on the damper itself",)
         notes = ("force is measured against the velocity (mean F·v < 0): the parameters are the damper's own, and its "
                  "simulation gives the force as measured; --flip force turns the records",)
     elif sense > 0 and damper.polarity < 0:
