@@ -19,12 +19,13 @@ if TYPE_CHECKING:
 
 MOST_POINTS = 14
 """grid points at which an effect is looked at"""
-STAGES = ("core", "series", "force", "kinematics", "current", "channel", "measurement")
+STAGES = ("inside", "core", "series", "force", "kinematics", "current", "channel", "measurement")
 """Where an effect acts, from the inside out::
 
     channel ─► current ─► kinematics ─►( core ─► series )─► + force ─► measurement
 
-A stage to the left turns signals before anything inside sees them; `core` changes the law itself, `series` puts an
+A stage to the left turns signals before anything inside sees them; `inside` changes the parts of a simulation that is
+made of parts (a car), `core` changes what the law puts out, `series` puts an
 element with a state in series with it, `force` adds to its output, `measurement` changes the sum on its way to the
 data.
 """

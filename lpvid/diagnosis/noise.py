@@ -43,7 +43,7 @@ class Whitening:
 
     def apply(self, values: np.ndarray) -> np.ndarray:
         """(n,) or (n, k) filtered along time; before its start the signal is taken as zero."""
-        if self.order == 0:
+        if self.order == 0 or values.size == 0:
             return values
         from scipy.signal import lfilter
 

@@ -3,6 +3,15 @@
 from __future__ import annotations
 
 from lpvid.diagnosis.effect import Effect
+from quartercar.effects.car import (
+    ActuatorDelay,
+    ChannelSign,
+    Payload,
+    SensorScale,
+    StrutFriction,
+    TyreDamping,
+    TyreStiffness,
+)
 from quartercar.effects.electrical import CoilLag, CommandDelay, CurrentSaturation, Remanence, RiseFallLag
 from quartercar.effects.friction_gas import CoulombFriction, GasPreload, GasStiffness, StribeckFriction
 from quartercar.effects.measurement import (
@@ -22,7 +31,9 @@ CATALOGUE: tuple[Effect, ...] = (
     CoilLag(), CommandDelay(), RiseFallLag(), CurrentSaturation(), Remanence(),
     DisplacementDelay(), ForceDelay(), OneSidedFilter(), ForceOffset(), ForceClipping(), Quantisation(),
     ThermalFade(), ViscousFade(), EndStop(), FixtureInertia(), FixtureResonance(),
-    SchedulingDegree(), MissingScheduling(), ModelOrder(), ColouredNoise(),
+    SchedulingDegree(), MissingScheduling(), ModelOrder(),
+    StrutFriction(), Payload(), TyreStiffness(), TyreDamping(), ActuatorDelay(), SensorScale(), ChannelSign(),
+    ColouredNoise(),
 )
 """Every cause, in the order in which they are listed."""
 

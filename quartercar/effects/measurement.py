@@ -29,7 +29,7 @@ class ChainEffect(GridEffect):
     family: ClassVar[str] = "measurement"
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None
+        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
 
 
 class DisplacementDelay(ChainEffect):
@@ -187,7 +187,7 @@ class ForceClipping(Effect):
         return [np.array([1 / (share * peak)]) for share in (0.55, 0.7, 0.85, 0.93, 0.97, 1.0) if peak > 0]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None
+        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         reciprocal = float(values[0])

@@ -71,7 +71,7 @@ class MissingScheduling(Effect):
         return [sign * 0.03 * np.eye(MODES)[k] for k in range(MODES) for sign in (1.0, -1.0)]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None
+        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         if not np.any(values):
@@ -108,7 +108,7 @@ class ModelOrder(GridEffect):
                 EffectParameter("damping", "", "zeta", 0.3, (0.01, 1.5), (0.005, 3.0), (0.1, 0.3, 0.8)))
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None
+        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         share, period, damping = (float(v) for v in values)

@@ -96,7 +96,7 @@ class FixtureResonance(GridEffect):
                 EffectParameter("damping", "", "zeta", 0.1, (0.005, 1.0), (0.002, 2.0), (0.05, 0.3)))
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None
+        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         period, damping = float(values[0]), float(values[1])

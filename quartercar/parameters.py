@@ -1,0 +1,66 @@
+"""Quarter-car parameters, with the sets that the literature uses and where they come from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+from lpvid import _checks
+from lpvid.errors import InputError
+
+
+@dataclass(frozen=True)
+class CarParameters:
+    """Masses, springs and dampers of a quarter car, SI.
+
+    Attributes
+    ----------
+    sprung_mass, unsprung_mass : float
+        m_s, m_us [kg].
+    spring_stiffness : float
+        k_s [N/m].
+    damping : float
+        c, of the passive damper [N·s/m].
+    tyre_stiffness, tyre_damping : float
+        k_t [N/m], c_t [N·s/m].
+    source : str
+        Where the numbers come from.
+
+    Examples
+    --------
+    >>> round(MEGANE.sprung_mass + MEGANE.unsprung_mass, 1)
+    352.5
+    """
+
+    sprung_mass: float
+    unsprung_mass: float
+    spring_stiffness: float
+    damping: float
+    tyre_stiffness: float
+    tyre_damping: float = 0.0
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            if field.name == "source":
+                continue
+            value = _checks.real(getattr(self, field.name), field.name)
+            if value < 0 or (value == 0 and field.name in ("sprung_mass", "unsprung_mass", "tyre_stiffness")):
+                raise InputError(f"{field.name} must be positive", got=value)
+            object.__setattr__(self, field.name, value)
+
+    def replace(self, **changes: float) -> CarParameters:
+        """The same car with some numbers changed."""
+        return replace(self, **changes)
+
+
+MEGANE = CarParameters(315.0, 37.5, 29500.0, 1500.0, 210000.0, source="Renault Megane Coupe, GIPSA (Sename, Do, "
+                       "Poussot-Vassal); 208000 N/m in some of their papers")
+SAVARESI = CarParameters(400.0, 50.0, 30000.0, 1500.0, 200000.0, source="Savaresi et al. 2010, passenger car")
+SH_ADD = CarParameters(400.0, 50.0, 20000.0, 1500.0, 250000.0, source="Savaresi & Spelta 2007")
+MOTORCYCLE = CarParameters(117.0, 30.0, 26000.0, 2000.0, 200000.0, source="Savaresi et al. 2010, motorcycle")
+INOVE = CarParameters(2.27, 0.25, 1396.0, 68.83, 12270.0, source="INOVE test bench, scale 1/5, GIPSA")
+DEMO = CarParameters(300.0, 60.0, 16000.0, 1000.0, 190000.0, source="robust-control suspension demonstration")
+BENCH = CarParameters(2.45, 1.0, 900.0, 7.5, 2500.0, 5.0, source="active-suspension bench plant, nominal values")
+SETS = {"megane": MEGANE, "savaresi": SAVARESI, "sh-add": SH_ADD, "motorcycle": MOTORCYCLE, "inove": INOVE,
+        "demo": DEMO, "bench": BENCH}
+"""Parameter sets by name."""
