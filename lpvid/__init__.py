@@ -23,6 +23,12 @@ if TYPE_CHECKING:
     from lpvid.analysis.stability_certificate import StabilityCertificate, Verification
     from lpvid.analysis.uncertainty import pole_band, stability_probability
     from lpvid.auditing import Audit, audit
+    from lpvid.diagnosis.asking import diagnose
+    from lpvid.diagnosis.baseline import Baseline
+    from lpvid.diagnosis.diagnosis import Diagnosis
+    from lpvid.diagnosis.effect import Effect
+    from lpvid.diagnosis.engine import DiagnosisSettings
+    from lpvid.diagnosis.extended import ExtendedModel
     from lpvid.errors import InputError, LpvError, NumericalError
     from lpvid.export.python_control import from_control, to_grid
     from lpvid.export.serialise import load, model_hash, save
@@ -62,6 +68,12 @@ _EXPORTS = {
     "lpvid.analysis.stability_certificate": ("StabilityCertificate", "Verification"),
     "lpvid.analysis.uncertainty": ("pole_band", "stability_probability"),
     "lpvid.auditing": ("Audit", "audit"),
+    "lpvid.diagnosis.asking": ("diagnose",),
+    "lpvid.diagnosis.baseline": ("Baseline",),
+    "lpvid.diagnosis.diagnosis": ("Diagnosis",),
+    "lpvid.diagnosis.effect": ("Effect",),
+    "lpvid.diagnosis.engine": ("DiagnosisSettings",),
+    "lpvid.diagnosis.extended": ("ExtendedModel",),
     "lpvid.errors": ("InputError", "LpvError", "NumericalError"),
     "lpvid.export.python_control": ("from_control", "to_grid"),
     "lpvid.export.serialise": ("load", "model_hash", "save"),
@@ -95,14 +107,14 @@ _EXPORTS = {
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
-    "ARMAX", "ARX", "Audit", "BoxJenkins", "Candidates", "Channel", "Compliance", "Gap", "Identification",
-    "InputError", "LPVStateSpace", "LPVTransferFunction", "LpvError", "NumericalError", "OutputError",
-    "Polynomial", "Product", "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge",
-    "RightCoprime", "Scheduling", "Selection", "Shifted", "Signal", "Simulation", "Spline",
-    "StabilityCertificate", "Stacked", "StateSpaceError", "Subspace", "TanhStage", "ThreeZoneStage",
-    "Validation", "Verification", "audit", "certify_stability", "critical_scheduling", "free_run_band",
-    "frequency_band", "from_control", "frozen_stability", "identify", "identify_stream", "load", "model_hash",
-    "pole_band", "pole_locus", "predict", "read", "realize", "save", "select", "simulate", "sparsify",
+    "ARMAX", "ARX", "Audit", "Baseline", "BoxJenkins", "Candidates", "Channel", "Compliance", "Diagnosis",
+    "DiagnosisSettings", "Effect", "ExtendedModel", "Gap", "Identification", "InputError", "LPVStateSpace",
+    "LPVTransferFunction", "LpvError", "NumericalError", "OutputError", "Polynomial", "Product", "QuasiLPV",
+    "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "Scheduling", "Selection", "Shifted",
+    "Signal", "Simulation", "Spline", "StabilityCertificate", "Stacked", "StateSpaceError", "Subspace", "TanhStage",
+    "ThreeZoneStage", "Validation", "Verification", "audit", "certify_stability", "critical_scheduling", "diagnose",
+    "free_run_band", "frequency_band", "from_control", "frozen_stability", "identify", "identify_stream", "load",
+    "model_hash", "pole_band", "pole_locus", "predict", "read", "realize", "save", "select", "simulate", "sparsify",
     "stability_probability", "to_grid", "validate", "verify",
 ]
 

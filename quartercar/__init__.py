@@ -13,14 +13,14 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from quartercar import dampers, rig, roads
+    from quartercar import dampers, effects, rig, roads
     from quartercar.dampers.fitting import fit
 
-_MODULES = ("dampers", "rig", "roads")
+_MODULES = ("dampers", "effects", "rig", "roads")
 _EXPORTS = {"quartercar.dampers.fitting": ("fit",)}
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
-__all__ = ["dampers", "fit", "rig", "roads"]
+__all__ = ["dampers", "effects", "fit", "rig", "roads"]
 
 
 def __getattr__(name: str) -> Any:

@@ -34,6 +34,10 @@ class Baseline(ABC):
     static: bool
     """whether the output at an instant depends on the signals at that instant alone, so that a series element can be
     solved sample by sample"""
+    polarity: int = 1
+    """−1 where the records' output has the other sign than the simulation's: `signals` turns it"""
+    schedule: tuple[str, ...] = ()
+    """roles that schedule it, in the sense of an LPV model"""
 
     @property
     @abstractmethod

@@ -165,6 +165,10 @@ class Diagnosis:
     evidence : mapping
         Per candidate: likelihood ratio, p-value, smallest detectable strength.
     seconds : float
+    notes : tuple of str
+        What was done to the data, and what to beware of.
+    complete : bool
+        False after an interruption.
     """
 
     verdict: str
@@ -186,6 +190,8 @@ class Diagnosis:
     audit: Audit | None = None
     evidence: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     seconds: float = 0.0
+    notes: tuple[str, ...] = ()
+    complete: bool = True
 
     @property
     def gain_percent(self) -> float:
@@ -209,6 +215,8 @@ class Diagnosis:
             "explained_share": None if share is None else {"value": share[0], "std": share[1]},
             "extended": {**self.after.to_dict(), "gain_percent": self.gain_percent, "model": "extended_model.json"},
             "evidence": {k: dict(v) for k, v in self.evidence.items()}, "seconds": self.seconds,
+            "notes": list(self.notes), "complete": self.complete,
+            "audit": None if self.audit is None else self.audit.to_dict(),
         }
 
     def __repr__(self) -> str:
@@ -227,4 +235,5 @@ class Diagnosis:
         if self.cannot_tell:
             lines.append(f"  {len(self.cannot_tell)} candidates these data could not reveal: "
                          + ", ".join(c.name for c in self.cannot_tell[:6]))
+        lines += [f"  note: {n}" for n in self.notes[:4]]
         return "\n".join(lines)

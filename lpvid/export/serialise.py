@@ -61,6 +61,7 @@ KINDS: tuple[Kind, ...] = (
                       ("lpv-state-space", "lpvid.model.state_space", "LPVStateSpace"),
                       ("quasi-lpv", "lpvid.model.quasi", "QuasiLPVModel"),
                       ("compliance", "lpvid.model.compliance", "ComplianceModel"))),
+    Kind("extended", 1, (("", "lpvid.diagnosis.extended", "ExtendedModel"),)),
 )
 """Every sort of file of lpvid's own that `save` writes and `load` reads, in order; a new noun adds its line here."""
 

@@ -30,10 +30,14 @@ class DamperBaseline(Baseline):
     output: str = field(default="force", init=False)
     output_unit: str = field(default="N", init=False)
     static: bool = field(init=False)
+    polarity: int = field(init=False)
+    schedule: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", self.damper.name)
         object.__setattr__(self, "static", isinstance(self.damper, StaticDamper))
+        object.__setattr__(self, "polarity", self.damper.polarity)
+        object.__setattr__(self, "schedule", tuple(r for r in ("current",) if r in self.damper.reads))
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -9,14 +9,8 @@ from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.dampers.polarity import common_polarity
 
-FASTEST = 1024.0
-"""common rate [Hz] above which records are decimated: dampers have little above 100 Hz, and fits take longer."""
-WANTED = 500.0
-"""rate [Hz] that the decimation aims at."""
 SHORTEST = 50
 """samples of a piece worth keeping."""
-STAND_IN = "voltage"
-"""channel that stands for the current where there is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,83 +75,40 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record] = (),
     (anti-aliased); --sample-rate HZ chooses another rate')
     """
     from lpvid.condition import segments
+    from lpvid.condition.preparing import decimation, losses, one_clock
 
     records = [*training, *held_out]
     if not training:
         raise InputError("no records to fit to")
     records, notes = _with_roles(records)
-    rate, why = (sample_rate, ()) if sample_rate is not None else _decimation(records)
+    rate, why = (sample_rate, ()) if sample_rate is not None else decimation(records)
     channels = [r for r in ("velocity", "force", "displacement", "current") if records[0].has(r)]
     cut = [segments(part, channels, sample_rate=rate, minimum=SHORTEST) if part else []
            for part in (records[: len(training)], records[len(training):])]
-    cut = _one_clock(cut, channels)
-    polarity, said = _polarity([*cut[0], *cut[1]])
-    losses = [f"record '{r.name}': {n}" for part in cut for r in part for n in r.notes if n.startswith(_LOSSES)]
-    return Prepared(tuple(cut[0]), tuple(cut[1]), polarity, (*said, *notes, *why, *dict.fromkeys(losses)))
-
-
-_LOSSES = ("cut into", "dropped", "record '", "sign of")
+    cut = one_clock(cut, channels)
+    polarity, said = sense_of([*cut[0], *cut[1]])
+    return Prepared(tuple(cut[0]), tuple(cut[1]), polarity, (*said, *notes, *why, *losses([*cut[0], *cut[1]])))
 
 
 def _with_roles(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...]]:
     """Records with the roles that all of them have; what was derived or stands in."""
-    from lpvid.condition import with_velocity
+    from lpvid.condition.preparing import with_current, with_motion
 
-    notes, found = [], list(records)
-    lacking = [r for r in found if not r.has("velocity")]
-    if lacking:
-        derived = [with_velocity(r) for r in found]
-        still = [r for r in derived if not r.has("velocity")]
-        if still:
-            raise InputError(f"record '{still[0].name}' has neither velocity nor displacement",
-                             got=", ".join(still[0].channels),
-                             mend="--role velocity=CHANNEL or --role displacement=CHANNEL")
-        new = [n for r, old in zip(derived, found, strict=True) for n in r.notes if n not in old.notes]
-        notes += [n if len(lacking) == len(found) else f"{n} in {len(lacking)} of {len(found)} records"
-                  for n in dict.fromkeys(new)]
-        found = derived
+    found, notes = with_motion(records)
     for r in found:
         if not r.has("force"):
             raise InputError(f"record '{r.name}' has no force", got=", ".join(r.channels), mend="--role force=CHANNEL")
-    if not any(r.has("current") for r in found) and all(r.has(STAND_IN) for r in found):
-        found = [r.with_roles({"current": r.resolve(STAND_IN)}) for r in found]
-        notes.append(f"no channel 'current': '{STAND_IN}' stands for it, a command to the driver and not the current "
-                     "in the coil, so that a lag of the driver is part of what is fitted")
+    found, stand_in = with_current(found)
     for role in ("displacement", "current"):
         without = [r.name for r in found if not r.has(role)]
         if without and len(without) < len(found):
             raise InputError(f"some records have no {role}", got=", ".join(without[:4]),
                              why="a model reads it from all records or from none",
                              mend=f"leave these files out, or --role {role}=CHANNEL")
-    return found, tuple(notes)
+    return found, (*notes, *stand_in)
 
 
-def _decimation(records: Sequence[Record]) -> tuple[float | None, tuple[str, ...]]:
-    """Rate to resample to where all records share one that is too fast, and what to say of it."""
-    from lpvid.condition.segmentation import RATE_TOLERANCE
-
-    periods = [r.time_base.period for r in records if r.time_base.period > 0]
-    if not periods or max(periods) - min(periods) > RATE_TOLERANCE * min(periods):
-        return None, ()
-    rate = 1.0 / periods[0]
-    factor = round(rate / WANTED)
-    if rate <= FASTEST or factor < 2:
-        return None, ()
-    return rate / factor, (f"all records decimated by {factor} from {rate:.6g} Hz to {rate / factor:.6g} Hz "
-                           "(anti-aliased); --sample-rate HZ chooses another rate",)
-
-
-def _one_clock(cut: Sequence[list[Record]], channels: Sequence[str]) -> list[list[Record]]:
-    """Training and held-out records with one sampling period; `segments` has seen to each part by itself."""
-    from lpvid.condition import segments
-
-    if not cut[1]:
-        return list(cut)
-    both = segments([*cut[0], *cut[1]], channels, minimum=1)
-    return [both[: len(cut[0])], both[len(cut[0]):]]
-
-
-def _polarity(records: Sequence[Record]) -> tuple[int, tuple[str, ...]]:
+def sense_of(records: Sequence[Record]) -> tuple[int, tuple[str, ...]]:
     """The sense in which the force is measured, the same in all records, and what to say of it."""
     sense = common_polarity(records)
     if sense < 0:

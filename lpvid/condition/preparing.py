@@ -1,0 +1,83 @@
+"""Preparing: what several records need before one model can run along all of them: motion, one rate, one clock."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lpvid.condition.differentiation import with_velocity
+from lpvid.condition.segmentation import RATE_TOLERANCE, segments
+from lpvid.errors import InputError
+from lpvid.record import Record
+
+FASTEST = 1024.0
+"""common rate [Hz] above which records are decimated: dampers have little above 100 Hz, and fits take longer."""
+WANTED = 500.0
+"""rate [Hz] that the decimation aims at."""
+STAND_IN = "voltage"
+"""channel that stands for the current where there is none."""
+_LOSSES = ("cut into", "dropped", "record '", "sign of")
+
+
+def with_motion(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...]]:
+    """Records with a velocity, derived from displacement where it was not measured, and what to say of it.
+
+    Raises
+    ------
+    InputError
+        A record with neither.
+    """
+    found = list(records)
+    lacking = [r for r in found if not r.has("velocity")]
+    if not lacking:
+        return found, ()
+    derived = [with_velocity(r) for r in found]
+    still = [r for r in derived if not r.has("velocity")]
+    if still:
+        raise InputError(f"record '{still[0].name}' has neither velocity nor displacement",
+                         got=", ".join(still[0].channels),
+                         mend="--role velocity=CHANNEL or --role displacement=CHANNEL")
+    new = [n for r, old in zip(derived, found, strict=True) for n in r.notes if n not in old.notes]
+    notes = tuple(n if len(lacking) == len(found) else f"{n} in {len(lacking)} of {len(found)} records"
+                  for n in dict.fromkeys(new))
+    return derived, notes
+
+
+def with_current(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...]]:
+    """Records in which a voltage stands for the current where no record has one, and what to say of it."""
+    if any(r.has("current") for r in records) or not all(r.has(STAND_IN) for r in records):
+        return list(records), ()
+    return [r.with_roles({"current": r.resolve(STAND_IN)}) for r in records], (
+        f"no channel 'current': '{STAND_IN}' stands for it, a command to the driver and not the current "
+        "in the coil, so that a lag of the driver is part of what is fitted",)
+
+
+def decimation(records: Sequence[Record]) -> tuple[float | None, tuple[str, ...]]:
+    """Rate to resample to [Hz] where all records share one that is too fast, and what to say of it.
+
+    Examples
+    --------
+    >>> decimation([Record({"x": [0.0] * 10}, sample_time=1 / 2000)])[0]
+    500.0
+    """
+    periods = [r.time_base.period for r in records if r.time_base.period > 0]
+    if not periods or max(periods) - min(periods) > RATE_TOLERANCE * min(periods):
+        return None, ()
+    rate = 1.0 / periods[0]
+    factor = round(rate / WANTED)
+    if rate <= FASTEST or factor < 2:
+        return None, ()
+    return rate / factor, (f"all records decimated by {factor} from {rate:.6g} Hz to {rate / factor:.6g} Hz "
+                           "(anti-aliased); --sample-rate HZ chooses another rate",)
+
+
+def one_clock(cut: Sequence[list[Record]], channels: Sequence[str]) -> list[list[Record]]:
+    """Training and held-out records with one sampling period; `segments` has seen to each part by itself."""
+    if not cut[1]:
+        return list(cut)
+    both = segments([*cut[0], *cut[1]], channels, minimum=1)
+    return [both[: len(cut[0])], both[len(cut[0]):]]
+
+
+def losses(records: Sequence[Record]) -> tuple[str, ...]:
+    """What was cut away from records or turned in them, each thing once."""
+    return tuple(dict.fromkeys(f"record '{r.name}': {n}" for r in records for n in r.notes if n.startswith(_LOSSES)))

@@ -1,0 +1,233 @@
+"""Asking: `lpvid.diagnose`, from what a user has (records as read, names, files) to the engine and back."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.diagnosis import Diagnosis
+from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.preparing import Prepared, prepare
+from lpvid.errors import InputError
+from lpvid.record import Record
+
+if TYPE_CHECKING:
+    from lpvid.diagnosis.engine import DiagnosisSettings
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """Everything a diagnosis starts from, ready to run.
+
+    Attributes
+    ----------
+    prepared : Prepared
+        Records on one clock.
+    baseline : Baseline
+        With its structure settled; fitted only if it was given with its parameters.
+    fitted : bool
+        Whether the parameters were given; they are then where the search starts, and what `as_given` measures.
+    catalogue : tuple of Effect
+    raw : tuple of Record
+        As read, for the audit.
+    """
+
+    prepared: Prepared
+    baseline: Baseline
+    fitted: bool
+    catalogue: tuple[Effect, ...]
+    raw: tuple[Record, ...]
+
+
+def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
+             held_out: Record | Sequence[Record] | None = None, *, parameters: Any = None,
+             settings: DiagnosisSettings | None = None, sample_rate: float | None = None,
+             progress: Progress | None = None) -> Diagnosis:
+    """Say what a baseline's simulation gets wrong, name the cause or say why not, extend it, measure the gain.
+
+    Parameters
+    ----------
+    records : Record or sequence of Record
+        As read: a velocity is derived where it was not measured, gaps and NaN cut records, a common rate above 1024 Hz
+        is decimated.
+    baseline : str, path, model or Baseline
+        The name of an installed baseline (``"guo"``), fitted to the records first; a file written by `lpvid.save`; a
+        model; or a `Baseline`.
+    catalogue : sequence of Effect, name or names, optional
+        Candidates: effects, or the names of installed catalogues; all installed ones by default.
+    held_out : Record or sequence of Record, optional
+        Further records on which the gain is measured.
+    parameters : path or object, optional
+        Parameters of a named baseline, instead of fitting it: a published set.
+    settings : DiagnosisSettings, optional
+    sample_rate : float, optional
+        Resample to this rate [Hz].
+    progress : callable, optional
+        Told in words what is being done.
+
+    Returns
+    -------
+    Diagnosis
+        After an interruption (Ctrl-C) what is known by then, with ``complete`` False.
+
+    Raises
+    ------
+    InputError
+        No such baseline or catalogue, missing channels, too little data.
+    """
+    question = pose(records, baseline, catalogue, held_out, parameters=parameters, sample_rate=sample_rate)
+    return answer(question, settings, progress)
+
+
+def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
+         held_out: Record | Sequence[Record] | None = None, *, parameters: Any = None,
+         sample_rate: float | None = None) -> Question:
+    """Resolve names, read the model, prepare the records; arguments as for `diagnose`."""
+    training, kept = _listed(records), _listed(held_out)
+    effects = _catalogue(catalogue)
+    given = baseline
+    if isinstance(baseline, (str, os.PathLike)) and _is_file(baseline):
+        from lpvid.export.serialise import load
+
+        given = load(baseline)
+    if parameters is not None and not isinstance(given, str):
+        raise InputError("parameters belong to a baseline that is given by name", got=type(given).__name__,
+                         mend="leave them out, a model file holds its own")
+    needed = given.channels if isinstance(given, Baseline) else _channels(given)
+    prepared = prepare(training, kept, effects, needed, sample_rate or _own_rate(given, [*training, *kept]))
+    found = _baseline(given, prepared.training, parameters)
+    fitted = parameters is not None or not isinstance(given, (str, Baseline))
+    return Question(prepared, found, fitted, effects, (*training, *kept))
+
+
+def answer(question: Question, settings: DiagnosisSettings | None = None,
+           progress: Progress | None = None) -> Diagnosis:
+    """Run the engine on a question, and say what was done to the data."""
+    from lpvid.auditing import audit
+    from lpvid.diagnosis.engine import DiagnosisSettings
+    from lpvid.diagnosis.engine import diagnose as run
+
+    settings, say = settings or DiagnosisSettings(), progress or (lambda text: None)
+    prepared, baseline = question.prepared, question.baseline
+    notes = [*_polarity_note(baseline), *prepared.notes]
+    stage = [f"fitting {baseline.name}"]
+
+    def told(text: str) -> None:
+        stage[0] = text
+        say(text)
+
+    say("auditing")
+    heard = audit(question.raw, scheduling=tuple(n for n in baseline.schedule if all(r.has(n) for r in question.raw)))
+    given = None
+    if question.fitted:
+        given = {"training": _esr(baseline, prepared.training),
+                 "held_out": _esr(baseline, prepared.held_out) if prepared.held_out else None}
+        notes.append("the baseline's parameters were given; the search moves them along with each candidate, so that a "
+                     "wrong parameter is not taken for a cause")
+    try:
+        if settings.fit_baseline and not question.fitted:
+            told(f"fitting {baseline.name}")
+            baseline = baseline.fit(prepared.training)
+        found = run(prepared.training, baseline, question.catalogue, prepared.held_out,
+                    replace(settings, fit_baseline=False), told)
+    except KeyboardInterrupt:
+        from lpvid.diagnosis.interrupted import interrupted
+
+        found = interrupted(baseline, prepared, stage[0])
+    extended = None if found.extended is None else found.extended.remembering(prepared.training)
+    told_of = {**found.baseline, "polarity": baseline.polarity, **({"esr_as_given": given} if given else {})}
+    return replace(found, audit=heard, notes=(*found.notes, *notes), extended=extended, baseline=told_of)
+
+
+def _listed(records: Record | Sequence[Record] | None) -> list[Record]:
+    return [] if records is None else [records] if isinstance(records, Record) else list(records)
+
+
+def _is_file(text: str | os.PathLike) -> bool:
+    return not isinstance(text, str) or text.endswith(".json") or os.sep in text or Path(text).is_file()
+
+
+def _catalogue(given: Any) -> tuple[Effect, ...]:
+    from lpvid.diagnosis.registry import catalogue
+
+    if given is None:
+        return catalogue()
+    listed: list[Any] = [given] if isinstance(given, (str, Effect)) else list(given)
+    effects = [x for x in listed if isinstance(x, Effect)]
+    names = [x for x in listed if isinstance(x, str)]
+    if len(effects) + len(names) < len(listed) or (effects and names):
+        raise InputError("a catalogue is a sequence of effects, or names of installed catalogues",
+                         got=", ".join(sorted({type(x).__name__ for x in listed})))
+    return catalogue(names) if names else tuple(effects)
+
+
+def _channels(model: Any) -> tuple[str, ...]:
+    """Channels that a model of lpvid cannot do without; those of a name are not known yet."""
+    if not all(hasattr(model, n) for n in ("inputs", "outputs", "box")):
+        return ()
+    return (*(s.name for s in model.inputs), *model.box.names, *(s.name for s in model.outputs))
+
+
+def _own_rate(model: Any, records: Sequence[Record]) -> float | None:
+    """Rate of a sampled model where the records have another; it can run at no other."""
+    from lpvid.condition.segmentation import RATE_TOLERANCE
+
+    period = getattr(model, "sample_time", None)
+    if period is None or isinstance(model, (str, Baseline)):
+        return None
+    foreign = any(not r.time_base.steady or abs(r.time_base.period / period - 1) > RATE_TOLERANCE for r in records)
+    return 1.0 / period if foreign else None
+
+
+def _baseline(given: Any, records: Sequence[Record], parameters: Any) -> Baseline:
+    from lpvid.diagnosis import registry
+    from lpvid.diagnosis.extended import ExtendedModel
+    from lpvid.model.quasi import SelfScheduled
+    from lpvid.model.state_space import LPVStateSpace
+    from lpvid.model.transfer_function import LPVTransferFunction
+
+    if isinstance(given, Baseline):
+        return given
+    if isinstance(given, str):
+        return registry.named_baseline(given, records, parameters)
+    if isinstance(given, ExtendedModel):
+        from lpvid.diagnosis.extended_baseline import ExtendedBaseline
+
+        return ExtendedBaseline(given)
+    if isinstance(given, (LPVTransferFunction, LPVStateSpace, SelfScheduled)):
+        from lpvid.diagnosis.lpv_baseline import LpvBaseline
+
+        return LpvBaseline(given)
+    name = getattr(given, "name", None)
+    if isinstance(name, str) and name in registry.factories():
+        return registry.named_baseline(name, records, given)
+    raise InputError("this can be no baseline", got=type(given).__name__,
+                     mend="name one, or give a saved damper, transfer function, state space or extended model")
+
+
+def _polarity_note(baseline: Baseline) -> list[str]:
+    if baseline.polarity > 0:
+        return []
+    return [f"reversed polarity: the {baseline.output} opposes the motion in these records. The diagnosis speaks of "
+            f"the device itself, with the sign turned; extended_model.json simulates the records as measured. "
+            f"--flip {baseline.output} turns the records"]
+
+
+def _esr(baseline: Baseline, records: Sequence[Record]) -> float | None:
+    """Pooled free-run ESR at the baseline's own parameters; None where it diverges."""
+    error = power = 0.0
+    for record in records:
+        s = baseline.signals(record)
+        with np.errstate(all="ignore"):
+            e = (s.output - baseline.core(baseline.vector)(s))[baseline.start:]
+        y = s.output[baseline.start:]
+        error, power = error + float(e @ e), power + float(np.sum((y - y.mean()) ** 2))
+    return error / power if np.isfinite(error) and power > 0 else None

@@ -1,0 +1,93 @@
+"""Preparing: from records as read to records that a baseline and a catalogue can run along, on one clock, finite."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from lpvid.condition import segments
+from lpvid.condition.preparing import decimation, losses, one_clock, with_current, with_motion
+from lpvid.diagnosis.effect import Effect
+from lpvid.errors import InputError
+from lpvid.record import Record
+
+ROLES = ("displacement", "velocity", "acceleration", "current", "temperature", "force", "road", "unsprung", "sprung",
+         "actuator")
+"""roles that baselines and effects look for, where a baseline does not name its own"""
+SHORTEST = 50
+"""samples of a piece worth keeping"""
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """Training and held-out records, uniform, of one rate, finite in all roles that are used, and what was done."""
+
+    training: tuple[Record, ...]
+    held_out: tuple[Record, ...]
+    notes: tuple[str, ...]
+
+
+def prepare(training: Sequence[Record], held_out: Sequence[Record], catalogue: Sequence[Effect],
+            needed: Sequence[str] = (), sample_rate: float | None = None) -> Prepared:
+    """Derive a velocity, let a voltage stand for a current, bring all to one rate, cut at gaps and NaN.
+
+    A common rate above 1024 Hz is decimated to about 500 Hz. A role that only some records have, or whose channel
+    cannot be used, is left out unless the baseline needs it.
+
+    Parameters
+    ----------
+    training, held_out : sequence of Record
+    catalogue : sequence of Effect
+        Their needs are roles to look for.
+    needed : sequence of str
+        Roles without which the baseline cannot run.
+    sample_rate : float, optional
+        Resample to this rate [Hz].
+    """
+    records = [*training, *held_out]
+    if not training:
+        raise InputError("no records to diagnose")
+    motion: tuple[str, ...] = ()
+    if any(r.has(n) for r in records for n in ("velocity", "displacement")) and ("velocity" in needed or not needed):
+        records, motion = with_motion(records)
+    records, stand_in = with_current(records)
+    roles, left = _roles(records, catalogue, needed)
+    rate, why = (sample_rate, ()) if sample_rate is not None else decimation(records)
+    parts = [segments(part, roles, sample_rate=rate, minimum=SHORTEST) if part else []
+             for part in (records[: len(training)], records[len(training):])]
+    parts = one_clock(parts, roles)
+    notes = (*motion, *stand_in, *why, *left, *losses([*parts[0], *parts[1]]))
+    return Prepared(tuple(_only(r, roles) for r in parts[0]), tuple(_only(r, roles) for r in parts[1]), notes)
+
+
+def _roles(records: Sequence[Record], catalogue: Sequence[Effect],
+           needed: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
+    """Roles that every record has in a usable channel, and what to say of those left out."""
+    for role in needed:
+        lacking = next((r for r in records if not r.has(role)), None)
+        if lacking is not None:
+            raise InputError(f"record '{lacking.name}' has no {role}", got=", ".join(lacking.channels),
+                             mend=f"--role {role}=CHANNEL")
+    known = dict.fromkeys((*needed, *ROLES, *(n for e in catalogue for n in e.needs)))
+    found, left = [], []
+    for role in known:
+        having = [r for r in records if r.has(role)]
+        if not having:
+            continue
+        bad = next((r for r in having if r.channel(role).fault or not r.channel(role).unit_known), None)
+        if role in needed or role == "force" or (len(having) == len(records) and bad is None):
+            found.append(role)
+        elif bad is not None:
+            left.append(f"{role} is left out: it cannot be used in record '{bad.name}'")
+        else:
+            left.append(f"{role} is left out: only {len(having)} of {len(records)} records have it")
+    if not found:
+        raise InputError(f"record '{records[0].name}' has no channel that a baseline could read",
+                         got=", ".join(records[0].channels), mend="--role velocity=CHANNEL, --role force=CHANNEL")
+    return found, tuple(left)
+
+
+def _only(record: Record, roles: Sequence[str]) -> Record:
+    """The record with channels named by their roles, and no others."""
+    return Record({n: record.channel(n) for n in roles}, record.sample_time, name=record.name, start=record.start,
+                  notes=record.notes)

@@ -1,0 +1,74 @@
+"""Baselines by name: every damper model, for the entry-point group ``lpvid.baselines``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.registry import Factory
+from lpvid.errors import InputError
+from lpvid.record import Record
+from quartercar.dampers import MODELS, model_class
+from quartercar.dampers.contract import Damper, LawDamper
+
+
+def damper_baseline(name: str, records: Sequence[Record], parameters: Any = None) -> Baseline:
+    """A damper model as a baseline, in the structure and the polarity that records call for.
+
+    Parameters
+    ----------
+    name : str
+        Of `quartercar.dampers.MODELS`.
+    records : sequence of Record
+        Uniform, with velocity and force.
+    parameters : path, Damper or mapping, optional
+        A parameter set as `quartercar.dampers.read_parameters` reads it, a damper, or what `to_dict` gave.
+
+    Raises
+    ------
+    InputError
+        Why this model does not suit these data, or this file is no set of this model.
+    """
+    if isinstance(parameters, Mapping):
+        return _baseline(model_class(name).from_dict(parameters["damper"]))
+    if isinstance(parameters, Damper):
+        return _baseline(parameters)
+    lacking = next((r for r in records if not (r.has("velocity") and r.has("force"))), None)
+    if lacking is not None or not records:
+        raise InputError(f"the baseline '{name}' needs velocity and force",
+                         got="no records" if lacking is None else f"{', '.join(lacking.channels)} in '{lacking.name}'",
+                         mend="--role velocity=CHANNEL, --role force=CHANNEL")
+    from quartercar.dampers.facts import Facts
+    from quartercar.dampers.preparing import sense_of
+
+    facts = Facts.of(records, sense_of(records)[0])
+    suited = model_class(name).suited(facts)
+    if parameters is not None:
+        return _given(name, suited, parameters)
+    return _baseline(suited if isinstance(suited, LawDamper) else suited.fit(records).damper)
+
+
+def _given(name: str, suited: Damper, file: Any) -> Baseline:
+    from quartercar.dampers.published import read_parameters
+
+    damper = read_parameters(file, suited)
+    if damper.name != name:
+        raise InputError(f"'{file}' holds no parameters of '{name}'", got=damper.name,
+                         mend=f"--baseline {damper.name}, or another file")
+    return _baseline(damper)
+
+
+def _baseline(damper: Damper) -> Baseline:
+    if isinstance(damper, LawDamper):
+        from quartercar.baselines.damper import DamperBaseline
+
+        return DamperBaseline(damper)
+    from lpvid.diagnosis.lpv_baseline import LpvBaseline
+
+    return LpvBaseline(damper.to_model(damper.clock or 0.0), damper.name)
+
+
+BASELINES: Mapping[str, Factory] = {name: partial(damper_baseline, name) for name, _, _ in MODELS}
+"""Every damper model of the house by its name on the command line."""
