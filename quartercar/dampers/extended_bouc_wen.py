@@ -92,7 +92,7 @@ class ExtendedBoucWen(SemiActiveDamper):
 
     @property
     def linear(self) -> tuple[str, ...]:
-        return tuple(self.gas_values)
+        return ()  # the gas spring is, but projecting off two of so many costs more than it saves
 
     @property
     def start(self) -> int:
