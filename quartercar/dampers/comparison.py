@@ -18,12 +18,16 @@ from quartercar.dampers.fitting import DamperFit, FitSettings, fit
 from quartercar.dampers.preparing import Prepared, prepare
 from quartercar.dampers.scoring import score, stretches, time_per_simulated_second
 
+SMALL = 3
+"""states up to which a step of integration costs about the same"""
 STRETCH = 512
 """samples of a stretch, where training data are thinned"""
 QUICK = FitSettings()
 """for models without states, whose free run is a formula"""
-SLOW = FitSettings(starts=10, polished=2, evaluations=60, tasting_evaluations=10, tasting_samples=1500)
+SLOW = FitSettings(starts=10, polished=2, evaluations=50, tasting_evaluations=10, tasting_samples=1500)
 """for models with states, whose free run is an integration"""
+STIFF = FitSettings(starts=4, polished=1, evaluations=30, tasting_evaluations=8, tasting_samples=800)
+"""for models of more states than `SMALL`, whose integration is many times slower still"""
 
 
 @dataclass(frozen=True)
@@ -49,7 +53,7 @@ class CompareSettings:
     sample_rate: float | None = None
     quick_work: int = 1_500_000
     slow_work: int = 80_000
-    sampled_samples: int = 20_000
+    sampled_samples: int = 40_000
     thorough: bool = False
 
     def __post_init__(self) -> None:
@@ -191,13 +195,24 @@ def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings
 
 
 def _fit(damper: Damper, data: Prepared, settings: CompareSettings) -> DamperFit:
-    slow = isinstance(damper, DynamicDamper)
-    effort = replace(SLOW if slow and not settings.thorough else QUICK, seed=settings.seed)
+    effort = QUICK
+    if isinstance(damper, DynamicDamper) and not settings.thorough:
+        effort = SLOW if len(damper.states) <= SMALL else STIFF
+    effort = replace(effort, seed=settings.seed)
     if settings.thorough:
         return fit(damper, data.training, settings=effort)
-    work = settings.slow_work if slow else settings.quick_work
-    samples = work // max(len(damper.parameters), 1) if isinstance(damper, LawDamper) else settings.sampled_samples
-    return fit(damper, stretches(data.training, samples, STRETCH), settings=effort)
+    return fit(damper, stretches(data.training, _affordable(damper, settings), STRETCH), settings=effort)
+
+
+def _affordable(damper: Damper, settings: CompareSettings) -> int:
+    """Training samples that a fit may see: told from the model's size, not from a clock, so that fits repeat."""
+    if not isinstance(damper, LawDamper):
+        return settings.sampled_samples
+    count = max(len(damper.parameters), 1)
+    if not isinstance(damper, DynamicDamper):
+        return settings.quick_work // count
+    step = max(1.0, len(damper.states) ** 3 / SMALL**3)  # an implicit step solves a system of that many equations
+    return round(settings.slow_work / (count * step))
 
 
 def _thinned(fits: Sequence[DamperFit], data: Prepared) -> tuple[str, ...]:
