@@ -12,22 +12,36 @@ from quartercar.effects.car import (
     TyreDamping,
     TyreStiffness,
 )
+from quartercar.effects.compliance import Backlash, EntrainedAir, SeriesCompliance
 from quartercar.effects.electrical import CoilLag, CommandDelay, CurrentSaturation, Remanence, RiseFallLag
 from quartercar.effects.friction_gas import CoulombFriction, GasPreload, GasStiffness, StribeckFriction
+from quartercar.effects.hydraulics import (
+    Asymmetry,
+    Cavitation,
+    InputNonlinearity,
+    NetworkTopology,
+    QuadraticLoss,
+    ReliefValve,
+    SeriesOrifice,
+    ValveDynamics,
+)
 from quartercar.effects.measurement import (
     DisplacementDelay,
     ForceClipping,
     ForceDelay,
     ForceOffset,
     OneSidedFilter,
-    Quantisation,
 )
 from quartercar.effects.model_structure import ColouredNoise, MissingScheduling, ModelOrder, SchedulingDegree
+from quartercar.effects.quantisation import Quantisation
 from quartercar.effects.structure import EndStop, FixtureInertia, FixtureResonance
 from quartercar.effects.thermal import ThermalFade, ViscousFade
 
 CATALOGUE: tuple[Effect, ...] = (
     CoulombFriction(), StribeckFriction(), GasPreload(), GasStiffness(),
+    SeriesCompliance(), Backlash(), EntrainedAir(),
+    QuadraticLoss(), ReliefValve(), SeriesOrifice(), Asymmetry(), Cavitation(), ValveDynamics(), NetworkTopology(),
+    InputNonlinearity(),
     CoilLag(), CommandDelay(), RiseFallLag(), CurrentSaturation(), Remanence(),
     DisplacementDelay(), ForceDelay(), OneSidedFilter(), ForceOffset(), ForceClipping(), Quantisation(),
     ThermalFade(), ViscousFade(), EndStop(), FixtureInertia(), FixtureResonance(),

@@ -1,8 +1,8 @@
 """Compiled march of elements in series with a law; arrays only.
 
-A law at one sample is Σ_r b_r φ_r(w), φ_r cubic between nodes that lie evenly in u = asinh(w/w_0). The series element has
-the deflection d = D(F), ḋ = v − w, F = law(w): each stage of the stiffly accurate three-stage rule of order three
-(Alexander 1977) is one scalar equation D(law(w)) + γh w = R.
+A law at one sample is Σ_r b_r φ_r(w), φ_r straight between nodes. The series element has the deflection d = D(F),
+ḋ = v − w, F = law(w): each stage of the stiffly accurate three-stage rule of order three (Alexander 1977) is one scalar
+equation D(law(w)) + γh w = R. Its cell is sought from the last one on; inside, it is linear for a spring.
 """
 
 from __future__ import annotations
@@ -16,28 +16,32 @@ from lpvid._compiling import njit
 GAMMA = 0.43586652150845906
 LAST = (-1.5 * GAMMA**2 + 4.0 * GAMMA - 0.25, 1.5 * GAMMA**2 - 5.0 * GAMMA + 1.25)
 """weights of the first two stages in the last"""
-HEAD = 0.05
+HEAD = 0.03
 """part of a step before a sample in which a held signal already has the sample's value"""
+CLOSE = 1e-7
+"""last move of Newton's rule, in cells; what it leaves is of second order"""
+TAKEN_UP = 5.0
+"""force over which play is taken up [N]"""
 
 
-@njit()
-def law_along(speed, grid, nodes, rows, out):
-    """Law at one speed per sample: speed (n,), nodes (G + 2, r), rows (n, r)."""
+@njit(error_model="numpy", fastmath={"contract"})
+def law_along(speed, speeds, nodes, rows, out):
+    """Law at one speed per sample: speed (n,), speeds (G,), nodes (G, r), rows (n, r)."""
     for k in range(speed.size):
-        out[k] = _law(speed[k], grid, nodes, rows[k])[0]
+        out[k] = _law(speed[k], _cell(speed[k], speeds), speeds, nodes, rows[k])
 
 
-@njit()
-def march(velocity, grid, nodes, rows, before, tilt, held, element, step, out):
+@njit(error_model="numpy", fastmath={"contract"})
+def march(velocity, speeds, nodes, rows, before, tilt, held, element, step, parts, out):
     """Force of a law in series with elements (n,).
 
     Parameters
     ----------
     velocity : (n,) array
-    grid : (3,) array
-        First u, spacing of u, w_0.
-    nodes : (G + 2, r) array
-        φ at the nodes, one more on either side.
+    speeds : (G,) array
+        At which φ is given.
+    nodes : (G, r) array
+        φ there.
     rows, before, tilt : (n, r) arrays
         b at the samples, b just before them, and −∂b/∂x for a law that depends on the position of the fluid's side.
     held : bool
@@ -46,144 +50,170 @@ def march(velocity, grid, nodes, rows, before, tilt, held, element, step, out):
         Compliance [m/N], stroke of the air [m], its force [N], half of the play [m], floor of the force [N].
     step : float
         [s].
+    parts : int
+        Steps within each.
     """
     rank = rows.shape[1]
-    b = np.empty(rank)
+    b = rows[0].copy()
     w = velocity[0]
-    for r in range(rank):
-        b[r] = rows[0, r]
-    force = max(_law(w, grid, nodes, b)[0], element[4])
-    d = _deflection(force, element)[0]
-    if force != 0.0:
-        d += math.copysign(element[3], force)
-    state = np.array([d, w, 0.0])
+    cell = _cell(w, speeds)
+    force = max(_law(w, cell, speeds, nodes, b), element[4])
+    state = np.array([_deflection(force, element)[0], w, 0.0, float(cell)])
     out[0] = force
+    share = 1.0 - HEAD if held else 1.0
+    full = share * step / parts
+    h = GAMMA * full
+    start = first = second = 0.0
     for k in range(1, velocity.size):
-        v0, v1 = velocity[k - 1], velocity[k]
+        change = velocity[k] - velocity[k - 1]
+        for part in range(3 * parts):
+            within, stage = part // 3, part % 3
+            if stage == 0:
+                start = state[0]
+                at, known, passed = GAMMA, start, GAMMA
+            elif stage == 1:
+                at, known, passed = 0.5 * (1.0 + GAMMA), start + 0.5 * (1.0 - GAMMA) * full * first, 0.5 * (1.0 - GAMMA)
+            else:
+                at, known, passed = 1.0, start + full * (LAST[0] * first + LAST[1] * second), 0.5 * (1.0 - GAMMA)
+            place = share * (within + at) / parts
+            v = velocity[k - 1] + place * change
+            for r in range(rank):
+                b[r] = rows[k - 1, r] + place * (before[k, r] - rows[k - 1, r]) + state[0] * tilt[k, r]
+            force = _stage(known + h * v, h, passed * full, state, speeds, nodes, b, element)
+            rate = v - state[1]
+            if stage == 0:
+                first = rate
+            elif stage == 1:
+                second = rate
+            state[0] = known + h * rate
         if held:
-            early = v0 + (1.0 - HEAD) * (v1 - v0)
-            _advance(state, v0, early, rows[k - 1], before[k], tilt[k], 1.0 - HEAD, grid, nodes, element,
-                     (1.0 - HEAD) * step, b)
             for r in range(rank):
                 b[r] = rows[k, r] + state[0] * tilt[k, r]
-            force = _stage(state[0] + HEAD * step * v1, HEAD * step, HEAD * step, state, grid, nodes, b, element)
-            state[0] += HEAD * step * (v1 - state[1])
-        else:
-            force = _advance(state, v0, v1, rows[k - 1], rows[k], tilt[k], 1.0, grid, nodes, element, step, b)
+            last = HEAD * step
+            force = _stage(state[0] + last * velocity[k], last, last, state, speeds, nodes, b, element)
+            state[0] += last * (velocity[k] - state[1])
         out[k] = force
 
 
-@njit()
-def _advance(state, v0, v1, row0, row1, tilt, share, grid, nodes, element, step, b):
-    """One step of the three-stage rule; `state` holds deflection, fluid speed, void. Returns the force at its end."""
-    h = GAMMA * step
-    start = state[0]
-    first = second = force = 0.0
-    for part in range(3):
-        at = GAMMA if part == 0 else 0.5 * (1.0 + GAMMA) if part == 1 else 1.0
-        if part == 0:
-            known = start
-            moved = GAMMA
-        elif part == 1:
-            known = start + 0.5 * (1.0 - GAMMA) * step * first
-            moved = 0.5 * (1.0 - GAMMA)
-        else:
-            known = start + step * (LAST[0] * first + LAST[1] * second)
-            moved = 0.5 * (1.0 - GAMMA)
-        v = v0 + at * (v1 - v0)
-        for r in range(b.size):
-            b[r] = row0[r] + at * share * (row1[r] - row0[r]) + state[0] * tilt[r]
-        force = _stage(known + h * v, h, moved * step, state, grid, nodes, b, element)
-        rate = v - state[1]
-        if part == 0:
-            first = rate
-        elif part == 1:
-            second = rate
-        state[0] = known + h * rate
+@njit(error_model="numpy", fastmath={"contract"})
+def _stage(target, h, passed, state, speeds, nodes, b, element):
+    """Force at one instant; `state` holds deflection, fluid speed, void, cell. An open void holds it at the floor."""
+    floor, speed = element[4], state[1]
+    if state[2] > 0.0:
+        w = (target - _deflection(floor, element)[0]) / h
+        void = state[2] + passed * (_speed_at(floor, speeds, nodes, b) - 0.5 * (speed + w))
+        if void > 0.0:
+            state[1] = w
+            state[2] = void
+            return floor
+        state[2] = 0.0
+    force = _root(target, h, state, speeds, nodes, b, element)
+    if force <= floor:
+        fill = _speed_at(floor, speeds, nodes, b)
+        now, then = fill - state[1], fill - speed
+        if now > 0.0:
+            state[2] = passed * (0.5 * (now + then) if then >= 0.0 else 0.5 * now * now / (now - then))
     return force
 
 
-@njit()
-def _stage(target, h, passed, state, grid, nodes, b, element):
-    """Force and fluid speed at one instant; an open void holds the force at the floor until it is refilled."""
-    floor = element[4]
-    if floor > -1e290:
-        speed = state[1]
-        if state[2] > 0.0:
-            w = (target - _deflection(floor, element)[0] + element[3]) / h
-            fill = _speed_at(floor, grid, nodes, b)
-            void = state[2] + passed * (fill - 0.5 * (speed + w))
-            if void > 0.0:
-                state[1] = w
-                state[2] = void
-                return floor
-            state[2] = 0.0
-        w, force = _root(target, h, speed, grid, nodes, b, element)
-        if force <= floor:
-            fill = _speed_at(floor, grid, nodes, b)
-            now, then = fill - w, fill - speed
-            if now > 0.0:
-                state[2] = passed * (0.5 * (now + then) if then >= 0.0 else 0.5 * now * now / (now - then))
-        state[1] = w
-        return force
-    w, force = _root(target, h, state[1], grid, nodes, b, element)
-    state[1] = w
+@njit(error_model="numpy", fastmath={"contract"})
+def _node_force(node, nodes, b):
+    force = 0.0
+    for r in range(b.size):
+        force += b[r] * nodes[node, r]
     return force
 
 
-@njit()
-def _root(target, h, guess, grid, nodes, b, element):
-    """w with D(F) + h w = target, F = max(law(w), floor), by Newton's rule inside a shrinking bracket."""
-    low, high = -1e300, 1e300
-    w, force = guess, 0.0
-    half, floor = element[3], element[4]
-    for sweep in range(120):
-        force, slope = _law(w, grid, nodes, b)
-        if force < floor:
-            force, slope = floor, 0.0
-        d, soft = _deflection(force, element)
-        gap = d + h * w - target
-        if half > 0.0:
-            gap += half if force > 0.0 else -half
+@njit(error_model="numpy", fastmath={"contract"})
+def _gap(force, w, target, h, element):
+    """D(max(F, floor)) + h w − target."""
+    if element[1] == 0.0 and element[3] == 0.0:
+        return element[0] * max(force, element[4]) + h * w - target
+    return _deflection(max(force, element[4]), element)[0] + h * w - target
+
+
+@njit(error_model="numpy", fastmath={"contract"})
+def _root(target, h, state, speeds, nodes, b, element):
+    """Force at the w with D(F) + h w = target, F = max(law(w), floor)."""
+    last = speeds.size - 1
+    low, high = int(state[3]), int(state[3]) + 1
+    force_low, force_high = _node_force(low, nodes, b), _node_force(high, nodes, b)
+    gap_low = _gap(force_low, speeds[low], target, h, element)
+    gap_high = _gap(force_high, speeds[high], target, h, element)
+    width = 1
+    while gap_low > 0.0 and low > 0:
+        high, force_high, gap_high = low, force_low, gap_low
+        low, width = max(low - width, 0), 3 * width
+        force_low = _node_force(low, nodes, b)
+        gap_low = _gap(force_low, speeds[low], target, h, element)
+    while gap_high <= 0.0 and high < last:
+        low, force_low, gap_low = high, force_high, gap_high
+        high, width = min(high + width, last), 3 * width
+        force_high = _node_force(high, nodes, b)
+        gap_high = _gap(force_high, speeds[high], target, h, element)
+    while high - low > 1:
+        middle = (low + high) // 2
+        force = _node_force(middle, nodes, b)
+        gap = _gap(force, speeds[middle], target, h, element)
         if gap > 0.0:
-            high = w
+            high, force_high, gap_high = middle, force, gap
         else:
-            low = w
-        new = w - gap / (soft * max(slope, 0.0) + h)
-        if (not low < new < high) or (sweep > 5 and sweep % 2 == 1 and high - low < 1e299):
-            new = 0.5 * (low + high)
-        if abs(new - w) <= 1e-13 + 1e-11 * abs(w):
-            w = new
+            low, force_low, gap_low = middle, force, gap
+    state[3] = low
+    t = gap_low / (gap_low - gap_high)
+    rise, cell = force_high - force_low, speeds[high] - speeds[low]
+    floor = element[4]
+    if element[1] != 0.0 or element[3] != 0.0 or min(force_low, force_high) < floor:
+        t = _within(t, force_low, rise, speeds[low], cell, target, h, element)
+    state[1] = speeds[low] + t * cell
+    return max(force_low + t * rise, floor)
+
+
+@njit(error_model="numpy", fastmath={"contract"})
+def _within(t, start, rise, w, cell, target, h, element):
+    """Place in a cell, by Newton's rule inside a shrinking bracket."""
+    below, above = min(t, 0.0), max(t, 1.0)
+    for sweep in range(100):
+        force, slope = start + t * rise, max(rise, 0.0)
+        if force < element[4]:
+            force, slope = element[4], 0.0
+        d, soft = _deflection(force, element)
+        gap = d + h * (w + t * cell) - target
+        if gap > 0.0:
+            above = t
+        else:
+            below = t
+        new = t - gap / (soft * slope + h * cell)
+        if not below <= new <= above or (sweep > 5 and sweep % 2 == 1):
+            new = 0.5 * (below + above)
+        move = new - t
+        t = new
+        if abs(move) <= CLOSE:
             break
-        w = new
-    return w, max(_law(w, grid, nodes, b)[0], floor)
+    return t
 
 
-@njit()
-def _speed_at(force, grid, nodes, b):
+@njit(error_model="numpy", fastmath={"contract"})
+def _speed_at(force, speeds, nodes, b):
     """Speed at which the law reaches a force."""
-    low, high = -1.0, 1.0
-    for _ in range(30):
-        if _law(low, grid, nodes, b)[0] < force:
-            break
-        low *= 2.0
-    for _ in range(30):
-        if _law(high, grid, nodes, b)[0] > force:
-            break
-        high *= 2.0
-    for _ in range(50):
+    low, high = speeds[0], speeds[-1]
+    for _ in range(60):
         middle = 0.5 * (low + high)
-        if _law(middle, grid, nodes, b)[0] < force:
+        if _law(middle, _cell(middle, speeds), speeds, nodes, b) < force:
             low = middle
         else:
             high = middle
     return 0.5 * (low + high)
 
 
-@njit()
+@njit(error_model="numpy", fastmath={"contract"})
 def _deflection(force, element):
-    """Deflection of spring and air, and its slope."""
+    """Deflection of spring, play and air, and its slope."""
     d, slope = element[0] * force, element[0]
+    if element[3] > 0.0:
+        t = math.tanh(force / TAKEN_UP)
+        d += element[3] * t
+        slope += element[3] * (1.0 - t * t) / TAKEN_UP
     if element[1] > 0.0:
         ratio = 1.0 + abs(force) / element[2]
         power = ratio ** (-1.0 / 1.3)
@@ -192,26 +222,22 @@ def _deflection(force, element):
     return d, slope
 
 
-@njit()
-def _law(w, grid, nodes, b):
-    """Law and slope at one speed: cubic of Catmull and Rom in u between the nodes, straight beyond them."""
-    last = nodes.shape[0] - 4
-    place = (math.asinh(w / grid[2]) - grid[0]) / grid[1]
-    cell = int(min(max(math.floor(place), 0.0), float(last)))
-    t = min(max(place - cell, 0.0), 1.0)
-    t2 = t * t
-    t3 = t2 * t
-    a0, a1 = 0.5 * (-t3 + 2.0 * t2 - t), 0.5 * (3.0 * t3 - 5.0 * t2 + 2.0)
-    a2, a3 = 0.5 * (-3.0 * t3 + 4.0 * t2 + t), 0.5 * (t3 - t2)
-    s0, s1 = 0.5 * (-3.0 * t2 + 4.0 * t - 1.0), 0.5 * (9.0 * t2 - 10.0 * t)
-    s2, s3 = 0.5 * (-9.0 * t2 + 8.0 * t + 1.0), 0.5 * (3.0 * t2 - 2.0 * t)
-    value = slope = 0.0
-    for r in range(b.size):
-        p0, p1, p2, p3 = nodes[cell, r], nodes[cell + 1, r], nodes[cell + 2, r], nodes[cell + 3, r]
-        value += b[r] * (a0 * p0 + a1 * p1 + a2 * p2 + a3 * p3)
-        slope += b[r] * (s0 * p0 + s1 * p1 + s2 * p2 + s3 * p3)
-    here = grid[2] * math.sinh(grid[0] + grid[1] * (cell + t))
-    slope /= grid[1] * math.sqrt(here * here + grid[2] * grid[2])
-    if place < 0.0 or place > last + 1.0:
-        value += slope * (w - here)
-    return value, slope
+@njit(error_model="numpy", fastmath={"contract"})
+def _cell(w, speeds):
+    """Number of the node below a speed."""
+    low, high = 0, speeds.size - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if speeds[middle] > w:
+            high = middle
+        else:
+            low = middle
+    return low
+
+
+@njit(error_model="numpy", fastmath={"contract"})
+def _law(w, cell, speeds, nodes, b):
+    """Law at a speed in a cell, or beyond the outermost."""
+    share = (w - speeds[cell]) / (speeds[cell + 1] - speeds[cell])
+    low = _node_force(cell, nodes, b)
+    return low + share * (_node_force(cell + 1, nodes, b) - low)

@@ -1,0 +1,100 @@
+"""Compliance: springs, compressed air and lost motion in series with the law."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
+from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.series import in_series
+
+
+class SeriesElement(GridEffect):
+    """An element that carries the force of the law and gives way: v = w + dD(F)/dt, F = law(w) (equation sheet 9.3)."""
+
+    family: ClassVar[str] = "compliance"
+    stage: ClassVar[str] = "series"
+    needs: ClassVar[tuple[str, ...]] = ("velocity",)
+
+    @abstractmethod
+    def elements(self, values: np.ndarray) -> dict[str, float]:
+        """Fields of `Elements`."""
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        return in_series(core, baseline, **self.elements(values)) if values[0] > 0 else core
+
+
+class SeriesCompliance(SeriesElement):
+    """A spring in series: oil column, bush, top mount, fixture, together 1/k (equation sheet 3.5, 3.6)."""
+
+    name: ClassVar[str] = "series-compliance"
+    title: ClassVar[str] = "a spring in series with the damper"
+    equation: ClassVar[str] = "v = w + (1/k) dF/dt, F = law(w, x - F/k, i)"
+    reference: ClassVar[str] = "equation sheet 3.5, 3.6, 9.3"
+    experiment: ClassVar[str] = ("sines of one peak velocity at several frequencies: the lag follows the slope of the "
+                                 "law; oil against bush needs another gas pressure or a second displacement")
+    partners: ClassVar[tuple[str, ...]] = ("coulomb-friction", "backlash")
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("compliance", "m/N", "1/k", 0.0, (0.0, 5e-6), (0.0, 1e-3), (1e-7, 5e-7, 2e-6)),)
+
+    def elements(self, values: np.ndarray) -> dict[str, float]:
+        return {"compliance": float(values[0])}
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("one more state: the force itself", order=1)
+
+
+class Backlash(SeriesElement):
+    """Lost motion in the force path: nothing is carried until the play is taken up (equation sheet 3.7)."""
+
+    name: ClassVar[str] = "backlash"
+    title: ClassVar[str] = "play in series with the damper"
+    equation: ClassVar[str] = "v = w + dD/dt, D = (delta/2) sign F, any of +-delta/2 where F = 0; F = law(w)"
+    reference: ClassVar[str] = "equation sheet 3.7"
+    experiment: ClassVar[str] = "strokes of falling amplitude at one frequency, down to the play itself"
+    smooth: ClassVar[bool] = False
+    partners: ClassVar[tuple[str, ...]] = ("coulomb-friction", "series-compliance")
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("play", "m", "delta, from end to end", 0.0, (0.0, 2e-3), (0.0, 0.02),
+                                (2e-5, 6e-5, 2e-4, 6e-4)),)
+
+    def elements(self, values: np.ndarray) -> dict[str, float]:
+        return {"play": float(values[0])}
+
+    def lpv_change(self) -> LpvChange | None:
+        return None
+
+
+class EntrainedAir(SeriesElement):
+    """Air in the oil: soft until it is compressed, a polytropic spring in series (equation sheet 3.5)."""
+
+    name: ClassVar[str] = "entrained-air"
+    title: ClassVar[str] = "air in the oil"
+    equation: ClassVar[str] = "v = w + dD/dt, D = s (1 - (1 + |F|/F_p)^(-1/1.3)) sign F, F = law(w)"
+    reference: ClassVar[str] = "equation sheet 3.5"
+    experiment: ClassVar[str] = "the same sines cold and after a long run, and at two gas pressures"
+    contains: ClassVar[tuple[str, ...]] = ("series-compliance",)
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("stroke", "m", "s, deflection that compresses all the air", 0.0, (0.0, 3e-3),
+                                (0.0, 0.05), (5e-5, 3e-4)),
+                EffectParameter("pressure_force", "N", "F_p, pressure of the air times piston area", 500.0,
+                                (50.0, 5e3), (10.0, 1e5), (150.0, 500.0, 1500.0)))
+
+    def elements(self, values: np.ndarray) -> dict[str, float]:
+        return {"air_stroke": float(values[0]), "air_force": float(values[1])}
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("one more state: the force itself", order=1)

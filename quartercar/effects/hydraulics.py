@@ -1,0 +1,304 @@
+"""Hydraulics: restrictions, valves and cavities that change the viscous share of the law."""
+
+from __future__ import annotations
+
+import itertools
+from abc import abstractmethod
+from typing import ClassVar
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
+from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.series import in_series
+from quartercar.effects.viscous import measured_slope, speed_quantiles, viscous_slope
+
+UNIT_SPEED = 0.1
+"""speed at which the exponent of the viscous share leaves the force as it is [m/s]"""
+DRY = 0.02
+"""share of the top speed up to which the force of a law counts as dry friction"""
+
+
+class HydraulicEffect(Effect):
+    """A cause in the hydraulic path, which sees the speed and knows the viscous share of the law."""
+
+    family: ClassVar[str] = "hydraulics"
+    stage: ClassVar[str] = "core"
+    needs: ClassVar[tuple[str, ...]] = ("velocity",)
+
+    @abstractmethod
+    def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
+        """(n,) force that it adds."""
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        if values[0] == self.parameters[0].neutral:
+            return core
+        return lambda s: core(s) + self.added(s, core, values, baseline)
+
+
+class QuadraticLoss(HydraulicEffect):
+    """A turbulent restriction in series with the law's own (equation sheet 3.8)."""
+
+    name: ClassVar[str] = "quadratic-loss"
+    title: ClassVar[str] = "turbulent loss"
+    equation: ClassVar[str] = "F += c_Q v |v|"
+    reference: ClassVar[str] = "equation sheet 3.8; seed 003, (4)"
+    experiment: ClassVar[str] = "triangles at ten speeds over 1.5 decades, log-log slope of the force"
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("coefficient", "N*s^2/m^2", "c_Q", 0.0, (0.0, 5e4), (0.0, 1e9), (1000.0,)),)
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        return [np.array([p.grid[0]]) for p in self.parameters]
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        if baseline.name.startswith("network-"):
+            return "a network has turbulent losses of its own; 'network-topology' puts them elsewhere"
+        return super().applies(baseline, signals)
+
+    def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
+        return float(values[0]) * s.cached("v|v|", lambda: s["velocity"] * np.abs(s["velocity"]))
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("v|v| as a further input", regressors=("velocity|velocity|",))
+
+
+class Asymmetry(HydraulicEffect):
+    """Rebound and compression differ: valves of their own for either direction (equation sheet 3.11)."""
+
+    name: ClassVar[str] = "asymmetry"
+    title: ClassVar[str] = "rebound and compression differ by a factor"
+    equation: ClassVar[str] = "F *= 1 + g where v > 0, less what the law gives at rest"
+    reference: ClassVar[str] = "equation sheet 3.11"
+    experiment: ClassVar[str] = "both directions at several speeds and currents: the even part grows with the speed"
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("gain", "", "g, rebound over compression less one", 0.0, (-0.8, 7.0), (-0.95, 20.0),
+                                (-0.1, 0.1)),)
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        return [np.array([g]) for g in self.parameters[0].grid]
+
+    def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
+        gain, force = float(values[0]), core(s)
+        if not baseline.static:  # the force of a core with memory lags; its own sign tells which way the oil flows
+            return gain * np.maximum(force, 0.0)
+        return gain * np.where(s["velocity"] > 0, force - core(s.replace(velocity=np.zeros(s.n_samples))), 0.0)
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("scheduled on the sign of the velocity", schedule=("sign(velocity)",))
+
+
+class ReliefValve(HydraulicEffect):
+    """A spring-loaded valve beside the main path opens at a pressure (equation sheet 3.9)."""
+
+    name: ClassVar[str] = "relief-valve"
+    title: ClassVar[str] = "a relief valve opens beyond a force"
+    equation: ClassVar[str] = "F -= r (c(i)|v| - F_b)+ sign v, c(i) the viscous share of the law"
+    reference: ClassVar[str] = "equation sheet 3.9; seed 001"
+    experiment: ClassVar[str] = "triangles of at least 15 speeds up to three times that of the knee, at two currents"
+    smooth: ClassVar[bool] = False
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("relief", "", "r, share of the slope that goes beyond the knee", 0.0, (0.0, 1.0),
+                                (0.0, 1.2), (0.3, 0.8)),
+                EffectParameter("opening_force", "N", "F_b", 100.0, (5.0, 5e3), (0.1, 1e6), (30.0, 100.0, 300.0)))
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        slope = measured_slope(signals)
+        forces = [f for f in (slope * v for v in speed_quantiles(signals, (0.3, 0.55, 0.75, 0.9))) if f > 0]
+        return [np.array([r, max(f, 0.1)]) for r in self.parameters[0].grid for f in forces]
+
+    def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
+        v = s["velocity"]
+        flow = np.abs(v) * viscous_slope(s, core, baseline)
+        return -float(values[0]) * np.maximum(flow - float(values[1]), 0.0) * np.sign(v)
+
+    def lpv_change(self) -> LpvChange | None:
+        return None
+
+
+class SeriesOrifice(HydraulicEffect):
+    """Holes behind a valve throttle what it lets through (equation sheet 3.9; seed 001, extended model)."""
+
+    name: ClassVar[str] = "series-orifice"
+    title: ClassVar[str] = "an orifice behind the valve throttles from some speed on"
+    equation: ClassVar[str] = "F += c_o (|v| - v_o)+^2 sign v"
+    reference: ClassVar[str] = "equation sheet 3.9; seed 001, extended model"
+    experiment: ClassVar[str] = "triangles up to well beyond the knee: the force turns from concave to convex"
+    smooth: ClassVar[bool] = False
+    contains: ClassVar[tuple[str, ...]] = ("quadratic-loss", "network-topology")
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("coefficient", "N*s^2/m^2", "c_o", 0.0, (0.0, 1e6), (0.0, 1e9), (5e3,)),
+                EffectParameter("onset", "m/s", "v_o, speed from which flow passes it", 0.05, (0.0, 2.0), (0.0, 20.0),
+                                (0.02, 0.05, 0.1)))
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        top = speed_quantiles(signals, (1.0,))[0]
+        spread = np.mean([s.output.std() for s in signals])
+        out = []
+        for onset in speed_quantiles(signals, (0.1, 0.35, 0.6, 0.8, 0.92)):
+            rest = max(top - onset, 1e-3 * top)
+            out.append(np.array([0.2 * spread / max(rest**2, 1e-12), onset]))
+        return out
+
+    def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
+        v = s["velocity"]
+        return float(values[0]) * np.maximum(np.abs(v) - float(values[1]), 0.0) ** 2 * np.sign(v)
+
+    def lpv_change(self) -> LpvChange | None:
+        return None
+
+
+class InputNonlinearity(HydraulicEffect):
+    """The viscous share grows with another power of the speed (equation sheet 9.1)."""
+
+    name: ClassVar[str] = "input-nonlinearity"
+    title: ClassVar[str] = "the viscous share follows another power of the speed"
+    equation: ClassVar[str] = "c(i) v becomes c(i) v (|v|/0.1 m/s)^(n - 1)"
+    reference: ClassVar[str] = "equation sheet 9.1; seed 000, (1)"
+    experiment: ClassVar[str] = "triangles at ten speeds over 1.5 decades, log-log slope of the force"
+    smooth: ClassVar[bool] = False
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("exponent", "", "n", 1.0, (0.3, 3.0), (0.1, 6.0), (0.5, 0.8, 1.25, 1.6, 2.2)),)
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        return [np.array([n]) for n in self.parameters[0].grid]
+
+    def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
+        v = s["velocity"]
+        ratio = np.maximum(np.abs(v), 1e-9) / UNIT_SPEED
+        return viscous_slope(s, core, baseline) * v * (ratio ** (float(values[0]) - 1.0) - 1.0)
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("v|v| as a further input", regressors=("velocity|velocity|",))
+
+
+class NetworkTopology(HydraulicEffect):
+    """Laminar and turbulent losses lie otherwise: side by side instead of one after the other (seed 003).
+
+    Of a parallel network, laminar leak c beside an orifice c_Q, ::
+
+        |v| = F/c + √(F/c_Q)        F = c|v| q,  (1 − q)² = q v_t/(2|v|),  v_t = 2c/c_Q
+
+    takes the place of the viscous share c(i)v. Where the baseline is itself a parallel network, the series network
+    c|v|(1 + |v|/v_t) takes the place of all its hydraulic force.
+    """
+
+    name: ClassVar[str] = "network-topology"
+    title: ClassVar[str] = "the restrictions are connected otherwise"
+    equation: ClassVar[str] = ("c v -> (1 - s) c v + s c v q, (1 - q)^2 = q v_t/(2|v|); "
+                               "a parallel network -> s c v (1 + |v|/v_t)")
+    reference: ClassVar[str] = "equation sheet 3.8; seed 003, (5), (6)"
+    experiment: ClassVar[str] = "triangles at ten speeds over 1.5 decades: log-log slope 1 to 2 or 2 to 1"
+    smooth: ClassVar[bool] = False
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("share", "", "s, of the other network", 0.0, (0.0, 1.0), (0.0, 1.2), (0.5, 1.0)),
+                EffectParameter("transition", "m/s", "v_t, speed between laminar and turbulent", 0.2, (1e-3, 5.0),
+                                (1e-4, 50.0), (0.05, 0.2, 1.0)))
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        top = speed_quantiles(signals, (0.98,))[0]
+        return [np.array([s, t * top]) for s in self.parameters[0].grid for t in (0.1, 0.5, 2.5)]
+
+    def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
+        share, transition = float(values[0]), float(values[1])
+        v = s["velocity"]
+        viscous = viscous_slope(s, core, baseline) * v
+        if baseline.name == "network-parallel":
+            return share * (viscous * (1 + np.abs(v) / transition) - wet(s, core))
+        half = 0.25 * transition / np.maximum(np.abs(v), 1e-12)
+        q = 1.0 / (1.0 + half + np.sqrt(half * (half + 2.0)))
+        return share * viscous * (q - 1.0)
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("v|v| as a further input", regressors=("velocity|velocity|",))
+
+
+def wet(s: Signals, core: Core) -> np.ndarray:
+    """(n,) what an odd law gains beyond the speeds at which it is dry friction."""
+    v = s["velocity"]
+    slow = np.clip(v, *(DRY * float(np.abs(v).max()) * np.array([-1.0, 1.0])))
+    parts = [core(s.replace(velocity=sign * x)) * sign * share for x, share in ((v, 0.5), (slow, -0.5))
+             for sign in (1.0, -1.0)]
+    return np.sum(parts, axis=0)
+
+
+class ValveDynamics(HydraulicEffect):
+    """The valve has a mass: its share of the force follows as a second-order element (equation sheet 3.10)."""
+
+    name: ClassVar[str] = "valve-dynamics"
+    title: ClassVar[str] = "the valve follows with a mass and a spring of its own"
+    stage: ClassVar[str] = "force"
+    equation: ClassVar[str] = "F += s (q - f), f = c(i) v, q'' + 2 zeta w q' + w^2 q = w^2 f"
+    reference: ClassVar[str] = "equation sheet 3.10"
+    experiment: ClassVar[str] = "triangles with sharp corners, sampled at 1 kHz or more: ringing after each reversal"
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("share", "", "s, of the viscous force that passes it", 0.0, (0.0, 1.0), (0.0, 1.5),
+                                (0.5,)),
+                EffectParameter("frequency", "Hz", "w/(2 pi)", 50.0, (5.0, 500.0), (1.0, 2000.0), (15.0, 40.0, 100.0)),
+                EffectParameter("damping", "", "zeta", 0.2, (0.02, 1.5), (0.005, 5.0), (0.15, 0.7)))
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        return [np.array(p) for p in itertools.product(*(p.grid for p in self.parameters))]
+
+    def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
+        from quartercar.effects import _hydraulics_kernels as kernels
+
+        viscous = viscous_slope(s, core, baseline) * s["velocity"]
+        out = np.empty(s.n_samples)
+        kernels.second_order(viscous, 2 * np.pi * float(values[1]) * s.sample_time, float(values[2]), out)
+        return float(values[0]) * (out - viscous)
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("two more states", order=2)
+
+
+class Cavitation(Effect):
+    """The oil tears where compression would empty a chamber; the void must refill before force returns (sheet 3.17)."""
+
+    name: ClassVar[str] = "cavitation"
+    title: ClassVar[str] = "the oil tears in compression"
+    family: ClassVar[str] = "hydraulics"
+    stage: ClassVar[str] = "series"
+    equation: ClassVar[str] = "F >= -F_cav = -1/r; void u' = g(-F_cav) - v >= 0, F = -F_cav while u > 0, g = law^-1"
+    reference: ClassVar[str] = "equation sheet 3.17"
+    experiment: ClassVar[str] = "short strokes at 8 to 15 Hz and 0.5 m/s or more, at a reduced gas pressure"
+    needs: ClassVar[tuple[str, ...]] = ("velocity",)
+    smooth: ClassVar[bool] = False
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("reciprocal_limit", "1/N", "r = 1/F_cav", 0.0, (0.0, 0.01), (0.0, 0.1), (1e-3,)),)
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        peak = max(-float(s.output.min()) for s in signals)
+        return [np.array([1 / (share * peak)]) for share in (0.4, 0.55, 0.7, 0.85, 0.95, 1.0) if peak > 0]
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        if all(float(s.output.min()) >= 0 for s in signals):
+            return "the force is never one of compression"
+        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        return in_series(core, baseline, limit=1 / float(values[0])) if values[0] > 0 else core
+
+    def lpv_change(self) -> LpvChange | None:
+        return None
+
+

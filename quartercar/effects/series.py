@@ -1,0 +1,214 @@
+"""Elements in series with a simulation: the law read off the core as a function of its speed, and the march through it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.electrical import held
+
+NODES = 321
+"""speeds at which a law is read"""
+REACH = 10.0
+"""largest of them, in largest speeds of the record"""
+FINE = 0.01
+"""speed below which they lie evenly, in the same"""
+SEEN = 48
+"""samples at which a law is read at every speed"""
+PARTS = 2
+"""steps of the march within a sample"""
+RANK = 1e-8
+"""share of a law's size that its combination of few speeds may miss"""
+SAME = 1e-9
+"""agreement of a core with itself on samples out of their order, by which it is known to have no memory"""
+PROBE = 0.02
+"""change of speed that finds the local slope of a core with memory, in root mean squares of the speed"""
+SOFTEST = 0.05
+"""least such slope, in that of a straight line through the data"""
+
+
+@dataclass(frozen=True)
+class Elements:
+    """What lies in series with the law.
+
+    Attributes
+    ----------
+    compliance : float
+        1/k [m/N].
+    air_stroke, air_force : float
+        Deflection that compresses all the air [m]; pressure of it times piston area [N].
+    play : float
+        Total lost motion [m].
+    limit : float
+        Force of compression at which the fluid tears [N].
+    """
+
+    compliance: float = 0.0
+    air_stroke: float = 0.0
+    air_force: float = 1.0
+    play: float = 0.0
+    limit: float = np.inf
+
+    def array(self) -> np.ndarray:
+        """(5,) for the kernels."""
+        return np.array([self.compliance, self.air_stroke, self.air_force, self.play / 2, -min(self.limit, 1e300)])
+
+    def deflection(self, force: np.ndarray) -> np.ndarray:
+        """(n,) deflection of spring, air and play under a force [m]."""
+        size = np.abs(force)
+        bent = self.compliance * size + self.play / 2 + self.air_stroke * (1 - (1 + size / self.air_force) ** (-1 / 1.3))
+        return np.sign(force) * bent
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """F(w) = Σ_r b_r φ_r(w) at every sample.
+
+    Attributes
+    ----------
+    speeds : (G,) array
+        Nodes.
+    nodes : (G, r) array
+        φ there.
+    rows, before, tilt : (n, r) arrays
+        b at the samples, just before them where the current is held, and −∂b/∂x.
+    """
+
+    speeds: np.ndarray
+    nodes: np.ndarray
+    rows: np.ndarray
+    before: np.ndarray
+    tilt: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class InSeries:
+    """A core with elements in series: ḋ = v − w, d = D(F), F = core(w, x − d, i)::
+
+        v ──►[ D(F) ]── w ──►[ core ]── F
+
+    Exact (to a third-order rule at the record's clock, current held or straight as the data show) for a core without
+    memory; one with memory takes the form F + (c'/k) dF/dt = core (equation sheet 9.3), c' its local slope. As the
+    elements vanish the result is the core's own to the last digit: what the table misses is taken off.
+    """
+
+    core: Core
+    elements: Elements
+    static: bool = field(default=True)
+
+    def with_elements(self, **more: float) -> InSeries:
+        """Further elements in the same series."""
+        return replace(self, elements=replace(self.elements, **more))
+
+    def __call__(self, s: Signals) -> np.ndarray:
+        from quartercar.effects import _series_kernels as kernels
+
+        rigid = self.core(s)
+        if not np.isfinite(rigid).all():
+            return rigid
+        law = self._law(s, rigid)
+        velocity = np.ascontiguousarray(s["velocity"], dtype=float)
+        out, without = np.empty(s.n_samples), np.empty(s.n_samples)
+        moves = law.before is not law.rows
+        kernels.march(velocity, law.speeds, law.nodes, law.rows, law.before, law.tilt, moves,
+                      self.elements.array(), s.sample_time, PARTS, out)
+        kernels.law_along(velocity, law.speeds, law.nodes, law.rows, without)
+        return rigid + (out - without)
+
+    # -- reading the law ---------------------------------------------------------------------------------------------
+    def _law(self, s: Signals, rigid: np.ndarray) -> Law:
+        speeds = nodes_of(s)
+        seen = _seen(s)
+        first = _spread(s, seen, speeds)
+        if not self.static or not np.allclose(_taken(self.core, s, seen), rigid[seen], rtol=SAME,
+                                              atol=SAME * np.ptp(rigid)):
+            return self._filter(s, rigid, speeds)
+        table = self.core(first).reshape(speeds.size, seen.size)
+        deflection = self.elements.deflection(rigid)
+        turned = None
+        if s.has("displacement"):
+            moved = s.replace(displacement=s["displacement"] - deflection)
+            turned = self.core(_spread(moved, seen, speeds)).reshape(table.shape)
+            turned = None if np.array_equal(turned, table) else turned
+        size = float(np.abs(table).max())
+        if not np.isfinite(size) or np.diff(table, axis=0).min() < -SAME * max(size, 1e-300):
+            return self._filter(s, rigid, speeds)
+        return self._combined(s, speeds, table, turned, deflection)
+
+    def _combined(self, s: Signals, speeds: np.ndarray, table: np.ndarray,
+                  turned: np.ndarray | None, deflection: np.ndarray) -> Law:
+        """The law at every speed as a combination of itself at few: pivoted QR of the table picks them."""
+        from scipy.linalg import qr, solve_triangular
+
+        everything = table if turned is None else np.hstack([table, turned])
+        right, pivots = qr(everything.T, mode="r", pivoting=True)
+        weight = np.abs(np.diag(right))
+        rank = max(int(np.sum(weight > RANK * max(float(weight[0]), 1e-300))), 1)
+        shapes = np.zeros((speeds.size, rank))
+        shapes[pivots[:rank]] = np.eye(rank)
+        if rank < speeds.size:
+            shapes[pivots[rank:]] = solve_triangular(right[:rank, :rank], right[:rank, rank:]).T
+        chosen = speeds[pivots[:rank]]
+
+        def along(signals: Signals) -> np.ndarray:
+            return np.column_stack([self.core(signals.replace(velocity=np.full(s.n_samples, w))) for w in chosen])
+
+        rows = along(s)
+        before, tilt = rows, np.zeros_like(rows)
+        if s.has("current") and held(s):
+            earlier = np.concatenate([s["current"][:1], s["current"][:-1]])
+            before = along(s.replace(current=earlier))
+        if turned is not None:
+            reach = np.where(np.abs(deflection) > 1e-12, deflection, 1e-12)
+            there = along(s.replace(displacement=s["displacement"] - reach))
+            tilt = (there - rows) / reach[:, None]
+        return Law(speeds, shapes, rows, before, tilt)
+
+    def _filter(self, s: Signals, rigid: np.ndarray, speeds: np.ndarray) -> Law:
+        """F(w) = core + c'(w − v), c' the core's local slope: equation sheet 9.3 for cores with memory or folds."""
+        v = s["velocity"]
+        change = PROBE * float(np.sqrt(np.mean(v**2))) or 1e-6
+        slope = (self.core(s.replace(velocity=v + change)) - self.core(s.replace(velocity=v - change))) / (2 * change)
+        least = SOFTEST * max(float(v @ rigid), 0.0) / max(float(v @ v), 1e-300)
+        slope = np.maximum(slope, max(least, 1e-9))
+        rows = np.column_stack([rigid - slope * v, slope])
+        shapes = np.column_stack([np.ones(speeds.size), speeds])
+        return Law(speeds, shapes, rows, rows, np.zeros_like(rows))
+
+
+def in_series(core: Core, baseline: Baseline, **more: float) -> InSeries:
+    """The core with elements in series, those that it already has included."""
+    if isinstance(core, InSeries):
+        return core.with_elements(**more)
+    return InSeries(core, Elements(**more), baseline.static)
+
+
+def nodes_of(s: Signals) -> np.ndarray:
+    """(G,) speeds at which a law is read, evenly in asinh(w/w_0), for the speeds of these signals."""
+    top = float(s.cached("top speed", lambda: np.abs(s["velocity"]).max())) or 1e-3
+    return FINE * top * np.sinh(np.linspace(-1.0, 1.0, NODES) * np.arcsinh(REACH / FINE))
+
+
+def _seen(s: Signals) -> np.ndarray:
+    """Samples evenly in time, and those where a channel is largest or smallest."""
+    def make() -> np.ndarray:
+        ends = [k for c in s.channels.values() for k in (int(np.argmax(c)), int(np.argmin(c)))]
+        even = np.linspace(0, s.n_samples - 1, SEEN).round().astype(int)
+        return np.unique(np.concatenate([even, np.array(ends, dtype=int)]))
+
+    return s.cached("samples at which a law is read", make)
+
+
+def _spread(s: Signals, seen: np.ndarray, speeds: np.ndarray) -> Signals:
+    """Signals that hold the chosen samples at every speed."""
+    channels = {role: np.tile(c[seen], speeds.size) for role, c in s.channels.items()}
+    channels["velocity"] = np.repeat(speeds, seen.size)
+    return Signals(s.sample_time, channels, np.tile(s.output[seen], speeds.size), s.name)
+
+
+def _taken(core: Callable[[Signals], np.ndarray], s: Signals, seen: np.ndarray) -> np.ndarray:
+    return core(Signals(s.sample_time, {r: c[seen] for r, c in s.channels.items()}, s.output[seen], s.name))
