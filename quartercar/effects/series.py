@@ -1,4 +1,4 @@
-"""Elements in series with a simulation: the law read off the core as a function of its speed, and the march through it."""
+"""Elements in series with a simulation: the law, read off the core as a function of speed, and the march."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ class Elements:
     def deflection(self, force: np.ndarray) -> np.ndarray:
         """(n,) deflection of spring, air and play under a force [m]."""
         size = np.abs(force)
-        bent = self.compliance * size + self.play / 2 + self.air_stroke * (1 - (1 + size / self.air_force) ** (-1 / 1.3))
-        return np.sign(force) * bent
+        air = self.air_stroke * (1 - (1 + size / self.air_force) ** (-1 / 1.3))
+        return np.sign(force) * (self.compliance * size + self.play / 2 + air)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,11 @@ HALF = 0.6
 
 
 def viscous_slope(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
-    """(n,) c(i) ≥ 0: the slope of a core without memory between two high speeds, at every sample's current and position;
-    of one with memory the regression of its force on the speed [N·s/m]."""
+    """(n,) c(i) ≥ 0, the growth of the force with the speed [N·s/m].
+
+    Of a core without memory between two high speeds, at every sample's current and position; of one with memory by
+    regression of its force on the speed.
+    """
     v = s["velocity"]
     if not baseline.static:
         return np.full(s.n_samples, max(_regressed(v, core(s)), 0.0))
@@ -32,11 +35,12 @@ def measured_slope(signals: Sequence[Signals]) -> float:
     top = max(_top(s) for s in signals)
     v = np.concatenate([np.abs(s["velocity"]) for s in signals])
     f = np.concatenate([s.output * np.sign(s["velocity"]) for s in signals])
-    fast, medium = f[v > 0.6 * top], f[(v > 0.2 * top) & (v < 0.4 * top)]
-    if not fast.size or not medium.size:
-        return max(_regressed(v, f), 1e-9)
-    rise = float(fast.mean() - medium.mean()) / float(v[v > 0.6 * top].mean() - v[(v > 0.2 * top) & (v < 0.4 * top)].mean())
-    return max(rise, 0.1 * abs(_regressed(v, f)), 1e-9)
+    fast, medium = v > 0.6 * top, (v > 0.2 * top) & (v < 0.4 * top)
+    whole = abs(_regressed(v, f))
+    if not fast.any() or not medium.any():
+        return max(whole, 1e-9)
+    rise = float(f[fast].mean() - f[medium].mean()) / float(v[fast].mean() - v[medium].mean())
+    return max(rise, 0.1 * whole, 1e-9)
 
 
 def speed_quantiles(signals: Sequence[Signals], shares: Sequence[float]) -> list[float]:

@@ -1,0 +1,204 @@
+"""Springs, play and air in series: closed forms, a stiff solver, the rig, and the engine's name for them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from lpvid.diagnosis.engine import diagnose
+from lpvid.diagnosis.signals import Core, Signals
+from lpvid.record import Record
+from quartercar import dampers
+from quartercar.baselines.damper import DamperBaseline
+from quartercar.dampers.facts import Facts
+from quartercar.effects import CATALOGUE
+from quartercar.effects.compliance import Backlash, EntrainedAir, SeriesCompliance, SeriesElement
+from quartercar.effects.series import InSeries
+from quartercar.rig import EXPERIMENTS, Rig, RigDamper, Sensors, effect
+
+ELEMENTS = (SeriesCompliance(), Backlash(), EntrainedAir())
+RATE = 1024.0
+
+
+def baseline(name: str = "guo") -> DamperBaseline:
+    """Any damper stands for its kind: with or without memory."""
+    return DamperBaseline(dampers.model_class(name)())
+
+
+def sine(amplitude: float, frequency: float, cycles: int = 6, rate: float = RATE) -> Signals:
+    t = np.arange(round(cycles / frequency * rate)) / rate
+    w = 2 * math.pi * frequency
+    x, v = amplitude * np.sin(w * t), amplitude * w * np.cos(w * t)
+    return Signals(1 / rate, {"displacement": x, "velocity": v, "current": 0 * x}, 0 * x)
+
+
+def law(s: Signals) -> np.ndarray:
+    """A tanh damper with position dependence, through (1200 + 300 i) v + (100 + 500 i) tanh((v + 2 x)/0.02)."""
+    i, v, x = s["current"], s["velocity"], s["displacement"]
+    return (1200 + 300 * i) * v + (100 + 500 * i) * np.tanh((v + 2 * x) / 0.02)
+
+
+def run(element: SeriesElement, values: list[float], core: Core, s: Signals, name: str = "guo") -> np.ndarray:
+    return element.compose(core, np.array(values), baseline(name))(s)
+
+
+# -- nestedness ----------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("element", ELEMENTS, ids=lambda e: e.name)
+@pytest.mark.parametrize("name", ["guo", "bouc-wen"])
+def test_at_zero_nothing_changes_and_near_zero_almost_nothing(element: SeriesElement, name: str) -> None:
+    s = sine(0.01, 2.0, rate=256.0)
+    core = law if name == "guo" else (lambda s: law(s) + 30 * np.sin(np.cumsum(s["velocity"])))
+    values = element.neutral
+    assert np.array_equal(run(element, list(values), core, s, name), core(s))
+    values[0] = 1e-9 * element.parameters[0].grid[-1]
+    assert np.abs(run(element, list(values), core, s, name) - core(s)).max() < 1e-4
+
+
+# -- closed forms of equation sheet 9.1 ------------------------------------------------------------------------------
+def test_a_dashpot_behind_a_spring_is_a_maxwell_element() -> None:
+    c, k, x, f = 2000.0, 2e5, 0.01, 3.0
+    s, w = sine(x, f, 8), 2 * math.pi * f
+    force = run(SeriesCompliance(), [1 / k], lambda s: c * s["velocity"], s)
+    tau, t = c / k, s.times
+    steady = c * w * x / (1 + (w * tau) ** 2) * (np.cos(w * t) + w * tau * np.sin(w * t))
+    late = t > 10 * tau + 0.5
+    assert np.abs(force - steady)[late].max() < 5e-5 * steady.max()  # straight lines between samples: (wh)^2/12
+
+
+def test_a_yield_force_behind_a_spring_is_a_jenkins_element() -> None:
+    force_y, k, x, f = 1000.0, 1e6, 0.005, 1.0
+    s = sine(x, f, 4)
+    force = run(SeriesCompliance(), [1 / k], lambda s: force_y * np.tanh(s["velocity"] / 1e-4), s)
+    last = s.times > 2 / f
+    work = np.trapezoid((force * s["velocity"])[last], dx=s.sample_time) / 2
+    assert work == pytest.approx(4 * force_y * (x - force_y / k), rel=2e-3)
+
+
+def test_play_takes_its_width_after_every_reversal() -> None:
+    """A dashpot's force is missing while the play is crossed: over half a stroke from rest v is integrated to δ."""
+    play, x, f = 1e-3, 0.01, 1.0
+    s = sine(x, f, 3)
+    force = run(Backlash(), [play], lambda s: 5e5 * s["velocity"], s)
+    falling = (s.times > 1.25) & (s.times < 1.75)
+    caught = np.flatnonzero(falling & (force < -100.0))[0]
+    assert x - s["displacement"][caught] == pytest.approx(play, abs=2e-5)
+    rigid = 5e5 * s["velocity"]
+    engaged = falling & (s["displacement"] < x - 1.2 * play)
+    assert np.abs(force - rigid)[engaged].max() < 2e-3 * np.abs(rigid).max()
+
+
+def test_air_is_soft_at_first_and_gone_when_compressed() -> None:
+    stroke, pressure, c, f, x = 1e-3, 400.0, 2e5, 1.0, 0.01
+    s = sine(x, f, 3, 4096.0)
+    force = run(EntrainedAir(), [stroke, pressure], lambda s: c * s["velocity"], s)
+
+    def rate(t: float, y: np.ndarray) -> list[float]:
+        v = x * 2 * math.pi * math.cos(2 * math.pi * t)
+        soft = stroke / (1.3 * pressure) * (1 + abs(y[0]) / pressure) ** (-1 / 1.3 - 1)
+        return [(v - y[0] / c) / soft]
+
+    exact = solve_ivp(rate, (0, s.times[-1]), [force[0]], "Radau", s.times, rtol=1e-9, atol=1e-6).y[0]
+    assert np.sum((force - exact) ** 2) < 1e-7 * np.sum(exact**2)
+
+
+# -- a stiff solver --------------------------------------------------------------------------------------------------
+def test_a_law_of_speed_position_and_current_in_series_follows_the_exact_solution() -> None:
+    """ESR below 1e-5 at k = 1.5 MN/m, where the slope at rest is 48,000 N·s/m, on motion and current without jumps."""
+    k, rate = 1.5e6, 512.0
+    t = np.arange(round(1.5 * rate)) / rate
+    waves = [(0.004, 3.0, 0.3), (0.001, 11.0, 1.0)]
+
+    def motion(t: np.ndarray | float) -> tuple:
+        return (sum(a * np.sin(2 * math.pi * f * t + p) for a, f, p in waves),
+                sum(a * 2 * math.pi * f * np.cos(2 * math.pi * f * t + p) for a, f, p in waves),
+                0.8 + 0.8 * np.sin(2 * math.pi * 1.7 * t))
+
+    x, v, i = motion(t)
+    s = Signals(1 / rate, {"displacement": x, "velocity": v, "current": i}, 0 * x)
+    force = run(SeriesCompliance(), [1 / k], law, s)
+
+    def speed(f: float, y: float, i: float) -> float:
+        low, high = -20.0, 20.0
+        for _ in range(60):
+            w = 0.5 * (low + high)
+            if (1200 + 300 * i) * w + (100 + 500 * i) * math.tanh((w + 2 * y) / 0.02) < f:
+                low = w
+            else:
+                high = w
+        return 0.5 * (low + high)
+
+    def slope(time: float, state: np.ndarray) -> list[float]:
+        x, v, i = motion(time)
+        return [k * (v - speed(state[0], x - state[0] / k, i))]
+
+    exact = solve_ivp(slope, (0, t[-1]), [force[0]], "Radau", t, rtol=1e-7, atol=1e-3).y[0]
+    rigid = law(s)
+    assert np.sum((rigid - exact) ** 2) > 0.1 * np.sum(exact**2)
+    assert np.sum((force - exact) ** 2) < 1e-5 * np.sum(exact**2)
+
+
+def test_elements_in_one_series_are_one_element() -> None:
+    s = sine(0.005, 2.0, 4)
+    play = Backlash().compose(SeriesCompliance().compose(law, np.array([4e-7]), baseline()), np.array([1e-4]),
+                              baseline())
+    turned = SeriesCompliance().compose(Backlash().compose(law, np.array([1e-4]), baseline()), np.array([4e-7]),
+                                        baseline())
+    assert isinstance(play, InSeries) and isinstance(turned, InSeries)
+    assert play.elements == turned.elements
+
+
+def test_a_core_with_memory_is_followed_through_its_local_slope() -> None:
+    """A lagging dashpot with a spring: at low frequency the phases of both lags add."""
+    c, k, f = 2000.0, 4e5, 1.0
+    s = sine(0.01, f, 6)
+    held_back = 0.003
+
+    def lagging(s: Signals) -> np.ndarray:
+        n = np.arange(s.n_samples)
+        return c * np.interp(n - held_back / s.sample_time, n, s["velocity"])
+
+    force = run(SeriesCompliance(), [1 / k], lagging, s, "bouc-wen")
+    late = s.times > 2
+    turn = np.exp(-2j * math.pi * f * s.times[late])
+    lag = np.angle(np.sum(s["velocity"][late] * turn) / np.sum(force[late] * turn)) / (2 * math.pi * f)
+    assert lag == pytest.approx(held_back + c / k, rel=0.01)
+
+
+# -- the rig and the engine ------------------------------------------------------------------------------------------
+PLACES = {"series-compliance": (SeriesCompliance(), [1 / 1.5e6], 2e-4), "backlash": (Backlash(), [5e-4], 2e-3),
+          "entrained-air": (EntrainedAir(), [4e-4, 400.0], 6e-4)}
+
+
+def static_law(s: Signals) -> np.ndarray:
+    """`RigDamper.static` as its docstring says."""
+    i, v = s["current"], s["velocity"]
+    return (900 + 300 * i) * v + (60 + 580 * i) * np.tanh(v / 0.025)
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_the_rig_does_the_same_to_a_damper_without_memory(name: str) -> None:
+    element, values, allowed = PLACES[name]
+    record = Rig(damper=RigDamper.static(), effects=(effect(name, 1.0),), sensors=Sensors.perfect()).run(
+        EXPERIMENTS["test-3"], seed=0)
+    s = Signals(record.sample_time, {c: record[c] for c in ("displacement", "velocity", "current")}, record["force"])
+    power = np.sum(s.output**2)
+    assert np.sum((static_law(s) - s.output) ** 2) > 0.1 * power
+    assert np.sum((run(element, values, static_law, s)[300:] - s.output[300:]) ** 2) < allowed * power
+
+
+def diagnosed(record: Record, damper: str, **changes: object):
+    made = dampers.model_class(damper).suited(Facts.of([record])).replace(values={}, **changes)
+    return diagnose([record], DamperBaseline(made), CATALOGUE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "value"), [("series-compliance", 1 / 1.5e6), ("backlash", 5e-4),
+                                             ("entrained-air", 4e-4)])
+def test_the_engine_names_what_the_rig_hides(name: str, value: float) -> None:
+    record = Rig(damper=RigDamper.static(), effects=(effect(name, 1.0),)).run(EXPERIMENTS["test-3"], seed=0)
+    found = diagnosed(record, "guo", offset=False)
+    assert [c.name for c in found.causes] == [name]
+    assert found.causes[0].parameters[0].value == pytest.approx(value, rel=0.1)
