@@ -69,6 +69,12 @@ class Composition:
                 for e in self.effects for p in e.parameters]
         return np.array(own)
 
+    @property
+    def chosen(self) -> np.ndarray:
+        """(P,) bool: parameters that are a choice among things, which no derivative moves."""
+        return np.array([False] * self.baseline.vector.size + [bool(p.choices) for e in self.effects
+                                                               for p in e.parameters])
+
     def core(self, vector: np.ndarray) -> Core:
         """The whole simulation at a parameter vector."""
         core = self.baseline.core(vector[: self.baseline.vector.size])
@@ -84,15 +90,18 @@ class Composition:
                       at: np.ndarray | None = None) -> np.ndarray:
         """(n, len(free)) derivative of `predict` in the free parameters, by differences; inwards from a bound.
 
-        Without effects, the baseline's own (exact) derivative.
+        Zero for a choice. Without effects, the baseline's own (exact) derivative.
         """
         wanted = range(vector.size) if free is None else free
         if not self.effects:
             return self.baseline.sensitivities(signals, vector)[:, list(wanted)]
         here = self.predict(signals, vector) if at is None else at
         _, high = self.bounds
-        out = np.empty((signals.n_samples, len(wanted)))
+        out = np.zeros((signals.n_samples, len(wanted)))
+        chosen = self.chosen
         for column, j in enumerate(wanted):
+            if chosen[j]:
+                continue
             step = STEP * self.scales[j]
             moved = vector.copy()
             moved[j] += step if vector[j] + step <= high[j] else -step

@@ -17,18 +17,22 @@ VERDICTS = ("explained", "partly-explained", "unexplained", "nothing-to-explain"
 
 @dataclass(frozen=True)
 class Estimated:
-    """A fitted number with its standard error, SI."""
+    """A fitted number with its standard error, SI; or a choice, with what it means."""
 
     name: str
     value: float
     std: float | None
     unit: str
+    choice: str | None = None
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""
-        return {"name": self.name, "value": self.value, "std": self.std, "unit": self.unit}
+        chosen = {} if self.choice is None else {"choice": self.choice}
+        return {"name": self.name, "value": self.value, "std": self.std, "unit": self.unit, **chosen}
 
     def __str__(self) -> str:
+        if self.choice is not None:
+            return f"{self.name} {self.choice}"
         error = "" if self.std is None else f" ± {self.std:.2g}"
         return f"{self.name} {self.value:.4g}{error} {self.unit}".rstrip()
 

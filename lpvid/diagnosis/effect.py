@@ -45,6 +45,9 @@ class EffectParameter:
     bounds : (float, float)
     grid : tuple of float
         Values to look at when screening: strengths away from neutral, or shapes.
+    choices : tuple of str
+        For a parameter that can only be one of several things: what its values 0, 1, 2 … mean. A search takes it from
+        the grid and leaves it there.
     """
 
     name: str
@@ -54,6 +57,7 @@ class EffectParameter:
     plausible: tuple[float, float]
     bounds: tuple[float, float]
     grid: tuple[float, ...]
+    choices: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         low, high = self.bounds
@@ -61,6 +65,10 @@ class EffectParameter:
             raise InputError(f"effect parameter {self.name} is inconsistent", got=f"{self.bounds}, {self.plausible}")
         if not self.grid or any(not low <= g <= high for g in self.grid):
             raise InputError(f"effect parameter {self.name} needs a screening grid inside its bounds", got=self.grid)
+
+    def choice(self, value: float) -> str | None:
+        """What a value means where there are choices; None for a number."""
+        return self.choices[min(max(round(value), 0), len(self.choices) - 1)] if self.choices else None
 
 
 @dataclass(frozen=True)
@@ -155,6 +163,11 @@ class Effect(ABC):
     def missing(self, signals: tuple[Signals, ...]) -> tuple[str, ...]:
         """Needed roles that some record does not have."""
         return tuple(n for n in self.needs if not all(s.has(n) for s in signals))
+
+    def told(self, values: np.ndarray) -> str:
+        """The title, with what was chosen where a parameter has choices."""
+        chosen = [c for p, v in zip(self.parameters, values, strict=True) if (c := p.choice(float(v))) is not None]
+        return f"{self.title}: {', '.join(chosen)}" if chosen else self.title
 
     def describe(self) -> dict[str, Any]:
         """Plain data for a table of the catalogue."""
