@@ -12,88 +12,35 @@ from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.errors import InputError
 from lpvid.record import Record
+from quartercar.baselines.car_core import OUTPUTS, CarCore, discretised
 from quartercar.parameters import BENCH, CarParameters
 
 ROLES = ("road", "unsprung", "sprung", "actuator")
-FREE = ("spring_stiffness", "damping", "sprung_mass", "unsprung_mass", "tyre_stiffness", "tyre_damping")
 UNITS = {"spring_stiffness": "N/m", "damping": "N*s/m", "sprung_mass": "kg", "unsprung_mass": "kg",
          "tyre_stiffness": "N/m", "tyre_damping": "N*s/m"}
-SMOOTH = 1e-3
-"""speed over which the friction of the strut is smoothed [m/s]"""
+FREE = ("spring_stiffness", "damping", "unsprung_mass", "tyre_stiffness", "tyre_damping")
+"""what a fit moves; the sprung mass is the scale of all the others, which motions alone cannot tell"""
+MASS_REACH, STIFFNESS_REACH, DAMPING_REACH = 4.0, 10.0, 10.0
+"""how far a fit may move from the given car: factors either way for masses and stiffnesses; for the dampings a multiple
+of the critical one, 2√(km)"""
+HOLD_FIRST = ("sprung_mass", "unsprung_mass", "tyre_damping", "tyre_stiffness", "spring_stiffness", "damping")
+"""of several parameters that data cannot determine together, the one that is held at its given value"""
+LOOSE = 0.5
+"""standard error, as a share of a parameter, from which it counts as not determined"""
+SAME = 0.02
+"""share by which the squared error may grow when such a parameter is held"""
+BLOCK = 2.0
+"""length of the blocks over which errors are summed for standard errors [s]"""
 DIFFERENCE = 1e-5
-
-
-@dataclass(frozen=True)
-class CarCore:
-    """A linear quarter car with friction in the strut, as a simulation of one of its motions.
-
-    ::
-
-        m_s z̈_s   = −k_s (z_s − z_us) − c (ż_s − ż_us) − F_c sign(ż_s − ż_us) + F
-        m_us z̈_us =  k_s (z_s − z_us) + c (ż_s − ż_us) + F_c sign(ż_s − ż_us) − F − k_t (z_us − z_r) − c_t (ż_us − ż_r)
-
-    Attributes
-    ----------
-    car : CarParameters
-    friction : float
-        F_c [N].
-    output : {"sprung", "unsprung"}
-    """
-
-    car: CarParameters
-    friction: float = 0.0
-    output: str = "sprung"
-
-    def changed(self, friction: float = 0.0, **changes: float) -> CarCore:
-        """The same with friction added, and some parameters multiplied (``tyre_stiffness=1.1``) or replaced."""
-        return replace(self, car=self.car.replace(**changes), friction=self.friction + friction)
-
-    def __call__(self, s: Signals) -> np.ndarray:
-        from quartercar import _car_kernels as kernels
-
-        road = s["road"]
-        force = s["actuator"] if s.has("actuator") else np.zeros(s.n_samples)
-        inputs = np.column_stack([road, force])
-        ad, b0, b1, bf = discretised(self.car, s.sample_time)
-        first = np.array([s["sprung"][0], 0.0, s["unsprung"][0], 0.0])
-        states = np.empty((s.n_samples, 4))
-        kernels.run_with_friction(ad, b0, b1, bf, np.array([0.0, 1.0, 0.0, -1.0]), np.ascontiguousarray(inputs),
-                                  float(self.friction), SMOOTH, first, states)
-        return np.ascontiguousarray(states[:, 0 if self.output == "sprung" else 2])
-
-
-def discretised(car: CarParameters, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Exact step of the linear car for road and actuator force that are linear between samples.
-
-    Returns
-    -------
-    ad : (4, 4) array
-        States z_s, ż_s, z_us, ż_us.
-    b0, b1 : (4, 2) arrays
-        Weights of road and actuator force at the step's start and end.
-    bf : (4,) array
-        Weight of a friction force that opposes extension, held over the step.
-    """
-    from scipy.linalg import expm
-
-    ms, mu, ks, c, kt, ct = (car.sprung_mass, car.unsprung_mass, car.spring_stiffness, car.damping,
-                             car.tyre_stiffness, car.tyre_damping)
-    a = np.array([[0, 1, 0, 0], [-ks / ms, -c / ms, ks / ms, c / ms], [0, 0, 0, 1],
-                  [ks / mu, c / mu, -(ks + kt) / mu, -(c + ct) / mu]])
-    level = np.array([[0, 0], [0, 1 / ms], [0, 0], [kt / mu, -1 / mu]])
-    slope = np.array([[0, 0], [0, 0], [0, 0], [ct / mu, 0]])
-    block = np.zeros((8, 8))
-    block[:4, :4], block[:4, 4:6], block[:4, 6:], block[4:6, 6:] = a, level, slope, np.eye(2)
-    e = expm(block * step)
-    ramp = e[:4, 6:] / step
-    held = np.zeros((5, 5))
-    held[:4, :4], held[:4, 4] = a, [0.0, -1 / ms, 0.0, 1 / mu]
-    return e[:4, :4].copy(), e[:4, 4:6] - ramp, ramp, np.ascontiguousarray(expm(held * step)[:4, 4])
 
 
 @dataclass(frozen=True, eq=False)
 class QuarterCarBaseline(Baseline):
     """A quarter car simulated from the measured road and actuator force.
+
+    Motions are the same for a car whose masses, stiffnesses and dampings are all twice as large; only an actuator's
+    force, which is a suspect itself, sets the scale. The sprung mass is therefore held unless it is asked for, the
+    others stay within physical reach of the given car, and a fit holds what the records do not determine.
 
     Attributes
     ----------
@@ -102,23 +49,31 @@ class QuarterCarBaseline(Baseline):
         Parameters that a fit may move; none for a car whose parameters are given.
     output : {"sprung", "unsprung"}
         Which motion is compared.
+    actuated : bool
+        Whether there is an actuator whose force is recorded.
+    given : CarParameters, optional
+        The car around which the bounds lie; `car` when left out.
     """
 
     car: CarParameters = BENCH
     free: tuple[str, ...] = FREE
     output: str = "sprung"
+    actuated: bool = True
+    given: CarParameters | None = None
     name: str = field(default="quarter-car", init=False)
     output_unit: str = field(default="m", init=False)
     static: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
-        _checks.one_of(self.output, ("sprung", "unsprung"), "output")
+        _checks.one_of(self.output, OUTPUTS, "output")
         for name in self.free:
-            _checks.one_of(name, FREE, "a free parameter")
+            _checks.one_of(name, tuple(UNITS), "a free parameter")
+        if self.given is None:
+            object.__setattr__(self, "given", self.car)
 
     @property
     def channels(self) -> tuple[str, ...]:
-        return ("road", "unsprung", "sprung", "actuator")
+        return ROLES if self.actuated else ROLES[:3]
 
     @property
     def start(self) -> int:
@@ -126,9 +81,13 @@ class QuarterCarBaseline(Baseline):
 
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:
-        low = {"damping": 0.0, "tyre_damping": 0.0, "spring_stiffness": 0.0}
-        return tuple(Coefficient(n, UNITS[n], low.get(n, 1e-3 * float(getattr(self.car, n))), np.inf,
-                                 max(float(getattr(self.car, n)), 1e-3)) for n in self.free)
+        assert self.given is not None
+        found = []
+        for name in self.free:
+            value = float(getattr(self.given, name))
+            low, high = _reach(self.given, name)
+            found.append(Coefficient(name, UNITS[name], low, high, max(value, 0.01 * high if low == 0 else value)))
+        return tuple(found)
 
     @property
     def vector(self) -> np.ndarray:
@@ -141,7 +100,7 @@ class QuarterCarBaseline(Baseline):
         period = record.sample_time
         if period is None:
             raise InputError(f"record '{record.name}' has no uniform clock", mend="--sample-rate")
-        for role in ("road", "unsprung", "sprung"):
+        for role in self.channels:
             if not record.has(role):
                 raise InputError(f"record '{record.name}' has no {role}", got=", ".join(record.channels),
                                  why="a quarter car is simulated from its road and compared with its motion",
@@ -153,30 +112,101 @@ class QuarterCarBaseline(Baseline):
         return CarCore(self.with_vector(vector).car, output=self.output)
 
     def fit(self, records: Sequence[Record]) -> QuarterCarBaseline:
-        from scipy.optimize import least_squares
+        """Least squares of the free run; what the records do not determine is held as given.
 
+        A parameter counts as such where its standard error is larger than half of it, or where it has run into its
+        bounds, and the error hardly grows when it is held.
+        """
+        signals = [self.signals(r) for r in records]
         if not self.free:
             return self
-        signals = [self.signals(r) for r in records]
-        scale = np.array([c.scale for c in self.coefficients])
+        found, spread, cost = _searched(self, signals)
+        while True:
+            loose = [n for n, s, c, v in zip(found.free, spread, found.coefficients, found.vector, strict=True)
+                     if s > LOOSE * max(c.scale, abs(v)) or v >= c.upper * (1 - 1e-6) or 0 < v <= c.lower * (1 + 1e-6)]
+            for name in sorted(loose, key=HOLD_FIRST.index):
+                smaller = _searched(found.holding(name), signals)
+                if smaller[2] <= (1 + SAME) * cost:
+                    found, spread, cost = smaller
+                    break
+            else:
+                return found
 
-        def errors(z: np.ndarray) -> np.ndarray:
-            core = self.core(np.exp(z) * scale)
-            return np.concatenate([core(s) - s.output for s in signals])
-
-        start = np.log(np.maximum(self.vector, 1e-3 * scale) / scale)
-        found = least_squares(errors, start, x_scale=1.0, bounds=(-7, 7), max_nfev=60)
-        return self.with_vector(np.exp(found.x) * scale)
+    def holding(self, name: str) -> QuarterCarBaseline:
+        """The same with one parameter at its given value, and no longer free."""
+        assert self.given is not None
+        return replace(self, car=self.car.replace(**{name: getattr(self.given, name)}),
+                       free=tuple(n for n in self.free if n != name))
 
     def sensitivities(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
         out = np.empty((signals.n_samples, vector.size))
         for j, coefficient in enumerate(self.coefficients):
-            step = DIFFERENCE * coefficient.scale
             up, down = vector.copy(), vector.copy()
-            up[j] += step
-            down[j] = max(down[j] - step, coefficient.lower)
+            up[j] = min(up[j] + DIFFERENCE * coefficient.scale, coefficient.upper)
+            down[j] = max(down[j] - DIFFERENCE * coefficient.scale, coefficient.lower)
             out[:, j] = (self.core(up)(signals) - self.core(down)(signals)) / (up[j] - down[j])
         return out
 
     def to_dict(self) -> dict:
-        return {"kind": "quarter-car", "car": asdict(self.car), "free": list(self.free), "output": self.output}
+        return {"kind": "quarter-car", "car": asdict(self.car), "free": list(self.free), "output": self.output,
+                "actuated": self.actuated, "given": None if self.given is None else asdict(self.given)}
+
+    @classmethod
+    def from_dict(cls, data: dict) -> QuarterCarBaseline:
+        """Inverse of `to_dict`."""
+        given = data.get("given")
+        return cls(CarParameters(**data["car"]), tuple(data["free"]), data["output"], bool(data.get("actuated", True)),
+                   None if given is None else CarParameters(**given))
+
+
+def _reach(given: CarParameters, name: str) -> tuple[float, float]:
+    """Bounds of a parameter around a given car."""
+    if name == "damping":
+        return 0.0, DAMPING_REACH * 2 * float(np.sqrt(given.spring_stiffness * given.sprung_mass))
+    if name == "tyre_damping":
+        return 0.0, DAMPING_REACH / 5 * float(np.sqrt(given.tyre_stiffness * given.unsprung_mass))
+    factor = MASS_REACH if name.endswith("mass") else STIFFNESS_REACH
+    value = float(getattr(given, name))
+    return value / factor, value * factor
+
+
+def _searched(baseline: QuarterCarBaseline, signals: Sequence[Signals]
+              ) -> tuple[QuarterCarBaseline, np.ndarray, float]:
+    """The fit inside the bounds, the standard error of every parameter (infinite where blind), the squared error."""
+    from scipy.optimize import least_squares
+
+    if not baseline.free:
+        core = baseline.core(baseline.vector)
+        return baseline, np.empty(0), float(sum(np.sum((core(s) - s.output) ** 2) for s in signals))
+    scale = np.array([c.scale for c in baseline.coefficients])
+    low, high = (np.array([getattr(c, side) for c in baseline.coefficients]) / scale for side in ("lower", "upper"))
+
+    def errors(z: np.ndarray) -> np.ndarray:
+        core = baseline.core(z * scale)
+        return np.concatenate([core(s) - s.output for s in signals])
+
+    def slopes(z: np.ndarray) -> np.ndarray:
+        return np.vstack([baseline.sensitivities(s, z * scale) for s in signals]) * scale
+
+    start = np.clip(baseline.vector / scale, low, high)
+    found = least_squares(errors, start, slopes, bounds=(low, high), x_scale="jac", max_nfev=80)  # type: ignore[arg-type]
+    spread = _spread(np.asarray(found.jac), found.fun, signals) * scale
+    return baseline.with_vector(found.x * scale), spread, float(found.fun @ found.fun)
+
+
+def _spread(jacobian: np.ndarray, errors: np.ndarray, signals: Sequence[Signals]) -> np.ndarray:
+    """(P,) standard errors in sandwich form over blocks of `BLOCK` seconds, blind directions infinite."""
+    block = np.concatenate([k + np.arange(s.n_samples) * s.sample_time // BLOCK for k, s in
+                            zip(np.cumsum([0, *(1 + s.n_samples * s.sample_time // BLOCK for s in signals)])[:-1],
+                                signals, strict=True)]).astype(int)
+    scores = np.zeros((block.max() + 1, jacobian.shape[1]))
+    np.add.at(scores, block, jacobian * errors[:, None])
+    values, axes = np.linalg.eigh(jacobian.T @ jacobian)
+    seen = values > 1e-9 * max(float(values[-1]), 1e-300)
+    inverse = (axes[:, seen] / values[seen]) @ axes[:, seen].T
+    variance = np.diag(inverse @ (scores.T @ scores) @ inverse).copy()
+    variance[np.any(np.abs(axes[:, ~seen]) > 0.05, axis=1)] = np.inf
+    return np.sqrt(variance)
+
+
+__all__ = ["FREE", "UNITS", "CarCore", "QuarterCarBaseline", "discretised"]

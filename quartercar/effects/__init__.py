@@ -3,15 +3,7 @@
 from __future__ import annotations
 
 from lpvid.diagnosis.effect import Effect
-from quartercar.effects.car import (
-    ActuatorDelay,
-    ChannelSign,
-    Payload,
-    SensorScale,
-    StrutFriction,
-    TyreDamping,
-    TyreStiffness,
-)
+from quartercar.effects.car import ActuatorDelay, Payload, StrutFriction, TyreDamping, TyreStiffness
 from quartercar.effects.compliance import Backlash, EntrainedAir, SeriesCompliance
 from quartercar.effects.electrical import CoilLag, CommandDelay, CurrentSaturation, Remanence, RiseFallLag
 from quartercar.effects.friction_gas import CoulombFriction, GasPreload, GasStiffness, StribeckFriction
@@ -34,6 +26,7 @@ from quartercar.effects.measurement import (
 )
 from quartercar.effects.model_structure import ColouredNoise, MissingScheduling, ModelOrder, SchedulingDegree
 from quartercar.effects.quantisation import Quantisation
+from quartercar.effects.sensors import ChannelSign, SensorScale
 from quartercar.effects.structure import EndStop, FixtureInertia, FixtureResonance
 from quartercar.effects.thermal import ThermalFade, ViscousFade
 

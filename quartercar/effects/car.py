@@ -1,4 +1,4 @@
-"""Causes in a quarter car: strut, masses, tyre, actuator, sensors."""
+"""Causes in a quarter car: strut, masses, tyre, actuator."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import ClassVar
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
+from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
-from quartercar.baselines.quarter_car import CarCore, QuarterCarBaseline
+from quartercar.baselines.car_core import CarCore
+from quartercar.baselines.quarter_car import QuarterCarBaseline
 
 
 class CarEffect(GridEffect):
@@ -101,7 +102,7 @@ class TyreDamping(CarEffect):
 
 
 class ActuatorDelay(GridEffect):
-    """The actuator acts later than it is recorded."""
+    """The actuator acts later than it is recorded (equation sheet 3.13)."""
 
     name: ClassVar[str] = "actuator-delay"
     title: ClassVar[str] = "the actuator acts later than it is recorded"
@@ -111,6 +112,7 @@ class ActuatorDelay(GridEffect):
     reference: ClassVar[str] = "equation sheet 3.13"
     experiment: ClassVar[str] = "steps of the actuator on a level road"
     needs: ClassVar[tuple[str, ...]] = ("actuator",)
+    resolution: ClassVar[float] = 1.0
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -123,80 +125,7 @@ class ActuatorDelay(GridEffect):
         delay = float(values[0])
         if delay <= 0:
             return core
-
-        def run(s: Signals) -> np.ndarray:
-            t = s.times
-            return core(s.replace(actuator=np.interp(t - delay, t, s["actuator"])))
-
-        return run
+        return lambda s: core(s.replace(actuator=np.interp(s.times - delay, s.times, s["actuator"])))
 
     def lpv_change(self) -> LpvChange | None:
-        return None
-
-
-class ChannelEffect(Effect):
-    """A sensor whose scale or sign is wrong, on one of the inputs; which one is a shape of the effect."""
-
-    family: ClassVar[str] = "measurement"
-    stage: ClassVar[str] = "channel"
-    reference: ClassVar[str] = "equation sheet 3.20"
-
-    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if inputs(baseline) else f"{baseline.name} has no input channel"
-
-    def lpv_change(self) -> LpvChange | None:
-        return None
-
-
-def inputs(baseline: Baseline) -> tuple[str, ...]:
-    """Channels that drive a baseline, its outputs apart."""
-    outputs = {baseline.output, "sprung", "unsprung"} if isinstance(baseline, QuarterCarBaseline) else {baseline.output}
-    return tuple(c for c in baseline.channels if c not in outputs)
-
-
-def scaled(core: Core, baseline: Baseline, channel: float, factor: float) -> Core:
-    """The simulation with one of its inputs multiplied, by its number among the inputs."""
-    names = inputs(baseline)
-    name = names[min(round(channel), len(names) - 1)]
-    return lambda s: core(s.replace(**{name: factor * s[name]})) if s.has(name) else core(s)
-
-
-class SensorScale(ChannelEffect):
-    """The gain of an input channel is off (equation sheet 3.20)."""
-
-    name: ClassVar[str] = "sensor-scale"
-    title: ClassVar[str] = "the scale of an input channel is wrong"
-    equation: ClassVar[str] = "u = u_recorded (1 + g)"
-    experiment: ClassVar[str] = "calibrate the channel against a known displacement, force or current"
-
-    @property
-    def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("gain", "", "g", 0.0, (-0.5, 0.5), (-0.9, 2.0), (-0.1, 0.1)),
-                EffectParameter("channel", "", "number among the inputs", 0.0, (0.0, 5.0), (0.0, 5.0), (0.0,)))
-
-    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        return [np.array([g, float(k)]) for k in range(min(3, len(signals[0].channels))) for g in (-0.1, 0.1)]
-
-    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
-        return core if values[0] == 0 else scaled(core, baseline, values[1], 1 + float(values[0]))
-
-
-class ChannelSign(ChannelEffect):
-    """An input channel is recorded with the other sign."""
-
-    name: ClassVar[str] = "channel-sign"
-    title: ClassVar[str] = "an input channel has the wrong sign"
-    equation: ClassVar[str] = "u = u_recorded (1 - 2 g), g = 1"
-    experiment: ClassVar[str] = "a known static displacement, force or current"
-    smooth: ClassVar[bool] = False
-
-    @property
-    def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("turned", "", "g, 1 where the sign is wrong", 0.0, (0.8, 1.2), (0.0, 1.5), (1.0,)),
-                EffectParameter("channel", "", "number among the inputs", 0.0, (0.0, 5.0), (0.0, 5.0), (0.0,)))
-
-    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        return [np.array([1.0, float(k)]) for k in range(min(3, len(signals[0].channels)))]
-
-    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
-        return core if values[0] == 0 else scaled(core, baseline, values[1], 1 - 2 * float(values[0]))
+        return LpvChange("the input's delay chosen anew", delay=True)

@@ -1,0 +1,85 @@
+"""Sensors: an input channel whose scale or whose sign is wrong; which one is a choice that the effect makes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
+from lpvid.diagnosis.signals import Core, Signals
+
+SENSORS: Mapping[str, tuple[str, ...]] = {
+    "road": ("road",), "actuator": ("actuator",), "motion": ("displacement", "velocity", "acceleration"),
+    "current": ("current",)}
+"""Sensors of inputs, and the channels that each of them feeds."""
+LAST = len(SENSORS) - 1.0
+CHANNEL = EffectParameter("channel", "", "the sensor", 0.0, (0.0, LAST), (0.0, LAST), (0.0,), tuple(SENSORS))
+
+
+class SensorEffect(Effect):
+    """A sensor whose signal is multiplied by a wrong number."""
+
+    family: ClassVar[str] = "measurement"
+    stage: ClassVar[str] = "channel"
+    reference: ClassVar[str] = "equation sheet 3.20"
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        read = {c for c in baseline.channels if c != baseline.output}
+        return None if any(read & set(c) for c in SENSORS.values()) else f"{baseline.name} reads none of the inputs"
+
+    def lpv_change(self) -> LpvChange | None:
+        return None
+
+
+def present(signals: tuple[Signals, ...]) -> list[float]:
+    """Numbers of the sensors that every record has."""
+    return [float(k) for k, c in enumerate(SENSORS.values()) if all(any(s.has(n) for n in c) for s in signals)]
+
+
+def scaled(core: Core, sensor: float, factor: float) -> Core:
+    """The simulation with all that one sensor feeds multiplied."""
+    channels = list(SENSORS.values())[round(sensor)]
+    return lambda s: core(s.replace(**{n: factor * s[n] for n in channels if s.has(n)}))
+
+
+class SensorScale(SensorEffect):
+    """The gain of an input channel is off (equation sheet 3.20)."""
+
+    name: ClassVar[str] = "sensor-scale"
+    title: ClassVar[str] = "the scale of an input channel is wrong"
+    equation: ClassVar[str] = "u = u_recorded (1 + g)"
+    experiment: ClassVar[str] = "calibrate the channel against a known displacement, force or current"
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return EffectParameter("gain", "", "g", 0.0, (-0.5, 0.5), (-0.9, 2.0), (-0.1, 0.1)), CHANNEL
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        return [np.array([gain, k]) for k in present(signals) for gain in (-0.1, 0.1)]
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        return core if values[0] == 0 else scaled(core, float(values[1]), 1 + float(values[0]))
+
+
+class ChannelSign(SensorEffect):
+    """An input channel is recorded with the other sign (equation sheet 3.20)."""
+
+    name: ClassVar[str] = "channel-sign"
+    title: ClassVar[str] = "an input channel has the wrong sign"
+    equation: ClassVar[str] = "u = -u_recorded"
+    experiment: ClassVar[str] = "a known static displacement, force or current"
+    smooth: ClassVar[bool] = False
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("turned", "", "whether the sign is wrong", 0.0, (0.0, 1.0), (0.0, 1.0), (1.0,),
+                                ("as recorded", "turned")), CHANNEL)
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        return [np.array([1.0, k]) for k in present(signals)]
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        return core if round(float(values[0])) == 0 else scaled(core, float(values[1]), -1.0)
