@@ -64,8 +64,8 @@ def ranking(found: Comparison) -> Figure:
         ax.plot([t for _, t in known], [i for i, _ in known], "D", color=VERMILION, markersize=4.5, label="training",
                 markeredgecolor="white", markeredgewidth=0.6, linestyle="none")
         for i, value in enumerate(held):
-            ax.annotate(f"{value:.3g}", (value, i), xytext=(-4, 0), textcoords="offset points", ha="right", va="center",
-                        fontsize=7.5, color="white")
+            ax.annotate(f"{value:.3g}", (low, i), xytext=(4, 0), textcoords="offset points", va="center", fontsize=7.5,
+                        color="white")
         ax.set_xscale("log")
         ax.set_xlim(low, 1.3 * max([*held, *(t for _, t in known), low]))
         ax.set_ylim(len(names) - 0.4, -0.6)
