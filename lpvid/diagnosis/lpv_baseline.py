@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from lpvid import _checks
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.preparing import ROLES
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.errors import InputError
+from lpvid.model.compliance import ComplianceModel
 from lpvid.model.quasi import QuasiLPVModel, SelfScheduled
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
@@ -24,6 +26,14 @@ Model = LPVTransferFunction | LPVStateSpace | SelfScheduled
 ARRAYS: Mapping[type, tuple[str, ...]] = {LPVTransferFunction: ("a", "b", "c"),
                                           LPVStateSpace: ("A", "B", "C", "D", "state_offset", "output_offset")}
 """where the free numbers of a model stand; those that are exactly zero are structure"""
+LINEAR: Mapping[type, tuple[str, ...]] = {LPVTransferFunction: ("b", "c"), LPVStateSpace: ("C", "D", "output_offset")}
+"""those of them in which the free run is linear"""
+MOST_FREE = 60
+"""numbers beyond which only those of `LINEAR` stay free, of a model that schedules itself none: every free one is one
+more run at every step of every refit"""
+SENSES = ("records", "device")
+KINDS = {"lpv-transfer-function": LPVTransferFunction, "lpv-state-space": LPVStateSpace, "quasi-lpv": QuasiLPVModel,
+         "compliance": ComplianceModel}
 STEP = 1e-6
 """share of a number's scale by which it is moved to see what it does"""
 SMALL = 1e-3
@@ -32,32 +42,50 @@ SMALL = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class LpvBaseline(Baseline):
-    """An LPV model, free in its coefficients; its input stage and scheduling filter stay as they were fitted.
+    """An LPV model, free in its coefficients, the numbers of its input stage and of its scheduling filter.
+
+    Everything here speaks of the device itself: where the records' output has the other sign, it is turned on its way
+    in.
 
     Attributes
     ----------
     model : LPVTransferFunction, LPVStateSpace or SelfScheduled
         Discrete-time, one output.
     name : str
+    sense : {"records", "device"}
+        Whether the model simulates records as measured or, in its own sign and zero, what was measured.
+    polarity : {1, -1}, optional
+        -1 where the records' output has the other sign than the device's; read off the model's metadata if left out.
+    zero : mapping of str to float
+        Value of a channel that the model calls zero.
     """
 
     model: Model
     name: str = "lpv-model"
+    sense: str = "records"
+    polarity: int = 0
+    zero: Mapping[str, float] = field(default_factory=dict)
     output: str = field(init=False)
     output_unit: str = field(init=False)
     static: bool = field(init=False)
-    polarity: int = field(default=1, init=False)
     schedule: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         if len(self.model.outputs) != 1 or self.model.sample_time is None:
             raise InputError("a baseline is a discrete-time model of one output",
                              got=f"{len(self.model.outputs)} outputs" if self.model.sample_time else "continuous time")
+        _checks.one_of(self.sense, SENSES, "sense")
         output = self.model.outputs[0]
+        known = -1 if self.model.metadata.get("polarity") == "reversed" else 1
         values = {"output": output.name, "output_unit": output.unit, "static": False,
-                  "schedule": tuple(self.model.box.names)}
+                  "schedule": tuple(self.model.box.names), "polarity": self.polarity or known}
         for name, value in values.items():
             object.__setattr__(self, name, value)
+
+    @property
+    def turn(self) -> int:
+        """-1 where the model's output has the other sign than the device's."""
+        return self.polarity if self.sense == "records" else 1
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -66,44 +94,79 @@ class LpvBaseline(Baseline):
     @cached_property
     def places(self) -> tuple[tuple[str, np.ndarray], ...]:
         """Arrays of the model and which of their entries are free; none for a model that knows its own vector."""
-        return tuple((n, np.flatnonzero(getattr(self.model, n))) for n in ARRAYS.get(type(self.model), ()))
+        kind = type(self.model)
+        listed = [(n, np.flatnonzero(getattr(self.model, n))) for n in ARRAYS.get(kind, ())]
+        if sum(free.size for _, free in listed) > MOST_FREE:
+            listed = [(n, free) for n, free in listed if n in LINEAR[kind]]
+        return tuple(listed)
+
+    @cached_property
+    def shape(self) -> np.ndarray:
+        """Numbers of the input stage that a fit moves."""
+        stage = self.model.input_stage
+        if stage is None:
+            return np.zeros(0, dtype=int)
+        reach = float(self.model.box.half_width[0]) if self.model.box.names else 0.0
+        return np.flatnonzero(stage.scales(reach) > 0)
 
     @cached_property
     def coefficients(self) -> tuple[Coefficient, ...]:
+        found: list[Coefficient] = []
         if isinstance(self.model, SelfScheduled):
-            largest = max(float(np.abs(self.vector).max(initial=0.0)), 1e-300)
-            return tuple(Coefficient(n, "", -np.inf, np.inf, max(abs(float(v)), SMALL * largest))
-                         for n, v in zip(self.model.parameter_names, self.vector, strict=True))
-        found = []
+            found += _scaled(self.model.parameter_names, self._own)
         for name, free in self.places:
-            values = np.asarray(getattr(self.model, name)).ravel()[free]
-            largest = float(np.abs(values).max(initial=0.0))
-            found += [Coefficient(f"{name}[{k}]", "", -np.inf, np.inf, max(abs(float(v)), SMALL * largest))
-                      for k, v in zip(free, values, strict=True)]
+            found += _scaled([f"{name}[{k}]" for k in free], np.asarray(getattr(self.model, name)).ravel()[free])
+        stage, lag = self.model.input_stage, self.model.scheduling_stage
+        if stage is not None:
+            reach = float(self.model.box.half_width[0]) if self.model.box.names else 0.0
+            scales = stage.scales(reach)
+            found += [Coefficient(f"shape[{k}]", "", -np.inf, np.inf, float(scales[k])) for k in self.shape]
+        if lag is not None:
+            found += [Coefficient(f"schedule_filter[{k}]", "s", 0.0, np.inf, max(float(v), 0.1 * self._clock))
+                      for k, v in enumerate(lag.vector)]
         return tuple(found)
 
     @property
+    def _clock(self) -> float:
+        return self.model.sample_time or 1.0
+
+    @property
+    def _own(self) -> np.ndarray:
+        """Numbers of a model that knows its vector, unless there are too many."""
+        known = isinstance(self.model, SelfScheduled) and self.model.vector.size <= MOST_FREE
+        return np.array(self.model.vector) if known else np.zeros(0)  # type: ignore[union-attr]
+
+    @property
     def vector(self) -> np.ndarray:
-        if isinstance(self.model, SelfScheduled):
-            return np.array(self.model.vector)
-        return np.concatenate([np.asarray(getattr(self.model, n)).ravel()[free] for n, free in self.places])
+        stage, lag = self.model.input_stage, self.model.scheduling_stage
+        entries = [np.asarray(getattr(self.model, n)).ravel()[free] for n, free in self.places]
+        return np.concatenate([self._own, *entries,
+                               np.zeros(0) if stage is None else stage.vector[self.shape],
+                               np.zeros(0) if lag is None else lag.vector])
 
     @property
     def start(self) -> int:
         return self.model.start
 
     def with_vector(self, vector: np.ndarray) -> LpvBaseline:
-        return LpvBaseline(self._model(vector), self.name)
+        return replace(self, model=self._model(vector))
 
     def _model(self, vector: np.ndarray) -> Model:
-        if isinstance(self.model, SelfScheduled):
-            return self.model.with_vector(np.asarray(vector, dtype=float))
-        changes, first = {}, 0
+        vector, changes, first = np.asarray(vector, dtype=float), {}, self._own.size
+        model: Any = self.model
+        if first:
+            model = model.with_vector(vector[:first])
         for name, free in self.places:
-            values = np.array(getattr(self.model, name), dtype=float)
+            values = np.array(getattr(model, name), dtype=float)
             values.ravel()[free] = vector[first: first + free.size]
             changes[name], first = values, first + free.size
-        return self.model.replace(**changes)
+        if model.input_stage is not None and self.shape.size:
+            shape = model.input_stage.vector.copy()
+            shape[self.shape] = vector[first: first + self.shape.size]
+            changes["input_stage"], first = model.input_stage.with_vector(shape), first + self.shape.size
+        if model.scheduling_stage is not None:
+            changes["scheduling_stage"] = model.scheduling_stage.with_vector(vector[first:])
+        return model.replace(**changes) if changes else model
 
     def signals(self, record: Record) -> Signals:
         period = self.model.sample_time or 0.0
@@ -111,19 +174,25 @@ class LpvBaseline(Baseline):
             raise InputError(f"record '{record.name}' has another rate than the model",
                              mend=f"--sample-rate {1 / period:.6g}")
         names = dict.fromkeys((*self.channels, *(r for r in ROLES if record.has(r))))
-        channels = {n: record[n] for n in names if n != self.output}
-        return Signals(record.sample_time, channels, record[self.output], record.name)
+        channels = {n: record[n] - self.zero.get(n, 0.0) for n in names if n != self.output}
+        return Signals(record.sample_time, channels, self.polarity * record[self.output], record.name)
 
     def core(self, vector: np.ndarray) -> Core:
-        model = self._model(vector)
+        try:
+            with np.errstate(all="ignore"):
+                model = self._model(vector)
+        except InputError:  # no such model: its numbers are not finite
+            return lambda s: np.full(s.n_samples, np.nan)
         units = {s.name: s.unit for s in (*model.inputs, *model.outputs)}
         units |= dict(zip(model.box.names, model.box.units, strict=True))
-        wanted = [n for n in self.channels if n != self.output]
+        offsets = {n: self.zero.get(n, 0.0) if self.sense == "records" else 0.0 for n in self.channels
+                   if n != self.output}
 
         def run(s: Signals) -> np.ndarray:
-            channels = {n: Channel(s[n], units.get(n, "")) for n in wanted}
-            record = Record({**channels, self.output: Channel(s.output, self.output_unit)}, model.sample_time)
-            return simulate(model, record).output[:, 0]
+            channels = {n: Channel(s[n] + offset, units.get(n, "")) for n, offset in offsets.items()}
+            past = Channel(self.turn * s.output, self.output_unit)
+            record = Record({**channels, self.output: past}, model.sample_time)
+            return self.turn * simulate(model, record).output[:, 0]
 
         return run
 
@@ -140,14 +209,21 @@ class LpvBaseline(Baseline):
         return np.nan_to_num(out, nan=0.0, posinf=0.0, neginf=0.0)
 
     def to_dict(self) -> dict:
-        return {"kind": "lpv", "name": self.name, "model": self.model.to_dict()}  # type: ignore[union-attr]
+        return {"kind": "lpv", "name": self.name, "model": self.model.to_dict(), "sense": self.sense,  # type: ignore[union-attr]
+                "polarity": self.polarity, "zero": dict(self.zero)}
 
     @classmethod
     def from_dict(cls, data: Mapping) -> LpvBaseline:
         """Inverse of `to_dict`."""
         inner: Any = data["model"]
-        kinds = {"lpv-transfer-function": LPVTransferFunction, "lpv-state-space": LPVStateSpace,
-                 "quasi-lpv": QuasiLPVModel}
-        if inner.get("kind") not in kinds:
+        if inner.get("kind") not in KINDS:
             raise InputError("the model inside a baseline is of no known kind", got=inner.get("kind"))
-        return cls(kinds[inner["kind"]].from_dict(inner), str(data["name"]))
+        return cls(KINDS[inner["kind"]].from_dict(inner), str(data["name"]), str(data.get("sense", "records")),
+                   int(data.get("polarity", 0)), dict(data.get("zero", {})))
+
+
+def _scaled(names: Sequence[str], values: np.ndarray) -> list[Coefficient]:
+    """Coefficients without bounds, small ones on the scale of the largest."""
+    largest = max(float(np.abs(values).max(initial=0.0)), 1e-300)
+    return [Coefficient(n, "", -np.inf, np.inf, max(abs(float(v)), SMALL * largest))
+            for n, v in zip(names, values, strict=bool(values.size))]
