@@ -11,9 +11,9 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import held
 
-NODES = 321
+NODES = 257
 """speeds at which a law is read"""
-REACH = 10.0
+REACH = 6.0
 """largest of them, in largest speeds of the record"""
 FINE = 0.01
 """speed below which they lie evenly, in the same"""
@@ -21,8 +21,8 @@ SEEN = 48
 """samples at which a law is read at every speed"""
 PARTS = 2
 """steps of the march within a sample"""
-RANK = 1e-8
-"""share of a law's size that its combination of few speeds may miss"""
+RANK = 1e-5
+"""share of a law's size, growing with the speed, that its combination of few speeds may miss"""
 SAME = 1e-9
 """agreement of a core with itself on samples out of their order, by which it is known to have no memory"""
 PROBE = 0.02
@@ -145,13 +145,16 @@ class InSeries:
         from scipy.linalg import qr, solve_triangular
 
         everything = table if turned is None else np.hstack([table, turned])
-        right, pivots = qr(everything.T, mode="r", pivoting=True)
+        scale = 1 + REACH * np.abs(speeds) / speeds[-1]
+        weighed = everything / scale[:, None]
+        right, pivots = qr(weighed.T, mode="r", pivoting=True, check_finite=False)
         weight = np.abs(np.diag(right))
         rank = max(int(np.sum(weight > RANK * max(float(weight[0]), 1e-300))), 1)
         shapes = np.zeros((speeds.size, rank))
         shapes[pivots[:rank]] = np.eye(rank)
         if rank < speeds.size:
             shapes[pivots[rank:]] = solve_triangular(right[:rank, :rank], right[:rank, rank:]).T
+            shapes *= scale[:, None] / scale[pivots[:rank]]
         chosen = speeds[pivots[:rank]]
 
         def along(signals: Signals) -> np.ndarray:

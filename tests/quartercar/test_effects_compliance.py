@@ -141,7 +141,6 @@ def test_a_law_of_speed_position_and_current_in_series_follows_the_exact_solutio
 
 
 def test_elements_in_one_series_are_one_element() -> None:
-    s = sine(0.005, 2.0, 4)
     play = Backlash().compose(SeriesCompliance().compose(law, np.array([4e-7]), baseline()), np.array([1e-4]),
                               baseline())
     turned = SeriesCompliance().compose(Backlash().compose(law, np.array([1e-4]), baseline()), np.array([4e-7]),
