@@ -23,6 +23,7 @@ from lpvid.diagnosis.refitting import Refit, covariance, refit
 from lpvid.diagnosis.remainder import predictable_share
 from lpvid.diagnosis.screening import Evidence
 from lpvid.diagnosis.selection import SIGNIFICANT, Search
+from lpvid.diagnosis.signals import in_turn
 from lpvid.errors import InputError
 from lpvid.record import Record
 
@@ -110,7 +111,7 @@ class _Case:
         if settings.fit_baseline:
             say(f"fitting {baseline.name}")
             baseline = baseline.fit(records)
-        signals = tuple(baseline.signals(r) for r in records)
+        signals = in_turn([baseline.signals(r) for r in records])
         blocks = Blocks.of(signals, baseline.start)
         problem = Problem(signals, blocks, Whitening(np.ones(1), 1.0))
         composition = Composition(baseline)
@@ -248,9 +249,9 @@ class _Case:
             composition = Composition(self.baseline, (j.effect,))
             alone = (bare.cost - refit(problem, composition, placed(composition, bare, {j.effect.name: j.values})).cost
                      ) / excess
-        return Cause(j.effect.name, j.effect.title, _estimates(j.effect, j.values, deviation), j.p_value, j.delta_bic,
-                     float(alone), float((j.without.cost - fit.cost) / excess), j.held_out_gain, j.blocks_better,
-                     j.contribution)
+        return Cause(j.effect.name, j.effect.told(j.values), _estimates(j.effect, j.values, deviation), j.p_value,
+                     j.delta_bic, float(alone), float((j.without.cost - fit.cost) / excess), j.held_out_gain,
+                     j.blocks_better, j.contribution)
 
     def _rivals(self, j: Judged) -> Rivals:
         parameters = {j.effect.name: _estimates(j.effect, j.values, None)}
@@ -305,5 +306,5 @@ def _estimates(effect: Effect, values: np.ndarray, deviation: np.ndarray | None)
     found = []
     for k, p in enumerate(effect.parameters):
         std = None if deviation is None or not np.isfinite(deviation[k]) else float(deviation[k])
-        found.append(Estimated(p.name, float(values[k]), std, p.unit))
+        found.append(Estimated(p.name, float(values[k]), std, p.unit, p.choice(float(values[k]))))
     return tuple(found)

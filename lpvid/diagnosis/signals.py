@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -23,12 +23,16 @@ class Signals:
         The measured output that the simulation is compared with.
     name : str
         Of the record.
+    span : (float, float), optional
+        Where the record lies in the time of all records of a diagnosis, 0 their start and 1 their end; None for a
+        record of its own, about whose place nothing is known.
     """
 
     sample_time: float
     channels: Mapping[str, np.ndarray]
     output: np.ndarray
     name: str = "record"
+    span: tuple[float, float] | None = None
     cache: dict = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -53,13 +57,22 @@ class Signals:
 
     def replace(self, **channels: np.ndarray) -> Signals:
         """The same signals with some channels replaced or added; what was cached is forgotten."""
-        return Signals(self.sample_time, {**self.channels, **channels}, self.output, self.name)
+        return Signals(self.sample_time, {**self.channels, **channels}, self.output, self.name, self.span)
 
     def cached(self, key: object, make: Callable[[], np.ndarray]) -> np.ndarray:
         """What `make` returns, computed once for these signals."""
         if key not in self.cache:
             self.cache[key] = make()
         return self.cache[key]
+
+
+def in_turn(signals: Sequence[Signals]) -> tuple[Signals, ...]:
+    """The same signals, each told its place among them, one after the other without pauses."""
+    ends = [0.0]
+    for s in signals:
+        ends.append(ends[-1] + s.n_samples * s.sample_time)
+    total = ends[-1] or 1.0
+    return tuple(replace(s, span=(a / total, b / total)) for s, a, b in zip(signals, ends[:-1], ends[1:], strict=True))
 
 
 Core = Callable[[Signals], np.ndarray]

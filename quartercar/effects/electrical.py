@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -12,6 +13,9 @@ from lpvid.diagnosis.signals import Core, Signals
 
 SEEN_AFTER = 0.05
 """part of a sample after a step of a held current at which the force is taken"""
+LEVELS_APART = 0.05
+"""share of the current's range by which two levels differ, and within which one level stays"""
+NO_BEND = "every law passes through both, bent or not"
 STEPPED = 0.3
 """ratio of the median to the root mean square of the increments below which a current counts as held between samples"""
 
@@ -32,6 +36,24 @@ def is_held(current: np.ndarray) -> bool:
 def held(s: Signals) -> bool:
     """Whether the current of these signals is held between samples, found once."""
     return bool(s.cached("current is held", lambda: np.array(is_held(s["current"]))))
+
+
+def levels(signals: Sequence[Signals]) -> int:
+    """How many levels the currents of all records rest at; 0 where they do not keep to a few.
+
+    Examples
+    --------
+    >>> def current(i):
+    ...     return Signals(0.01, {"current": i}, np.zeros(i.size))
+    >>> levels([current(np.repeat([0.0, 2.0, 0.0], 9)), current(np.full(9, 2.0))]), levels([current(np.arange(9.0))])
+    (2, 0)
+    """
+    i = np.sort(np.concatenate([s["current"] for s in signals]))
+    span = float(i[-1] - i[0])
+    if span <= 1e-9 * max(abs(float(i[-1])), abs(float(i[0])), 1e-9):
+        return 1
+    groups = np.split(i, np.flatnonzero(np.diff(i) > LEVELS_APART * span) + 1)
+    return len(groups) if all(np.ptp(g) < LEVELS_APART * span for g in groups) and len(groups) < 0.1 * i.size else 0
 
 
 def later(s: Signals, delay: float) -> np.ndarray:
@@ -77,10 +99,14 @@ class CurrentEffect(GridEffect):
     family: ClassVar[str] = "electrical"
     stage: ClassVar[str] = "current"
     needs: ClassVar[tuple[str, ...]] = ("current",)
+    between_two: ClassVar[str] = ""
+    """why it cannot be told where the current takes two levels only; empty where it can"""
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         if "current" not in baseline.channels:
             return f"{baseline.name} does not depend on the current"
+        if self.between_two and levels(signals) == 2:
+            return f"the current takes two levels only: {self.between_two}"
         return None
 
 
@@ -115,6 +141,7 @@ class RiseFallLag(CurrentEffect):
     reference: ClassVar[str] = "equation sheet 3.14; seed 002, block firstOrder_varT"
     experiment: ClassVar[str] = "current steps up and down of several heights at constant piston speed"
     contains: ClassVar[tuple[str, ...]] = ("coil-lag",)
+    between_two: ClassVar[str] = "edges that differ look like one lag behind which the law bends with the current"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -163,6 +190,7 @@ class CurrentSaturation(CurrentEffect):
     reference: ClassVar[str] = "equation sheet 3.15"
     experiment: ClassVar[str] = "constant currents over the full range, at least five levels, the same motion at each"
     smooth: ClassVar[bool] = False
+    between_two: ClassVar[str] = NO_BEND
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
-from quartercar.effects.electrical import CurrentEffect
+from quartercar.effects.electrical import NO_BEND, CurrentEffect
 from quartercar.effects.structure import before_steps, second_order
 
 MODES = 7
@@ -19,20 +19,21 @@ MODES = 7
 class SchedulingDegree(CurrentEffect):
     """The law bends with the current in a way that its degree does not show (equation sheet 1.4.5).
 
-    i_e = i + q (i² − i R)/R + r (i³ − i R²)/R², R the largest current in the record: 0 and R stay where they are.
+    i_e = i + q (i² − i) + r (i³ − i), i in A: 0 and 1 A stay where they are, whatever the record.
     """
 
     name: ClassVar[str] = "scheduling-degree"
     title: ClassVar[str] = "the law depends on the current to a higher degree than the model"
     family: ClassVar[str] = "model"
-    equation: ClassVar[str] = "i_e = i + q (i^2 - i R)/R + r (i^3 - i R^2)/R^2"
+    between_two: ClassVar[str] = NO_BEND
+    equation: ClassVar[str] = "i_e = i + q (i^2 - i) + r (i^3 - i), i in A"
     reference: ClassVar[str] = "equation sheet 1.4.5, 3.15"
     experiment: ClassVar[str] = "constant currents over the full range, at least five levels, the same motion at each"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("quadratic", "", "q", 0.0, (-2.0, 2.0), (-4.0, 4.0), (-0.2, 0.2)),
-                EffectParameter("cubic", "", "r", 0.0, (-2.0, 2.0), (-4.0, 4.0), (0.0,)))
+        return (EffectParameter("quadratic", "1/A", "q", 0.0, (-0.9, 0.9), (-4.0, 4.0), (-0.08, 0.08)),
+                EffectParameter("cubic", "1/A^2", "r", 0.0, (-0.5, 0.5), (-4.0, 4.0), (0.0,)))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         q, r = float(values[0]), float(values[1])
@@ -41,8 +42,7 @@ class SchedulingDegree(CurrentEffect):
 
         def run(s: Signals) -> np.ndarray:
             i = s["current"]
-            full = float(np.abs(i).max()) or 1.0
-            return core(s.replace(current=i + q * (i**2 - i * full) / full + r * (i**3 - i * full**2) / full**2))
+            return core(s.replace(current=i + q * (i**2 - i) + r * (i**3 - i)))
 
         return run
 
@@ -51,7 +51,11 @@ class SchedulingDegree(CurrentEffect):
 
 
 class MissingScheduling(Effect):
-    """The force is modulated slowly by something that was not logged, or not used (equation sheet 1.4.5)."""
+    """The force is modulated slowly by something that was not logged, or not used (equation sheet 1.4.5).
+
+    t runs through all records of a diagnosis, one after the other, and T is their length together. On a record of
+    which that place is not known, a further one, nothing is known of the modulation either, and it is left out.
+    """
 
     name: ClassVar[str] = "missing-scheduling"
     title: ClassVar[str] = "the force is modulated slowly by a quantity that the model does not see"
@@ -78,8 +82,11 @@ class MissingScheduling(Effect):
             return core
 
         def run(s: Signals) -> np.ndarray:
-            modes = s.cached("slow modes", lambda: np.cos(
-                np.pi * np.outer(np.linspace(0.0, 1.0, s.n_samples), np.arange(1, MODES + 1))))
+            if s.span is None:
+                return core(s)
+            first, last = s.span
+            modes = s.cached(("slow modes", s.span), lambda: np.cos(
+                np.pi * np.outer(np.linspace(first, last, s.n_samples), np.arange(1, MODES + 1))))
             return core(s) * (1 + modes @ values)
 
         return run
@@ -98,11 +105,11 @@ class ModelOrder(GridEffect):
     equation: ClassVar[str] = "F -> F + g (q - F), q = F/(1 + 2 zeta T s + T^2 s^2)"
     reference: ClassVar[str] = "equation sheet 7.1"
     experiment: ClassVar[str] = "a sweep beyond 50 Hz at small amplitude"
-    contains: ClassVar[tuple[str, ...]] = ("fixture-resonance",)
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("share", "", "g", 0.0, (0.0, 1.0), (-2.0, 2.0), (0.1,)),
+        return (EffectParameter("share", "", "g; all of it is a fixture that swings", 0.0, (0.0, 0.8), (-2.0, 0.9),
+                                (0.1,)),
                 EffectParameter("period", "s", "T = 1/(2 pi f)", 0.006, (0.001, 0.08), (0.0004, 0.3),
                                 (0.0025, 0.006, 0.015, 0.04)),
                 EffectParameter("damping", "", "zeta", 0.3, (0.01, 1.5), (0.005, 3.0), (0.1, 0.3, 0.8)))

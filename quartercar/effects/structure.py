@@ -23,6 +23,7 @@ class EndStop(Effect):
     reference: ClassVar[str] = "equation sheet 3.18"
     experiment: ClassVar[str] = "the full stroke, slowly and fast"
     needs: ClassVar[tuple[str, ...]] = ("displacement",)
+    contains: ClassVar[tuple[str, ...]] = ("gas-stiffness",)
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

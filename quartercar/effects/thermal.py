@@ -75,7 +75,7 @@ class ViscousFade(ThermalEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("fade", "s/m", "b, damping lost per joule of heat [N*s/m/J]", 0.0, (0.0, 1.0),
+        return (EffectParameter("fade", "s/m^2", "b, damping lost per joule of heat, N*s/m/J", 0.0, (0.0, 1.0),
                                 (0.0, 20.0), (0.01, 0.1)),
                 EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (2.0, 1e4), COOLING))
 

@@ -1,0 +1,129 @@
+"""Quantisation: channels stored in coarse steps, and what can still be had of the signal between two steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
+from lpvid.diagnosis.signals import Core, Signals
+
+MOTION = ("displacement", "velocity", "acceleration")
+COARSE = 2e-3
+"""share of its range from which a channel's step counts as coarse"""
+DITHER = 0.15
+"""noise ahead of the rounding, in steps, by which the mean rounded force is smoothed"""
+ROOM = 1.1
+"""times the power of a rounding error that is taken out of a channel"""
+
+
+class Quantisation(Effect):
+    """Channels rounded to coarse steps, seen in their distinct values (equation sheet 3.20).
+
+    What rounding took from the motion is had again as far as it is smooth: the part beyond the band in which the
+    channel is louder than a rounding error is taken out, and what is left stays within half a step of what was stored.
+    The simulated force is replaced by the mean of what rounding makes of it.
+    """
+
+    name: ClassVar[str] = "quantisation"
+    title: ClassVar[str] = "channels stored in coarse steps"
+    family: ClassVar[str] = "measurement"
+    stage: ClassVar[str] = "measurement"
+    equation: ClassVar[str] = "y_recorded = q round(y/q), y = F, x, v"
+    reference: ClassVar[str] = "equation sheet 3.20; Widrow & Kollár 2008, ch. 4 (mean of a rounded signal)"
+    experiment: ClassVar[str] = "a smaller range of the amplifier; look at the distinct values of the channels"
+    smooth: ClassVar[bool] = False
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("share", "", "share of the rounding that is reckoned with", 0.0, (0.0, 1.2), (0.0, 1.5),
+                                (1.0,)),
+                EffectParameter("force_step", "N", "q of the force, 0 where it is fine", 0.0, (0.0, 500.0), (0.0, 1e4),
+                                (10.0,)))
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        return [np.array([1.0, grid_step(np.concatenate([s.output for s in signals])) or 0.0])]
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        if baseline.output != "force":
+            return f"{baseline.name} does not simulate a force"
+        coarse = grid_step(np.concatenate([s.output for s in signals])) or any(_coarse(s) for s in signals)
+        return None if coarse else "the values of no channel lie on a coarse grid"
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        share, step = float(values[0]), float(values[1])
+        if share == 0:
+            return core
+
+        def run(s: Signals) -> np.ndarray:
+            force = core(s.replace(**{m: s[m] + share * (between_steps(s, m) - s[m]) for m in _coarse(s)}))
+            return force + share * mean_rounding(force, step) if step > 0 else force
+
+        return run
+
+    def lpv_change(self) -> LpvChange | None:
+        return None
+
+
+def grid_step(values: np.ndarray) -> float | None:
+    """The step of a channel whose values repeat on a grid that its range makes coarse; None where there is none.
+
+    Examples
+    --------
+    >>> grid_step(np.round(np.linspace(-99, 99, 500) / 7) * 7), grid_step(np.linspace(-99, 99, 500))
+    (7.0, None)
+    """
+    distinct = np.unique(np.round(values, 9))
+    if distinct.size < 3 or distinct.size > 0.5 * values.size:
+        return None
+    gaps = np.diff(distinct)
+    step = float(np.median(gaps))
+    off = np.abs(gaps / step - np.round(gaps / step))
+    return step if step > COARSE * float(np.ptp(values)) and float(off.max()) < 1e-3 else None
+
+
+def mean_rounding(values: np.ndarray, step: float) -> np.ndarray:
+    """(n,) mean of q round((y + e)/q) − y over a Gaussian e of `DITHER` steps: its first two harmonics.
+
+    Widrow & Kollár: Σ_k (−1)^k q/(πk) sin(2πk y/q) exp(−2π²k²σ²/q²).
+    """
+    angle = 2 * np.pi * values / step
+    weights = [(-1) ** k / (np.pi * k) * np.exp(-2 * (np.pi * k * DITHER) ** 2) for k in (1, 2)]
+    return step * (weights[0] * np.sin(angle) + weights[1] * np.sin(2 * angle))
+
+
+def between_steps(s: Signals, channel: str) -> np.ndarray:
+    """(n,) a coarse channel, smoothed within half a step of what was stored; as it is where it is fine."""
+    def make() -> np.ndarray:
+        step = grid_step(s[channel])
+        return s[channel] if step is None else smoothed_within(s[channel], step)
+
+    return s.cached(("between steps", channel), make)
+
+
+def smoothed_within(values: np.ndarray, step: float) -> np.ndarray:
+    """(n,) values low-passed without phase and then kept within half a step of where they were.
+
+    The corner is the lowest beyond which the channel holds no more power than a rounding error of q²/12 spread evenly
+    over all frequencies; a channel that is louder than that up to the last frequency, one that jumps, stays as it is.
+    """
+    n = values.size
+    line = np.linspace(values[0], values[-1], n)
+    odd = np.concatenate([values - line, -(values - line)[-2:0:-1]])
+    spectrum = np.fft.rfft(odd)
+    power = 2 * np.abs(spectrum) ** 2 / odd.size**2
+    above = np.cumsum(power[::-1])[::-1]
+    allowed = ROOM * step**2 / 12 * (1 - np.arange(power.size) / power.size)
+    quiet = np.flatnonzero(above <= allowed)
+    corner = int(quiet[0]) if quiet.size else power.size
+    spectrum[corner:] = 0.0
+    smooth = np.fft.irfft(spectrum, odd.size)[:n] + line
+    return np.clip(smooth, values - step / 2, values + step / 2)
+
+
+def _coarse(s: Signals) -> Sequence[str]:
+    """Channels of the motion that are stored in coarse steps."""
+    return [m for m in MOTION if s.has(m) and s.cached(("step", m), lambda m=m: np.array(grid_step(s[m]) or 0.0)) > 0]
