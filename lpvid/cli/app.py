@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from lpvid.cli.diagnose import diagnose
 from lpvid.cli.identify import identify
 from lpvid.cli.inspect import inspect
 from lpvid.cli.running import new_app
@@ -26,12 +27,12 @@ def _version(value: bool) -> None:
 @app.callback()
 def _common(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True,
                                                   help="Print the version and stop.")] = False) -> None:
-    """Identify LPV models from measured data, and say how good and how stable they are.
+    """Identify LPV models from measured data, say how good and how stable they are, and what a simulation gets wrong.
 
     Exit codes: 0 done; 2 the input is at fault (one line says what, nothing is written); 3 a numerical outcome short of
     what was asked, with the result written.
     """
 
 
-for _command in (inspect, identify, validate, stability):
+for _command in (inspect, identify, validate, stability, diagnose):
     app.command()(_command)

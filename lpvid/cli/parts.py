@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from lpvid.errors import InputError
+from lpvid.record import Record
 from lpvid.simulation import Model
 
 
@@ -35,3 +36,25 @@ def parts(model: Model, given: Mapping[str, tuple[str, ...]]) -> dict[str, str]:
                              got=", ".join(channels), mend=f"give them in the order {', '.join(own[part]) or 'none'}")
         roles |= {name: channel for name, channel in zip(own[part], channels, strict=False) if name != channel}
     return roles
+
+
+def damper_parts(record: Record, inputs: Sequence[str], outputs: Sequence[str], schedule: Sequence[str]) -> Record:
+    """The record with the roles of a damper as --input, --output and --schedule name them.
+
+    An input in m/s is the velocity, one in m the displacement; the output is the force, what schedules the current.
+    """
+    roles: dict[str, str] = {}
+    for name in inputs:
+        unit = record.unit(name)
+        role = {"m/s": "velocity", "m": "displacement"}.get(unit)
+        if role is None or role in roles:
+            raise InputError(f"--input {name}: the motion of a damper is a velocity or a displacement",
+                             got=f"{unit or 'no unit'} in record '{record.name}'",
+                             mend="--role velocity=CHANNEL says which it is")
+        roles[role] = record.resolve(name)
+    for option, role, names in (("--output", "force", outputs), ("--schedule", "current", schedule)):
+        if len(names) > 1:
+            raise InputError(f"{option} takes one channel here", got=", ".join(names))
+        if names:
+            roles[role] = record.resolve(names[0])
+    return record.with_roles(roles)

@@ -94,7 +94,7 @@ def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = Non
     training, kept = _listed(records), _listed(held_out)
     effects = _catalogue(catalogue)
     given = baseline
-    if isinstance(baseline, (str, os.PathLike)) and _is_file(baseline):
+    if isinstance(baseline, (str, os.PathLike)) and is_file(baseline):
         from lpvid.export.serialise import load
 
         given = load(baseline)
@@ -151,7 +151,8 @@ def _listed(records: Record | Sequence[Record] | None) -> list[Record]:
     return [] if records is None else [records] if isinstance(records, Record) else list(records)
 
 
-def _is_file(text: str | os.PathLike) -> bool:
+def is_file(text: str | os.PathLike) -> bool:
+    """Whether a baseline is given as a file rather than by name."""
     return not isinstance(text, str) or text.endswith(".json") or os.sep in text or Path(text).is_file()
 
 

@@ -71,9 +71,10 @@ class ExtendedModel(Adaptable):
 
         A channel beyond those of baseline and effects counts as read where the run changes without it.
         """
-        base, reads = self.composition.baseline, _required(self.composition)
+        base = self.composition.baseline
         first = records[0].slice(0, min(records[0].n_samples, TRACED))
         signals = base.signals(first)
+        reads = tuple(n for n in _required(self.composition) if signals.has(n))
         whole = self.composition.predict(signals, self.vector)
         for role in [r for r in signals.channels if r not in reads]:
             kept = {n: c for n, c in signals.channels.items() if n != role}

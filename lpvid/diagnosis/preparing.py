@@ -40,7 +40,7 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record], catalogue: S
     catalogue : sequence of Effect
         Their needs are roles to look for.
     needed : sequence of str
-        Roles without which the baseline cannot run.
+        Roles that the baseline reads; a bad channel among them is refused, one that is missing the baseline refuses.
     sample_rate : float, optional
         Resample to this rate [Hz].
     """
@@ -63,11 +63,6 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record], catalogue: S
 def _roles(records: Sequence[Record], catalogue: Sequence[Effect],
            needed: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
     """Roles that every record has in a usable channel, and what to say of those left out."""
-    for role in needed:
-        lacking = next((r for r in records if not r.has(role)), None)
-        if lacking is not None:
-            raise InputError(f"record '{lacking.name}' has no {role}", got=", ".join(lacking.channels),
-                             mend=f"--role {role}=CHANNEL")
     known = dict.fromkeys((*needed, *ROLES, *(n for e in catalogue for n in e.needs)))
     found, left = [], []
     for role in known:
@@ -75,7 +70,7 @@ def _roles(records: Sequence[Record], catalogue: Sequence[Effect],
         if not having:
             continue
         bad = next((r for r in having if r.channel(role).fault or not r.channel(role).unit_known), None)
-        if role in needed or role == "force" or (len(having) == len(records) and bad is None):
+        if len(having) == len(records) and (bad is None or role in needed or role == "force"):
             found.append(role)
         elif bad is not None:
             left.append(f"{role} is left out: it cannot be used in record '{bad.name}'")

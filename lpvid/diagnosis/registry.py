@@ -32,7 +32,7 @@ def factories() -> dict[str, Factory]:
         An entry point that does not load, or is neither a factory nor a mapping to factories; one name twice.
     """
     found: dict[str, Factory] = {}
-    for name, value in _loaded(BASELINES):
+    for name, value in loaded(BASELINES):
         table: Mapping[str, Any] = value if isinstance(value, Mapping) else {name: value}
         for key, factory in table.items():
             if not callable(factory):
@@ -47,7 +47,7 @@ def factories() -> dict[str, Factory]:
 def catalogues() -> dict[str, tuple[Effect, ...]]:
     """Every installed catalogue of effects by the name of its entry point."""
     found: dict[str, tuple[Effect, ...]] = {}
-    for name, value in _loaded(EFFECTS):
+    for name, value in loaded(EFFECTS):
         listed = tuple(value) if isinstance(value, (tuple, list)) else ()
         if not listed or not all(isinstance(e, Effect) for e in listed):
             raise InputError(f"the entry point '{name}' of {EFFECTS} is no tuple of effects", got=type(value).__name__,
@@ -92,7 +92,8 @@ def named_effects(names: Sequence[str]) -> list[Effect]:
     return [known[n] for n in names]
 
 
-def _loaded(group: str) -> list[tuple[str, Any]]:
+def loaded(group: str) -> list[tuple[str, Any]]:
+    """What the entry points of a group give, by name."""
     from importlib.metadata import entry_points
 
     found = []

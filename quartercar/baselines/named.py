@@ -1,4 +1,4 @@
-"""Baselines by name: every damper model, for the entry-point group ``lpvid.baselines``."""
+"""Baselines by name: every damper model and the quarter car, for the entry-point group ``lpvid.baselines``."""
 
 from __future__ import annotations
 
@@ -66,9 +66,34 @@ def _baseline(damper: Damper) -> Baseline:
 
         return DamperBaseline(damper)
     from lpvid.diagnosis.lpv_baseline import LpvBaseline
+    from quartercar.dampers.sampled import SampledDamper
 
+    if isinstance(damper, SampledDamper):
+        return LpvBaseline(damper.held.at(damper.vector), damper.name, "device", damper.polarity,
+                           {"displacement": damper.centre})
     return LpvBaseline(damper.to_model(damper.clock or 0.0), damper.name)
 
 
-BASELINES: Mapping[str, Factory] = {name: partial(damper_baseline, name) for name, _, _ in MODELS}
-"""Every damper model of the house by its name on the command line."""
+def car_baseline(records: Sequence[Record], parameters: Any = None) -> Baseline:
+    """The quarter car: all of its parameters free, or none where they are given.
+
+    A file holds ``{"model": "quarter-car", "parameters": {"sprung_mass": "2.45 kg", …}}``; parameters left out are
+    those of `quartercar.parameters.BENCH`.
+    """
+    from quartercar.baselines.quarter_car import UNITS, QuarterCarBaseline
+    from quartercar.parameters import BENCH, CarParameters
+
+    if parameters is None:
+        return QuarterCarBaseline()
+    if isinstance(parameters, Mapping):
+        return QuarterCarBaseline(CarParameters(**parameters["car"]), tuple(parameters["free"]), parameters["output"])
+    if isinstance(parameters, CarParameters):
+        return QuarterCarBaseline(parameters, ())
+    from quartercar.dampers.published import read_values
+
+    return QuarterCarBaseline(BENCH.replace(**read_values(parameters, "quarter-car", UNITS)), ())
+
+
+BASELINES: Mapping[str, Factory] = {**{name: partial(damper_baseline, name) for name, _, _ in MODELS},
+                                    "quarter-car": car_baseline}
+"""Every damper model of the house, and the car, by their names on the command line."""

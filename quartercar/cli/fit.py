@@ -51,13 +51,14 @@ def fit(
     otherwise. Writes comparison.json, a file for each fitted model, report.html and its figures.
     """
     from lpvid.cli.data import split_names
+    from lpvid.cli.parts import damper_parts
     from quartercar.dampers.comparison import CompareSettings, compare
 
     results = Results(out)
     with working("reading") as say:
         training, kept, rate, notes = _records(data, held_out, hold_out, {"role": role, "flip": flip}, sample_rate)
         named = (split_names(input), split_names(output), split_names(schedule))
-        training, kept = ([_with_parts(r, *named) for r in part] for part in (training, kept))
+        training, kept = ([damper_parts(r, *named) for r in part] for part in (training, kept))
         wanted: list[str | Damper] = [*(split_names(models) or ([] if parameters else ("all",)))]
         settings = CompareSettings(seed=seed, sample_rate=rate, thorough=thorough)
         found = compare(training, [*wanted, *_given(parameters or (), training, kept, rate)], kept, settings, say)
@@ -89,25 +90,6 @@ def _records(data: Sequence[str], held_out: Sequence[str] | None, hold_out: str 
     training, tail = part(records, share)
     said = () if share is None else (f"held out: the last {share.removeprefix('last-')} of every record in DATA",)
     return training, [*tail, *kept], None if clockless else sample_rate, said
-
-
-def _with_parts(record: Record, inputs: Sequence[str], outputs: Sequence[str], schedule: Sequence[str]) -> Record:
-    """The record with its roles as --input, --output and --schedule name them."""
-    roles: dict[str, str] = {}
-    for name in inputs:
-        unit = record.unit(name)
-        role = {"m/s": "velocity", "m": "displacement"}.get(unit)
-        if role is None or role in roles:
-            raise InputError(f"--input {name}: the motion of a damper is a velocity or a displacement",
-                             got=f"{unit or 'no unit'} in record '{record.name}'",
-                             mend="--role velocity=CHANNEL says which it is")
-        roles[role] = record.resolve(name)
-    for option, role, names in (("--output", "force", outputs), ("--schedule", "current", schedule)):
-        if len(names) > 1:
-            raise InputError(f"{option} takes one channel here", got=", ".join(names))
-        if names:
-            roles[role] = record.resolve(names[0])
-    return record.with_roles(roles)
 
 
 def _given(files: Sequence[Path], training: Sequence[Record], kept: Sequence[Record],

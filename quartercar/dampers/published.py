@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from lpvid import _checks
 from lpvid.errors import InputError
 from quartercar.dampers import model_class
 from quartercar.dampers.contract import Damper
@@ -72,6 +73,21 @@ def model_of(path: str | Path) -> str | None:
     """Name of the model that a parameter set belongs to; None for a file of `lpvid.save`, which says all by itself."""
     name = _object(Path(path)).get("model")
     return name if isinstance(name, str) else None
+
+
+def read_values(path: str | Path, model: str, units: Mapping[str, str]) -> dict[str, float]:
+    """Parameters [SI] of a set for something that is no damper, e.g. a car; `units` names all that it may hold."""
+    path = Path(path)
+    data = _object(path)
+    if data.get("model") != model or not isinstance(data.get("parameters"), Mapping):
+        raise InputError(f"'{path}' is no parameter set of '{model}'", got=repr(data.get("model")),
+                         mend=f'{{"model": "{model}", "parameters": {{"NAME": VALUE, …}}}}')
+    try:
+        for name in data["parameters"]:
+            _checks.known_name(name, list(units), f"parameter of {model}")
+        return {n: _si(v, units[n], n) for n, v in data["parameters"].items()}
+    except InputError as error:
+        raise InputError(f"'{path}': {' '.join(str(error).split())}") from None
 
 
 def _object(path: Path) -> dict[str, Any]:

@@ -1,0 +1,116 @@
+"""`lpvid diagnose`: what a simulation gets wrong, and the cause by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from lpvid.cli import options
+from lpvid.cli.running import Results, command, conclude, working
+
+if TYPE_CHECKING:
+    from lpvid.diagnosis.asking import Question
+    from lpvid.diagnosis.diagnosis import Diagnosis
+    from lpvid.record import Record
+
+PLAN = "experiment.toml"
+
+
+@command
+def diagnose(
+    data: options.Data,
+    baseline: Annotated[str, typer.Option("--baseline", metavar="NAME|MODEL", help="A baseline by name (guo, bouc-wen, "
+                                          "lpv-arx, linear, quarter-car, …), fitted to the data first; or a saved "
+                                          "model file.", show_default=False)],
+    parameters: Annotated[Path | None, typer.Option("--parameters", metavar="FILE", help="Parameters of a named "
+                          "baseline, instead of fitting it: a published set.")] = None,
+    held_out: Annotated[list[str] | None, typer.Option("--held-out", metavar="DATA", help="Files on which the gain is "
+                                                       "measured; without them alternating blocks of DATA.")] = None,
+    catalogue: Annotated[list[str] | None, typer.Option("--catalogue", metavar="NAME", help="Catalogue of causes, e.g. "
+                         "quartercar; repeat for several (all that are installed).")] = None,
+    plan_experiment: Annotated[bool, typer.Option("--plan-experiment", help="Also write experiment.toml: what to "
+                               "measure so that what these data cannot tell is told.")] = False,
+    input: options.Inputs = None,
+    output: options.Outputs = None,
+    schedule: options.Schedule = None,
+    role: options.Role = None,
+    flip: options.Flip = None,
+    sample_rate: options.SampleRate = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the significance tests.")] = 0,
+    out: options.Out = None,
+    json: options.Json = False,
+) -> None:
+    """Find what a simulation gets wrong, name the cause or say why not, extend the model, measure the gain.
+
+    Writes diagnosis.json, extended_model.json (which validate and diagnose take as any other model) and report.html.
+    --input, --schedule and --output name the motion, the current and the force, or play the model's parts in its order.
+    """
+    from lpvid.cli.data import read_parts_clocked, split_names
+    from lpvid.diagnosis.asking import answer, pose
+    from lpvid.diagnosis.engine import DiagnosisSettings
+    from lpvid.errors import InputError
+
+    results = Results(out)
+    if plan_experiment and out is None:
+        raise InputError("--plan-experiment writes a file", mend="add --out DIR")
+    named = {"input": split_names(input), "output": split_names(output), "schedule": split_names(schedule)}
+    with working("reading") as say:
+        start, is_model = _starting_point(baseline)
+        training, kept, clockless = read_parts_clocked(data, held_out, roles=role, flip=flip, sample_rate=sample_rate)
+        training, kept = ([_with_parts(r, start if is_model else None, named) for r in p] for p in (training, kept))
+        question = pose(training, start, split_names(catalogue) or None, kept, parameters=parameters,
+                        sample_rate=None if clockless else sample_rate)
+        found = answer(question, DiagnosisSettings(seed=seed), say)
+        told = _deliver(results, found, question, plan_experiment, say)
+    if not found.complete:
+        typer.echo("interrupted: no cause was judged; the result says where the baseline is wrong", err=True)
+    conclude(results, found.to_dict(), "\n".join([repr(found), *told]), json)
+
+
+def _starting_point(text: str) -> tuple[Any, bool]:
+    """A name as it is, or the model in a file."""
+    from lpvid.diagnosis.asking import is_file
+
+    if not is_file(text):
+        return text, False
+    from lpvid.export.serialise import load
+
+    return load(text), True
+
+
+def _with_parts(record: Record, model: Any, named: dict[str, tuple[str, ...]]) -> Record:
+    from lpvid.cli.parts import damper_parts, parts
+    from lpvid.model.adaptable import acting
+
+    if not any(named.values()):
+        return record
+    if model is None:
+        return damper_parts(record, named["input"], named["output"], named["schedule"])
+    return record.with_roles(parts(acting(model, record.time_base.period), named))
+
+
+def _deliver(results: Results, found: Diagnosis, question: Question, plan: bool,
+             say: Callable[[str], None]) -> Sequence[str]:
+    """Queue the files; what to tell of the experiment."""
+    if not results.kept:
+        return ()
+    from lpvid.diagnosis.experiments import proposed
+    from lpvid.export.serialise import save
+    from lpvid.report.diagnosis import diagnosis_page
+
+    say("drawing")
+    results.json("diagnosis.json", found.to_dict())
+    if found.extended is not None:
+        results.add("extended_model.json", lambda path: save(found.extended, path))
+    told, proposal = [], proposed(found) if plan else None
+    if proposal is not None:
+        results.add(PLAN, lambda path: path.write_text(proposal.text, encoding="utf-8"))
+        told.append(f"  experiment: {proposal.says}\n  quartercar rig {results.folder}/{PLAN} --out DIR runs it on the "
+                    "virtual rig")
+    elif plan:
+        told.append("  no experiment is needed, or none is known: nothing was left open that one could tell")
+    results.report(diagnosis_page(found, question, None if proposal is None else proposal.says))
+    return told

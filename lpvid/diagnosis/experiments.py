@@ -1,0 +1,53 @@
+"""Experiments: what to measure next, from packages that know a rig (entry-point group ``lpvid.experiments``)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from lpvid.diagnosis.diagnosis import Diagnosis
+from lpvid.errors import InputError
+
+GROUP = "lpvid.experiments"
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """An experiment.
+
+    Attributes
+    ----------
+    text : str
+        A plan file.
+    says : str
+        In one sentence.
+    names : tuple of str
+        Effects that it is meant for.
+    """
+
+    text: str
+    says: str
+    names: tuple[str, ...]
+
+
+Planner = Callable[[Diagnosis], Proposal | None]
+
+
+def open_questions(found: Diagnosis) -> tuple[str, ...]:
+    """Effects about which the data left something open, the most pressing first: rivals, then what they cannot show."""
+    named = [n for r in found.rivals for n in r.names] + [c.name for c in found.cannot_tell]
+    return tuple(dict.fromkeys(named))
+
+
+def proposed(found: Diagnosis) -> Proposal | None:
+    """The first plan that an installed package has for what a diagnosis left open; None where there is none."""
+    from lpvid.diagnosis.registry import loaded
+
+    for name, planner in loaded(GROUP):
+        if not callable(planner):
+            raise InputError(f"the entry point '{name}' of {GROUP} is no function", got=type(planner).__name__,
+                             mend="update or remove the package that names it")
+        proposal = planner(found)
+        if isinstance(proposal, Proposal):
+            return proposal
+    return None

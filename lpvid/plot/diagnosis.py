@@ -1,0 +1,263 @@
+"""What a simulation gets wrong, before and after its extension: maps, spectra, suspects, loops."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lpvid.plot.style import (
+    BLUE,
+    GREEN,
+    INK,
+    MEASURED,
+    MODEL,
+    MUTED,
+    ORANGE,
+    VERMILION,
+    WIDTH,
+    label,
+    legend_above,
+    look,
+    panels,
+    robust_limits,
+    thinned,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+BINS = 24
+"""cells of a map in each direction"""
+FEWEST = 5
+"""samples without which a cell stays empty"""
+WINDOW = 300
+"""samples in the close-up"""
+CLOUD = 5000
+"""points of a loop drawn at most"""
+BEFORE, AFTER = VERMILION, BLUE
+ROLES_UNITS = {"velocity": "m/s", "displacement": "m", "current": "A", "acceleration": "m/s²", "temperature": "K",
+               "road": "m", "unsprung": "m", "actuator": "N"}
+COLOURS = {"named": VERMILION, "rival": ORANGE, "rejected": MUTED, "not needed": BLUE, "within noise": "#c3ccd6"}
+"""of the suspects, by what became of them"""
+
+
+@dataclass(frozen=True, eq=False)
+class BeforeAfter:
+    """One record with the baseline's and the extended model's free runs.
+
+    Attributes
+    ----------
+    name, label : str
+    sample_time : float
+    channels : mapping of str to (n,) array
+    measured, before, after : (n,) arrays
+    output, unit : str
+    """
+
+    name: str
+    label: str
+    sample_time: float
+    channels: Mapping[str, np.ndarray]
+    measured: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    output: str
+    unit: str
+
+    @property
+    def errors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Measured less simulated, before and after."""
+        return self.measured - self.before, self.measured - self.after
+
+    @property
+    def times(self) -> np.ndarray:
+        """(n,) [s]."""
+        return self.sample_time * np.arange(self.measured.size)
+
+
+def error_maps(shown: Sequence[BeforeAfter], extended: bool) -> Figure | None:
+    """Root mean square error over velocity and current, and over velocity and displacement; before and after alike.
+
+    Parameters
+    ----------
+    shown : sequence of BeforeAfter
+    extended : bool
+        Whether anything was added, so that an after differs from the before.
+    """
+    pairs = [p for p in (("velocity", "current"), ("velocity", "displacement"), ("unsprung", "road"))
+             if all(n in s.channels for n in p for s in shown) and all(np.ptp(_joined(shown, n)) > 0 for n in p)]
+    if not pairs:
+        return None
+    stages = ("before", "after") if extended else ("before",)
+    with look():
+        figure, axes = panels(len(pairs), len(stages), height=2.9, width=WIDTH if extended else 5.6)
+        for row, pair in enumerate(pairs):
+            tables = [_table(shown, pair, k) for k in range(len(stages))]
+            top = max(float(np.nanmax(t[2])) for t in tables)
+            for ax, (x, y, cells), stage in zip(axes[row], tables, stages, strict=True):
+                mesh = ax.pcolormesh(x, y, cells.T, cmap="magma_r", vmin=0.0, vmax=top, rasterized=True)
+                ax.set_title(f"error {stage}")
+                ax.set_xlabel(label(pair[0], ROLES_UNITS[pair[0]]))
+                ax.set_ylabel(label(pair[1], ROLES_UNITS[pair[1]]))
+                ax.grid(False)
+            figure.colorbar(mesh, ax=list(axes[row]), label=label("rms error", shown[0].unit), pad=0.01)
+    return figure
+
+
+def _joined(shown: Sequence[BeforeAfter], name: str) -> np.ndarray:
+    return np.concatenate([s.channels[name] for s in shown])
+
+
+def _table(shown: Sequence[BeforeAfter], pair: tuple[str, str], stage: int) -> tuple[np.ndarray, ...]:
+    """Cell edges and the root mean square error in each cell; NaN where there are few samples."""
+    x, y = (_joined(shown, n) for n in pair)
+    e = np.concatenate([s.errors[stage] for s in shown])
+    edges = [_edges(v) for v in (x, y)]
+    count = np.histogram2d(x, y, edges)[0]
+    power = np.histogram2d(x, y, edges, weights=np.where(np.isfinite(e), e, 0.0) ** 2)[0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        cells = np.where(count >= FEWEST, np.sqrt(power / count), np.nan)
+    return (*edges, cells)
+
+
+def _edges(values: np.ndarray) -> np.ndarray:
+    low, high = (float(q) for q in np.quantile(values, [0.001, 0.999]))
+    return np.linspace(low, high, BINS + 1) if high > low else np.linspace(values.min(), values.max(), BINS + 1)
+
+
+def error_courses(shown: Sequence[BeforeAfter], floor: float | None, extended: bool) -> Figure:
+    """Error over time (rms of stretches) and over frequency, before and after, with the noise level where known."""
+    first = shown[0]
+    with look():
+        figure, axes = panels(1, 2, height=2.9)
+        time, frequency = axes[0]
+        for k, (colour, said) in enumerate(((BEFORE, "before"), (AFTER, "after"))[: 2 if extended else 1]):
+            t, rms = _stretches(first, first.errors[k])
+            time.plot(t, rms, color=colour, label=said, drawstyle="steps-mid")
+            f, density = _density(shown, k)
+            frequency.loglog(f, density, color=colour, label=said, linewidth=0.9)
+        if floor is not None:
+            time.axhline(floor, color=INK, linewidth=0.8, linestyle="--", label="noise, from repeats")
+        time.set_ylim(bottom=0.0)
+        time.set_xlabel("time [s]")
+        time.set_ylabel(label("rms error", first.unit))
+        time.set_title(first.name)
+        frequency.set_xlabel("frequency [Hz]")
+        frequency.set_ylabel(f"error density [{first.unit}/√Hz]")
+        for ax in (time, frequency):
+            legend_above(ax, 3)
+    return figure
+
+
+def _stretches(s: BeforeAfter, error: np.ndarray, count: int = 60) -> tuple[np.ndarray, np.ndarray]:
+    size = max(error.size // count, 1)
+    pieces = error[: error.size // size * size].reshape(-1, size)
+    return (np.arange(len(pieces)) + 0.5) * size * s.sample_time, np.sqrt(np.mean(pieces**2, axis=1))
+
+
+def _density(shown: Sequence[BeforeAfter], stage: int) -> tuple[np.ndarray, np.ndarray]:
+    from scipy.signal import welch
+
+    longest = max(shown, key=lambda s: s.measured.size)
+    f, p = welch(longest.errors[stage], 1 / longest.sample_time, nperseg=min(1024, longest.measured.size))
+    return f[1:], np.sqrt(p[1:])
+
+
+def suspects(rows: Sequence[tuple[str, float, str]], most: int = 16) -> Figure | None:
+    """How much likelier each candidate makes the data, one bar each, coloured by what became of it.
+
+    Parameters
+    ----------
+    rows : sequence of (name, log-likelihood ratio, fate)
+        Fate is a key of `COLOURS`.
+    most : int
+    """
+    kept = sorted(rows, key=lambda r: -r[1])[:most]
+    if not kept:
+        return None
+    with look():
+        figure, axes = panels(1, heights=[0.9 + 0.235 * len(kept)])
+        ax = axes[0, 0]
+        values = np.maximum([r[1] for r in kept], 0.3)
+        place = np.arange(len(kept))[::-1]
+        ax.barh(place, values, color=[COLOURS[r[2]] for r in kept], height=0.7)
+        ax.set_yticks(place, [r[0] for r in kept])
+        ax.set_xscale("log")
+        ax.set_xlim(0.3, 2.5 * float(values.max()))
+        ax.set_xlabel("likelihood ratio alone, beside the baseline's own parameters [1]")
+        ax.grid(axis="y", visible=False)
+        from matplotlib.patches import Patch
+
+        fates = [f for f in COLOURS if any(r[2] == f for r in kept)]
+        ax.legend(handles=[Patch(color=COLOURS[f], label=f) for f in fates], loc="lower right",
+                  bbox_to_anchor=(1.0, 1.0), ncols=len(fates))
+    return figure
+
+
+def loops(shown: Sequence[BeforeAfter], extended: bool) -> Figure | None:
+    """Output over velocity, measured and simulated: the baseline on the left, the extended model on the right."""
+    having = [s for s in shown if "velocity" in s.channels]
+    if not having:
+        return None
+    step = max(1, sum(s.measured.size for s in having) // CLOUD)
+    with look():
+        figure, axes = panels(1, 2 if extended else 1, height=3.6, width=WIDTH if extended else 5.6)
+        limits = robust_limits(np.concatenate([s.measured for s in having]), 0.1)
+        for k, (ax, said) in enumerate(zip(axes[0], ("baseline", "extended model"), strict=False)):
+            for i, s in enumerate(having):
+                run = (s.before, s.after)[k]
+                for y, colour, name in ((s.measured, MEASURED, "measured"), (run, MODEL, said)):
+                    ax.plot(s.channels["velocity"][::step], y[::step], ".", color=colour, markersize=1.8, alpha=0.45,
+                            rasterized=True, label=name if i == 0 else None)
+            _loop_axes(ax, having[0], limits)
+    return figure
+
+
+def _loop_axes(ax: Axes, s: BeforeAfter, limits: tuple[float, float]) -> None:
+    ax.set_xlabel(label("velocity", "m/s"))
+    ax.set_ylabel(label(s.output, s.unit))
+    ax.axhline(0, color=INK, linewidth=0.5)
+    ax.axvline(0, color=INK, linewidth=0.5)
+    ax.set_ylim(*limits)
+    legend_above(ax, 2)
+    for handle in ax.get_legend().legend_handles:  # type: ignore[union-attr]
+        handle.set_markersize(6)  # type: ignore[union-attr]
+        handle.set_alpha(1.0)  # type: ignore[union-attr]
+
+
+def close_up(shown: Sequence[BeforeAfter], extended: bool) -> Figure:
+    """The stretch in which the baseline is most wrong: measured, baseline, extended model, and what moves."""
+    s = max(shown, key=lambda one: float(np.mean(one.errors[0] ** 2)))
+    window = _worst(s.errors[0])
+    t = s.times[window]
+    extra = [n for n in ("current", "velocity") if n in s.channels and np.ptp(s.channels[n][window]) > 0]
+    with look():
+        figure, axes = panels(1 + len(extra), heights=[2.9, *([0.95] * len(extra))], sharex=True)
+        ax = axes[0, 0]
+        ax.plot(t, s.measured[window], color=MEASURED, linewidth=1.5, label="measured")
+        ax.plot(t, s.before[window], color=BEFORE, label="baseline")
+        if extended:
+            ax.plot(t, s.after[window], color=AFTER, label="extended model")
+        ax.set_ylabel(label(s.output, s.unit))
+        ax.set_title(f"{s.name} ({s.label})")
+        ax.set_ylim(*robust_limits(np.concatenate([s.measured[window], s.before[window]]), 0.1))
+        legend_above(ax, 3)
+        for axis, name in zip(axes[1:, 0], extra, strict=True):
+            axis.plot(*thinned(t, s.channels[name][window]), color=GREEN)
+            axis.set_ylabel(label(name, ROLES_UNITS[name]))
+        axes[-1, 0].set_xlabel("time [s]")
+        axes[-1, 0].margins(x=0.005)
+        figure.align_ylabels()
+    return figure
+
+
+def _worst(error: np.ndarray) -> slice:
+    size = min(WINDOW, error.size)
+    sums = np.cumsum(np.insert(np.where(np.isfinite(error), error, 0.0) ** 2, 0, 0.0))
+    head = min(error.size // 20, error.size - size)
+    first = head + int(np.argmax((sums[size:] - sums[:-size])[head:]))
+    return slice(first, first + size)

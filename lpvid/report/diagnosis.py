@@ -1,0 +1,232 @@
+"""Report of `diagnose`: what is wrong, who did it, what it gains, what the data cannot tell and what would."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lpvid.diagnosis.asking import Question
+from lpvid.diagnosis.diagnosis import Cause, Diagnosis, Estimated
+from lpvid.plot import diagnosis as draw
+from lpvid.report.inspection import findings_table
+from lpvid.report.page import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number, percent
+
+NORMAL = 1.96
+"""standard errors on either side of a 95 % interval"""
+SIGNIFICANT = 0.05
+_MARKS: dict[str, Mark] = {"explained": "good", "nothing-to-explain": "good", "partly-explained": "warn",
+                           "cannot-tell": "warn", "unexplained": "bad"}
+_SAYS = {"explained": "Explained", "nothing-to-explain": "Nothing to explain", "partly-explained": "Partly explained",
+         "cannot-tell": "These data cannot tell", "unexplained": "Unexplained"}
+_ADVICE = {
+    "explained": "Use the extended model in place of the baseline, or mend the cause and measure again.",
+    "nothing-to-explain": "The baseline is as good as these data can show. A better one needs other data.",
+    "partly-explained": "Use the extended model with care: a known part of the error is named, another part is not.",
+    "cannot-tell": "Do not mend anything yet: run the experiment below, then diagnose its records.",
+    "unexplained": "Do not add a component on this evidence: none of the causes known here does what these data show.",
+}
+
+
+def diagnosis_page(found: Diagnosis, question: Question, experiment: str | None = None) -> Page:
+    """A page about a diagnosis.
+
+    Parameters
+    ----------
+    found : Diagnosis
+    question : Question
+        What it was asked of: records and baseline.
+    experiment : str, optional
+        The proposed experiment in words, where one was planned.
+
+    Returns
+    -------
+    Page
+    """
+    shown = before_after(found, question)
+    extended = found.extended is not None and bool(found.extended.effects)
+    sections = [Section("What to do", (Paragraph(_ADVICE[found.verdict], strong=True), *_proposal(found, experiment)))]
+    if found.causes or found.rivals:
+        sections.append(Section("The cause" if len(found.causes) < 2 else "The causes", tuple(_causes(found))))
+    sections.append(Section("What the simulation gets wrong", tuple(_wrong(found, shown, extended))))
+    if extended:
+        sections.append(Section("Before and after", tuple(_gain(found, shown))))
+    sections.append(Section("Suspects", tuple(_suspects(found))))
+    sections.append(Section("What these data cannot tell", tuple(_cannot_tell(found))))
+    sections.append(Section("The data", tuple(_data(found))))
+    verdict = f"{_SAYS[found.verdict]}: {found.reason}."
+    name = str(found.baseline.get("name", "a baseline"))
+    return Page(f"Diagnosis of {name}", verdict, _MARKS[found.verdict], _facts(found, extended), _caveats(found),
+                tuple(sections))
+
+
+def before_after(found: Diagnosis, question: Question) -> list[draw.BeforeAfter]:
+    """The records with the free runs of the baseline and of the extended model, in the records' sense."""
+    values = np.array([p["value"] for p in found.baseline.get("parameters", [])], dtype=float)
+    baseline = question.baseline
+    baseline = baseline.with_vector(values) if values.size == baseline.vector.size else baseline
+    listed = []
+    for part, records in (("training", question.prepared.training), ("held-out", question.prepared.held_out)):
+        for record in records:
+            s = baseline.signals(record)
+            before = baseline.core(baseline.vector)(s)
+            after = before if found.extended is None else \
+                found.extended.composition.predict(s, found.extended.vector)
+            sign = baseline.polarity
+            listed.append(draw.BeforeAfter(record.name, part, s.sample_time, dict(s.channels), sign * s.output,
+                                           sign * before, sign * after, baseline.output, baseline.output_unit))
+    return listed
+
+
+# -- sections --------------------------------------------------------------------------------------------------------
+def _facts(found: Diagnosis, extended: bool) -> tuple[tuple[str, str], ...]:
+    facts = [("free-run ESR, baseline, held-out", number(found.before.esr_held_out)),
+             ("rmse, baseline", number(found.before.rmse, 4, found.unit))]
+    if extended:
+        facts += [("free-run ESR, extended, held-out", number(found.after.esr_held_out)),
+                  ("rmse, extended", number(found.after.rmse, 4, found.unit)),
+                  ("gain, held-out", f"{found.gain_percent:.1f} %")]
+    facts.append(("noise, from repeats", number(found.noise_floor, 4, found.unit) if found.noise_floor is not None
+                  else "not known"))
+    return tuple(facts)
+
+
+def _caveats(found: Diagnosis) -> tuple[str, ...]:
+    said = [f"Held out: {found.held_out}."]
+    if not found.complete:
+        said.insert(0, "The diagnosis was interrupted: no cause was judged.")
+    if found.noise_floor is None and found.causes:
+        said.append("Nothing in these data repeats, so that the noise level is not known and the share explained is "
+                    "a bound.")
+    if found.rivals:
+        said.append("The extended model contains one of several rivals that do equally well here: it simulates these "
+                    "conditions, and says nothing of which rival is at work.")
+    return tuple(said)
+
+
+def _proposal(found: Diagnosis, experiment: str | None) -> list[Item]:
+    if experiment is not None:
+        return [Paragraph(f"experiment.toml holds the plan: {experiment}.")]
+    if found.rivals:
+        return [Notes(tuple(f"{' or '.join(r.names)}: {r.experiment}." for r in found.rivals))]
+    return []
+
+
+def _causes(found: Diagnosis) -> list[Item]:
+    rows = [_cause_row(c) for c in found.causes]
+    items: list[Item] = []
+    if rows:
+        items.append(Notes(tuple(f"{c.name}: {c.description}." for c in found.causes)))
+        items.append(Table(("cause", "parameter", "value", "95 % interval", "p", "ΔBIC", "held-out gain",
+                            "share alone", "share beside the others"), tuple(r for one in rows for r in one),
+                           "Shares are of the baseline's excess squared error.", (2, 4, 5, 6, 7, 8),
+                           ("good",) * sum(map(len, rows))))
+    if found.explained_share is not None and found.causes:
+        value, std = found.explained_share
+        items.append(Paragraph(f"Together they explain {percent(value)} ± {percent(std)} of the error beyond the "
+                               "noise."))
+    if found.rivals:
+        told = [(" / ".join(r.names), number(r.similarity, 3),
+                 "; ".join(f"{n}: {', '.join(map(_plain, p))}" for n, p in r.parameters.items()), r.experiment)
+                for r in found.rivals]
+        items.append(Table(("cannot be kept apart", "similarity", "parameters, each taken alone", "what separates "
+                            "them"), tuple(told), "", (1,), ("warn",) * len(told)))
+    return items
+
+
+def _cause_row(c: Cause) -> list[tuple[str, ...]]:
+    rows = []
+    for k, p in enumerate(c.parameters):
+        interval = "at a bound" if p.std is None else \
+            f"{number(p.value - NORMAL * p.std)} … {number(p.value + NORMAL * p.std)}"
+        head = (c.name,) if k == 0 else ("",)
+        tail = (number(c.p_value, 2), number(c.delta_bic, 3), f"{c.held_out_gain:.1f} %", percent(c.share_alone),
+                percent(c.share_given_others)) if k == 0 else ("",) * 5
+        rows.append((*head, p.name, number(p.value, 4, p.unit), interval, *tail))
+    return rows
+
+
+def _plain(p: Estimated) -> str:
+    return f"{p.name} {number(p.value, 3, p.unit)}"
+
+
+def _wrong(found: Diagnosis, shown: Sequence[draw.BeforeAfter], extended: bool) -> list[Item]:
+    rows = tuple((w.where, percent(w.share), percent(w.time), number(w.share / max(w.time, 1e-9), 3))
+                 for w in found.wrong)
+    items: list[Item] = []
+    if rows:
+        items.append(Table(("where", "share of the squared error", "share of the data", "ratio"), rows,
+                           "Regimes that hold more of the baseline's error than of the data; for frequency bands, of "
+                           "the error's power.", (1, 2, 3)))
+    else:
+        items.append(Paragraph("The error is spread evenly: no regime stands out."))
+    maps = draw.error_maps(shown, extended)
+    if maps is not None:
+        items.append(Figure.of(maps, "Root mean square error of the free run by regime; empty cells were not visited. "
+                               "Both columns share one scale."))
+    items.append(Figure.of(draw.error_courses(shown, found.noise_floor, extended), "The error of the free run over "
+                           "time and over frequency."))
+    return items
+
+
+def _gain(found: Diagnosis, shown: Sequence[draw.BeforeAfter]) -> list[Item]:
+    rows = [("baseline", number(found.before.esr_training), number(found.before.esr_held_out),
+             number(found.before.rmse, 4, found.unit), "–"),
+            ("extended model", number(found.after.esr_training), number(found.after.esr_held_out),
+             number(found.after.rmse, 4, found.unit), f"{found.gain_percent:.1f} %")]
+    items: list[Item] = [Table(("model", "ESR, training", "ESR, held-out", "rmse, held-out", "gain"), tuple(rows),
+                               f"Free run. Held out: {found.held_out}.", (1, 2, 3, 4), ("plain", "good"))]
+    drawn = draw.loops(shown, True)
+    if drawn is not None:
+        items.append(Figure.of(drawn, "Measured and simulated output over velocity, before and after."))
+    items.append(Figure.of(draw.close_up(shown, True), "The stretch in which the baseline is most wrong."))
+    return items
+
+
+def _suspects(found: Diagnosis) -> list[Item]:
+    named, rivals = {c.name for c in found.causes}, {n for r in found.rivals for n in r.names}
+    refused = {r.name for r in found.rejected}
+
+    def fate(name: str, p: float) -> str:
+        if name in named:
+            return "named"
+        if name in rivals:
+            return "rival"
+        return "rejected" if name in refused else "not needed" if p < SIGNIFICANT else "within noise"
+
+    rows = [(n, float(e["likelihood_ratio"] or 0.0), fate(n, float(e["p_value"]))) for n, e in found.evidence.items()]
+    drawn = draw.suspects(rows)
+    if drawn is None:
+        return [Paragraph("No candidate was tested.")]
+    items: list[Item] = [Figure.of(drawn, "Every candidate by itself. Not needed: it follows the error as well, but "
+                                   "nothing is left for it once the named causes are in."),
+                         Table(("candidate", "likelihood ratio", "p", "smallest detectable strength", "what became of "
+                                "it"), tuple((n, number(r, 4), number(found.evidence[n]["p_value"], 2),
+                                              number(found.evidence[n]["smallest_detectable"], 3), f)
+                                             for n, r, f in sorted(rows, key=lambda r: -r[1])), "", (1, 2, 3),
+                               folded="All candidates in numbers")]
+    if found.rejected:
+        items.append(Table(("looked at and not named", "why"), tuple((r.name, r.why) for r in found.rejected)))
+    return items
+
+
+def _cannot_tell(found: Diagnosis) -> list[Item]:
+    if not found.cannot_tell:
+        return [Paragraph("Every candidate of a plausible size would have shown.")]
+    rows = tuple((c.name, c.reason, number(c.smallest_detectable, 3, c.unit), c.experiment) for c in found.cannot_tell)
+    return [Table(("candidate", "why not", "smallest detectable", "what would tell"), rows,
+                  "None of these is excluded: these data carry no information on them.", (2,))]
+
+
+def _data(found: Diagnosis) -> list[Item]:
+    noise = found.noise
+    said = [f"Noise: {str(noise.get('name', '')).replace('-', ' ')}, {noise.get('from_repeats', '')}."] if noise else []
+    parameters = found.baseline.get("parameters", [])
+    items: list[Item] = [Notes((*said, *found.notes, f"{found.seconds:.1f} s of computing."))]
+    if parameters:
+        items.append(Table(("parameter of the baseline", "value"),
+                           tuple((p["name"], number(p["value"], 5, p["unit"])) for p in parameters), "", (1,),
+                           folded=f"Parameters of {found.baseline.get('name')}"))
+    if found.audit is not None:
+        items.append(findings_table(found.audit))
+    return items
