@@ -46,8 +46,9 @@ def march(velocity, speeds, nodes, rows, before, tilt, held, element, step, part
         b at the samples, b just before them, and −∂b/∂x for a law that depends on the position of the fluid's side.
     held : bool
         Whether b jumps at the samples.
-    element : (5,) array
-        Compliance [m/N], stroke of the air [m], its force [N], half of the play [m], floor of the force [N].
+    element : (5 + n,) array
+        Compliance [m/N], stroke of the air [m], its force [N], half of the play [m], floor of the force [N]; the air's
+        curve at even places.
     step : float
         [s].
     parts : int
@@ -215,10 +216,13 @@ def _deflection(force, element):
         d += element[3] * t
         slope += element[3] * (1.0 - t * t) / TAKEN_UP
     if element[1] > 0.0:
-        ratio = 1.0 + abs(force) / element[2]
-        power = ratio ** (-1.0 / 1.3)
-        d += math.copysign(element[1] * (1.0 - power), force)
-        slope += element[1] * power / (1.3 * ratio * element[2])
+        size = abs(force) + element[2]
+        last = element.size - 6
+        place = abs(force) / size * last
+        node = min(int(place), last - 1)
+        rise = element[6 + node] - element[5 + node]
+        d += math.copysign(element[1] * (element[5 + node] + (place - node) * rise), force)
+        slope += element[1] * rise * last * element[2] / (size * size)
     return d, slope
 
 

@@ -29,6 +29,8 @@ PROBE = 0.02
 """change of speed that finds the local slope of a core with memory, in root mean squares of the speed"""
 SOFTEST = 0.05
 """least such slope, in that of a straight line through the data"""
+AIR = 1 - (1 - np.linspace(0.0, 1.0, 513)) ** (1 / 1.3)
+"""1 − (1 + |F|/F_p)^(−1/1.3) over |F|/(|F| + F_p), evenly from 0 to 1"""
 
 
 @dataclass(frozen=True)
@@ -54,8 +56,9 @@ class Elements:
     limit: float = np.inf
 
     def array(self) -> np.ndarray:
-        """(5,) for the kernels."""
-        return np.array([self.compliance, self.air_stroke, self.air_force, self.play / 2, -min(self.limit, 1e300)])
+        """(5 + n,) for the kernels: five numbers, and the air's curve over |F|/(|F| + F_p)."""
+        numbers = [self.compliance, self.air_stroke, self.air_force, self.play / 2, -min(self.limit, 1e300)]
+        return np.concatenate([numbers, AIR])
 
     def deflection(self, force: np.ndarray) -> np.ndarray:
         """(n,) deflection of spring, air and play under a force [m]."""
@@ -162,13 +165,14 @@ class InSeries:
 
         rows = along(s)
         before, tilt = rows, np.zeros_like(rows)
-        if s.has("current") and held(s):
-            earlier = np.concatenate([s["current"][:1], s["current"][:-1]])
-            before = along(s.replace(current=earlier))
         if turned is not None:
             reach = np.where(np.abs(deflection) > 1e-12, deflection, 1e-12)
             there = along(s.replace(displacement=s["displacement"] - reach))
             tilt = (there - rows) / reach[:, None]
+        if s.has("current") and held(s):
+            before = np.concatenate([rows[:1], rows[:-1]])
+            if turned is not None:
+                before[1:] -= tilt[:-1] * np.diff(s["displacement"])[:, None]
         return Law(speeds, shapes, rows, before, tilt)
 
     def _filter(self, s: Signals, rigid: np.ndarray, speeds: np.ndarray) -> Law:
