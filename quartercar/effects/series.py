@@ -150,7 +150,7 @@ class InSeries:
         everything = table if turned is None else np.hstack([table, turned])
         scale = 1 + REACH * np.abs(speeds) / speeds[-1]
         weighed = everything / scale[:, None]
-        right, pivots = qr(weighed.T, mode="r", pivoting=True, check_finite=False)
+        _, right, pivots = qr(weighed.T, mode="economic", pivoting=True, check_finite=False)  # type: ignore[misc]
         weight = np.abs(np.diag(right))
         rank = max(int(np.sum(weight > RANK * max(float(weight[0]), 1e-300))), 1)
         shapes = np.zeros((speeds.size, rank))

@@ -193,6 +193,10 @@ def diagnosed(record: Record, damper: str, **changes: object):
     return diagnose([record], DamperBaseline(made), CATALOGUE)
 
 
+RIVALS = ("coulomb-friction", "stribeck-friction", "gas-stiffness", "series-compliance", "force-delay", "end-stop",
+          "displacement-delay", "fixture-inertia", "quadratic-loss", "asymmetry")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "value"), [("series-compliance", 1 / 1.5e6), ("backlash", 5e-4),
                                              ("entrained-air", 4e-4)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -168,3 +169,17 @@ def test_the_engine_names_what_the_rig_hides(name: str, values: list[float]) -> 
     found = diagnosed(record, "guo", offset=False)
     assert [c.name for c in found.causes] == [name]
     assert [p.value for p in found.causes[0].parameters] == pytest.approx(values, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_parallel_network_against_data_of_a_series_one_names_the_topology() -> None:
+    """Seed 003: c_L = 1500 N·s/m before c_Q = 15,000 N·s²/m² cross over at v_t = c_L/c_Q = 0.1 m/s."""
+    experiment = replace(EXPERIMENTS["test-1"], duration=12.0)
+    motion = Rig(damper=RigDamper.static(), sensors=Sensors.perfect()).run(experiment, seed=0)
+    truth = dampers.model_class("network-series")(values={"laminar_damping": 1500.0, "quadratic_damping": 15000.0,
+                                                          "friction": 30.0, "offset": 0.0})
+    force = truth.simulate(motion).output[:, 0]
+    noise = 0.005 * force.std() * np.random.default_rng(0).standard_normal(force.size)
+    found = diagnosed(motion.with_channel("force", force + noise, "N"), "network-parallel")
+    assert [c.name for c in found.causes] == ["network-topology"]
+    assert [p.value for p in found.causes[0].parameters] == pytest.approx([1.0, 0.1], rel=0.05)
