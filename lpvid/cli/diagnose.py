@@ -14,9 +14,10 @@ from lpvid.cli.running import Results, command, conclude, working
 if TYPE_CHECKING:
     from lpvid.diagnosis.asking import Question
     from lpvid.diagnosis.diagnosis import Diagnosis
+    from lpvid.diagnosis.lpv_extension import LpvExtension
     from lpvid.record import Record
 
-PLAN = "experiment.toml"
+PLAN, LPV_MODEL = "experiment.toml", "extended_lpv.json"
 
 
 @command
@@ -45,7 +46,8 @@ def diagnose(
 ) -> None:
     """Find what a simulation gets wrong, name the cause or say why not, extend the model, measure the gain.
 
-    Writes diagnosis.json, extended_model.json (which validate and diagnose take as any other model) and report.html.
+    Writes diagnosis.json, extended_model.json (which validate and diagnose take as any other model), with a cause named
+    extended_lpv.json (the same cause in an LPV model), and report.html.
     --input, --schedule and --output name the motion, the current and the force, or play the model's parts in its order.
     """
     from lpvid.cli.data import read_parts_clocked, split_names
@@ -64,10 +66,12 @@ def diagnose(
         question = pose(training, start, split_names(catalogue) or None, kept, parameters=parameters,
                         sample_rate=None if clockless else sample_rate)
         found = answer(question, DiagnosisSettings(seed=seed), say)
-        told = _deliver(results, found, question, plan_experiment, say)
+        say("the same causes in an LPV model")
+        lpv = _lpv_extension(found, question)
+        told = _deliver(results, found, question, lpv, plan_experiment, say)
     if not found.complete:
         typer.echo("interrupted: no cause was judged; the result says where the baseline is wrong", err=True)
-    conclude(results, found.to_dict(), "\n".join([repr(found), *told]), json)
+    conclude(results, _told(found, lpv), "\n".join([repr(found), *told]), json)
 
 
 def _starting_point(text: str) -> tuple[Any, bool]:
@@ -92,25 +96,50 @@ def _with_parts(record: Record, model: Any, named: dict[str, tuple[str, ...]]) -
     return record.with_roles(parts(acting(model, record.time_base.period), named))
 
 
-def _deliver(results: Results, found: Diagnosis, question: Question, plan: bool,
+def _lpv_extension(found: Diagnosis, question: Question) -> LpvExtension | None:
+    """The named causes in an LPV model, where there are some and the records allow one."""
+    from lpvid.diagnosis.lpv_extension import common_structure, measured_extension
+    from lpvid.errors import InputError
+
+    names = {c.name for c in found.causes}
+    records = question.prepared.training
+    structure = common_structure((*records, *question.prepared.held_out), question.baseline.output) if names else None
+    if structure is None:
+        return None
+    try:
+        return measured_extension(records, structure, [e for e in question.catalogue if e.name in names],
+                                  question.prepared.held_out)
+    except InputError:  # data on which no model of this structure can be fitted: the grey box stands alone
+        return None
+
+
+def _told(found: Diagnosis, lpv: LpvExtension | None) -> dict[str, Any]:
+    """diagnosis.json."""
+    return {**found.to_dict(), "extended_lpv": None if lpv is None else {**lpv.to_dict(), "model": LPV_MODEL}}
+
+
+def _deliver(results: Results, found: Diagnosis, question: Question, lpv: LpvExtension | None, plan: bool,
              say: Callable[[str], None]) -> Sequence[str]:
-    """Queue the files; what to tell of the experiment."""
+    """Queue the files; what to tell of the LPV model and of the experiment."""
+    told = [] if lpv is None else [f"  {lpv}"]
     if not results.kept:
-        return ()
+        return told
     from lpvid.diagnosis.experiments import proposed
     from lpvid.export.serialise import save
     from lpvid.report.diagnosis import diagnosis_page
 
     say("drawing")
-    results.json("diagnosis.json", found.to_dict())
+    results.json("diagnosis.json", _told(found, lpv))
+    if lpv is not None:
+        results.add(LPV_MODEL, lambda path: save(lpv.extended.model, path))
     if found.extended is not None:
         results.add("extended_model.json", lambda path: save(found.extended, path))
-    told, proposal = [], proposed(found) if plan else None
+    proposal = proposed(found) if plan else None
     if proposal is not None:
         results.add(PLAN, lambda path: path.write_text(proposal.text, encoding="utf-8"))
         told.append(f"  experiment: {proposal.says}\n  quartercar rig {results.folder}/{PLAN} --out DIR runs it on the "
                     "virtual rig")
     elif plan:
         told.append("  no experiment is needed, or none is known: nothing was left open that one could tell")
-    results.report(diagnosis_page(found, question, None if proposal is None else proposal.says))
+    results.report(diagnosis_page(found, question, lpv, None if proposal is None else proposal.says))
     return told

@@ -8,6 +8,7 @@ import numpy as np
 
 from lpvid.diagnosis.asking import Question
 from lpvid.diagnosis.diagnosis import Cause, Diagnosis, Estimated
+from lpvid.diagnosis.lpv_extension import LpvExtension
 from lpvid.plot import diagnosis as draw
 from lpvid.report.inspection import findings_table
 from lpvid.report.page import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number, percent
@@ -28,7 +29,8 @@ _ADVICE = {
 }
 
 
-def diagnosis_page(found: Diagnosis, question: Question, experiment: str | None = None) -> Page:
+def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | None = None,
+                   experiment: str | None = None) -> Page:
     """A page about a diagnosis.
 
     Parameters
@@ -36,6 +38,8 @@ def diagnosis_page(found: Diagnosis, question: Question, experiment: str | None 
     found : Diagnosis
     question : Question
         What it was asked of: records and baseline.
+    lpv : LpvExtension, optional
+        The same causes in an LPV model.
     experiment : str, optional
         The proposed experiment in words, where one was planned.
 
@@ -50,7 +54,7 @@ def diagnosis_page(found: Diagnosis, question: Question, experiment: str | None 
         sections.append(Section("The cause" if len(found.causes) < 2 else "The causes", tuple(_causes(found))))
     sections.append(Section("What the simulation gets wrong", tuple(_wrong(found, shown, extended))))
     if extended:
-        sections.append(Section("Before and after", tuple(_gain(found, shown))))
+        sections.append(Section("Before and after", tuple(_gain(found, shown, lpv))))
     sections.append(Section("Suspects", tuple(_suspects(found))))
     sections.append(Section("What these data cannot tell", tuple(_cannot_tell(found))))
     sections.append(Section("The data", tuple(_data(found))))
@@ -169,18 +173,35 @@ def _wrong(found: Diagnosis, shown: Sequence[draw.BeforeAfter], extended: bool) 
     return items
 
 
-def _gain(found: Diagnosis, shown: Sequence[draw.BeforeAfter]) -> list[Item]:
+def _gain(found: Diagnosis, shown: Sequence[draw.BeforeAfter], lpv: LpvExtension | None) -> list[Item]:
     rows = [("baseline", number(found.before.esr_training), number(found.before.esr_held_out),
              number(found.before.rmse, 4, found.unit), "–"),
             ("extended model", number(found.after.esr_training), number(found.after.esr_held_out),
              number(found.after.rmse, 4, found.unit), f"{found.gain_percent:.1f} %")]
     items: list[Item] = [Table(("model", "ESR, training", "ESR, held-out", "rmse, held-out", "gain"), tuple(rows),
                                f"Free run. Held out: {found.held_out}.", (1, 2, 3, 4), ("plain", "good"))]
+    if lpv is not None:
+        items.append(_lpv_table(lpv))
     drawn = draw.loops(shown, True)
     if drawn is not None:
         items.append(Figure.of(drawn, "Measured and simulated output over velocity, before and after."))
     items.append(Figure.of(draw.close_up(shown, True), "The stretch in which the baseline is most wrong."))
     return items
+
+
+def _lpv_table(lpv: LpvExtension) -> Table:
+    rows = []
+    for said, found in (("LPV model without the cause", lpv.base), ("LPV model with it", lpv.extended)):
+        assert found.training is not None and found.held_out is not None
+        runs = (found.training.overall.free_run, found.held_out.overall.free_run)
+        gain = lpv.gain_percent if found is lpv.extended else None
+        rows.append((said, str(found.n_parameters), number(runs[0].esr), number(runs[1].esr),
+                     number(runs[1].rmse, 4, runs[1].rmse_unit), "–" if gain is None else f"{gain:.1f} %"))
+    return Table(("model", "parameters", "ESR, training", "ESR, held-out", "rmse, held-out", "gain"), tuple(rows),
+                 "The same in black box: an identified LPV model, then one with "
+                 + ("; ".join(lpv.changes) or "nothing added")
+                 + (f" (not taken in: {'; '.join(lpv.left_out)})" if lpv.left_out else "")
+                 + ". Free run on records or last thirds that its fit has not seen.", (1, 2, 3, 4, 5))
 
 
 def _suspects(found: Diagnosis) -> list[Item]:

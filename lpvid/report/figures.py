@@ -8,6 +8,7 @@ import numpy as np
 
 from lpvid import plot
 from lpvid.condition import segments, with_velocity
+from lpvid.condition.derivation import derived
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.plot import Comparison
 from lpvid.record import Record
@@ -44,6 +45,7 @@ def comparisons(model: Model, records: Sequence[Record], label: str) -> list[Com
     listed = [with_velocity(r) for r in records]
     foreign = any(not r.time_base.steady or abs(r.time_base.period * rate - 1) > RATE_TOLERANCE for r in listed)
     channels = tuple(dict.fromkeys(s.name for s in (*model.inputs, *model.outputs))) + tuple(model.box.names)
+    listed = derived(listed, channels)
     pieces = segments(listed, channels, sample_rate=rate if foreign else None, minimum=model.start + 2)
     return [plot.compare(model, piece, label) for piece in pieces]
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.condition import segments, with_velocity
+from lpvid.condition.derivation import derived
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
 from lpvid.familiar import familiar
@@ -140,6 +141,7 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record], *, sa
     channels = tuple(dict.fromkeys((*(s.name for s in (*model.inputs, *model.outputs)), *model.box.names)))
     if "velocity" in channels:
         listed = [with_velocity(r) for r in listed]
+    listed = derived(listed, channels)
     pieces = segments(listed, channels, sample_rate=rate if foreign else None, minimum=model.start + 2)
     notes = tuple(dict.fromkeys(n for r in listed for n in r.notes if "velocity" in n))
     if foreign:

@@ -1,0 +1,200 @@
+"""Extending an LPV structure: what each cause asks of an identified model, and what that gains on data not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lpvid.condition.derivation import DERIVED, derived
+from lpvid.diagnosis.effect import Effect, LpvChange
+from lpvid.errors import InputError
+from lpvid.record import Record
+from lpvid.scheduling import Polynomial
+
+if TYPE_CHECKING:
+    from lpvid.identification import Identification
+    from lpvid.identification.arx import ARX
+
+DELAYS = (0, 1, 2, 4, 8)
+"""first input lags that are tried where a cause is a delay of the input"""
+HELD_OUT = 1 / 3
+"""last part of every record on which the gain is measured where no further records are given"""
+
+
+@dataclass(frozen=True, eq=False)
+class LpvExtension:
+    """An LPV model without and with what the causes ask for.
+
+    Attributes
+    ----------
+    base, extended : Identification
+        Fitted to the same records, judged on the same held-out ones.
+    changes : tuple of str
+        What each cause asked for, in words.
+    left_out : tuple of str
+        Causes that no LPV structure takes in, or not with these channels.
+    """
+
+    base: Identification
+    extended: Identification
+    changes: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+    @property
+    def esr(self) -> tuple[float | None, float | None]:
+        """Free-run ESR on held-out records, before and after; None where a run diverged."""
+        runs = [i.held_out for i in (self.base, self.extended)]
+        before, after = (None if v is None else v.overall.free_run.esr for v in runs)
+        return before, after
+
+    @property
+    def gain_percent(self) -> float | None:
+        """100 (1 − ESR after / ESR before), free run, held-out."""
+        before, after = self.esr
+        return None if before is None or after is None or before <= 0 else 100.0 * (1.0 - after / before)
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        before, after = self.esr
+        return {"changes": list(self.changes), "left_out": list(self.left_out), "run": "free-run", "data": "held-out",
+                "esr": {"before": before, "after": after}, "gain_percent": self.gain_percent,
+                "structure": self.extended.structure.to_dict()}
+
+    def __str__(self) -> str:
+        before, after = self.esr
+        said = "; ".join(self.changes) or "nothing changed"
+        if before is None or after is None:
+            return f"LPV extension ({said}): a free run diverged on held-out data"
+        return f"LPV extension ({said}): free-run ESR {before:.4g} to {after:.4g} held-out"
+
+
+def extend_lpv(records: Sequence[Record], structure: ARX, effects: Sequence[Effect],
+               held_out: Sequence[Record] | None = None) -> Identification:
+    """Identify an LPV-ARX structure enlarged by what each effect asks for.
+
+    A lag filters the scheduling variable, a bend raises the degree, a parallel force becomes a further input (derived
+    where it is not measured), an unlogged quantity a further scheduling variable, a state a further order; a delay of
+    the input chooses nk anew by the free run on training data.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Uniform.
+    structure : ARX
+    effects : sequence of Effect
+    held_out : sequence of Record, optional
+
+    Returns
+    -------
+    Identification
+        Of records with the derived channels that it asks for (`lpvid.condition.derivation`).
+    """
+    from lpvid.identification import identify
+
+    changes = [c for c in (e.lpv_change() for e in effects) if c is not None]
+    training = derived(records)
+    kept = None if held_out is None else derived(held_out)
+    wide = enlarged(structure, changes, training)
+    if not any(c.delay for c in changes):
+        return identify(training, wide, held_out=kept)
+    tried = [identify(training, replace(wide, nk=(nk, *wide.nk[1:]))) for nk in DELAYS]  # type: ignore[index]
+    best = min(tried, key=lambda i: _esr(i))
+    return identify(training, best.structure, held_out=kept)
+
+
+def measured_extension(records: Sequence[Record], structure: ARX, effects: Sequence[Effect],
+                       held_out: Sequence[Record] = ()) -> LpvExtension:
+    """The structure without and with the effects, both judged on records that neither has seen.
+
+    Without `held_out` the last third of every record is kept back.
+    """
+    from lpvid.condition import split_tail
+    from lpvid.identification import identify
+
+    training, kept = list(records), list(held_out)
+    if not kept:
+        pairs = [split_tail(r, HELD_OUT) for r in records]
+        training, kept = [a for a, _ in pairs], [b for _, b in pairs]
+    said, left, taken = [], [], []
+    for effect in effects:
+        change = effect.lpv_change()
+        lacking = None if change is None else _lacking((*change.regressors, *change.schedule), derived(records))
+        if change is None or lacking is not None:
+            why = f"{lacking} was not measured" if lacking else "no LPV structure shows it"
+            left.append(f"{effect.name}: {why}")
+        else:
+            taken.append(effect)
+            said.append(f"{effect.name}: {change.says}")
+    base = identify(training, structure, held_out=kept)
+    return LpvExtension(base, extend_lpv(training, structure, taken, kept), tuple(said), tuple(left))
+
+
+def common_structure(records: Sequence[Record], output: str) -> ARX | None:
+    """The house's LPV structure for these records: order 4, shaped velocity, first degree in the current if it varies.
+
+    None where there is no velocity.
+    """
+    from lpvid.identification.arx import ARX
+
+    if output == "velocity" or not all(r.has("velocity") and r.has(output) for r in records):
+        return None
+    current = all(r.has("current") for r in records) and \
+        max(float(r["current"].max()) for r in records) - min(float(r["current"].min()) for r in records) > 0.05
+    basis = Polynomial(("current",), degree=1) if current else Polynomial()
+    return ARX(4, 4, 0, "velocity", output, basis, stage="tanh")
+
+
+def enlarged(structure: ARX, changes: Sequence[LpvChange], records: Sequence[Record]) -> ARX:
+    """The structure with all changes in it; the records say whether what is asked for was measured.
+
+    Raises
+    ------
+    InputError
+        A change asks for a channel that was not measured, or the structure has no polynomial basis to raise.
+    """
+    basis, order = structure.basis, sum(c.order for c in changes)
+    inputs = [n for c in changes for n in c.regressors if n != "1"]
+    inputs = [n for n in dict.fromkeys(_channel(n, records) for n in inputs) if n not in structure.input]
+    more = [n for n in dict.fromkeys(_channel(n, records) for c in changes for n in c.schedule)
+            if n not in basis.names]
+    degree = max((c.degree for c in changes), default=0)
+    if degree or more:
+        if not isinstance(basis, Polynomial):
+            raise InputError("only a polynomial basis can be extended", got=type(basis).__name__)
+        basis = Polynomial((*basis.names, *more), max((basis.degree or 0) + degree, 1))
+    nb, nk = structure.width, structure.delay
+    constant = any("1" in c.regressors for c in changes)
+    return replace(structure, na=structure.na + order, nb=(*(n + order for n in nb), *(nb[0] + order for _ in inputs)),
+                   nk=(*nk, *(nk[0] for _ in inputs)), input=(*structure.input, *inputs), basis=basis,
+                   affine=max(structure.affine, int(constant)), schedule_filter=_filter(structure, changes))
+
+
+def _filter(structure: ARX, changes: Sequence[LpvChange]):
+    asked = [c.schedule_filter for c in changes if c.schedule_filter is not None]
+    if not asked or not structure.basis.names:
+        return structure.schedule_filter
+    words = {w for text in asked for w in (("rise-fall",) if "rise-fall" in text else ()) + (
+        ("delay",) if "delay" in text else ())}
+    return ("rise-fall" if "rise-fall" in words else "lag") + ("-delay" if "delay" in words else "")
+
+
+def _channel(name: str, records: Sequence[Record]) -> str:
+    if _lacking((name,), records) is not None:
+        raise InputError(f"the LPV extension needs {name}, which some record does not have",
+                         got=", ".join(records[0].channels))
+    return DERIVED[name].name if name in DERIVED else name
+
+
+def _lacking(names: Sequence[str], records: Sequence[Record]) -> str | None:
+    """The first name that some record does not have, measured or derived."""
+    known = {n: DERIVED[n].name if n in DERIVED else n for n in names if n != "1"}
+    return next((n for n, channel in known.items() if not all(r.has(channel) for r in records)), None)
+
+
+def _esr(found: Identification) -> float:
+    assert found.training is not None
+    esr = found.training.overall.free_run.esr
+    return np.inf if esr is None else esr
