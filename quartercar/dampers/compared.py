@@ -183,9 +183,10 @@ def _row(row: Compared) -> str:
     def shown(value: float | None, pattern: str) -> str:
         return "–" if value is None else format(value, pattern)
 
-    energy = None if row.held_out.energy_error is None else 100 * row.held_out.energy_error
+    share = row.held_out.energy_error
+    energy = "–" if share is None else f"{100 * share:.3g} %"
     return (f"{row.name:<28}{shown(run.esr, '.4g'):>9}{shown(run.fit_percent, '.1f'):>7}"
-            f"{shown(run.sqrt_sse, '.4g'):>11}{shown(run.rmse, '.4g'):>9}{shown(energy, '.3g') + ' %':>9}"
+            f"{shown(run.sqrt_sse, '.4g'):>11}{shown(run.rmse, '.4g'):>9}{energy:>9}"
             f"{shown(row.training.total.esr, '.4g'):>10}{len(row.damper.parameters):>5}"
             f"{1e3 * row.time_per_simulated_second:>8.2g}  {', '.join(f for f in row.flags if f != SAID)}".rstrip())
 

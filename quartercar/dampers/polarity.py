@@ -74,7 +74,7 @@ def common_polarity(records: Sequence[Record]) -> int:
         Records of both senses.
     """
     found = [polarity_of(r) for r in records]
-    passive, turned = ([p.name for p in found if p.sign == s] for s in (1, -1))
+    passive, turned = (list(dict.fromkeys(p.name for p in found if p.sign == s)) for s in (1, -1))
     if passive and turned:
         fewer, kind = (turned, "reversed") if len(turned) <= len(passive) else (passive, "not reversed")
         shown = ", ".join(f"'{n}'" for n in fewer[:4]) + (f" and {len(fewer) - 4} more" if len(fewer) > 4 else "")

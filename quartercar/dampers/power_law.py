@@ -302,6 +302,6 @@ SWIFT_2012 = PowerLawFrictionGas.from_printed(
 """Front damper of a Maruti-Suzuki Swift (2012), seed 000, Table III, read as N and mm/s.
 
 The printed compression row C_n = 0.0002, n = 0.0002 adds 0.0002 N: purely linear, here C_n = 0, n = 1. That the unit is
-the millimetre is proved by the table of work: read in m/s the six energies come out at a thousandth, see
+the millimetre is proved by the table of work: read in m/s nothing but the work of friction is left, see
 `quartercar.dampers.gas_damper_study.work_table`.
 """

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from lpvid.errors import InputError
 from lpvid.record import Record
+from quartercar.dampers.drive import UNITS
 from quartercar.dampers.polarity import common_polarity
 
 SHORTEST = 50
@@ -61,8 +62,8 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record] = (),
     Raises
     ------
     InputError
-        No records, no force or motion, unequal rates without `sample_rate`, force of different polarity in different
-        records.
+        No records, no force or motion, one that never changes or has a wrong unit, unequal rates without `sample_rate`,
+        force of different polarity in different records.
 
     Examples
     --------
@@ -86,6 +87,7 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record] = (),
     cut = [segments(part, channels, sample_rate=rate, minimum=SHORTEST) if part else []
            for part in (records[: len(training)], records[len(training):])]
     cut = one_clock(cut, channels)
+    _need_signals(cut[0])
     polarity, said = sense_of([*cut[0], *cut[1]])
     return Prepared(tuple(cut[0]), tuple(cut[1]), polarity, (*said, *notes, *why, *losses([*cut[0], *cut[1]])))
 
@@ -94,6 +96,11 @@ def _with_roles(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...
     """Records with the roles that all of them have; what was derived or stands in."""
     from lpvid.condition.preparing import with_current, with_motion
 
+    for r in records:
+        for role, wanted in UNITS.items():
+            if r.has(role) and r.unit(role) not in (wanted, ""):
+                raise InputError(f"record '{r.name}': {role} has a wrong unit", got=r.unit(role),
+                                 why=f"{wanted} expected", mend="correct the unit in the header")
     found, notes = with_motion(records)
     for r in found:
         if not r.has("force"):
@@ -106,6 +113,16 @@ def _with_roles(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...
                              why="a model reads it from all records or from none",
                              mend=f"leave these files out, or --role {role}=CHANNEL")
     return found, (*notes, *stand_in)
+
+
+def _need_signals(training: Sequence[Record]) -> None:
+    """Refuse training data in which nothing moves: no law can be told from them."""
+    for role in ("velocity", "force"):
+        ends = [(float(r[role].min()), float(r[role].max())) for r in training]
+        low, high = min(a for a, _ in ends), max(b for _, b in ends)
+        if low == high:
+            raise InputError(f"the {role} never changes in the training records",
+                             got=f"{low:g} {UNITS[role]} throughout", mend="check the sensor, or leave these files out")
 
 
 def sense_of(records: Sequence[Record]) -> tuple[int, tuple[str, ...]]:

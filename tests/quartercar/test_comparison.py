@@ -185,9 +185,11 @@ def test_reversed_polarity_leaves_figures_and_parameters():
 
 
 def test_mixed_polarity_is_one_error_that_names_the_files():
-    with pytest.raises(InputError, match=r"'turned'.*--flip"):
+    with pytest.raises(InputError, match=r"'turned'.*--flip") as caught:
         compare([guo_record(), guo_record(seed=1, name="turned", sign=-1.0), guo_record(seed=2, name="third")],
                 ["linear"])
+    assert str(caught.value).count("'turned'") == 1  # though split into a training and a held-out part
+    assert "1 reversed" in str(caught.value) and "2 not" in str(caught.value)
 
 
 # -- preparing --------------------------------------------------------------------------------------------------------
@@ -237,6 +239,23 @@ def test_a_channel_that_some_records_lack():
                   name="half")
     with pytest.raises(InputError, match=r"no displacement.*half"):
         prepare([guo_record(), half])
+
+
+@pytest.mark.parametrize("role", ["velocity", "force"])
+def test_a_signal_that_never_changes_is_refused(role):
+    record = guo_record()
+    dead = record.with_channel(role, np.full(record.n_samples, 3.0), UNITS[role])
+    with pytest.raises(InputError, match=rf"the {role} never changes in the training records: got 3 {UNITS[role]}"):
+        prepare([dead])
+    prepare([record, dead])  # one that moves is enough
+
+
+def test_a_wrong_unit_is_told_once_and_not_by_every_model():
+    plain = guo_record()
+    heavy = plain.with_channel("force", plain["force"], "kg")
+    with pytest.raises(InputError, match="force has a wrong unit: got kg; N expected") as caught:
+        compare([heavy], ["linear", "guo"])
+    assert "linear" not in str(caught.value)
 
 
 # -- figures and thinning ---------------------------------------------------------------------------------------------
