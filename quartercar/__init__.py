@@ -1,4 +1,4 @@
-"""quartercar: dampers, roads and a virtual test rig.
+"""quartercar: dampers, roads, the car between them and a virtual test rig.
 
 Names load on first use, so that ``import quartercar`` stays quick.
 
@@ -13,14 +13,17 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from quartercar import dampers, effects, rig, roads
+    from quartercar import criteria, dampers, effects, parameters, rig, roads
+    from quartercar.car import QuarterCar
     from quartercar.dampers.fitting import fit
+    from quartercar.parameters import CarParameters
 
-_MODULES = ("dampers", "effects", "rig", "roads")
-_EXPORTS = {"quartercar.dampers.fitting": ("fit",)}
+_MODULES = ("criteria", "dampers", "effects", "parameters", "rig", "roads")
+_EXPORTS = {"quartercar.car": ("QuarterCar",), "quartercar.dampers.fitting": ("fit",),
+            "quartercar.parameters": ("CarParameters",)}
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
-__all__ = ["dampers", "effects", "fit", "rig", "roads"]
+__all__ = ["CarParameters", "QuarterCar", "criteria", "dampers", "effects", "fit", "parameters", "rig", "roads"]
 
 
 def __getattr__(name: str) -> Any:

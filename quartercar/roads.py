@@ -1,4 +1,4 @@
-"""Road profiles as a vehicle at constant speed meets them: Wong's power laws and the classes of ISO 8608.
+"""Road profiles as a vehicle at constant speed meets them: Wong's power laws, ISO 8608, measured tracks.
 
 Elevation over time, one-sided spectra in time frequency f = nV. A profile is either a sum of cosines (exact spectrum
 in a band) or the output of a first-order shaping filter (white velocity above its cut-off, any length).
@@ -7,10 +7,12 @@ in a band) or the output of a first-order shaping filter (white velocity above i
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from lpvid import _checks
+from lpvid.errors import InputError
 from lpvid.excitation import random_phase
 
 MILES_PER_HOUR = 0.44704
@@ -196,3 +198,93 @@ def _first_order(drive: np.ndarray, a: float) -> np.ndarray:
         out[start : start + part.size] = powers * (last + np.cumsum(part / powers))
         last = out[start + part.size - 1]
     return out
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A measured profile: elevation over distance, linear in between.
+
+    Attributes
+    ----------
+    distance, elevation : (n,) arrays
+        From the start, rising; from the first elevation [m].
+    name : str
+
+    Examples
+    --------
+    >>> Track(np.array([0.0, 1.0, 2.0]), np.array([0.0, 0.01, 0.0])).over_time(10.0, 0.05).round(4).tolist()
+    [0.0, 0.005, 0.01, 0.005, 0.0]
+    """
+
+    distance: np.ndarray
+    elevation: np.ndarray
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        for field in ("distance", "elevation"):
+            array = _checks.frozen_array(getattr(self, field), field, ndim=1)
+            object.__setattr__(self, field, _checks.finite(array, field))
+        if self.distance.shape != self.elevation.shape or self.distance.size < 2 or np.any(np.diff(self.distance) <= 0):
+            raise InputError("a measured road needs rising distances with one elevation each",
+                             got=f"{self.distance.size} distances, {self.elevation.size} elevations")
+
+    @property
+    def length(self) -> float:
+        """[m]."""
+        return float(self.distance[-1] - self.distance[0])
+
+    def over_time(self, speed: float, sample_time: float, laps: int = 1) -> np.ndarray:
+        """(samples,) elevation as a point contact at constant speed meets it [m].
+
+        Parameters
+        ----------
+        speed : float
+            [m/s].
+        sample_time : float
+            [s].
+        laps : int
+            How often the track is driven; beyond the first each runs backwards or forwards in turn, without a step.
+        """
+        step = _checks.positive(speed, "speed", "m/s") * _checks.positive(sample_time, "sample_time", "s")
+        laps = _checks.count(laps, "laps", at_least=1)
+        along = step * np.arange(int(np.floor(laps * self.length / step + 1e-9)) + 1)
+        folded = self.length - np.abs(np.mod(along, 2 * self.length) - self.length)
+        return np.interp(folded + self.distance[0], self.distance, self.elevation)
+
+
+def measured(path: str | Path, track: int | str = 0) -> Track:
+    """A measured profile from a file that `lpvid.read` knows, with a distance and one or more height columns.
+
+    Parameters
+    ----------
+    path : str or Path
+        Any format; units as in its header.
+    track : int or str
+        Which height column, by its place or name.
+
+    Returns
+    -------
+    Track
+        Elevation from its value at the start.
+
+    Raises
+    ------
+    InputError
+        No such file, no distance, no such track, samples that are missing.
+    """
+    import lpvid
+
+    record = lpvid.read(path, sample_rate=1.0)[0]
+    if not record.has("distance"):
+        raise InputError(f"{path}: a measured road needs a column 'distance [m]'", got=", ".join(record.channels))
+    heights = [name for name in record.channels if name != "distance"]
+    if isinstance(track, int):
+        if not 0 <= track < len(heights):
+            raise InputError(f"{path}: no track {track}", got=", ".join(heights))
+        track = heights[track]
+    name = _checks.known_name(track, heights, "track")
+    for channel in ("distance", name):
+        if record.channel(channel).unit != "m":
+            raise InputError(f"{path}: '{channel}' is not a length", got=record.channel(channel).unit or "no unit")
+    height = np.asarray(record[name])
+    return Track(np.asarray(record["distance"]), height - height[0], name)

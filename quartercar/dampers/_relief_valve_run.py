@@ -62,7 +62,7 @@ def run(velocity, displacement, period, start, vector, shape, tolerance, out):
     for k in range(velocity.size - 1):
         motion = (velocity[k], (velocity[k + 1] - velocity[k]) / period,
                   displacement[k], (displacement[k + 1] - displacement[k]) / period)
-        level = _sample(z, mode, motion, period, level, law, shape, tolerance, typical, stages, slopes)
+        level = sample(z, mode, motion, period, level, law, shape, tolerance, typical, stages, slopes)
         if not math.isfinite(z[4].real):
             out[k + 1:] = np.nan
             return
@@ -70,7 +70,7 @@ def run(velocity, displacement, period, start, vector, shape, tolerance, out):
 
 
 @njit(error_model="numpy")
-def _sample(z, mode, motion, period, level, law, shape, tolerance, typical, stages, slopes):
+def sample(z, mode, motion, period, level, law, shape, tolerance, typical, stages, slopes):
     """Advance through one sample on the dyadic grid; the level that the next sample starts with."""
     whole = 1 << FINEST
     place = 0

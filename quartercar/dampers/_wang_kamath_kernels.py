@@ -62,6 +62,18 @@ def wang_kamath_run(v, h, substeps, theta, f, g):
 
 
 @njit()
+def wang_kamath_step(f, g, v0, v1, h, count, theta):
+    """(f, g) one sample later, for a velocity from v0 to v1 and theta (2, 5) at both ends, in `count` steps."""
+    ah = GAMMA * h / count
+    for j in range(count):
+        early, late = (j + GAMMA) / count, (j + 1.0) / count
+        fa, ga = _stage(f, g, v0 + early * (v1 - v0), ah, theta, 0, early)
+        fb, gb = f + RATIO * (fa - f), g + RATIO * (ga - g)
+        f, g = _stage(fb, gb, v0 + late * (v1 - v0), ah, theta, 0, late)
+    return f, g
+
+
+@njit()
 def _stage(f, g, v, ah, theta, k, share):
     """(f', g') with f' = f + a h g', w_1(g' − g) = a h [v − w_2 g' − P(f')], by guarded Newton steps in f'."""
     w1 = theta[k, 0] + share * (theta[k + 1, 0] - theta[k, 0])

@@ -66,3 +66,14 @@ class RealTime:
             force = self._advance(self._x, displacement, self._v, velocity, k, self._buffer, self._state)
         self._k, self._x, self._v = k + 1, displacement, velocity
         return force
+
+    def peek(self, displacement: float, velocity: float, current: float = 0.0) -> float:
+        """The force that a call would give [N]; the call is yet to come."""
+        kept, k, x, v = self._state.copy(), self._k, self._x, self._v
+        slot = k % self._buffer.size
+        command = self._buffer[slot]
+        force = self(displacement, velocity, current)
+        self._state[:] = kept
+        self._buffer[slot] = command
+        self._k, self._x, self._v = k, x, v
+        return force
