@@ -252,7 +252,7 @@ class ValveDynamics(HydraulicEffect):
         return (EffectParameter("share", "", "s, of the viscous force that passes it", 0.0, (0.0, 1.0), (0.0, 1.5),
                                 (0.5,)),
                 EffectParameter("frequency", "Hz", "w/(2 pi)", 50.0, (5.0, 500.0), (1.0, 2000.0), (15.0, 40.0, 100.0)),
-                EffectParameter("damping", "", "zeta", 0.2, (0.02, 0.8), (0.005, 1.5), (0.15, 0.7)))
+                EffectParameter("damping", "", "zeta", 0.2, (0.02, 0.4), (0.005, 0.7), (0.15, 0.5)))
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
         return [np.array(p) for p in itertools.product(*(p.grid for p in self.parameters))]
