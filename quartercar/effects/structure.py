@@ -9,7 +9,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
-from quartercar.effects.electrical import held
+from quartercar.effects.electrical import SEEN_AFTER, held
 
 
 class EndStop(Effect):
@@ -128,7 +128,8 @@ def second_order(values: np.ndarray, period: float, damping: float, step: float,
                  before: np.ndarray | None = None) -> np.ndarray:
     """Values behind 1/(1 + 2ζTs + T²s²), settled on the first; exact for signals that are linear between samples.
 
-    State (q, q̇): the matrix exponential of the augmented system (Van Loan 1978) gives the weights of both ends.
+    A signal that jumps at its samples is cut in two: what runs linearly, and what is held between jumps, whose response
+    is seen `SEEN_AFTER` of a step behind each of them. Both run to the values themselves as T → 0.
 
     Parameters
     ----------
@@ -138,19 +139,44 @@ def second_order(values: np.ndarray, period: float, damping: float, step: float,
     before : (n,) array, optional
         Left limits of a signal that jumps at its samples: it runs from values[k] to before[k+1].
     """
-    from scipy.linalg import expm
+    if before is None:
+        return _ramped(values, period, damping, step)
+    jumps = np.cumsum(values - before)
+    return _ramped(values - jumps, period, damping, step) + _held(jumps, period, damping, step)
+
+
+def _ramped(values: np.ndarray, period: float, damping: float, step: float) -> np.ndarray:
+    """Response to a signal that is linear between samples."""
     from scipy.signal import lfilter
+
+    f, early, late = _propagated(period, damping, step)
+    b1, b2 = -(f[0, 0] + f[1, 1]), f[0, 0] * f[1, 1] - f[0, 1] * f[1, 0]
+    both = [late[0], early[0] + f[0, 1] * late[1] - f[1, 1] * late[0], f[0, 1] * early[1] - f[1, 1] * early[0]]
+    return np.asarray(lfilter(both, [1.0, b1, b2], values - values[0])) + values[0]
+
+
+def _held(values: np.ndarray, period: float, damping: float, step: float) -> np.ndarray:
+    """Response to a signal that is held between samples, taken shortly after each of them."""
+    from scipy.signal import lfilter
+
+    f, early, late = _propagated(period, damping, step)
+    g, seen = early + late, _propagated(period, damping, SEEN_AFTER * step)[0][0]
+    direct, b1, b2 = 1 - seen[0], -(f[0, 0] + f[1, 1]), f[0, 0] * f[1, 1] - f[0, 1] * f[1, 0]
+    turned = np.array([f[0, 1] * g[1] - f[1, 1] * g[0], f[1, 0] * g[0] - f[0, 0] * g[1]])
+    above = [direct, direct * b1 + seen @ g, direct * b2 + seen @ turned]
+    return np.asarray(lfilter(above, [1.0, b1, b2], values - values[0])) + values[0]
+
+
+def _propagated(period: float, damping: float, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """State (q, q̇) over a step: its transition, and the weights of the input's values at both ends.
+
+    By the matrix exponential of the augmented system (Van Loan 1978).
+    """
+    from scipy.linalg import expm
 
     omega = 1.0 / period
     block = np.zeros((4, 4))
     block[:2, :2] = [[0.0, 1.0], [-omega**2, -2 * damping * omega]]
     block[1, 2], block[2, 3] = omega**2, 1.0 / step
     e = expm(block * step)
-    f, late = e[:2, :2], e[:2, 3]
-    early = e[:2, 2] - late
-    below = [1.0, -(f[0, 0] + f[1, 1]), f[0, 0] * f[1, 1] - f[0, 1] * f[1, 0]]
-    start = [0.0, early[0], f[0, 1] * early[1] - f[1, 1] * early[0]]
-    end = [late[0], f[0, 1] * late[1] - f[1, 1] * late[0], 0.0]
-    ends = values if before is None else before
-    first = values[0]
-    return np.asarray(lfilter(start, below, values - first) + lfilter(end, below, ends - first)) + first
+    return e[:2, :2], e[:2, 2] - e[:2, 3], e[:2, 3]

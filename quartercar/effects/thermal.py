@@ -19,7 +19,7 @@ def stored_heat(s: Signals, power: np.ndarray, cooling: float) -> np.ndarray:
     from scipy.signal import lfilter
 
     decay = np.exp(-s.sample_time / cooling)
-    warmed = np.maximum(power, 0.0) * cooling * (1 - decay)
+    warmed = np.maximum(power, 0.0) * cooling * -np.expm1(-s.sample_time / cooling)
     return np.concatenate([[0.0], np.asarray(lfilter([1.0], [1.0, -decay], warmed))[:-1]])
 
 

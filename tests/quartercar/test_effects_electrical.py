@@ -1,0 +1,174 @@
+"""Lag, delay, saturation and play on a current, against closed forms, quadrature and a dense solver."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from effect_signals import PERIOD, composed, current_itself, guo, road_like
+from scipy.integrate import solve_ivp
+
+from lpvid.diagnosis.signals import Signals
+from quartercar.effects.electrical import (
+    SEEN_AFTER,
+    CoilLag,
+    CommandDelay,
+    CurrentEffect,
+    CurrentSaturation,
+    Remanence,
+    RiseFallLag,
+    is_held,
+    lagged,
+    levels,
+)
+from quartercar.effects.model_structure import SchedulingDegree
+
+
+def of(current: np.ndarray) -> Signals:
+    return Signals(PERIOD, {"current": current, "velocity": np.ones(current.size)}, np.zeros(current.size))
+
+
+def steps(*heights: float, hold: int = 100) -> Signals:
+    return of(np.repeat(np.array(heights), hold))
+
+
+class TestLag:
+    @pytest.mark.parametrize("tau", [3e-4, 4e-3, 0.03])
+    def test_step_of_a_held_current(self, tau: float) -> None:
+        """1 − exp(−t/τ), the force being taken shortly after the sample at which the current steps."""
+        got = composed(CoilLag(), [tau], steps(0.0, 2.0), current_itself)
+        t = PERIOD * (np.arange(100) + SEEN_AFTER)
+        np.testing.assert_allclose(got[:100], 0.0, atol=0)
+        np.testing.assert_allclose(got[100:], 2 * (1 - np.exp(-t / tau)), atol=1e-12)
+
+    @pytest.mark.parametrize("tau", [3e-4, 4e-3, 0.03])
+    def test_ramp_of_a_linear_current(self, tau: float) -> None:
+        """A ramp of slope s is followed by s (t − τ (1 − exp(−t/τ)))."""
+        t = PERIOD * np.arange(200)
+        got = composed(CoilLag(), [tau], of(3.0 * t), current_itself)
+        np.testing.assert_allclose(got, 3 * (t - tau * (1 - np.exp(-t / tau))), atol=1e-12)
+
+    @pytest.mark.parametrize(("rise", "fall"), [(0.004, 0.02), (0.02, 0.004)])
+    def test_edges_of_their_own(self, rise: float, fall: float) -> None:
+        mean, ratio = np.sqrt(rise * fall), np.sqrt(rise / fall)
+        got = composed(RiseFallLag(), [mean, ratio], steps(0.0, 1.0, 0.0, hold=400), current_itself)
+        t = PERIOD * (np.arange(400) + SEEN_AFTER)
+        np.testing.assert_allclose(got[400:800], 1 - np.exp(-t / rise), atol=1e-9)
+        top = 1 - np.exp(-400 * PERIOD / rise)
+        np.testing.assert_allclose(got[800:], top * np.exp(-t / fall), atol=1e-9)
+
+    def test_smooth_current_with_unequal_edges(self) -> None:
+        """Against a dense solver; the switch between edges falls inside a sample, hence the tolerance."""
+        t = PERIOD * np.arange(1024)
+        current = 1 + np.sin(2 * np.pi * 1.5 * t)
+        rise, fall = 0.01, 0.03
+        got = lagged(of(current), rise, fall)
+
+        def rate(time: float, y: np.ndarray) -> np.ndarray:
+            gap = np.interp(time, t, current) - y
+            return gap / np.where(gap > 0, rise, fall)
+
+        exact = solve_ivp(rate, (0, t[-1]), [current[0]], t_eval=t, rtol=1e-8, atol=1e-10, max_step=PERIOD).y[0]
+        assert np.abs(got - exact).max() < 2e-4
+
+    def test_equal_edges_are_one_lag(self) -> None:
+        for s in (road_like(), road_like(hold=1)):
+            np.testing.assert_allclose(composed(RiseFallLag(), [0.01, 1.0], s, current_itself),
+                                       composed(CoilLag(), [0.01], s, current_itself), atol=1e-13)
+
+    def test_vanishes_without_a_step(self) -> None:
+        """τ → 0 leaves no delay of a sample behind: the error falls with τ."""
+        t = PERIOD * np.arange(512)
+        for s in (steps(0.0, 1.0, 0.5), of(np.sin(20 * t))):
+            got = composed(CoilLag(), [1e-6], s, current_itself)
+            assert np.abs(got - s["current"]).max() < 1e-4
+
+
+class TestHold:
+    def test_is_recognised_under_noise(self, rng: np.random.Generator) -> None:
+        current = np.repeat(rng.uniform(0, 2.5, 60), 100) + 2e-3 * rng.standard_normal(6000)
+        assert is_held(current)
+        assert not is_held(np.cumsum(rng.standard_normal(6000)))
+        assert not is_held(np.ones(100))
+
+    @pytest.mark.parametrize(("heights", "count"), [((0.0, 2.0), 2), ((0.0, 1.0, 2.0), 3), ((1.5,), 1)])
+    def test_levels_under_noise(self, heights: tuple, count: int, rng: np.random.Generator) -> None:
+        current = np.tile(np.repeat(heights, 200), 5)
+        noise = 2e-3 * rng.standard_normal(current.size) if len(heights) > 1 else 0.0
+        assert levels([of(current + noise)]) == count
+        assert levels([of(np.linspace(0, 2, 500))]) == 0
+
+    def test_two_levels_carry_no_bend_and_no_unequal_edges(self) -> None:
+        two, three = steps(0.0, 2.0, 0.0, 2.0), steps(0.0, 2.0, 1.0, 2.0)
+        bent: tuple[CurrentEffect, ...] = (RiseFallLag(), CurrentSaturation(), SchedulingDegree())
+        for effect in bent:
+            assert "two levels" in str(effect.applies(guo(), (two,)))
+            assert effect.applies(guo(), (three,)) is None
+        for effect in (CoilLag(), CommandDelay(), Remanence()):
+            assert effect.applies(guo(), (two,)) is None
+
+    def test_unequal_edges_between_two_levels_are_a_lag_and_a_bend(self) -> None:
+        """Why: with two levels the path of a rise-fall lag is that of one lag seen through a static bend."""
+        rise, fall = 0.006, 0.015
+        s = steps(0.0, 1.0, 0.0, hold=300)
+        unequal = lagged(s, rise, fall)
+        one = lagged(s, 0.01, 0.01)
+        for half in (slice(300, 600), slice(600, 900)):
+            order = np.argsort(one[half])
+            assert np.all(np.diff(unequal[half][order]) >= -1e-12), "a function of the one lag, on each edge"
+
+
+class TestDelay:
+    @pytest.mark.parametrize("samples", [1.0, 2.5, 7.25])
+    def test_of_a_smooth_current(self, samples: float) -> None:
+        t = PERIOD * np.arange(2048)
+        got = composed(CommandDelay(), [samples * PERIOD], of(np.sin(8 * t)), current_itself)
+        exact = np.sin(8 * (t - samples * PERIOD))
+        assert np.abs(got - exact)[20:].max() < (8 * PERIOD) ** 2 / 8 * 1.01, "linear interpolation's own error"
+
+    @pytest.mark.parametrize("samples", [0.6, 1.1, 3.5, 4.9])
+    def test_of_a_held_current_is_told_to_half_a_sample(self, samples: float) -> None:
+        """A step that comes d samples late is first seen at the next sample: the delay that fits is within ½ of d."""
+        current = np.repeat(np.random.default_rng(0).uniform(0, 2, 40), 64)
+        s = of(current)
+        late = np.concatenate([np.full(k := int(np.ceil(samples)), current[0]), current[:-k]])
+        tried = np.arange(0.1, 8, 0.02)
+        errors = [np.sum((composed(CommandDelay(), [d * PERIOD], s, current_itself) - late) ** 2) for d in tried]
+        assert abs(tried[int(np.argmin(errors))] - samples) <= 0.5 + 0.02
+        assert CommandDelay().resolution >= 0.5
+
+    def test_a_delay_is_no_lag(self) -> None:
+        s = road_like(4)
+        delayed = composed(CommandDelay(), [0.01], s, current_itself)
+        best = min(np.sum((composed(CoilLag(), [tau], s, current_itself) - delayed) ** 2)
+                   for tau in np.geomspace(1e-3, 0.1, 30))
+        assert best > 0.1 * np.sum((s["current"] - delayed) ** 2)
+
+
+class TestMagnet:
+    def test_saturation(self) -> None:
+        s = of(np.linspace(-2.5, 2.5, 101))
+        got = composed(CurrentSaturation(), [0.8], s, current_itself)
+        np.testing.assert_allclose(got, np.tanh(0.8 * s["current"]) / 0.8, rtol=1e-14)
+        assert np.abs(got).max() < 1 / 0.8
+        small = composed(CurrentSaturation(), [0.01], s, current_itself)
+        np.testing.assert_allclose(small, s["current"] - 0.01**2 * s["current"] ** 3 / 3, atol=1e-6)
+
+    def test_play_on_a_triangle(self) -> None:
+        """Loop of width 2w: follows w behind on the way up, w ahead on the way down, rests for 2w at each turn."""
+        up = np.linspace(0.0, 2.0, 201)
+        triangle = np.concatenate([up, up[-2::-1], up[1:]])
+        w = 0.15
+        got = composed(Remanence(), [w], of(triangle), current_itself)
+        rising, falling = got[:201], got[201:401]
+        np.testing.assert_allclose(rising, np.maximum(up - w, 0.0), atol=1e-12)
+        np.testing.assert_allclose(falling, np.minimum(up[-2::-1] + w, 2.0 - w), atol=1e-12)
+        area = np.trapezoid(got[200:], triangle[200:])
+        assert area == pytest.approx(-2 * w * (2.0 - 2 * w), rel=1e-3), "dissipated per turn: 2w times the travel"
+
+    def test_play_forgets_no_level(self) -> None:
+        """Return-point memory: a small loop inside a large one leaves no trace."""
+        large = np.concatenate([np.linspace(0, 2, 50), np.linspace(2, 1, 25), np.linspace(1, 2, 25)])
+        direct = np.linspace(0, 2, 50)
+        w = [0.2]
+        assert composed(Remanence(), w, of(large), current_itself)[-1] == pytest.approx(
+            composed(Remanence(), w, of(direct), current_itself)[-1], abs=1e-12)

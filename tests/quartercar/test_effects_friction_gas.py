@@ -1,0 +1,77 @@
+"""Friction and gas on creep triangles, sines and staircases: what an engineer reads off the loops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from effect_signals import composed, nothing
+
+from lpvid.diagnosis.signals import Signals
+from quartercar.effects.friction_gas import REVERSAL, CoulombFriction, GasPreload, GasStiffness, StribeckFriction
+
+STROKE = 0.02
+
+
+def creep(speed: float = 0.02, n: int = 4001) -> Signals:
+    """Out and in over ±STROKE at constant speed."""
+    half = np.linspace(-STROKE, STROKE, n)
+    x = np.concatenate([half, half[::-1]])
+    v = np.concatenate([np.full(n, speed), np.full(n, -speed)])
+    return Signals(2 * STROKE / speed / (n - 1), {"displacement": x, "velocity": v}, np.zeros(2 * n))
+
+
+def test_half_the_difference_is_friction_and_half_the_sum_is_gas() -> None:
+    friction, preload, stiffness = 45.0, 180.0, 500.0
+    s = creep()
+    force = np.sum([composed(e, [v], s, nothing) for e, v in
+                    ((CoulombFriction(), friction), (GasPreload(), preload), (GasStiffness(), stiffness))], axis=0)
+    out, back = force[:4001], force[4001:][::-1]
+    np.testing.assert_allclose((out - back) / 2, friction * np.tanh(0.02 / REVERSAL), rtol=1e-12)
+    even = (out + back) / 2
+    slope, level = np.polyfit(s["displacement"][:4001], even, 1)
+    assert slope == pytest.approx(stiffness, rel=1e-9) and level == pytest.approx(-preload, rel=1e-9)
+
+
+@pytest.mark.parametrize("frequency", [0.2, 2.0])
+def test_friction_dissipates_four_times_force_and_stroke_at_any_frequency(frequency: float) -> None:
+    t = np.linspace(0, 1 / frequency, 20001)
+    w = 2 * np.pi * frequency
+    x, v = STROKE * np.sin(w * t), STROKE * w * np.cos(w * t)
+    force = composed(CoulombFriction(), [60.0], Signals(t[1], {"displacement": x, "velocity": v}, 0 * t), nothing)
+    rounding = (REVERSAL / (STROKE * w)) ** 2
+    assert np.trapezoid(force * v, t) == pytest.approx(4 * 60.0 * STROKE, rel=max(rounding, 1e-3))
+
+
+def test_gas_does_no_work_over_a_cycle() -> None:
+    t = np.linspace(0, 1, 20001)
+    x, v = STROKE * np.sin(2 * np.pi * t), STROKE * 2 * np.pi * np.cos(2 * np.pi * t)
+    s = Signals(t[1], {"displacement": x, "velocity": v}, 0 * t)
+    for effect, value in ((GasPreload(), 200.0), (GasStiffness(), 5000.0)):
+        assert abs(np.trapezoid(composed(effect, [value], s, nothing) * v, t)) < 1e-9
+
+
+class TestStribeck:
+    def staircase(self, speeds: np.ndarray) -> np.ndarray:
+        return composed(StribeckFriction(), [80.0, 0.01],
+                        Signals(0.01, {"velocity": speeds}, np.zeros(speeds.size)), nothing)
+
+    def test_falls_off_with_speed(self) -> None:
+        speeds = np.array([0.008, 0.01, 0.02, 0.03, 0.05])
+        force = self.staircase(speeds)
+        np.testing.assert_allclose(force / np.tanh(speeds / REVERSAL), 80 * np.exp(-(speeds / 0.01) ** 2), rtol=1e-12)
+        assert np.all(np.diff(force) < 0)
+        assert force[1] == pytest.approx(80 / np.e, rel=1e-3), "an e-th at the Stribeck speed"
+
+    def test_is_odd_and_gone_at_speed(self) -> None:
+        speeds = np.linspace(-0.3, 0.3, 601)
+        force = self.staircase(speeds)
+        np.testing.assert_allclose(force, -force[::-1], atol=1e-12)
+        assert np.abs(force[np.abs(speeds) > 0.06]).max() < 1e-10
+
+    def test_is_not_plain_friction(self) -> None:
+        """No level of Coulomb friction makes up for it."""
+        speeds = np.linspace(-0.1, 0.1, 2001)
+        sign = np.tanh(speeds / REVERSAL)
+        force = self.staircase(speeds)
+        rest = force - sign * (sign @ force) / (sign @ sign)
+        assert rest @ rest > 0.5 * (force @ force)

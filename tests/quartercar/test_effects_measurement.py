@@ -1,0 +1,155 @@
+"""Delays, filters, zero, clipping and rounding: independent filters at a finer clock, shifts, rounding laws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from effect_signals import PERIOD, composed, guo, nothing, road_like, speed_itself
+from scipy.signal import bilinear, lfilter
+
+from lpvid.diagnosis.signals import Signals
+from quartercar.effects.measurement import DisplacementDelay, ForceClipping, ForceDelay, ForceOffset, OneSidedFilter
+from quartercar.effects.quantisation import Quantisation, grid_step, mean_rounding, smoothed_within
+
+FINE = 16
+
+
+def motion(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Displacement and velocity with content up to 9 Hz."""
+    x, v = np.zeros_like(times), np.zeros_like(times)
+    for size, frequency, phase in ((4e-3, 0.8, 0.3), (2e-3, 2.7, 1.0), (8e-4, 9.0, 2.0)):
+        w = 2 * np.pi * frequency
+        x += size * np.sin(w * times + phase)
+        v += size * w * np.cos(w * times + phase)
+    return x, v
+
+
+def recorded(x: np.ndarray, v: np.ndarray, **more: np.ndarray) -> Signals:
+    return Signals(PERIOD, {"displacement": x, "velocity": v, **more}, np.zeros(x.size))
+
+
+class TestDelays:
+    @pytest.mark.parametrize("delay", [0.002, 0.0055])
+    def test_late_motion_is_put_right(self, delay: float) -> None:
+        t = PERIOD * np.arange(2048)
+        true = motion(t)[1]
+        late = recorded(*motion(t - delay))
+        got = composed(DisplacementDelay(), [delay], late, speed_itself)
+        error = np.abs(got - true)[:-8].max() / np.abs(late["velocity"] - true).max()
+        assert error < 0.05
+
+    @pytest.mark.parametrize("delay", [0.002, 0.0055])
+    def test_a_force_recorded_late_is_that_of_earlier(self, delay: float) -> None:
+        t = PERIOD * np.arange(2048)
+        got = composed(ForceDelay(), [delay], recorded(*motion(t)), speed_itself)
+        late = motion(t - delay)[1]
+        assert np.abs(got - late)[8:].max() < 0.05 * np.abs(motion(t)[1] - late).max()
+
+    def test_opposite_delays_undo_each_other_without_a_current(self) -> None:
+        s = recorded(*motion(PERIOD * np.arange(2048)))
+        twice = DisplacementDelay().compose(ForceDelay().compose(speed_itself, np.array([0.004]), guo()),
+                                            np.array([0.004]), guo())(s)
+        assert np.abs(twice - s["velocity"])[8:-8].max() < 0.02 * np.abs(s["velocity"]).max()
+
+    def test_a_late_force_reads_a_held_current_in_whole_samples(self) -> None:
+        """No value between two levels is invented."""
+        s = road_like(1)
+        for delay in (0.3, 1.0, 2.6):
+            got = composed(ForceDelay(), [delay * PERIOD], s, lambda s: s["current"])
+            assert set(np.unique(got)) <= set(np.unique(s["current"]))
+            np.testing.assert_array_equal(got[5:], np.roll(s["current"], int(np.ceil(delay - 0.05)))[5:])
+
+
+class TestOneSidedFilter:
+    @pytest.mark.parametrize("damping", [0.5, 0.7071, 1.0])
+    @pytest.mark.parametrize("corner", [20.0, 40.0])
+    def test_a_causal_filter_at_a_finer_clock_is_undone(self, corner: float, damping: float) -> None:
+        period = 1 / (2 * np.pi * corner)
+        t = PERIOD / FINE * np.arange(4096 * FINE)
+        b, a = bilinear([1.0], [period**2, 2 * damping * period, 1.0], FINE / PERIOD)
+        true, filtered = [], []
+        for channel in motion(t):
+            true.append(channel[::FINE])
+            filtered.append((lfilter(b, a, channel - channel[0]) + channel[0])[::FINE])
+        got = composed(OneSidedFilter(), [period, damping], recorded(*filtered), speed_itself)
+        inside = slice(256, -8)
+        before = np.abs(filtered[1] - true[1])[inside].max()
+        assert np.abs(got - true[1])[inside].max() < 0.03 * before
+
+    def test_noise_is_not_blown_up_beyond_measure(self, rng: np.random.Generator) -> None:
+        """Undoing a 20 Hz filter by plain differences multiplies noise by T²/h² = 16; local cubics do better."""
+        noise = recorded(1e-6 * rng.standard_normal(4096), 3e-4 * rng.standard_normal(4096))
+        got = composed(OneSidedFilter(), [0.008, 0.7071], noise, speed_itself)
+        plain = np.gradient(np.gradient(noise["velocity"], PERIOD), PERIOD) * 0.008**2
+        assert got.std() < 0.6 * plain.std()
+
+
+class TestZeroAndRange:
+    def test_offset(self) -> None:
+        np.testing.assert_array_equal(composed(ForceOffset(), [-35.0], road_like(), nothing), np.full(4096, -35.0))
+
+    def test_clipping(self) -> None:
+        s = road_like()
+        got, limit = composed(ForceClipping(), [1 / 0.1], s, speed_itself), 0.1
+        np.testing.assert_array_equal(got, np.clip(s["velocity"], -limit, limit))
+        assert 0.01 < np.mean(np.abs(got) == limit) < 0.99
+
+    def test_clipping_is_looked_for_below_the_peak(self) -> None:
+        s = road_like()
+        peak = np.abs(s.output).max()
+        limits = [1 / p[0] for p in ForceClipping().points((s,))]
+        assert max(limits) == pytest.approx(peak) and min(limits) > 0.5 * peak
+
+
+class TestQuantisation:
+    def test_steps_are_read_off_the_values(self, rng: np.random.Generator) -> None:
+        smooth = np.cumsum(rng.standard_normal(3000))
+        for step in (0.5, 1.0, 3.0):
+            assert grid_step(step * np.round(smooth / step)) == pytest.approx(step, rel=1e-9)
+        assert grid_step(smooth) is None
+        assert grid_step(1e-4 * np.round(smooth / 1e-4)) is None, "a fine step is no finding"
+        assert grid_step(np.zeros(100)) is None
+        assert grid_step(np.repeat([0.0, 0.44, 0.8, 1.2], 50)) is None, "levels of a current are no grid"
+
+    def test_smoothing_stays_within_the_steps_and_finds_the_signal(self) -> None:
+        x = motion(PERIOD * np.arange(4096))[1]
+        step = 5e-3
+        stored = step * np.round(x / step)
+        got = smoothed_within(stored, step)
+        assert np.abs(got - stored).max() <= step / 2 * (1 + 1e-12)
+        assert np.std(stored - x) == pytest.approx(step / np.sqrt(12), rel=0.05), "what rounding does"
+        assert np.std(got - x) < 0.45 * np.std(stored - x)
+
+    def test_a_channel_that_jumps_stays_as_it_is(self, rng: np.random.Generator) -> None:
+        stored = 0.02 * np.round(np.repeat(rng.uniform(0, 2.5, 100), 40) / 0.02)
+        np.testing.assert_allclose(smoothed_within(stored, 0.02), stored, atol=0.01)
+        assert np.std(smoothed_within(stored, 0.02) - stored) < 0.004
+
+    def test_mean_of_a_rounded_noisy_force(self, rng: np.random.Generator) -> None:
+        """Monte Carlo: the mean over noise of 0.15 steps of what rounding adds."""
+        values = np.linspace(-20, 20, 41)
+        drawn = values + 0.15 * 10 * rng.standard_normal((40000, 41))
+        mean = np.mean(10 * np.round(drawn / 10), axis=0) - values
+        np.testing.assert_allclose(mean_rounding(values, 10.0), mean, atol=0.12)
+
+    def test_a_coarse_record_is_explained_as_far_as_its_signals_allow(self) -> None:
+        """A steep law of a rounded speed: the error falls to a fraction."""
+        def law(s: Signals) -> np.ndarray:
+            return 800 * np.tanh(s["velocity"] / 0.02)
+
+        x, v = motion(PERIOD * np.arange(4096))
+        force = 800 * np.tanh(v / 0.02)
+        stored = Signals(PERIOD, {"displacement": 1e-4 * np.round(x / 1e-4), "velocity": 5e-3 * np.round(v / 5e-3)},
+                         40 * np.round(force / 40))
+        effect = Quantisation()
+        assert effect.applies(guo(), (stored,)) is None
+        point = effect.points((stored,))[0]
+        np.testing.assert_allclose(point, [1.0, 40.0], rtol=1e-9)
+        before = np.std(stored.output - law(stored))
+        after = np.std(stored.output - composed(effect, list(point), stored, law))
+        assert after < 0.6 * before
+
+    def test_fine_channels_are_left_alone(self) -> None:
+        s = road_like()
+        assert "coarse grid" in str(Quantisation().applies(guo(), (s,)))
+        np.testing.assert_array_equal(composed(Quantisation(), [1.0, 0.0], s, speed_itself), s["velocity"])

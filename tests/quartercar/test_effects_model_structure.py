@@ -1,0 +1,99 @@
+"""Causes of form: the bend over the current, an unlogged modulation, a further mode."""
+
+from __future__ import annotations
+
+import numpy as np
+from effect_signals import PERIOD, composed, current_itself, guo, nothing, road_like, speed_itself
+from scipy.signal import lsim, lti
+
+from lpvid.diagnosis.signals import Signals, in_turn
+from quartercar.effects.model_structure import MODES, ColouredNoise, MissingScheduling, ModelOrder, SchedulingDegree
+from quartercar.effects.structure import FixtureResonance
+
+
+def of(current: np.ndarray) -> Signals:
+    return Signals(PERIOD, {"current": current}, np.zeros(current.size))
+
+
+class TestSchedulingDegree:
+    def test_keeps_zero_and_one_ampere(self) -> None:
+        ends = of(np.array([0.0, 1.0, 0.0, 1.0]))
+        for values in ([0.4, 0.0], [0.0, -0.3], [-1.0, 0.7]):
+            np.testing.assert_allclose(composed(SchedulingDegree(), values, ends, current_itself), ends["current"],
+                                       atol=1e-15)
+
+    def test_is_the_polynomial_of_its_numbers(self) -> None:
+        i = np.linspace(0, 2.5, 26)
+        got = composed(SchedulingDegree(), [0.2, -0.1], of(i), current_itself)
+        np.testing.assert_allclose(np.polyfit(i, got, 3), [-0.1, 0.2, 1 - 0.2 + 0.1, 0.0], atol=1e-12)
+
+    def test_means_the_same_on_every_record(self) -> None:
+        """A record at one level sees what a record of all levels sees there."""
+        every = composed(SchedulingDegree(), [0.2, 0.05], of(np.array([0.5, 1.5, 2.5])), current_itself)
+        each = [composed(SchedulingDegree(), [0.2, 0.05], of(np.full(3, i)), current_itself)[0]
+                for i in (0.5, 1.5, 2.5)]
+        np.testing.assert_allclose(each, every, rtol=1e-14)
+
+    def test_makes_up_for_a_quadratic_law_that_a_straight_one_misses(self) -> None:
+        """F = 900 i + 150 i² is A (i + q (i² − i)) with A = 1050, q = 1/7."""
+        i = np.linspace(0, 2.5, 26)
+        got = 1050 * composed(SchedulingDegree(), [1 / 7, 0.0], of(i), current_itself)
+        np.testing.assert_allclose(got, 900 * i + 150 * i**2, atol=1e-9)
+
+
+class TestMissingScheduling:
+    def test_modes_are_those_of_a_cosine_transform(self) -> None:
+        n = 2000
+        ones = Signals(PERIOD, {"velocity": np.ones(n)}, np.zeros(n), span=(0.0, 1.0))
+        values = np.random.default_rng(0).uniform(-0.1, 0.1, MODES)
+        ratio = composed(MissingScheduling(), list(values), ones, speed_itself) - 1
+        place = np.linspace(0, 1, n)
+        found = [2 * np.trapezoid(ratio * np.cos(np.pi * k * place), place) for k in range(1, MODES + 1)]
+        np.testing.assert_allclose(found, values, atol=1e-4)
+
+    def test_runs_through_several_records(self) -> None:
+        """Cut in two, a run is modulated as it was in one piece."""
+        whole = road_like(1, 4096)
+        values = [0.1, -0.2, 0.05, 0.0, 0.03, 0.0, -0.02]
+        parts = in_turn([Signals(PERIOD, {k: c[a:b] for k, c in whole.channels.items()}, whole.output[a:b])
+                         for a, b in ((0, 1024), (1024, 4096))])
+        assert parts[0].span == (0.0, 0.25) and parts[1].span == (0.25, 1.0)
+        cut = np.concatenate([composed(MissingScheduling(), values, p, speed_itself) for p in parts])
+        one = composed(MissingScheduling(), values, whole, speed_itself)
+        assert np.abs(cut - one).max() < 2e-3 * np.abs(one).max()
+
+    def test_says_nothing_about_a_record_whose_place_is_unknown(self) -> None:
+        s = road_like(1)
+        apart = Signals(PERIOD, s.channels, s.output)
+        np.testing.assert_array_equal(composed(MissingScheduling(), [0.3] * MODES, apart, speed_itself), s["velocity"])
+
+    def test_the_place_is_kept_when_channels_are_replaced(self) -> None:
+        parts = in_turn([road_like(0, 512), road_like(1, 512)])
+        assert parts[1].replace(velocity=np.zeros(512)).span == (0.5, 1.0)
+
+
+class TestModelOrder:
+    def test_is_a_share_of_a_second_order_mode(self) -> None:
+        s = road_like(5, 1024).replace(current=np.linspace(0, 1, 1024))
+        share, period, damping = 0.4, 0.006, 0.2
+        system = lti([1.0], [period**2, 2 * damping * period, 1.0])
+        v = s["velocity"]
+        mode = v[0] + lsim(system, v - v[0], s.times, interp=True)[1]
+        np.testing.assert_allclose(composed(ModelOrder(), [share, period, damping], s, speed_itself),
+                                   v + share * (mode - v), atol=1e-10)
+
+    def test_leaves_a_constant_force_alone(self) -> None:
+        s = road_like(5).replace(velocity=np.full(4096, 0.1))
+        np.testing.assert_allclose(composed(ModelOrder(), [0.5, 0.02, 0.1], s, speed_itself), 0.1, rtol=1e-12)
+
+    def test_all_of_the_force_is_left_to_the_fixture(self) -> None:
+        """A share of one is a fixture that swings, which is another cause: the search stops short of it."""
+        s = road_like(6)
+        np.testing.assert_allclose(composed(ModelOrder(), [1.0, 0.004, 0.1], s, speed_itself),
+                                   composed(FixtureResonance(), [0.004, 0.1], s, speed_itself), atol=1e-12)
+        assert ModelOrder().parameters[0].bounds[1] < 1
+
+
+def test_coloured_noise_is_never_composed() -> None:
+    assert ColouredNoise().points((road_like(),)) == [] and ColouredNoise().applies(guo(), (road_like(),))
+    np.testing.assert_array_equal(composed(ColouredNoise(), [5.0], road_like(), nothing), np.zeros(4096))

@@ -1,0 +1,114 @@
+"""Stops, inertia and resonance of the fixture, against energy balances, derivatives and scipy's linear simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from effect_signals import PERIOD, composed, current_itself, nothing, road_like, speed_itself
+from scipy.signal import lsim, lti
+
+from lpvid.diagnosis.signals import Signals
+from quartercar.effects.electrical import SEEN_AFTER
+from quartercar.effects.structure import EndStop, FixtureInertia, FixtureResonance, acceleration, second_order
+
+
+def sine(size: float, frequency: float, n: int = 2048) -> Signals:
+    t = np.arange(n) / n / frequency
+    w = 2 * np.pi * frequency
+    return Signals(t[1], {"displacement": size * np.sin(w * t), "velocity": size * w * np.cos(w * t)}, np.zeros(n))
+
+
+class TestEndStop:
+    def test_does_no_work_over_a_cycle_and_stores_what_a_spring_stores(self) -> None:
+        s = sine(0.02, 1.5)
+        force = composed(EndStop(), [5e4, 0.015], s, nothing)
+        x, v = s["displacement"], s["velocity"]
+        assert abs(np.sum(force * v) * s.sample_time) < 1e-9 * np.abs(force * v).max()
+        quarter = slice(0, 513)
+        stored = np.trapezoid(force[quarter], x[quarter])
+        assert stored == pytest.approx(0.5 * 5e4 * 0.005**2, rel=1e-4)
+
+    def test_is_absent_within_the_stroke_and_odd_beyond(self) -> None:
+        s = sine(0.02, 1.0)
+        force, x = composed(EndStop(), [1e5, 0.012], s, nothing), s["displacement"]
+        assert np.all(force[np.abs(x) <= 0.012] == 0) and np.all(force * x >= 0)
+        np.testing.assert_allclose(force[1024:], -force[:1024], atol=1e-9)
+
+    def test_is_looked_for_within_the_reach(self) -> None:
+        s = road_like()
+        reach = np.abs(s["displacement"]).max()
+        assert all(0.1 * reach < p[1] < reach for p in EndStop().points((s,)))
+
+
+class TestInertia:
+    def test_is_mass_times_the_second_derivative(self) -> None:
+        s = sine(0.01, 2.0)
+        exact = -4.0 * (2 * np.pi * 2.0) ** 2 * s["displacement"]
+        force = composed(FixtureInertia(), [4.0], s, nothing)
+        assert np.abs(force - exact)[1:-1].max() < 1e-5 * np.abs(exact).max()
+
+    def test_a_measured_acceleration_is_used(self) -> None:
+        s = sine(0.01, 2.0).replace(acceleration=np.full(2048, 3.0))
+        np.testing.assert_array_equal(composed(FixtureInertia(), [2.0], s, nothing), np.full(2048, 6.0))
+        np.testing.assert_array_equal(acceleration(s), np.full(2048, 3.0))
+
+    def test_grows_with_the_square_of_frequency(self) -> None:
+        peaks = [np.abs(composed(FixtureInertia(), [1.0], sine(0.01, f), nothing)).max() for f in (1.0, 3.0)]
+        assert peaks[1] / peaks[0] == pytest.approx(9.0, rel=1e-3)
+
+
+class TestSecondOrder:
+    @pytest.mark.parametrize("damping", [0.05, 0.7, 1.0, 1.8])
+    @pytest.mark.parametrize("period", [0.0008, 0.003, 0.02])
+    def test_linear_between_samples_is_exact(self, period: float, damping: float, rng: np.random.Generator) -> None:
+        values = np.cumsum(rng.standard_normal(300))
+        t = PERIOD * np.arange(300)
+        system = lti([1.0], [period**2, 2 * damping * period, 1.0])
+        exact = values[0] + lsim(system, values - values[0], t, interp=True)[1]
+        np.testing.assert_allclose(second_order(values, period, damping, PERIOD), exact, atol=1e-9)
+
+    @pytest.mark.parametrize("damping", [0.05, 0.7])
+    def test_jumps_at_samples_are_exact(self, damping: float, rng: np.random.Generator) -> None:
+        """A ramp and jumps: what is held is seen shortly after each sample, by a solver of twenty times the rate."""
+        held, ramp = rng.standard_normal(200), np.linspace(0, 3, 200)
+        before = np.concatenate([held[:1], held[:-1]])
+        got = second_order(held + ramp, 0.004, damping, PERIOD, before + ramp)
+        t = PERIOD * np.arange(200)
+        system = lti([1.0], [0.004**2, 2 * damping * 0.004, 1.0])
+        fine = lsim(system, np.repeat(held - held[0], 20), PERIOD / 20 * np.arange(4000), interp=False)[1]
+        exact = held[0] + fine[round(20 * SEEN_AFTER)::20] + lsim(system, ramp, t)[1]
+        np.testing.assert_allclose(got, exact, atol=1e-9)
+
+    def test_step_response_overshoots_as_the_damping_says(self) -> None:
+        values = np.concatenate([np.zeros(5), np.ones(2000)])
+        before = np.concatenate([np.zeros(6), np.ones(1999)])
+        got = second_order(values, 0.01, 0.3, PERIOD, before)
+        assert got.max() - 1 == pytest.approx(np.exp(-np.pi * 0.3 / np.sqrt(1 - 0.09)), rel=1e-2)
+        assert got[-1] == pytest.approx(1.0, abs=1e-6)
+
+
+class TestResonance:
+    def test_a_force_that_follows_a_held_current_jumps_where_the_current_does(self) -> None:
+        s = road_like(2, 1024)
+        current = s["current"]
+        got = composed(FixtureResonance(), [0.004, 0.1], s, current_itself)
+        system = lti([1.0], [0.004**2, 2 * 0.1 * 0.004, 1.0])
+        fine = lsim(system, np.repeat(current - current[0], 20), PERIOD / 20 * np.arange(20 * 1024), interp=False)[1]
+        np.testing.assert_allclose(got, current[0] + fine[round(20 * SEEN_AFTER)::20], atol=1e-9)
+
+    def test_slow_forces_pass_and_those_at_resonance_grow(self) -> None:
+        t = PERIOD * np.arange(8192)
+
+        def gain(frequency: float) -> float:
+            s = Signals(PERIOD, {"velocity": np.sin(2 * np.pi * frequency * t)}, np.zeros(t.size))
+            force = composed(FixtureResonance(), [1 / (2 * np.pi * 20.0), 0.1], s, speed_itself)
+            return float(np.abs(force[4096:]).max())
+
+        assert gain(0.5) == pytest.approx(1.0, abs=2e-3)
+        assert gain(20.0) == pytest.approx(1 / 0.2, rel=0.03)
+        assert gain(60.0) == pytest.approx(1 / 8.0, rel=0.05)
+
+    def test_a_short_period_leaves_the_force_alone(self) -> None:
+        s = road_like(3)
+        for law in (speed_itself, current_itself):
+            assert np.abs(composed(FixtureResonance(), [1e-6, 0.7], s, law) - law(s)).max() < 1e-4

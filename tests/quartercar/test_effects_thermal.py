@@ -1,0 +1,83 @@
+"""Heat balance and fading against closed forms and a dense solver."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from effect_signals import PERIOD, composed, road_like, speed_itself
+from scipy.integrate import solve_ivp
+
+from lpvid.diagnosis.signals import Signals
+from quartercar.effects.thermal import ThermalFade, ViscousFade, stored_heat
+
+DAMPING = 2000.0
+
+
+def viscous(s: Signals) -> np.ndarray:
+    return DAMPING * s["velocity"]
+
+
+def constant(speed: float, n: int = 20 * 512) -> Signals:
+    """Constant power: the sign of the speed changes, its size does not."""
+    v = speed * np.sign(np.sin(2 * np.pi * 1.0 * PERIOD * (np.arange(n) + 0.5)))
+    return Signals(PERIOD, {"velocity": v}, np.zeros(n))
+
+
+def test_heat_under_constant_power_approaches_power_times_cooling_time() -> None:
+    s, cooling = constant(0.2), 6.0
+    heat = stored_heat(s, viscous(s) * s["velocity"], cooling)
+    np.testing.assert_allclose(heat, DAMPING * 0.04 * cooling * (1 - np.exp(-s.times / cooling)), rtol=1e-10)
+
+
+def test_heat_along_a_road_against_a_dense_solver() -> None:
+    s, cooling = road_like(5, 2048), 3.0
+    power = np.maximum(viscous(s) * s["velocity"], 0.0)
+    exact = solve_ivp(lambda t, e: np.interp(t, s.times, power) - e / cooling, (0, s.times[-1]), [0.0],
+                      t_eval=s.times, rtol=1e-8, atol=1e-8, max_step=PERIOD).y[0]
+    assert np.abs(stored_heat(s, power, cooling) - exact).max() < 3e-3 * exact.max()
+
+
+def test_heat_is_what_was_taken_up_where_nothing_cools() -> None:
+    s = road_like(6)
+    power = viscous(s) * s["velocity"]
+    heat = stored_heat(s, power, 1e9)
+    assert heat[-1] == pytest.approx(np.sum(power[:-1]) * PERIOD, rel=1e-6)
+    assert np.all(np.diff(heat) >= -1e-9) and np.all(stored_heat(s, -power, 10.0) == 0.0)
+
+
+def test_the_whole_force_fades() -> None:
+    s, a, cooling = constant(0.2), 2e-4, 8.0
+    force = composed(ThermalFade(), [a, cooling], s, viscous)
+    heat = DAMPING * 0.04 * cooling * (1 - np.exp(-s.times / cooling))
+    np.testing.assert_allclose(force, viscous(s) * (1 - a * heat), rtol=1e-9)
+
+
+def test_the_viscous_share_fades_in_proportion_to_speed() -> None:
+    """b in s/m²: b E v is a force if E is in joules; a law that is all viscous fades as a whole, a = b/c."""
+    s, b, cooling = constant(0.2), 0.1, 8.0
+    force = composed(ViscousFade(), [b, cooling], s, viscous)
+    np.testing.assert_allclose(force, composed(ThermalFade(), [b / DAMPING, cooling], s, viscous), rtol=1e-10)
+    assert ViscousFade().parameters[0].unit == "s/m^2"
+
+
+def test_the_two_fades_differ_on_a_law_that_is_not_viscous() -> None:
+    s = road_like(7)
+
+    def dry(signals: Signals) -> np.ndarray:
+        return 500 * np.tanh(signals["velocity"] / 0.02)
+
+    cold = dry(s)
+    total = composed(ThermalFade(), [1e-4, 50.0], s, dry) - cold
+    share = composed(ViscousFade(), [0.3, 50.0], s, dry) - cold
+    assert abs(total @ share) < 0.97 * np.linalg.norm(total) * np.linalg.norm(share)
+
+
+def test_a_long_fade_never_turns_the_force_round() -> None:
+    s = constant(0.5)
+    force = composed(ThermalFade(), [2e-3, 1e4], s, viscous)
+    assert np.all(force * s["velocity"] > 0)
+
+
+def test_no_motion_no_heat() -> None:
+    still = Signals(PERIOD, {"velocity": np.zeros(100)}, np.zeros(100))
+    np.testing.assert_array_equal(composed(ThermalFade(), [1e-3, 20.0], still, speed_itself), np.zeros(100))
