@@ -198,7 +198,7 @@ def _fit(damper: Damper, data: Prepared, settings: CompareSettings) -> DamperFit
     effort = QUICK
     if isinstance(damper, DynamicDamper) and not settings.thorough:
         effort = SLOW if len(damper.states) <= SMALL else STIFF
-    effort = replace(effort, seed=settings.seed)
+    effort = replace(effort, seed=settings.seed, polarity=data.polarity)
     if settings.thorough:
         return fit(damper, data.training, settings=effort)
     return fit(damper, stretches(data.training, _affordable(damper, settings), STRETCH), settings=effort)

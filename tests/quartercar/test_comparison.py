@@ -11,6 +11,7 @@ from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.dampers import CompareSettings, Linear, compare, prepare, read_parameters
 from quartercar.dampers import comparison as module
+from quartercar.dampers.polarity import polarity_of
 from quartercar.dampers.scoring import FreeRun, experiment, score, stretches
 
 RATE = 500.0
@@ -303,6 +304,21 @@ def test_thinning_keeps_stretches_of_every_record_and_says_so():
     assert not any("fitted to stretches" in n for n in full.notes)
     assert full.best.training.total.n_samples == found.best.training.total.n_samples
     assert full.best.training.total.esr < found.best.training.total.esr
+
+
+def test_stretches_of_slow_cycles_are_not_asked_for_their_polarity():
+    """A quarter cycle against a spring gives energy; the sense of the force is that of the whole records."""
+    rng, t = np.random.default_rng(4), np.arange(6000) / RATE
+    phases = 2 * np.pi * (0.1 * t + rng.uniform()), 2 * np.pi * (5.0 * t + rng.uniform())
+    slow, fast = (Record({"displacement": 0.025 * np.sin(a), "velocity": v, "force": 9000 * 0.025 * np.sin(a) + 2000 * v
+                          + 5 * rng.standard_normal(t.size)}, sample_time=1 / RATE, units=UNITS, name=name)
+                  for name, a, v in (("slow", phases[0], 0.005 * np.pi * np.cos(phases[0])),
+                                     ("fast", phases[1], 0.25 * np.pi * np.cos(phases[1]))))
+    settings = CompareSettings(quick_work=4 * 3000)
+    cut = stretches([slow, fast], 3000, 512)
+    assert {polarity_of(r).sign for r in cut} >= {1, -1}
+    found = compare([slow, fast], ["linear"], [slow, fast], settings)
+    assert found["linear"].damper.values["stiffness"] == pytest.approx(9000, rel=0.02)
 
 
 # -- given models -----------------------------------------------------------------------------------------------------

@@ -69,7 +69,7 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
         raise InputError("no records to fit to")
     kept = prepared(held_out, channels, damper.start, settings.sample_rate)
     _one_rate(training, kept)
-    damper, said, polarity_note = _placed(damper, training, kept)
+    damper, said, polarity_note = _placed(damper, training, kept, settings.polarity)
     found = damper.estimate(training, settings)
     found = replace(found, damper=remembering(found.damper, training))
     inside = score(found.damper, training)
@@ -110,11 +110,11 @@ def _one_rate(training: Sequence[Record], kept: Sequence[Record]) -> None:
                          mend=f"--sample-rate {min(rates):.6g}")
 
 
-def _placed(damper: Damper, training: Sequence[Record],
-            kept: Sequence[Record]) -> tuple[Damper, tuple[str, ...], tuple[str, ...]]:
+def _placed(damper: Damper, training: Sequence[Record], kept: Sequence[Record],
+            known: int | None) -> tuple[Damper, tuple[str, ...], tuple[str, ...]]:
     """The damper with the polarity and currents of the records, and the flags and notes that this calls for."""
     flags, notes = (), ()
-    sense = common_polarity([*training, *kept])
+    sense = common_polarity([*training, *kept]) if known is None else known
     if sense < 0:
         damper = damper.replace(polarity=-1)
         flags = ("reversed polarity: as measured the records are not passive; the verdict is on the damper itself",)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from lpvid import _checks
+from lpvid.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,9 @@ class FitSettings:
         Relative decrease of the cost that a step must promise.
     sample_rate : float or None
         Resample to this rate [Hz] first; needed for jittered or mixed clocks.
+    polarity : {1, −1} or None
+        Sense of the force where longer records have told it; None to look for it in the records of the fit, which part
+        of a slow cycle can mislead: a spring gives and takes.
 
     Examples
     --------
@@ -44,9 +48,12 @@ class FitSettings:
     tasting_samples: int = 3000
     tolerance: float = 1e-9
     sample_rate: float | None = None
+    polarity: int | None = None
 
     def __post_init__(self) -> None:
         for name in ("starts", "polished", "evaluations", "tasting_evaluations", "tasting_samples"):
             _checks.count(getattr(self, name), name, at_least=1)
         _checks.count(self.seed, "seed")
         _checks.positive(self.tolerance, "tolerance")
+        if self.polarity not in (1, -1, None):
+            raise InputError("polarity is 1, -1 or None", got=self.polarity)
