@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from quartercar.effects import CATALOGUE
 from quartercar.effects.compliance import Backlash, EntrainedAir, SeriesCompliance, SeriesElement
 from quartercar.effects.series import InSeries
 from quartercar.rig import EXPERIMENTS, Rig, RigDamper, Sensors, effect
+from quartercar.rig.patterns import Constant
 
 ELEMENTS = (SeriesCompliance(), Backlash(), EntrainedAir())
 RATE = 1024.0
@@ -193,8 +195,8 @@ def diagnosed(record: Record, damper: str, **changes: object):
     return diagnose([record], DamperBaseline(made), CATALOGUE)
 
 
-RIVALS = ("coulomb-friction", "stribeck-friction", "gas-stiffness", "series-compliance", "force-delay", "end-stop",
-          "displacement-delay", "fixture-inertia", "quadratic-loss", "asymmetry")
+RIVALS = ("coulomb-friction", "stribeck-friction", "gas-stiffness", "series-compliance", "force-delay",
+          "displacement-delay", "fixture-inertia", "valve-dynamics", "input-nonlinearity")
 
 
 @pytest.mark.slow
@@ -205,3 +207,16 @@ def test_the_engine_names_what_the_rig_hides(name: str, value: float) -> None:
     found = diagnosed(record, "guo", offset=False)
     assert [c.name for c in found.causes] == [name]
     assert found.causes[0].parameters[0].value == pytest.approx(value, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_force_model_without_compliance_names_it_and_not_friction() -> None:
+    """Seed 000: a power law with friction and gas against a damper behind a bush of 300 kN/m, no current."""
+    damper = RigDamper(yield_base=0.0, yield_per_current=0.0, viscous=1500.0, viscous_per_current=0.0,
+                       series_stiffness=math.inf, friction=0.0, rise_time=0.0, fall_time=0.0)
+    experiment = replace(EXPERIMENTS["test-1"], duration=8.0, current=Constant(levels=(0.0,)))
+    record = Rig(damper=damper, effects=(effect("series-compliance", 1.0, stiffness=3e5),)).run(experiment, seed=0)
+    made = dampers.model_class("power-law-friction-gas").suited(Facts.of([record])).replace(values={})
+    found = diagnose([record], DamperBaseline(made), [e for e in CATALOGUE if e.name in RIVALS])
+    assert [c.name for c in found.causes] == ["series-compliance"]
+    assert found.causes[0].parameters[0].value == pytest.approx(1 / 3e5, rel=0.1)
