@@ -1,0 +1,325 @@
+"""`lpvid.diagnose` from names, files and records as read, and extended models in files: on a toy that hides a cause."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+import lpvid as lpv
+from lpvid.condition.derivation import derived
+from lpvid.diagnosis import registry
+from lpvid.diagnosis.asking import answer, pose
+from lpvid.diagnosis.baseline import Baseline, Coefficient
+from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
+from lpvid.diagnosis.lpv_extension import enlarged, measured_extension
+from lpvid.diagnosis.signals import Signals
+from lpvid.errors import InputError
+
+RATE, SLOPE, FRICTION, NOISE = 200.0, 40.0, 3.0, 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Viscous(Baseline):
+    """force = slope × velocity."""
+
+    slope: float = 1.0
+    polarity: int = 1
+    name: str = field(default="viscous", init=False)
+    output: str = field(default="force", init=False)
+    output_unit: str = field(default="N", init=False)
+    static: bool = field(default=True, init=False)
+
+    @property
+    def channels(self):
+        return ("velocity", "force")
+
+    @property
+    def coefficients(self):
+        return (Coefficient("slope", "N*s/m", -1e6, 1e6, 1.0),)
+
+    @property
+    def vector(self):
+        return np.array([self.slope])
+
+    @property
+    def start(self):
+        return 0
+
+    def with_vector(self, vector):
+        return Viscous(float(vector[0]), self.polarity)
+
+    def signals(self, record):
+        channels = {n: record[n] for n in ("velocity", "displacement") if record.has(n)}
+        return Signals(record.sample_time, channels, self.polarity * record["force"], record.name)
+
+    def core(self, vector):
+        return lambda s: vector[0] * s["velocity"]
+
+    def fit(self, records):
+        v, f = (np.concatenate([part(self.signals(r)) for r in records])
+                for part in (lambda s: s["velocity"], lambda s: s.output))
+        return Viscous(float(v @ f / (v @ v)), self.polarity)
+
+    def sensitivities(self, signals, vector):
+        return signals["velocity"][:, None]
+
+    def to_dict(self):
+        return {"kind": "viscous", "slope": self.slope, "polarity": self.polarity}
+
+
+class Added(GridEffect):
+    """A force of the velocity's sign or square, or of position."""
+
+    family: ClassVar[str] = "toy"
+    stage: ClassVar[str] = "force"
+    equation = reference = experiment = "toy"
+
+    def __init__(self, name, function, needs=("velocity",), change=None):
+        self.name, self.title, self.function, self.needs, self.change = name, name, function, needs, change
+
+    @property
+    def parameters(self):
+        return (EffectParameter("size", "N", "size", 0.0, (-100.0, 100.0), (-1e4, 1e4), (-1.0, 1.0)),)
+
+    def applies(self, baseline, signals):
+        return None
+
+    def compose(self, core, values, baseline):
+        return lambda s: core(s) + values[0] * self.function(s)
+
+    def lpv_change(self):
+        return self.change
+
+
+def sign(s: Signals) -> np.ndarray:
+    return np.tanh(s["velocity"] / 2e-3)
+
+
+DRY = Added("dry", sign, change=LpvChange("sign", regressors=("sign(velocity)",)))
+CATALOGUE = (DRY, Added("square", lambda s: 50 * s["velocity"] * np.abs(s["velocity"])),
+             Added("spring", lambda s: 100 * s["displacement"], ("displacement",)),
+             Added("heat", lambda s: s["temperature"], ("temperature",)))
+
+
+class Point:
+    """An entry point that gives an object, or fails."""
+
+    def __init__(self, name, value):
+        self.name, self.value, self._object = name, f"{name}:X", value
+
+    def load(self):
+        if isinstance(self._object, Exception):
+            raise self._object
+        return self._object
+
+
+@pytest.fixture
+def installed(monkeypatch):
+    """Pretend that packages name these objects in the entry-point groups of a diagnosis."""
+    def factory(records: Sequence, parameters=None):
+        return Viscous() if parameters is None else Viscous(parameters["slope"], parameters["polarity"])
+
+    points = {"lpvid.baselines": [Point("viscous", factory)], "lpvid.effects": [Point("toys", CATALOGUE)]}
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: points.get(group, []))
+    return points
+
+
+def measured(seed: int = 0, friction: float = FRICTION, seconds: float = 20.0, rate: float = RATE, sign_of: int = 1,
+             **more) -> lpv.Record:
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds * rate)) / rate
+    w, phase = 2 * np.pi * np.array([0.7, 1.9, 4.3]), rng.uniform(0, 6, 3)
+    x = 0.02 * np.sin(np.outer(t, w) + phase).sum(axis=1)
+    v = 0.02 * (w * np.cos(np.outer(t, w) + phase)).sum(axis=1)
+    f = SLOPE * v + friction * np.tanh(v / 2e-3) + NOISE * rng.standard_normal(t.size)
+    columns = {"displacement": x, "velocity": v, "force": sign_of * f} | more
+    return lpv.Record(columns, 1 / rate, name=f"run-{seed}",
+                      units={"displacement": "m", "velocity": "m/s", "force": "N"})
+
+
+def by_hand(slope: float, friction: float, record: lpv.Record) -> float:
+    f = record["force"]
+    e = f - slope * record["velocity"] - friction * np.tanh(record["velocity"] / 2e-3)
+    return float(e @ e / np.sum((f - f.mean()) ** 2))
+
+
+def test_the_cause_is_named_and_the_gain_is_that_of_the_held_out_record(installed):
+    other = measured(1)
+    found = lpv.diagnose(measured(), "viscous", "toys", other)
+    assert found.verdict == "explained" and [c.name for c in found.causes] == ["dry"]
+    size = found.causes[0].parameters[0]
+    assert abs(size.value - FRICTION) < 4 * size.std < 0.2
+    values = dict(zip(found.extended.composition.names, found.extended.vector, strict=True))
+    assert found.after.esr_held_out == pytest.approx(by_hand(values["slope"], values["dry.size"], other), rel=1e-9)
+    bare = found.baseline["parameters"][0]["value"]
+    assert found.before.esr_held_out == pytest.approx(by_hand(bare, 0.0, other), rel=1e-9)
+    assert found.gain_percent == pytest.approx(100 * (1 - found.after.esr_held_out / found.before.esr_held_out))
+    told = json.loads(json.dumps(found.to_dict()))
+    assert told["schema"] == "lpvid/diagnosis/1" and told["complete"] and told["baseline"]["polarity"] == 1
+    assert [c["name"] for c in told["cannot_tell"]] == ["heat"] and "temperature" in told["cannot_tell"][0]["reason"]
+
+
+def test_an_extended_model_is_the_same_after_its_file(installed, tmp_path):
+    found = lpv.diagnose([measured()], "viscous", CATALOGUE)
+    path = lpv.save(found.extended, tmp_path / "extended_model.json")
+    assert json.loads(path.read_text())["schema"] == "lpvid/extended/1"
+    again, other = lpv.load(path), measured(3)
+    assert np.array_equal(again.predict(other), found.extended.predict(other))
+    assert np.array_equal(lpv.simulate(again, other).output[:, 0], again.predict(other))
+    assert np.array_equal(again.covariance, found.extended.covariance) and again.effects == ("dry",)
+    assert again.reads == ("velocity",) and again.period == pytest.approx(1 / RATE)
+    values = dict(zip(again.composition.names, again.vector, strict=True))
+    figures = lpv.validate(again, other)
+    assert figures.label == "held-out" and lpv.validate(again, measured()).label == "training"
+    assert figures.overall.free_run.esr == pytest.approx(by_hand(values["slope"], values["dry.size"], other), rel=1e-9)
+
+
+def test_the_extended_model_is_a_baseline_in_which_nothing_more_is_found(installed, tmp_path):
+    found = lpv.diagnose([measured()], "viscous", CATALOGUE)
+    path = lpv.save(found.extended, tmp_path / "m.json")
+    for start in (found.extended, path, str(path)):
+        more = lpv.diagnose([measured()], start, CATALOGUE)
+        assert more.verdict == "nothing-to-explain" and not more.causes
+        assert more.baseline["name"] == "viscous+dry"
+        assert more.baseline["esr_as_given"]["training"] == pytest.approx(found.after.esr_training, rel=0.1)
+    nested = lpv.load(lpv.save(more.extended, tmp_path / "n.json"))  # an extended model inside an extended model
+    assert np.array_equal(nested.predict(measured(5)), more.extended.predict(measured(5)))
+
+
+@pytest.mark.parametrize(("change", "said"), [
+    (lambda d: d["effects"][0].update(name="gone"), "no installed catalogue has the effect 'gone'"),
+    (lambda d: d["baseline"].update(name="gone"), "no baseline 'gone'"),
+    (lambda d: d["effects"][0]["parameters"][0].update(name="other"), "other parameters here than in the file"),
+    (lambda d: d["effects"][0]["parameters"][0].update(value="x"), "size of dry"),
+    (lambda d: d["covariance"].pop(), "not a consistent extended file"),
+    (lambda d: d["baseline"].update(vector=[1.0, 2.0]), "not a consistent extended file"),
+    (lambda d: d.pop("reads"), "lacks 'reads'"),
+    (lambda d: d.update(schema="lpvid/extended/2"), "newer format"),
+])
+def test_a_file_that_is_not_what_it_claims_is_refused_in_one_line(installed, tmp_path, change, said):
+    found = lpv.diagnose([measured()], "viscous", CATALOGUE)
+    path = lpv.save(found.extended, tmp_path / "m.json")
+    data = json.loads(path.read_text())
+    change(data)
+    path.write_text(json.dumps(data))
+    with pytest.raises(InputError) as error:
+        lpv.load(path)
+    assert said in str(error.value) and "\n" not in str(error.value) and "m.json" in str(error.value)
+
+
+def test_a_reversed_record_is_diagnosed_in_the_sense_of_the_device(installed):
+    record = measured(sign_of=-1)
+    found = lpv.diagnose([record], Viscous(polarity=-1), CATALOGUE)
+    assert found.causes[0].parameters[0].value == pytest.approx(FRICTION, rel=0.05)
+    assert "reversed polarity" in found.notes[0] and found.baseline["polarity"] == -1
+    assert "reversed-polarity" in {f.name for f in found.audit.findings}
+    run = lpv.simulate(found.extended, record).output[:, 0]
+    assert np.mean(run * record["velocity"]) < 0 and np.corrcoef(run, record["force"])[0, 1] > 0.95
+
+
+def test_gaps_rates_and_missing_velocity_are_prepared():
+    fast = measured(rate=2000.0)
+    force = np.array(fast["force"])
+    force[20000:20050] = np.nan
+    record = lpv.Record({"displacement": fast["displacement"], "force": force}, fast.sample_time, name="run",
+                        units={"displacement": "m", "force": "N"})
+    question = pose(record, Viscous(), CATALOGUE)
+    assert [round(1 / r.sample_time) for r in question.prepared.training] == [500, 500]
+    said = " ".join(question.prepared.notes)
+    assert "velocity derived" in said and "decimated by 4" in said and "cut into 2" in said
+    v = question.prepared.training[0]["velocity"]
+    assert np.corrcoef(v[50:4000], fast["velocity"][::4][50:4000])[0, 1] > 0.999
+    found = answer(question)
+    assert [c.name for c in found.causes] == ["dry"]
+
+
+def test_a_channel_that_only_some_records_have_is_left_out():
+    question = pose([measured(0, temperature=np.linspace(0, 1, 4000)), measured(1)], Viscous(), CATALOGUE)
+    assert not question.prepared.training[0].has("temperature")
+    assert "temperature is left out: only 1 of 2 records have it" in question.prepared.notes
+
+
+def test_parameters_may_be_given_and_their_error_is_told(installed, tmp_path):
+    found = lpv.diagnose(measured(friction=0.0), "viscous", CATALOGUE, parameters={"slope": 60.0, "polarity": 1})
+    assert found.verdict == "nothing-to-explain"
+    assert found.baseline["esr_as_given"]["training"] == pytest.approx(by_hand(60.0, 0.0, measured(friction=0.0)))
+    assert found.before.esr_training < 0.1 * found.baseline["esr_as_given"]["training"]
+    with pytest.raises(InputError, match="parameters belong to a baseline that is given by name"):
+        lpv.diagnose(measured(), Viscous(), CATALOGUE, parameters={})
+
+
+@pytest.mark.parametrize(("at", "reached"), [("screening", "screening"), ("fitting", "fitting viscous")])
+def test_an_interruption_leaves_what_is_known(at, reached):
+    def stop(text: str) -> None:
+        if text.startswith(at):
+            raise KeyboardInterrupt
+
+    found = lpv.diagnose(measured(), Viscous(SLOPE), CATALOGUE, progress=stop)
+    assert not found.complete and not found.causes and reached in found.reason
+    esr = by_hand(found.baseline["parameters"][0]["value"], 0.0, measured())
+    assert found.before.esr_training == pytest.approx(esr, rel=0.05)
+    assert found.to_dict()["complete"] is False and found.extended.effects == ()
+
+
+def test_entry_points_may_give_a_factory_or_a_mapping_of_them(installed):
+    installed["lpvid.baselines"].append(Point("house", {"a": lambda r, p=None: Viscous(1.0),
+                                                        "b": lambda r, p=None: Viscous(2.0)}))
+    assert registry.named_baseline("b", ()).vector == [2.0] and set(registry.factories()) == {"viscous", "a", "b"}
+    installed["lpvid.effects"].append(Point("more", (Added("lone", sign),)))
+    assert [e.name for e in registry.catalogue()] == ["lone", "dry", "square", "spring", "heat"]
+    assert [e.name for e in registry.catalogue(["more"])] == ["lone"]
+
+
+@pytest.mark.parametrize(("group", "value", "said"), [
+    ("lpvid.effects", ImportError("broken\nmodule"), "does not load; broken module"),
+    ("lpvid.effects", (1, 2), "no tuple of effects"),
+    ("lpvid.effects", (Added("dry", sign),), "two effects have one name"),
+    ("lpvid.baselines", {"x": 3}, "gives no factory for 'x'"),
+    ("lpvid.baselines", {"viscous": Viscous}, "two installed baselines are called 'viscous'"),
+])
+def test_a_package_that_names_nonsense_is_told(installed, group, value, said):
+    installed[group].append(Point("odd", value))
+    with pytest.raises(InputError) as error:
+        registry.catalogue() if group == "lpvid.effects" else registry.factories()
+    assert said in str(error.value) and "\n" not in str(error.value)
+
+
+def test_unknown_names_are_refused_with_the_nearest(installed):
+    with pytest.raises(InputError, match=r"no baseline 'viscos'.*viscous"):
+        lpv.diagnose(measured(), "viscos", CATALOGUE)
+    with pytest.raises(InputError, match=r"no catalogue 'toy'.*toys"):
+        lpv.diagnose(measured(), "viscous", "toy")
+    with pytest.raises(InputError, match="this can be no baseline"):
+        lpv.diagnose(measured(), 3.0, CATALOGUE)
+    with pytest.raises(InputError, match="a catalogue is a sequence of effects"):
+        lpv.diagnose(measured(), Viscous(), [DRY, 3])
+
+
+def test_an_lpv_structure_takes_in_what_the_causes_ask_for():
+    record = derived([measured()])[0]
+    start = lpv.ARX(2, 2, 1, basis=lpv.Polynomial(("velocity_sign",), 1))
+    changes = [LpvChange("", degree=1, order=1), LpvChange("", regressors=("displacement", "1", "velocity|velocity|")),
+               LpvChange("", schedule_filter="rise-fall"), LpvChange("", schedule_filter="delay")]
+    wide = enlarged(start, changes, [record])
+    assert wide.na == 3 and wide.width == (3, 3, 3) and wide.delay == (1, 1, 1) and wide.affine == 1
+    assert wide.input == ("velocity", "displacement", "velocity_square") and wide.basis.degree == 2
+    assert wide.schedule_filter == "rise-fall-delay"
+    with pytest.raises(InputError, match="needs temperature"):
+        enlarged(start, [LpvChange("", schedule=("temperature",))], [record])
+
+
+def test_the_lpv_extension_gains_what_the_cause_costs():
+    """On y = slope v + friction sign v + noise: without the sign the error is bounded below, with it only noise is."""
+    found = measured_extension([measured()], lpv.ARX(0, 1, 0), [DRY, CATALOGUE[1]], [measured(1)])
+    other = measured(1)
+    floor = NOISE**2 / np.var(other["force"])
+    assert found.esr[1] == pytest.approx(floor, rel=0.1) and found.esr[0] > 3 * floor
+    assert found.gain_percent == pytest.approx(100 * (1 - found.esr[1] / found.esr[0]))
+    assert found.left_out == ("square: no LPV structure shows it",) and found.changes == ("dry: sign",)
+    assert lpv.validate(found.extended.model, other).overall.free_run.esr == pytest.approx(found.esr[1])

@@ -1,0 +1,247 @@
+"""`lpvid diagnose` through its own door, on the virtual rig: files, exit codes, closed loops."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import lpvid as lpv
+import quartercar as qc
+from lpvid.cli.app import app
+from lpvid.diagnosis.effect import by_name
+from lpvid.diagnosis.lpv_extension import measured_extension
+from quartercar.experiments import PLANS, plan_for
+from quartercar.rig import (
+    EXPERIMENTS,
+    Experiment,
+    Rig,
+    RigDamper,
+    Road,
+    Sensors,
+    effect,
+    parse_plan,
+    run_plan,
+    write_csv,
+)
+
+FEW = ("coulomb-friction", "coil-lag", "command-delay", "gas-stiffness", "asymmetry", "force-delay",
+       "displacement-delay", "fixture-inertia")
+SOME = tuple(e for e in qc.effects.CATALOGUE if e.name in FEW)
+
+
+def run(*arguments: object, code: int = 0):
+    result = CliRunner().invoke(app, [str(a) for a in arguments], catch_exceptions=False)
+    assert result.exit_code == code, result.output
+    return result
+
+
+def bench(name: str = "", strength: float = 1.0, **sensors: float) -> Rig:
+    """A rig with a damper that Guo's law describes exactly, and one cause."""
+    return Rig(damper=RigDamper.static(), sensors=Sensors(**sensors),
+               effects=(effect(name, strength),) if name else ())
+
+
+def road(seconds: float = 12.0, name: str = "test-3") -> Experiment:
+    return replace(EXPERIMENTS[name], duration=seconds)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory) -> tuple[Path, Path]:
+    folder = tmp_path_factory.mktemp("rig")
+    rig = bench("coulomb-friction", 0.5)
+    return tuple(write_csv(rig.run(road(), 0, k), folder / f"run-{k}.csv") for k in (0, 1))  # type: ignore[return-value]
+
+
+@pytest.fixture(scope="module")
+def written(files, tmp_path_factory) -> tuple[Path, str]:
+    out = tmp_path_factory.mktemp("diagnose") / "out"
+    shown = run("diagnose", files[0], "--baseline", "guo", "--held-out", files[1], "--catalogue", "quartercar",
+                "--plan-experiment", "--out", out)
+    return out, shown.stdout
+
+
+def test_it_names_the_cause_and_writes_its_files(written):
+    out, shown = written
+    told = json.loads((out / "diagnosis.json").read_text())
+    assert {p.name for p in out.iterdir()} >= {"diagnosis.json", "extended_model.json", "extended_lpv.json",
+                                               "report.html"}
+    assert told["schema"] == "lpvid/diagnosis/1" and told["verdict"] == "explained"
+    cause, = told["causes"]
+    number, = cause["parameters"]
+    assert cause["name"] == "coulomb-friction" and abs(number["value"] - 30.0) < 4 * number["std"]  # half of 60 N
+    assert shown.startswith("explained: coulomb-friction") and "LPV extension" in shown
+    assert told["extended"]["model"] == "extended_model.json" and told["complete"]
+    for key in ("baseline", "wrong", "causes", "rivals", "cannot_tell", "rejected", "extended"):
+        assert key in told
+    assert told["baseline"]["esr"]["held_out"] > told["extended"]["esr"]["held_out"] > 0
+    assert told["audit"]["findings"]
+
+
+def test_the_extended_model_gives_the_figures_that_the_diagnosis_claims(written, files, tmp_path):
+    out, _ = written
+    told = json.loads((out / "diagnosis.json").read_text())
+    run("validate", out / "extended_model.json", files[1], "--out", tmp_path / "v")
+    figures = json.loads((tmp_path / "v" / "validation.json").read_text())
+    assert figures["data"] == "held-out"
+    assert figures["overall"]["free_run"]["esr"] == pytest.approx(told["extended"]["esr"]["held_out"], rel=1e-9)
+    run("validate", out / "extended_lpv.json", files[1], "--out", tmp_path / "w")
+    figures = json.loads((tmp_path / "w" / "validation.json").read_text())
+    assert figures["overall"]["free_run"]["esr"] == pytest.approx(told["extended_lpv"]["esr"]["after"], rel=1e-9)
+    assert told["extended_lpv"]["gain_percent"] > 15
+
+
+def test_the_extended_model_as_baseline_leaves_nothing(written, files):
+    shown = run("diagnose", files[0], "--baseline", written[0] / "extended_model.json", "--json").stdout
+    told = json.loads(shown)
+    assert told["verdict"] == "nothing-to-explain" and not told["causes"]
+    assert told["baseline"]["name"] == "guo+coulomb-friction"
+
+
+def test_the_report_opens_in_a_browser(written, tmp_path):
+    page = (written[0] / "report.html").read_text()
+    assert "<h1>Diagnosis of guo</h1>" in page and "http" not in page.replace("http://www.w3.org", "")
+    assert page.count("data:image/svg+xml") >= 5 and "coulomb-friction" in page
+    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no browser here")
+    shot = tmp_path / "page.png"
+    subprocess.run([browser, "--headless", "--no-sandbox", "--disable-gpu", f"--screenshot={shot}",
+                    "--window-size=1200,3000", (written[0] / "report.html").as_uri()], capture_output=True, timeout=60,
+                   check=True)
+    assert shot.stat().st_size > 50_000
+
+
+def test_reversed_records_are_diagnosed_and_said(tmp_path):
+    record = bench("coulomb-friction").run(road(), 0).flip("force")
+    found = lpv.diagnose(record, "guo", SOME)
+    assert [c.name for c in found.causes] == ["coulomb-friction"]
+    assert found.causes[0].parameters[0].value == pytest.approx(60.0, rel=0.05)
+    assert "reversed polarity" in found.notes[0]
+    run_of_it = lpv.simulate(lpv.load(lpv.save(found.extended, tmp_path / "m.json")), record).output[:, 0]
+    assert np.mean((run_of_it - record["force"]) ** 2) < 4e-3 * np.var(record["force"])
+
+
+def test_given_parameters_and_other_names_of_channels(tmp_path):
+    record = bench().run(road(), 0)
+    other = lpv.Record({n: record.channel(r) for n, r in (("F", "force"), ("v", "velocity"), ("i", "current"))},
+                       record.sample_time, name="run")
+    file = write_csv(other, tmp_path / "run.csv")
+    given = tmp_path / "set.json"
+    given.write_text(json.dumps({"model": "linear", "parameters": {"damping": "900 N*s/m"}}))
+    told = json.loads(run("diagnose", file, "--baseline", "linear", "--parameters", given, "--input", "v", "--output",
+                          "F", "--schedule", "i", "--json").stdout)
+    force, velocity = record["force"], record["velocity"]
+    esr = np.sum((force - 900 * velocity) ** 2) / np.sum((force - force.mean()) ** 2)
+    assert told["baseline"]["esr_as_given"]["training"] == pytest.approx(esr, rel=1e-3)
+    assert told["verdict"] != "nothing-to-explain"  # a line is no yield law, whatever its slope
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    (["--baseline", "gou"], "no baseline 'gou'"),
+    (["--baseline", "guo", "--catalogue", "quartercr"], "no catalogue 'quartercr'"),
+    (["--baseline", "missing.json"], "no file 'missing.json'"),
+    (["--baseline", "guo", "--parameters", "missing.json"], "no file 'missing.json'"),
+    (["--baseline", "guo", "--role", "force=nothing"], "nothing"),
+    (["--baseline", "quarter-car"], "has no road"),
+    (["--baseline", "guo", "--plan-experiment"], "add --out DIR"),
+])
+def test_what_is_wrong_ends_in_one_line_and_nothing_is_written(files, tmp_path, arguments, said):
+    extra = [] if "--plan-experiment" in arguments else ["--out", tmp_path / "out"]
+    result = run("diagnose", files[0], *arguments, *extra, code=2)
+    assert said in result.stderr and len(result.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_interruption_keeps_what_is_known(files, tmp_path, monkeypatch):
+    from lpvid.diagnosis import engine
+
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(engine, "diagnose", stopped)
+    result = run("diagnose", files[0], "--baseline", "guo", "--out", tmp_path)
+    told = json.loads((tmp_path / "diagnosis.json").read_text())
+    assert not told["complete"] and not told["causes"] and told["wrong"] and "interrupted" in result.stderr
+    assert (tmp_path / "report.html").exists()
+
+
+@pytest.mark.parametrize(("name", "strength"), [("coulomb-friction", 1.0), ("coil-lag", 0.5), ("asymmetry", 0.3),
+                                                ("gas-stiffness", 1.0)])
+def test_closure(name, strength):
+    """A cause is found; in the model extended by it nothing more is; its parameters do not move when asked again."""
+    record = bench(name, strength).run(road(), 0)
+    found = lpv.diagnose(record, "guo", SOME)
+    assert [c.name for c in found.causes] == [name] and found.gain_percent > 20
+    again = lpv.diagnose(record, found.extended, SOME)
+    assert again.verdict == "nothing-to-explain" and not again.causes and not again.rivals
+    assert again.before.esr_training == pytest.approx(found.after.esr_training, rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["coil-lag", "scheduling-degree", "asymmetry", "gas-stiffness"])
+def test_the_cause_in_an_lpv_model_gains_on_held_out_data(name):
+    rig = bench(name)
+    records = [rig.run(road(20.0, "test-1"), 0, k) for k in (0, 1)]
+    structure = lpv.ARX(4, 4, 0, basis=lpv.Polynomial(("current",), 1), stage="tanh")
+    found = measured_extension(records[:1], structure, [by_name(qc.effects.CATALOGUE)[name]], records[1:])
+    assert found.gain_percent > 50
+
+
+# -- experiments -----------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class SineCurrent:
+    """A current that only ever swings at one frequency."""
+
+    kind: ClassVar[str] = "sine-current"
+
+    def current(self, samples, rate, rng, replicate):
+        return 1.2 + 0.8 * np.sin(2 * np.pi * 3.0 * np.arange(samples) / rate)
+
+
+def test_what_constant_currents_cannot_tell_the_proposed_experiment_tells():
+    rig = bench("coil-lag", current_noise=0.0)
+    records = [rig.run(road(8.0, "test-6"), 0, k) for k in (0, 3, 6)]
+    found = lpv.diagnose(records, "guo", SOME)
+    blind = {c.name: c for c in found.cannot_tell}
+    assert found.verdict == "nothing-to-explain" and {"coil-lag", "command-delay"} <= set(blind)
+    assert blind["coil-lag"].smallest_detectable is None and "no trace" in blind["coil-lag"].reason
+    proposal = plan_for(found)
+    assert proposal is not None and "coil-lag" in proposal.names
+    plan = parse_plan(proposal.text)
+    measured = run_plan(replace(plan, rig=rig, experiments=(replace(plan.experiments[0], duration=15.0),)))
+    told = lpv.diagnose(measured, "guo", SOME)
+    assert [c.name for c in told.causes] == ["coil-lag"]
+    assert told.causes[0].parameters[0].value == pytest.approx(0.02, rel=0.02)
+
+
+def test_rivals_under_a_sinusoidal_current_are_told_apart_by_the_proposed_experiment():
+    """Behind a sine a lag of 4 ms and a delay of 4 ms are the same shift; behind steps they are not."""
+    rig = bench("coil-lag", 0.2, current_noise=0.0)
+    found = lpv.diagnose(rig.run(Experiment("sine", Road(), SineCurrent(), 15.0), 0), "guo", SOME)
+    assert found.verdict == "cannot-tell" and not found.causes
+    assert set(found.rivals[0].names) >= {"coil-lag", "command-delay"} and found.rivals[0].similarity > 0.99
+    proposal = plan_for(found)
+    assert proposal is not None
+    plan = parse_plan(proposal.text)
+    told = lpv.diagnose(run_plan(replace(plan, rig=rig)), "guo", SOME)
+    assert [c.name for c in told.causes] == ["coil-lag"] and not told.rivals
+    assert told.causes[0].parameters[0].value == pytest.approx(0.004, rel=0.05)
+
+
+def test_every_plan_can_be_run_and_is_for_a_cause_of_the_catalogue():
+    known = {e.name for e in qc.effects.CATALOGUE}
+    parts = {p.name: p for parts in PLANS.values() for p in parts}
+    assert len(parts) == len({p for parts in PLANS.values() for p in parts})
+    text = "\n".join(p.toml(("any",)) for p in parts.values())
+    plan = parse_plan(text)
+    assert [e.name for e in plan.experiments] == list(parts)
+    short = replace(plan, experiments=tuple(replace(e, duration=1.0) for e in plan.experiments))
+    assert all(np.isfinite(r["force"]).all() for r in run_plan(short))
+    assert set(PLANS) - known <= {"input-nonlinearity"}
