@@ -87,6 +87,8 @@ class Damper(Adaptable):
     def __post_init__(self) -> None:
         set_ = object.__setattr__
         self.check_settings()
+        if not isinstance(self.values, Mapping):
+            raise InputError("values are a mapping of names to numbers", got=type(self.values).__name__)
         known = {p.name: p for p in self.parameters}
         for name in self.values:
             _checks.known_name(name, list(known), f"parameter of {self.name}")

@@ -301,6 +301,14 @@ def test_records_that_cannot_be_fitted_are_refused_in_one_line(records, says: st
     assert len(str(caught.value).splitlines()) == 1
 
 
+def test_what_is_no_damper_and_values_that_are_no_mapping_are_refused() -> None:
+    for wrong in ("guo", Tanh):
+        with pytest.raises(InputError, match="fit takes a damper"):
+            fit(wrong, [])  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="values are a mapping of names to numbers: got list"):
+        Tanh(values=[1.0])  # type: ignore[arg-type]
+
+
 def test_held_out_records_of_another_rate_are_refused_and_can_be_resampled() -> None:
     _, given = _tanh(30.0)
     slow = Record({n: c.values[::2] for n, c in given.channels.items()}, sample_time=0.004,  # type: ignore[arg-type]
@@ -312,7 +320,8 @@ def test_held_out_records_of_another_rate_are_refused_and_can_be_resampled() -> 
 
 
 def test_settings_are_checked() -> None:
-    for wrong in ({"starts": 0}, {"polished": 0}, {"tolerance": 0.0}, {"seed": -1}, {"evaluations": 1.5}):
+    for wrong in ({"starts": 0}, {"polished": 0}, {"tolerance": 0.0}, {"seed": -1}, {"evaluations": 1.5},
+                  {"polarity": 2}):
         with pytest.raises(InputError, match=next(iter(wrong))):
             FitSettings(**wrong)  # type: ignore[arg-type]
 

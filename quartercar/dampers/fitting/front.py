@@ -62,6 +62,8 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
     {'damping': 1500.0, 'stiffness': 4000.0, 'offset': -120.0}
     """
     began = time.perf_counter()
+    if not isinstance(damper, Damper):
+        raise InputError("fit takes a damper", got=repr(damper), mend="quartercar.dampers.Guo(), or any other")
     settings = settings or FitSettings()
     channels = tuple(dict.fromkeys((*damper.reads, "force")))
     training = prepared(records, channels, damper.start, settings.sample_rate)
