@@ -151,6 +151,11 @@ class SeriesOrifice(HydraulicEffect):
             out.append(np.array([0.2 * spread / max(rest**2, 1e-12), onset]))
         return out
 
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        if baseline.name.startswith("network-"):
+            return "a network has no valve; a restriction in series with it is 'network-topology'"
+        return super().applies(baseline, signals)
+
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
         v = s["velocity"]
         return float(values[0]) * np.maximum(np.abs(v) - float(values[1]), 0.0) ** 2 * np.sign(v)
