@@ -1,4 +1,4 @@
-"""The whole road on the embedded data: rig, audit, identification, state-space forms, stability."""
+"""The whole road on the embedded data: rig, audit, identification, state-space forms, stability, a hidden cause."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from lpvid.report.forms import FormGap
     from lpvid.report.stability import StabilityStudy
     from lpvid.validation import RecordFigures, Validation
+    from quartercar.demo_diagnosis import HiddenCause
 
 TARGET = 0.04
 """Mean ESR over the eight experiments that Díaz Salas (2011) claims for this model class."""
@@ -75,6 +76,7 @@ class Demo:
     experiments : tuple of ExperimentFigures
     gaps : tuple of FormGap
     study : StabilityStudy
+    diagnosis : HiddenCause
     """
 
     training: tuple[Record, ...]
@@ -84,6 +86,7 @@ class Demo:
     experiments: tuple[ExperimentFigures, ...]
     gaps: tuple[FormGap, ...]
     study: StabilityStudy
+    diagnosis: HiddenCause
 
     @property
     def mean_esr(self) -> float | None:
@@ -110,7 +113,8 @@ class Demo:
         return {"schema": "quartercar/demo/1", "verdict": self.verdict, "mean_esr": self.mean_esr,
                 "plain_mean_esr": self.plain_mean_esr, "target": TARGET,
                 "experiments": [e.to_dict() for e in self.experiments], "identification": self.found.to_dict(),
-                "realizations": [g.to_dict() for g in self.gaps], "stability": self.study.to_dict()}
+                "realizations": [g.to_dict() for g in self.gaps], "stability": self.study.to_dict(),
+                "diagnosis": self.diagnosis.to_dict()}
 
 
 def structure() -> ARX:
@@ -217,6 +221,7 @@ def demo_page(demo: Demo, shown: Sequence[Comparison]) -> Page:
                                                 "function, in free run from rest."), forms_table(demo.gaps))),
         Section("Stability", (Paragraph(demo.study.verdict, strong=True),)),
         *(s for s in stability.sections if s.title != "The model"),
+        demo.diagnosis.section(),
         *parameters,
         Section("The data", (Paragraph(f"{len(demo.training)} training and {len(demo.held_out)} held-out records from "
                                        "the virtual rig: compliance in series, a yield force that saturates with the "
@@ -302,6 +307,7 @@ def run_demo(seed: int = 0, say: Callable[[str], None] = lambda text: None,
     from lpvid.identification import identify
     from lpvid.report.forms import form_gaps
     from lpvid.report.stability import study_stability
+    from quartercar.demo_diagnosis import hide_and_find
 
     say("running the eight experiments on the virtual rig")
     training, held_out = rig_data(seed)
@@ -324,4 +330,7 @@ def run_demo(seed: int = 0, say: Callable[[str], None] = lambda text: None,
     if study.frozen.stable and not study.certificate.verified:
         study = study_stability(found.model, rate=CURRENT_RATE, say=say)
     tell("stability", study)
-    return Demo(tuple(training), tuple(held_out), heard, found, figures, gaps, study)
+    say("looking for a hidden cause")
+    diagnosis = hide_and_find(seed, say)
+    tell("diagnosis", diagnosis)
+    return Demo(tuple(training), tuple(held_out), heard, found, figures, gaps, study, diagnosis)

@@ -101,3 +101,10 @@ def test_compare_dampers_on_a_sample(tmp_path: Path) -> None:
     assert min(means, key=lambda name: means[name]) == "lpv-arx"
     assert means["lpv-arx"] < 0.02 < 0.1 < min(means["guo"], means["narx-2"])
     assert (tmp_path / "esr.png").stat().st_size > 10_000
+
+
+def test_own_effect() -> None:
+    found = load("own_effect").main()
+    assert [c.name for c in found.causes] == ["scoring"] and found.verdict == "explained"
+    drag, place = found.causes[0].parameters
+    assert abs(drag.value - 60.0) < 4 * drag.std < 4.0 and abs(place.value - 0.003) < 5e-5

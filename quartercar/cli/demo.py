@@ -24,7 +24,7 @@ DEMO_FOLDER = Path("quartercar-demo")
 def demo(out: options.Out = DEMO_FOLDER,
          seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the virtual rig.")] = 0,
          json: options.Json = False) -> None:
-    """The whole road on embedded data: rig, audit, identification, state-space forms, stability, report."""
+    """The whole road on embedded data: rig, audit, identification, state-space forms, stability, diagnosis, report."""
     from quartercar.demo import run_demo
 
     results = Results(out)
@@ -47,6 +47,8 @@ def _deliver(results: Results, found: Demo) -> None:
     results.json("identification.json", found.found.to_dict())
     results.json("stability.json", found.study.to_dict())
     results.json("demo.json", found.to_dict())
+    if found.diagnosis.found.extended is not None:
+        results.add("extended_model.json", lambda path: save(found.diagnosis.found.extended, path))
     sample = next(r for r in found.held_out if r.name.startswith("test-1-"))
     results.add(f"{sample.name}.csv", writer(write_csv, sample))
     figures = {"experiments.png": plot.experiments([(e.name, e.esr, e.plain_esr) for e in found.experiments], TARGET),
@@ -61,7 +63,7 @@ def _deliver(results: Results, found: Demo) -> None:
 def _closing(found: Demo, out: Path | None) -> str:
     where = f"{out}/" if out is not None else ""
     sample = next(r.name for r in found.held_out if r.name.startswith("test-1-"))
-    return (f"\n{found.verdict}\n{found.study.verdict}\n"
+    return (f"\n{found.verdict}\n{found.study.verdict}\n{found.diagnosis.verdict}\n"
             f"Look at {where}report.html; try: lpvid validate {where}model.json {where}{sample}.csv")
 
 
@@ -131,4 +133,5 @@ _STAGES: dict[str, tuple[str, Callable]] = {
     "experiments": ("4 Every experiment", _experiment_lines),
     "forms": ("5 State-space forms", lambda gaps: [str(g) for g in gaps]),
     "stability": ("6 Stability", lambda study: str(study).splitlines()[:10]),
+    "diagnosis": ("7 A hidden cause", lambda found: found.lines()),
 }

@@ -128,16 +128,35 @@ def test_demo_writes_everything(short_demo):
     folder, _ = short_demo
     assert {p.name for p in folder.iterdir()} == {
         "model.json", "identification.json", "stability.json", "demo.json", "report.html", "overview.png",
-        "experiments.png", "locus.png", "test-1-r3.csv"}
+        "experiments.png", "locus.png", "test-1-r3.csv", "extended_model.json"}
 
 
 def test_demo_tells_every_stage(short_demo):
     _, shown = short_demo
-    for heading in ("1 Virtual rig", "2 Audit", "3 LPV-ARX", "4 Every experiment", "5 State-space", "6 Stability"):
+    for heading in ("1 Virtual rig", "2 Audit", "3 LPV-ARX", "4 Every experiment", "5 State-space", "6 Stability",
+                    "7 A hidden cause"):
         assert heading in shown
     assert "does not cover a moving scheduling variable" in shown
     for name in EXPERIMENTS:
         assert name in shown
+
+
+def test_demo_finds_what_the_rig_hides(short_demo):
+    """What the rig hid against what was named; the gain against the saved model on the rig's own record."""
+    from dataclasses import replace
+
+    from quartercar.demo_diagnosis import DURATION, HIDDEN
+    from quartercar.rig import Rig, RigDamper, effect
+
+    folder, _ = short_demo
+    told = json.loads((folder / "demo.json").read_text())["diagnosis"]
+    assert told["named"] == [told["hidden"]]
+    rig = Rig(damper=RigDamper.static(), effects=(effect(told["hidden"], dict(HIDDEN)[told["hidden"]]),))
+    record = rig.run(replace(EXPERIMENTS["test-3"], duration=DURATION), 0, 1)
+    force = record["force"]
+    error = force - lpv.simulate(lpv.load(folder / "extended_model.json"), record).output[:, 0]
+    esr = told["diagnosis"]["extended"]["esr"]["held_out"]
+    assert error @ error / np.sum((force - force.mean()) ** 2) == pytest.approx(esr, rel=1e-9)
 
 
 def test_demo_figures_are_those_of_the_model(short_demo):

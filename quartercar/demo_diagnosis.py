@@ -1,0 +1,96 @@
+"""The last step of the demo: a record of the rig hides a cause, and the diagnosis finds it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lpvid.report import Section
+
+if TYPE_CHECKING:
+    from lpvid.diagnosis.asking import Question
+    from lpvid.diagnosis.diagnosis import Diagnosis
+
+HIDDEN = (("coil-lag", 0.5), ("coulomb-friction", 1.0), ("gas-stiffness", 1.5), ("asymmetry", 0.3))
+"""causes of which the seed hides one, with strengths in units of the rig's"""
+DURATION = 15.0
+"""of each record [s]"""
+
+
+@dataclass(frozen=True, eq=False)
+class HiddenCause:
+    """What was hidden and what was found.
+
+    Attributes
+    ----------
+    hidden : str
+        The rig's cause.
+    question : Question
+    found : Diagnosis
+    """
+
+    hidden: str
+    question: Question
+    found: Diagnosis
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """What the diagnosis names."""
+        return tuple(c.name for c in self.found.causes)
+
+    @property
+    def verdict(self) -> str:
+        """One sentence."""
+        if self.named != (self.hidden,):
+            said = ", ".join(self.named) or self.found.verdict
+            return f"The rig hid {self.hidden} from Guo's law; the diagnosis says {said}."
+        return (f"The rig hid {self.hidden} from Guo's law; the diagnosis names it, and the extended model removes "
+                f"{self.found.gain_percent:.1f} % of the squared free-run error on a record it has not seen.")
+
+    def to_dict(self) -> dict:
+        """Part of demo.json."""
+        return {"hidden": self.hidden, "named": list(self.named), "verdict": self.verdict,
+                "diagnosis": self.found.to_dict()}
+
+    def lines(self) -> list[str]:
+        """For the terminal."""
+        return [self.verdict, *repr(self.found).splitlines()[:6]]
+
+    def section(self) -> Section:
+        """For the report."""
+        from lpvid.plot import diagnosis as draw
+        from lpvid.report import Figure, Item, Paragraph
+        from lpvid.report.diagnosis import before_after
+
+        shown = before_after(self.found, self.question)
+        items: list[Item] = [Paragraph(self.verdict, strong=True)]
+        items += [Paragraph(f"{c.name}: {', '.join(map(str, c.parameters))}.") for c in self.found.causes]
+        drawn = draw.loops(shown[-1:], bool(self.named))
+        if drawn is not None:
+            items.append(Figure.of(drawn, "Force over velocity of the held-out record, measured and simulated, before "
+                                   "and after the extension."))
+        items.append(Figure.of(draw.close_up(shown[-1:], bool(self.named)), "Where the baseline is most wrong."))
+        return Section("A hidden cause", tuple(items))
+
+
+def hide_and_find(seed: int = 0, say: Callable[[str], None] = lambda text: None) -> HiddenCause:
+    """Hide a cause in a damper that Guo's law describes otherwise, and ask the diagnosis for it.
+
+    Parameters
+    ----------
+    seed : int
+        Of the rig, and of what it hides.
+    say : callable
+        Told what is being done.
+    """
+    from lpvid.diagnosis.asking import answer, pose
+    from quartercar.rig import EXPERIMENTS, Rig, RigDamper, effect
+
+    name, strength = HIDDEN[int(np.random.default_rng([seed, 1]).integers(len(HIDDEN)))]
+    rig = Rig(damper=RigDamper.static(), effects=(effect(name, strength),))
+    test = replace(EXPERIMENTS["test-3"], duration=DURATION)
+    question = pose([rig.run(test, seed, 0)], "guo", "quartercar", [rig.run(test, seed, 1)])
+    return HiddenCause(name, question, answer(question, None, say))
