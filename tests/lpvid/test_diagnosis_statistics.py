@@ -1,0 +1,307 @@
+"""Statistics of the diagnosis on a toy that is no damper: every one against what it ought to be under a known truth."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.signal import lfilter
+from toy_diagnosis import (
+    CAUSES,
+    PERIOD,
+    TRUE,
+    Bent,
+    Cubic,
+    Dry,
+    DryTwin,
+    LaggedConstant,
+    coloured,
+    drive,
+    problem_of,
+    record,
+)
+
+from lpvid.diagnosis.blocks import FEWEST, Blocks
+from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.engine import diagnose
+from lpvid.diagnosis.localise import localise
+from lpvid.diagnosis.noise import FLOOR, Whitening, noise_level
+from lpvid.diagnosis.problem import Problem, projector, without
+from lpvid.diagnosis.refitting import Refit, covariance, refit
+from lpvid.diagnosis.remainder import predictable_share
+from lpvid.diagnosis.screening import DETECT, Evidence, directions, moves, saturated, screen
+from lpvid.diagnosis.selection import Search
+from lpvid.diagnosis.signals import Signals
+from lpvid.errors import InputError
+from lpvid.record import Record
+
+
+def plain(n: int, name: str = "record") -> Signals:
+    return Signals(PERIOD, {"u": np.zeros(n)}, np.zeros(n), name)
+
+
+def whitened(*records: Record) -> tuple[Problem, Refit]:
+    """Problem and baseline fit with the noise's colour found as the engine finds it."""
+    problem, composition = problem_of(*records)
+    first = refit(problem, composition, composition.neutral)
+    left = saturated(problem, first, moves(problem, first, CAUSES))
+    problem = problem.with_whitening(Whitening.of(left, problem.blocks.mask()))
+    return problem, refit(problem, composition, first.vector)
+
+
+class TestWhitening:
+    @pytest.mark.parametrize("poles", [(0.95,), (0.6,), (0.9 * np.exp(0.5j), 0.9 * np.exp(-0.5j)), (0.97, 0.5)])
+    def test_recovers_an_autoregression(self, poles: tuple, rng: np.random.Generator) -> None:
+        a = np.real(np.poly(poles))
+        e = np.asarray(lfilter([1.0], a, 2.5 * rng.standard_normal(40500)))[500:]
+        found = Whitening.of([e], [np.ones(e.size, bool)])
+        turns = np.exp(-1j * np.linspace(0.05, np.pi, 60))
+        power = found.level**2 / np.abs(np.polyval(found.coefficients[::-1], turns)) ** 2
+        exact = 2.5**2 / np.abs(np.polyval(a[::-1], turns)) ** 2
+        np.testing.assert_allclose(power, exact + FLOOR * np.var(e), rtol=0.25)
+        assert found.level == pytest.approx(2.5, rel=0.12)
+        assert found.is_coloured
+
+    def test_leaves_white_noise_alone(self, rng: np.random.Generator) -> None:
+        orders = [Whitening.of([rng.standard_normal(3000)], [np.ones(3000, bool)]).order for _ in range(40)]
+        assert sum(o > 0 for o in orders) <= 3
+
+    def test_what_it_makes_is_white(self, rng: np.random.Generator) -> None:
+        e = coloured(20000, rng, np.zeros(0))
+        w = Whitening.of([e], [np.ones(e.size, bool)]).apply(e)[50:]
+        lags = [float(w[k:] @ w[:-k]) / float(w @ w) for k in range(1, 21)]
+        assert np.abs(lags).max() < 4.5 / np.sqrt(w.size)
+
+    def test_gaps_do_not_colour_it(self, rng: np.random.Generator) -> None:
+        """Samples outside the masks count for nothing, however large."""
+        e = coloured(20000, rng, np.zeros(0))
+        mask = (np.arange(e.size) // 200) % 3 > 0
+        found = Whitening.of([np.where(mask, e, 1e6)], [mask])
+        assert found.coefficients[1] == pytest.approx(-0.95, abs=0.03)
+
+
+class TestNoiseLevel:
+    def test_from_records_that_repeat(self, rng: np.random.Generator) -> None:
+        u = drive(4000, rng)
+        for kind in ("white", "proportional"):
+            runs = [Bent().signals(record(rng, kind, 0.7, u=u)) for _ in range(3)]
+            found = noise_level(runs, ["u"], [np.ones(4000, bool)] * 3)
+            assert found.variance == pytest.approx(0.49, rel=0.1) and found.samples == 12000
+
+    def test_from_periods_within_a_record(self, rng: np.random.Generator) -> None:
+        u = np.tile(drive(700, rng), 6)
+        s = Bent().signals(record(rng, "white", 0.5, u=u))
+        found = noise_level([s], ["u", "c"], [np.ones(4200, bool)])
+        assert found.variance == pytest.approx(0.25, rel=0.1) and "7 s" in found.says
+
+    def test_whatever_the_model_misses(self, rng: np.random.Generator) -> None:
+        """A hidden cause repeats with the input and is no noise."""
+        u = drive(4000, rng)
+        runs = [Bent().signals(record(rng, level=0.4, u=u, hidden=lambda x: 5 * np.sign(x))) for _ in range(2)]
+        assert noise_level(runs, ["u"], [np.ones(4000, bool)] * 2).variance == pytest.approx(0.16, rel=0.15)
+
+    def test_none_where_nothing_repeats(self, rng: np.random.Generator) -> None:
+        runs = [Bent().signals(record(rng)) for _ in range(2)]
+        assert noise_level(runs, ["u"], [np.ones(3000, bool)] * 2).variance is None
+
+
+class TestBlocks:
+    @pytest.mark.parametrize("sizes", [(3000,), (900, 2500, 400), (15000, 15000)])
+    def test_cover_and_alternate(self, sizes: tuple[int, ...]) -> None:
+        blocks = Blocks.of([plain(n) for n in sizes])
+        assert blocks.count >= FEWEST and 0.4 <= blocks.length <= 2.0
+        np.testing.assert_array_equal(np.unique(np.concatenate(blocks.number)), np.arange(-1, blocks.count))
+        np.testing.assert_array_equal(blocks.fold, np.arange(blocks.count) % 2)
+        assert np.ptp(blocks.sizes()) == 0
+        for number in blocks.number:
+            inside = number[number >= 0]
+            assert np.all(np.diff(inside) >= 0) and inside.size > 0.75 * number.size - 200
+            edges = np.flatnonzero(np.diff(number) > 0)
+            assert np.all(number[edges] == -1), "neighbours have a gap between them"
+        masks = [blocks.mask(f) for f in (None, 0, 1)]
+        for whole, even, odd in zip(*masks, strict=True):
+            np.testing.assert_array_equal(whole, even | odd)
+            assert not np.any(even & odd)
+
+    def test_sums(self) -> None:
+        blocks = Blocks.of([plain(1200), plain(1300)])
+        ones = [np.ones(1200), np.ones(1300)]
+        np.testing.assert_array_equal(blocks.sums(ones), blocks.sizes())
+
+    def test_too_little_data(self) -> None:
+        with pytest.raises(InputError, match="too little data"):
+            Blocks.of([plain(300)])
+
+
+class TestScreening:
+    @pytest.mark.parametrize("noise", ["white", "ar1", "proportional"])
+    def test_p_values_are_uniform_where_nothing_is_hidden(self, noise: str) -> None:
+        rng = np.random.default_rng(20)
+        smallest = []
+        for _ in range(200):
+            problem, composition = problem_of(record(rng, noise, n=2000))
+            first = refit(problem, composition, composition.neutral)
+            _, evidence, _ = Search.begin(problem, first, CAUSES, rng, lambda text: None)
+            smallest.append(min(e.p_value for e in evidence))
+        assert stats.kstest(smallest, "uniform").pvalue > 0.001
+        assert np.mean(np.array(smallest) < 0.05) < 0.10
+
+    @pytest.mark.parametrize("noise", ["white", "ar1"])
+    def test_smallest_detectable_strength_is_detected(self, noise: str) -> None:
+        """At it, √LR is on average √(10 + ln n)."""
+        rng = np.random.default_rng(21)
+        for cause in (Cubic(), Dry()):
+            said, reached, wanted, u = [], [], 0.0, drive(3000, rng)
+            quiet = [_named(cause.name, *whitened(record(rng, noise, u=u)), rng) for _ in range(15)]
+            strength = float(np.median([e.smallest_detectable or np.inf for e in quiet]))
+            for _ in range(40):
+                shape = type(cause).shape
+                runs = record(rng, noise, u=u, hidden=lambda u, s=strength, f=shape: s * f(
+                    Signals(PERIOD, {"u": u}, np.zeros(u.size))))
+                problem, fit = whitened(runs)
+                mine = _named(cause.name, problem, fit, rng)
+                reached.append(np.sqrt(mine.likelihood_ratio))
+                said.append(mine.smallest_detectable or np.inf)
+                wanted = np.sqrt(DETECT + np.log(problem.n_samples))
+            assert np.mean(reached) == pytest.approx(wanted, rel=0.2)
+            assert np.median(said) == pytest.approx(strength, rel=0.2)
+
+    def test_wrong_parameters_alone_are_no_cause(self, rng: np.random.Generator) -> None:
+        """Dry friction seems to explain most of what a wrong p₂ leaves; beyond the sensitivities, nothing."""
+        problem, composition = problem_of(record(rng, level=0.0))
+        wrong = refit(problem, composition, TRUE * [1.0, 1.0, 1.15], iterations=0)
+        np.testing.assert_allclose(wrong.vector, TRUE * [1.0, 1.0, 1.15])
+        moved = moves(problem, wrong, (Dry(),))
+        raw = problem.stack(moved[0].change)
+        power = float(wrong.errors @ wrong.errors)
+        assert (raw @ wrong.errors) ** 2 / (raw @ raw) > 0.1 * power
+        explained = max(d.gain for d in directions(problem, wrong, moved))
+        assert explained < 0.01 * power
+
+    def test_projection_is_onto_the_complement(self, rng: np.random.Generator) -> None:
+        j = rng.standard_normal((400, 5)) @ np.diag([1e-8, 1.0, 1e6, 1.0, 0.0])
+        basis = projector(j)
+        assert basis.shape == (400, 4)
+        np.testing.assert_allclose(basis.T @ basis, np.eye(4), atol=1e-10)
+        rest = without(basis, rng.standard_normal(400))
+        assert np.abs(j[:, :4].T @ rest / np.linalg.norm(j[:, :4], axis=0)).max() < 1e-10
+
+
+def _named(name: str, problem: Problem, fit: Refit, rng: np.random.Generator) -> Evidence:
+    found = screen(problem, fit, directions(problem, fit, moves(problem, fit, CAUSES)), rng)
+    return next(e for e in found if e.effect.name == name)
+
+
+class TestRefit:
+    def test_recovers_baseline_and_cause_without_noise(self, rng: np.random.Generator) -> None:
+        problem, _ = problem_of(record(rng, level=0.0, hidden=lambda u: 0.7 * np.sign(u)))
+        composition = Composition(Bent(), (Dry(),))
+        fit = refit(problem, composition, np.array([1.5, 2.0, 1.0, 0.1]))
+        np.testing.assert_allclose(fit.vector, [*TRUE, 0.7], rtol=1e-4)
+
+    @pytest.mark.parametrize("noise", ["white", "ar1", "proportional"])
+    def test_intervals_cover(self, noise: str) -> None:
+        rng, inside = np.random.default_rng(22), []
+        truth = np.array([*TRUE, 0.7])
+        composition = Composition(Bent(), (Dry(),))
+        for _ in range(100):
+            problem, _ = whitened(record(rng, noise, hidden=lambda u: 0.7 * np.sign(u)))
+            fit = refit(problem, composition, truth)
+            deviation = np.sqrt(np.diag(covariance(problem, fit)))
+            inside.append(np.abs(fit.vector - truth) < 1.96 * deviation)
+        covered = np.mean(inside)
+        assert 0.90 <= covered <= 0.98, covered
+
+    def test_stays_inside_its_bounds(self, rng: np.random.Generator) -> None:
+        problem, _ = problem_of(record(rng, hidden=lambda u: 300 * np.sign(u)))
+        fit = refit(problem, Composition(Bent(), (Dry(),)), np.array([*TRUE, 0.1]))
+        assert fit.vector[3] == pytest.approx(100.0) and fit.at_bounds()[3]
+        assert np.isnan(covariance(problem, fit)[3, 3])
+
+    def test_a_fold_sees_only_its_blocks(self, rng: np.random.Generator) -> None:
+        problem, composition = problem_of(record(rng))
+        half = refit(problem, composition, TRUE, fold=0)
+        test = problem.in_fold(1)
+        assert half.n_samples == int((~test).sum())
+        assert half.cost == pytest.approx(float(half.errors[~test] @ half.errors[~test]), rel=1e-12)
+
+
+class TestRemainder:
+    @pytest.mark.parametrize("noise", ["white", "ar1", "proportional"])
+    def test_noise_is_not_predictable(self, noise: str, rng: np.random.Generator) -> None:
+        problem, _ = problem_of(record(rng, noise, n=15000))
+        errors = [s.output - Bent().core(TRUE)(s) for s in problem.signals]
+        share, spread = predictable_share(problem, errors, ["u"])
+        assert share < 0.02 and abs(share) < 0.15 and share - 2 * spread < 0.02
+
+    @pytest.mark.parametrize("hidden", [lambda u: np.sign(u), lambda u: np.abs(u) * u,
+                                        lambda u: np.concatenate([np.zeros(6), u[:-6]]) ** 2])
+    def test_what_follows_the_input_is(self, hidden: object, rng: np.random.Generator) -> None:
+        problem, _ = problem_of(record(rng, level=0.1, n=15000, hidden=hidden))  # type: ignore[arg-type]
+        errors = [s.output - Bent().core(TRUE)(s) for s in problem.signals]
+        share, spread = predictable_share(problem, errors, ["u"])
+        assert share - 2 * spread > 0.5
+
+
+class TestLocalise:
+    def test_names_the_regime_that_is_wrong(self, rng: np.random.Generator) -> None:
+        problem, _ = problem_of(record(rng, level=0.05, hidden=lambda u: np.where(u < 0, u**2, 0.0)))
+        errors = [s.output - Bent().core(TRUE)(s) for s in problem.signals]
+        places = [w.where for w in localise(problem, errors)]
+        assert "u < 0" in places and "u > 0" not in places and "large |u|" in places
+
+    def test_bands_add_up(self, rng: np.random.Generator) -> None:
+        problem, _ = problem_of(record(rng))
+        tone = [np.sin(2 * np.pi * 3.0 * s.times) for s in problem.signals]
+        found = {w.where: w.share for w in localise(problem, tone)}
+        assert found["1 to 5 Hz"] > 0.8
+
+
+class TestDiagnosis:
+    def test_names_the_cause_and_its_strength(self, rng: np.random.Generator) -> None:
+        found = diagnose([record(rng, "ar1", hidden=lambda u: 1.2 * np.sign(u))], Bent(), CAUSES)
+        assert found.verdict == "explained" and [c.name for c in found.causes] == ["dry"]
+        gain = found.causes[0].parameters[0]
+        assert gain.std is not None and abs(gain.value - 1.2) < 4 * gain.std < 0.4
+
+    def test_nothing_hidden(self, rng: np.random.Generator) -> None:
+        found = diagnose([record(rng, "ar1")], Bent(), CAUSES)
+        assert found.verdict == "nothing-to-explain" and found.noise["name"] == "coloured-noise"
+
+    def test_identical_causes_are_rivals(self, rng: np.random.Generator) -> None:
+        found = diagnose([record(rng, hidden=lambda u: np.sign(u))], Bent(), (*CAUSES, DryTwin()))
+        assert found.verdict == "cannot-tell" and not found.causes
+        assert set(found.rivals[0].names) == {"dry", "dry-twin"} and found.rivals[0].similarity > 0.999
+
+    def test_a_cause_without_a_trace_cannot_be_told(self, rng: np.random.Generator) -> None:
+        found = diagnose([record(rng)], Bent(), (*CAUSES, LaggedConstant()))
+        told = {c.name: c for c in found.cannot_tell}
+        assert "lagged-c" in told and told["lagged-c"].smallest_detectable is None
+
+    def test_a_cause_outside_the_catalogue_is_refused(self, rng: np.random.Generator) -> None:
+        found = diagnose([record(rng, n=6000, hidden=lambda u: 1.5 * np.sign(np.sin(7 * u)) * np.abs(u))], Bent(),
+                         (Dry(), Cubic()))
+        assert found.verdict == "unexplained" and not found.causes
+
+    def test_diagnosis_json(self, rng: np.random.Generator) -> None:
+        found = diagnose([record(rng, hidden=lambda u: 1.2 * np.sign(u))], Bent(), (*CAUSES, LaggedConstant()))
+        back = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+        assert back["schema"] == "lpvid/diagnosis/1" and back["verdict"] == found.verdict
+        assert {"baseline", "wrong", "causes", "rivals", "cannot_tell", "rejected", "extended"} <= set(back)
+        assert {"name", "esr", "rmse", "noise_floor"} <= set(back["baseline"])
+        assert {"training", "held_out"} == set(back["baseline"]["esr"])
+        assert {"esr", "rmse", "gain_percent", "model"} <= set(back["extended"])
+        assert {"name", "description", "parameters", "p_value", "delta_bic", "share_alone", "share_given_others",
+                "held_out_gain"} <= set(back["causes"][0])
+        assert {"name", "value", "std", "unit"} <= set(back["causes"][0]["parameters"][0])
+        assert {"name", "reason", "smallest_detectable", "experiment"} <= set(back["cannot_tell"][0])
+        assert all({"where", "share"} <= set(w) for w in back["wrong"])
+
+    def test_is_deterministic(self) -> None:
+        runs = [record(np.random.default_rng(5), "ar1", hidden=lambda u: 0.8 * np.sign(u)) for _ in range(2)]
+        first, second = (diagnose([r], Bent(), CAUSES).to_dict() for r in runs)
+        for found in (first, second):
+            del found["seconds"]
+        assert first == second
