@@ -12,6 +12,10 @@ from lpvid.diagnosis.signals import Core, Signals
 from quartercar.baselines.car_core import CarCore
 from quartercar.baselines.quarter_car import QuarterCarBaseline
 
+SMALL = (-1e-6, 1e-6)
+"""relative changes at which a parameter is looked at: so small that their effect is the derivative, which a free
+parameter of the car takes up whole"""
+
 
 class CarEffect(GridEffect):
     """A cause inside a quarter car."""
@@ -59,7 +63,7 @@ class Payload(CarEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("relative_mass", "", "g", 0.0, (-0.5, 1.0), (-0.9, 5.0), (-0.1, 0.1)),)
+        return (EffectParameter("relative_mass", "", "g", 0.0, (-0.5, 1.0), (-0.9, 5.0), SMALL),)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         car = _car(core)
@@ -76,7 +80,7 @@ class TyreStiffness(CarEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("relative_stiffness", "", "g", 0.0, (-0.7, 2.0), (-0.95, 20.0), (-0.1, 0.1)),)
+        return (EffectParameter("relative_stiffness", "", "g", 0.0, (-0.7, 2.0), (-0.95, 20.0), SMALL),)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         car = _car(core)
@@ -93,7 +97,7 @@ class TyreDamping(CarEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("relative_damping", "", "g", 0.0, (-0.5, 1.0), (-5.0, 10.0), (-0.02, 0.02)),)
+        return (EffectParameter("relative_damping", "", "g", 0.0, (-0.5, 1.0), (-5.0, 10.0), SMALL),)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         car = _car(core)

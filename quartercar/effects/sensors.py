@@ -15,6 +15,8 @@ SENSORS: Mapping[str, tuple[str, ...]] = {
     "road": ("road",), "actuator": ("actuator",), "motion": ("displacement", "velocity", "acceleration"),
     "current": ("current",)}
 """Sensors of inputs, and the channels that each of them feeds."""
+SMALL = (-1e-6, 1e-6)
+"""gains at which it is looked at: so small that their effect is the derivative"""
 LAST = len(SENSORS) - 1.0
 CHANNEL = EffectParameter("channel", "", "the sensor", 0.0, (0.0, LAST), (0.0, LAST), (0.0,), tuple(SENSORS))
 
@@ -55,10 +57,10 @@ class SensorScale(SensorEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return EffectParameter("gain", "", "g", 0.0, (-0.5, 0.5), (-0.9, 2.0), (-0.1, 0.1)), CHANNEL
+        return EffectParameter("gain", "", "g", 0.0, (-0.5, 0.5), (-0.9, 2.0), SMALL), CHANNEL
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        return [np.array([gain, k]) for k in present(signals) for gain in (-0.1, 0.1)]
+        return [np.array([gain, k]) for k in present(signals) for gain in SMALL]
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         return core if values[0] == 0 else scaled(core, float(values[1]), 1 + float(values[0]))
