@@ -262,7 +262,7 @@ def frequency_gains(car: QuarterCar, frequency: Sequence[float] | np.ndarray, am
     Returns
     -------
     FrequencyGains
-        Each sine runs for at least 3 s and 4 periods to settle, then over 4 periods (at least 1 s) that count.
+        Each sine runs for at least 6 s and 4 periods to settle, then over 4 periods (at least 1 s) that count.
     """
     f = _checks.finite(_checks.frozen_array(frequency, "frequency", ndim=1), "frequency")
     if f.size < 1 or f[0] <= 0 or np.any(np.diff(f) <= 0):
@@ -280,7 +280,7 @@ def _sine_gains(car: QuarterCar, frequency: float, amplitude: float, current: fl
     parts = max(SAMPLES, int(np.ceil(1 / (frequency * 1e-3))))
     step = clock or 1 / (frequency * parts)
     counted = max(4, int(np.ceil(frequency)))
-    settle = max(4, int(np.ceil(3 * frequency)))
+    settle = max(4, int(np.ceil(6 * frequency)))
     n = round((settle + counted) / (frequency * step))
     t = step * np.arange(n + 1)
     run = car.run(amplitude * np.sin(2 * np.pi * frequency * t), step, current)

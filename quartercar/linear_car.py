@@ -191,7 +191,8 @@ class LinearCar:
         from scipy.linalg import solve_continuous_lyapunov
 
         system = self.relative().select(inputs=("road_velocity",))
-        if np.linalg.eigvals(system.A).real.max() >= 0:
+        poles = np.linalg.eigvals(system.A)
+        if poles.real.max() >= -1e-12 * np.abs(poles).max():
             raise NumericalError("this car has no stationary response: it is not asymptotically stable")
         p = solve_continuous_lyapunov(system.A, -system.B @ system.B.T)
         squares = np.einsum("ij,jk,ik->i", system.C, p, system.C)

@@ -11,7 +11,8 @@ from lpvid.errors import InputError
 from lpvid.model.scheduling_stage import SchedulingLag
 from lpvid.model.transfer_function import LPVTransferFunction
 from quartercar.coupling import Coupling
-from quartercar.dampers.sampled import Inner, SampledDamper, at_rest
+from quartercar.dampers.held import Inner
+from quartercar.dampers.sampled import SampledDamper, at_rest
 
 LIMIT = 1e12
 """force at which a run counts as diverged [N]"""
