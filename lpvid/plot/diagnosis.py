@@ -129,6 +129,39 @@ def _edges(values: np.ndarray) -> np.ndarray:
     return np.linspace(low, high, BINS + 1) if high > low else np.linspace(values.min(), values.max(), BINS + 1)
 
 
+def error_shapes(shown: Sequence[BeforeAfter], extended: bool) -> Figure | None:
+    """Mean error over each input, with the band of its middle half: the shape of what the simulation lacks.
+
+    Parameters
+    ----------
+    shown : sequence of BeforeAfter
+    extended : bool
+    """
+    names = [n for n in ("velocity", "displacement", "current", "unsprung", "temperature")
+             if all(n in s.channels for s in shown) and np.ptp(_joined(shown, n)) > 0][:3]
+    if not names:
+        return None
+    with look():
+        figure, axes = panels(1, len(names), height=2.8)
+        for ax, name in zip(axes[0], names, strict=True):
+            x = _joined(shown, name)
+            edges = np.unique(np.quantile(x, np.linspace(0.002, 0.998, BINS + 1)))
+            place = np.digitize(x, edges) - 1
+            for k, (colour, said) in enumerate(((BEFORE, "before"), (AFTER, "after"))[: 2 if extended else 1]):
+                e = np.concatenate([s.errors[k] for s in shown])
+                cells = [(x[place == j], e[place == j]) for j in range(edges.size - 1) if np.sum(place == j) >= FEWEST]
+                at = [float(c.mean()) for c, _ in cells]
+                low, high = np.array([np.quantile(v, [0.25, 0.75]) for _, v in cells]).reshape(-1, 2).T
+                ax.fill_between(at, low, high, color=colour, alpha=0.2, linewidth=0)
+                ax.plot(at, [float(v.mean()) for _, v in cells], color=colour, label=said)
+            ax.axhline(0, color=INK, linewidth=0.5)
+            ax.locator_params(axis="x", nbins=5)
+            ax.set_xlabel(label(name, ROLES_UNITS[name]))
+            legend_above(ax, 2)
+        axes[0, 0].set_ylabel(label("mean error", shown[0].unit))
+    return figure
+
+
 def error_courses(shown: Sequence[BeforeAfter], floor: float | None, extended: bool) -> Figure:
     """Error over time (rms of stretches) and over frequency, before and after, with the noise level where known."""
     first = shown[0]
@@ -236,7 +269,7 @@ def close_up(shown: Sequence[BeforeAfter], extended: bool) -> Figure:
     t = s.times[window]
     extra = [n for n in ("current", "velocity") if n in s.channels and np.ptp(s.channels[n][window]) > 0]
     with look():
-        figure, axes = panels(1 + len(extra), heights=[2.9, *([0.95] * len(extra))], sharex=True)
+        figure, axes = panels(2 + len(extra), heights=[2.9, 1.4, *([0.95] * len(extra))], sharex=True)
         ax = axes[0, 0]
         ax.plot(t, s.measured[window], color=MEASURED, linewidth=1.5, label="measured")
         ax.plot(t, s.before[window], color=BEFORE, label="baseline")
@@ -246,7 +279,11 @@ def close_up(shown: Sequence[BeforeAfter], extended: bool) -> Figure:
         ax.set_title(f"{s.name} ({s.label})")
         ax.set_ylim(*robust_limits(np.concatenate([s.measured[window], s.before[window]]), 0.1))
         legend_above(ax, 3)
-        for axis, name in zip(axes[1:, 0], extra, strict=True):
+        for error, colour in list(zip(s.errors, (BEFORE, AFTER), strict=True))[: 2 if extended else 1]:
+            axes[1, 0].plot(t, error[window], color=colour)
+        axes[1, 0].axhline(0, color=INK, linewidth=0.5)
+        axes[1, 0].set_ylabel(label("error", s.unit))
+        for axis, name in zip(axes[2:, 0], extra, strict=True):
             axis.plot(*thinned(t, s.channels[name][window]), color=GREEN)
             axis.set_ylabel(label(name, ROLES_UNITS[name]))
         axes[-1, 0].set_xlabel("time [s]")

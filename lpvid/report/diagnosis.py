@@ -126,9 +126,7 @@ def _causes(found: Diagnosis) -> list[Item]:
                            "Shares are of the baseline's excess squared error.", (2, 4, 5, 6, 7, 8),
                            ("good",) * sum(map(len, rows))))
     if found.explained_share is not None and found.causes:
-        value, std = found.explained_share
-        items.append(Paragraph(f"Together they explain {percent(value)} ± {percent(std)} of the error beyond the "
-                               "noise."))
+        items.append(Paragraph(_share(found)))
     if found.rivals:
         told = [(" / ".join(r.names), number(r.similarity, 3),
                  "; ".join(f"{n}: {', '.join(map(_plain, p))}" for n, p in r.parameters.items()), r.experiment)
@@ -136,6 +134,15 @@ def _causes(found: Diagnosis) -> list[Item]:
         items.append(Table(("cannot be kept apart", "similarity", "parameters, each taken alone", "what separates "
                             "them"), tuple(told), "", (1,), ("warn",) * len(told)))
     return items
+
+
+def _share(found: Diagnosis) -> str:
+    assert found.explained_share is not None
+    value, std = found.explained_share
+    if found.noise_floor is None:
+        return (f"Of the error that follows the inputs at all, they explain {percent(min(value, 1.0))}. Nothing "
+                "repeats in these data, so that noise is what no regression on the inputs predicts.")
+    return f"Together they explain {percent(value)} ± {percent(std)} of the error beyond the noise that repeats show."
 
 
 def _cause_row(c: Cause) -> list[tuple[str, ...]]:
@@ -168,6 +175,10 @@ def _wrong(found: Diagnosis, shown: Sequence[draw.BeforeAfter], extended: bool) 
     if maps is not None:
         items.append(Figure.of(maps, "Root mean square error of the free run by regime; empty cells were not visited. "
                                "Both columns share one scale."))
+    shapes = draw.error_shapes(shown, extended)
+    if shapes is not None:
+        items.append(Figure.of(shapes, "Mean error over each input, with the band of its middle half: the shape of "
+                               "what the simulation lacks."))
     items.append(Figure.of(draw.error_courses(shown, found.noise_floor, extended), "The error of the free run over "
                            "time and over frequency."))
     return items
@@ -234,9 +245,19 @@ def _suspects(found: Diagnosis) -> list[Item]:
 def _cannot_tell(found: Diagnosis) -> list[Item]:
     if not found.cannot_tell:
         return [Paragraph("Every candidate of a plausible size would have shown.")]
-    rows = tuple((c.name, c.reason, number(c.smallest_detectable, 3, c.unit), c.experiment) for c in found.cannot_tell)
-    return [Table(("candidate", "why not", "smallest detectable", "what would tell"), rows,
-                  "None of these is excluded: these data carry no information on them.", (2,))]
+    looked = [c for c in found.cannot_tell if c.name in found.evidence]
+    items: list[Item] = []
+    if looked:
+        rows = tuple((c.name, c.reason, number(c.smallest_detectable, 3, c.unit), c.experiment) for c in looked)
+        items.append(Table(("candidate", "why not", "smallest detectable", "what would tell"), rows,
+                           "None of these is excluded: these data carry no information on them.", (2,)))
+    reasons = dict.fromkeys(c.reason for c in found.cannot_tell if c not in looked)
+    if reasons:
+        table = tuple((", ".join(c.name for c in found.cannot_tell if c.reason == r and c not in looked), r)
+                      for r in reasons)
+        items.append(Table(("not tested", "why"), table, "These could not be composed with this baseline on these "
+                           "data."))
+    return items
 
 
 def _data(found: Diagnosis) -> list[Item]:

@@ -194,6 +194,22 @@ def test_the_cause_in_an_lpv_model_gains_on_held_out_data(name):
     assert found.gain_percent > 50
 
 
+def test_a_saved_lpv_model_is_a_baseline(tmp_path):
+    """An LPV model of the clean damper, on a record of the same damper with dry friction."""
+    clean = bench().run(road(name="test-1"), 0)
+    structure = lpv.ARX(2, 2, 0, basis=lpv.Polynomial(("current",), 1), stage="tanh")
+    file = lpv.save(lpv.identify(clean, structure).model, tmp_path / "model.json")
+    record = bench("coulomb-friction", 2.0).run(road(name="test-1"), 0, 1)
+    found = lpv.diagnose(record, file, [e for e in SOME if e.name in ("coulomb-friction", "coil-lag", "asymmetry")])
+    assert [c.name for c in found.causes] == ["coulomb-friction"]
+    assert found.causes[0].parameters[0].value == pytest.approx(120.0, rel=0.1)
+    assert found.baseline["esr_as_given"]["training"] >= found.before.esr_training > 2 * found.after.esr_training
+    again = lpv.load(lpv.save(found.extended, tmp_path / "m.json"))
+    assert np.array_equal(again.predict(record), found.extended.predict(record))
+    assert np.array_equal(lpv.simulate(again, record).output[:, 0][again.to_model(record.sample_time).start:],
+                          again.predict(record)[again.to_model(record.sample_time).start:])
+
+
 # -- experiments -----------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class SineCurrent:
