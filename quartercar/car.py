@@ -120,7 +120,7 @@ class QuarterCar:
     >>> from quartercar.parameters import MEGANE
     >>> run = QuarterCar(MEGANE).run(np.r_[0.0, np.full(2000, 0.02)], 1e-3)
     >>> round(float(run["body_displacement"].max()), 4), round(float(run["body_displacement"][-1]), 4)
-    (0.0328, 0.0207)
+    (0.0318, 0.0196)
     """
 
     parameters: CarParameters
