@@ -1,0 +1,92 @@
+"""Causes that the rig hides at full size, one at a time, are named, and their size is found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lpvid.diagnosis.diagnosis import Diagnosis
+from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.engine import diagnose
+from quartercar.baselines.damper import DamperBaseline
+from quartercar.dampers.facts import Facts
+from quartercar.dampers.guo import Guo
+from quartercar.effects import CATALOGUE
+from quartercar.rig import EXPERIMENTS, Rig, RigDamper, effect
+
+PERIOD = 1 / 512
+QUICK: tuple[Effect, ...] = tuple(e for e in CATALOGUE if e.family not in ("compliance", "hydraulics", "car"))
+"""without elements in series and restrictions, which have tests of their own and take longest"""
+
+
+def hidden(name: str, duration: float = 30.0, strength: float = 1.0, **numbers: float) -> Diagnosis:
+    """The static damper on test 3 with one cause, diagnosed from Guo's law."""
+    rig = Rig(damper=RigDamper.static(), effects=(effect(name, strength, **numbers),))
+    record = rig.run(replace(EXPERIMENTS["test-3"], duration=duration), seed=0)
+    law = Guo.suited(Facts.of([record])).replace(offset=False, values={})  # type: ignore[attr-defined]
+    return diagnose([record], DamperBaseline(law), CATALOGUE if duration >= 30 else QUICK)
+
+
+def value(found: Diagnosis, parameter: str) -> float:
+    return next(p.value for p in found.causes[0].parameters if p.name == parameter)
+
+
+SIZES: dict[str, tuple[dict[str, float], dict[str, float]]] = {
+    "coulomb-friction": ({}, {"friction": 60.0}),
+    "stribeck-friction": ({}, {"breakaway": 80.0, "stribeck_speed": 0.01}),
+    "gas-stiffness": ({}, {"stiffness": 8000.0}),
+    "coil-lag": ({}, {"time_constant": 0.02}),
+    "rise-fall-lag": ({}, {"time_constant": np.sqrt(0.008 * 0.025), "ratio": np.sqrt(0.008 / 0.025)}),
+    "remanence": ({}, {"half_width": 0.15}),
+    "displacement-delay": ({}, {"delay": 0.006}),
+    "force-delay": ({}, {"delay": 0.006}),
+    "one-sided-filter": ({}, {"time_constant": 1 / (2 * np.pi * 20.0), "damping": np.sqrt(0.5)}),
+    "force-offset": ({}, {"offset": 120.0}),
+    "force-clipping": ({}, {"reciprocal_limit": 1 / 900.0}),
+    "quantisation": ({}, {"force_step": 40.0}),
+    "thermal-fade": ({}, {"fade": 0.005 / 150.0}),
+    "end-stop": ({}, {"stiffness": 1e5, "position": 0.006}),
+    "fixture-inertia": ({}, {"mass": 6.0}),
+    "fixture-resonance": ({}, {"period": 1 / (2 * np.pi * 60.0), "damping": 0.05}),
+    "model-order": ({}, {"share": 0.4, "period": 1 / (2 * np.pi * 25.0), "damping": 0.2}),
+    "current-saturation": ({}, {}),
+    "scheduling-degree": ({}, {}),
+    "missing-scheduling": ({}, {}),
+    "viscous-fade": ({"strength": 3.0}, {}),
+}
+"""how to hide it, and the size to be found"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SIZES)
+def test_one_hidden_cause_is_named(name: str) -> None:
+    how, sizes = SIZES[name]
+    found = hidden(name, **how)  # type: ignore[arg-type]
+    assert found.verdict == "explained" and [c.name for c in found.causes] == [name], found
+    for parameter, size in sizes.items():
+        assert value(found, parameter) == pytest.approx(size, rel=0.1)
+
+
+@pytest.mark.parametrize("name", ["coulomb-friction", "coil-lag", "one-sided-filter", "force-offset", "force-clipping"])
+def test_a_short_record_names_it_too(name: str) -> None:
+    found = hidden(name, duration=10.0)
+    assert [c.name for c in found.causes] == [name], found
+    for parameter, size in SIZES[name][1].items():
+        assert value(found, parameter) == pytest.approx(size, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_delay_under_a_held_current_is_told_to_half_a_sample() -> None:
+    found = hidden("command-delay")
+    assert [c.name for c in found.causes] == ["command-delay"], found
+    assert abs(value(found, "delay") - 0.008) < 0.55 * PERIOD
+
+
+@pytest.mark.slow
+def test_gas_and_the_zero_of_the_load_cell_are_rivals() -> None:
+    """At one temperature, a constant is a constant."""
+    found = hidden("gas-preload")
+    assert found.verdict == "cannot-tell" and not found.causes
+    assert set(found.rivals[0].names) == {"gas-preload", "force-offset"}
