@@ -19,7 +19,7 @@ RATE_TOLERANCE = 1e-3
 
 
 def segments(records: Record | Sequence[Record], channels: str | Sequence[str], *, sample_rate: float | None = None,
-             minimum: int = 2) -> list[Record]:
+             minimum: int = 2, remedy: str = "") -> list[Record]:
     """Uniform, finite, gap-free records at one rate, cut from measured ones; nothing is interpolated over.
 
     Parameters
@@ -33,6 +33,8 @@ def segments(records: Record | Sequence[Record], channels: str | Sequence[str], 
         more than 1 % of the period or the records differ in rate.
     minimum : int
         Shortest piece worth keeping [samples, at the rate of the result].
+    remedy : str
+        What would make shorter pieces do, for the message where none is long enough, e.g. ``"a lower order"``.
 
     Returns
     -------
@@ -65,7 +67,7 @@ def segments(records: Record | Sequence[Record], channels: str | Sequence[str], 
     else:
         rate = _checks.positive(sample_rate, "sample_rate", "Hz")
         cut = [[resample(piece, rate) if piece.n_samples > 1 else piece for piece in pieces] for pieces in cut]
-    return _keep(listed, cut, minimum)
+    return _keep(listed, cut, minimum, remedy)
 
 
 def _refuse_channels(record: Record, wanted: Sequence[str]) -> None:
@@ -155,7 +157,7 @@ def _one_rate(listed: Sequence[Record], cut: list[list[Record]]) -> list[list[Re
     return [[replace(piece, time=None, sample_time=common) for piece in pieces] for pieces in cut]
 
 
-def _keep(listed: Sequence[Record], cut: list[list[Record]], minimum: int) -> list[Record]:
+def _keep(listed: Sequence[Record], cut: list[list[Record]], minimum: int, remedy: str) -> list[Record]:
     """Name the pieces, drop the short ones, and note what was lost."""
     result: list[Record] = []
     orphaned: list[str] = []
@@ -171,8 +173,8 @@ def _keep(listed: Sequence[Record], cut: list[list[Record]], minimum: int) -> li
     if not result:
         longest = max((piece.n_samples for pieces in cut for piece in pieces), default=0)
         raise InputError("no segment long enough between missing samples and gaps",
-                         got=f"the longest has {longest} samples", why=f"{minimum} are needed",
-                         mend="a longer record, a lower order, or fewer channels in use")
+                         got=f"{longest} samples in the longest", why=f"{minimum} are needed",
+                         mend=f"a longer record, {f'{remedy}, ' if remedy else ''}or fewer channels in use")
     if orphaned:
         result[0] = replace(result[0], time=None, notes=(*result[0].notes, *orphaned))
     return result

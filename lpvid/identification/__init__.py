@@ -66,7 +66,8 @@ def identify(records: Record | Sequence[Record], structure: Structure, *, sample
         raise InputError("no records to identify from")
     if "velocity" in structure.channels:
         listed = [with_velocity(r) for r in listed]
-    pieces = segments(listed, structure.channels, sample_rate=sample_rate, minimum=structure.start + 2)
+    pieces = segments(listed, structure.channels, sample_rate=sample_rate, minimum=structure.start + 2,
+                      remedy="a lower order")
     found = _remember(structure.estimate(pieces), pieces)
     notes = tuple(dict.fromkeys((*(n for r in pieces for n in r.notes), *found.notes)))
     training = figures(found.model, pieces, "training")

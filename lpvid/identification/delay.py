@@ -40,7 +40,8 @@ def choose_delay(records: Record | Sequence[Record], structure: ARX, *, candidat
     if "velocity" in structure.channels:
         listed = [with_velocity(r) for r in listed]
     start = replace(structure, nk=max(candidates)).start
-    pieces = segments(listed, structure.channels, sample_rate=sample_rate, minimum=start + 2)
+    pieces = segments(listed, structure.channels, sample_rate=sample_rate, minimum=start + 2,
+                      remedy="a lower order")
     tried: list[tuple[float, ARX]] = []
     for delay in sorted(candidates):
         candidate = replace(structure, nk=delay)

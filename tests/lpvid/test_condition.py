@@ -120,8 +120,11 @@ def test_records_of_different_rates_need_one() -> None:
 
 def test_nothing_left_says_how_long_the_longest_was() -> None:
     record = Record({"u": [1, 2, NAN, 4, 5, 6, NAN]}, sample_time=0.1)
-    with pytest.raises(InputError, match=r"longest has 3 samples; 10 are needed"):
+    with pytest.raises(InputError, match=r"got 3 samples in the longest; 10 are needed") as caught:
         segments(record, "u", minimum=10)
+    assert "order" not in str(caught.value)
+    with pytest.raises(InputError, match="Mend: a longer record, a lower order, or fewer"):
+        segments(record, "u", minimum=10, remedy="a lower order")
     with pytest.raises(InputError, match="too few rows"):
         segments(Record({"u": [1.0]}, sample_time=0.1), "u")
 

@@ -99,7 +99,8 @@ def noise_ceiling(records: Record | Sequence[Record], structure: Structure, *,
     listed = [records] if isinstance(records, Record) else list(records)
     if "velocity" in structure.channels:
         listed = [with_velocity(r) for r in listed]
-    pieces = segments(listed, structure.channels, sample_rate=sample_rate, minimum=structure.start + 2)
+    pieces = segments(listed, structure.channels, sample_rate=sample_rate, minimum=structure.start + 2,
+                      remedy="a lower order")
     if isinstance(structure.stage, str) or isinstance(structure.schedule_filter, str):
         fitted = structure.estimate(pieces).structure
         structure = replace(structure, stage=fitted.stage, schedule_filter=fitted.schedule_filter)

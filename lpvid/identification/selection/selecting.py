@@ -75,7 +75,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     if "velocity" in channels:
         listed = [with_velocity(r) for r in listed]
     start = max(s.start for s in structures)
-    pieces = segments(listed, channels, sample_rate=sample_rate, minimum=start + 2)
+    pieces = segments(listed, channels, sample_rate=sample_rate, minimum=start + 2, remedy="lower orders")
     sample = _shortened(pieces, start)
     with single_thread():
         parts, notes = make_folds(sample, folds, start, _excitation(structures[0]))
