@@ -10,10 +10,10 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "quartercar"))
-from effect_signals import guo, road_like  # type: ignore[import-not-found]  # noqa: E402
+from effect_signals import guo, road_like  # type: ignore[import-not-found]
 
-from lpvid.diagnosis.effect import Effect  # noqa: E402
-from quartercar.effects import CATALOGUE  # noqa: E402
+from lpvid.diagnosis.effect import Effect
+from quartercar.effects import CATALOGUE
 
 SAMPLES = 15360
 
