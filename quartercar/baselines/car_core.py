@@ -52,7 +52,8 @@ class CarCore:
         force = s["actuator"] if s.has("actuator") else np.zeros(s.n_samples)
         inputs = np.column_stack([s["road"], force])
         parts = SUBSTEPS if self.friction > 0 else 1
-        first = np.array([s["sprung"][0], 0.0, s["unsprung"][0], 0.0])
+        start = {m: s.output[0] if m == self.output else s[m][0] for m in OUTPUTS}
+        first = np.array([start["sprung"], 0.0, start["unsprung"], 0.0])
         out = np.empty((s.n_samples, 4))
         step = discretised(self.car, s.sample_time / parts)
         kernels.run_with_friction(*step, np.array([0.0, 1.0, 0.0, -1.0]), inputs, parts, float(self.friction), SMOOTH,

@@ -157,6 +157,13 @@ def test_a_stored_one_is_the_same_and_missing_channels_are_named(rng):
     assert QuarterCarBaseline(CAR, actuated=False).signals(alone).n_samples == 600
 
 
+def test_the_other_motion_alone_tells_where_it_starts(rng):
+    """An extended model is run along its inputs; the output's own channel is not among them."""
+    s = signals(200, rng)
+    inputs = {k: v for k, v in s.channels.items() if k != "sprung"}
+    np.testing.assert_array_equal(CarCore(CAR)(Signals(PERIOD, inputs, s.output + 0.01))[0], 0.01)
+
+
 def test_the_bench_car_stays_a_bench_car(shared_data):
     records = [r.slice(0, 5000).with_roles({"actuator": "actuator force"}).flip("actuator force")
                for r in lpv.read(str(shared_data / "quarter_car_rig" / "run*.csv"))]
