@@ -131,7 +131,8 @@ def answer(question: Question, settings: DiagnosisSettings | None = None,
         given = {"training": _esr(baseline, prepared.training),
                  "held_out": _esr(baseline, prepared.held_out) if prepared.held_out else None}
         notes.append("the baseline's parameters were given; the search moves them along with each candidate, so that a "
-                     "wrong parameter is not taken for a cause")
+                     "wrong parameter is not taken for a cause" if baseline.vector.size else
+                     "the baseline's parameters were given and stay as they are")
     try:
         if settings.fit_baseline and not question.fitted:
             told(f"fitting {baseline.name}")

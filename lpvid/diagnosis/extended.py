@@ -76,10 +76,14 @@ class ExtendedModel(Adaptable):
         signals = base.signals(first)
         reads = tuple(n for n in _required(self.composition) if signals.has(n))
         whole = self.composition.predict(signals, self.vector)
-        for role in [r for r in signals.channels if r not in reads]:
+        for role in [r for r in signals.channels if r not in (*reads, base.output)]:
             kept = {n: c for n, c in signals.channels.items() if n != role}
-            trial = self.composition.predict(replace(signals, channels=kept, cache={}), self.vector)
-            reads += (role,) if not np.array_equal(trial, whole) else ()
+            try:
+                trial = self.composition.predict(replace(signals, channels=kept, cache={}), self.vector)
+            except KeyError:  # it cannot do without
+                reads += (role,)
+                continue
+            reads += (role,) if not np.array_equal(trial, whole, equal_nan=True) else ()
         ranges = {n: (float(min(r[n].min() for r in records)), float(max(r[n].max() for r in records)))
                   for n in base.schedule if n in reads}
         training = {"records": [r.name for r in records], "n_samples": sum(r.n_samples for r in records),
@@ -156,7 +160,7 @@ class ExtendedModel(Adaptable):
         c = self.composition
         lines = [f"ExtendedModel: {c.baseline.name} with {', '.join(self.effects) or 'nothing added'}"]
         for effect, place in zip(c.effects, c.places, strict=True):
-            shown = ", ".join(f"{p.name} {v:.4g} {p.unit}".rstrip() for p, v in
+            shown = ", ".join(f"{p.name} {p.choice(v) or f'{v:.4g} {p.unit}'}".rstrip() for p, v in
                               zip(effect.parameters, self.vector[place], strict=True))
             lines.append(f"  {effect.name}: {shown}")
         return "\n".join(lines)

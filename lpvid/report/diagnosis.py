@@ -148,17 +148,17 @@ def _share(found: Diagnosis) -> str:
 def _cause_row(c: Cause) -> list[tuple[str, ...]]:
     rows = []
     for k, p in enumerate(c.parameters):
-        interval = "at a bound" if p.std is None else \
+        interval = "a choice" if p.choice is not None else "at a bound" if p.std is None else \
             f"{number(p.value - NORMAL * p.std)} … {number(p.value + NORMAL * p.std)}"
         head = (c.name,) if k == 0 else ("",)
         tail = (number(c.p_value, 2), number(c.delta_bic, 3), f"{c.held_out_gain:.1f} %", percent(c.share_alone),
                 percent(c.share_given_others)) if k == 0 else ("",) * 5
-        rows.append((*head, p.name, number(p.value, 4, p.unit), interval, *tail))
+        rows.append((*head, p.name, p.choice or number(p.value, 4, p.unit), interval, *tail))
     return rows
 
 
 def _plain(p: Estimated) -> str:
-    return f"{p.name} {number(p.value, 3, p.unit)}"
+    return f"{p.name} {p.choice or number(p.value, 3, p.unit)}"
 
 
 def _wrong(found: Diagnosis, shown: Sequence[draw.BeforeAfter], extended: bool) -> list[Item]:
