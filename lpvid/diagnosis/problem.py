@@ -55,7 +55,7 @@ class Problem:
         for s in self.signals:
             with np.errstate(all="ignore"):
                 e = s.output - composition.predict(s, vector)
-            out.append(np.where(np.isfinite(e), e, 1e150))
+            out.append(np.where(np.abs(e) < 1e100, e, 1e100))
         return out
 
     def stack(self, values: Sequence[np.ndarray], whiten: bool = True) -> np.ndarray:

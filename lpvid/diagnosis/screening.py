@@ -54,6 +54,11 @@ class Direction:
         return float(np.abs(self.values[:k] - self.effect.neutral[:k]).max())
 
     @property
+    def worth(self) -> float:
+        """Root mean square of what it would change in the output at the strength that fits best, by proportion."""
+        return float(np.sqrt(self.gain)) * self.size / self.raw_norm if self.raw_norm > 0 else 0.0
+
+    @property
     def visible(self) -> bool:
         """Whether the baseline's own parameters could not produce it."""
         return self.norm > FAINT * max(self.raw_norm, 1e-300) and self.norm > 0
