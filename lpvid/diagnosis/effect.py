@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 MOST_POINTS = 14
 """grid points at which an effect is looked at"""
+BEYOND = 1.5
+"""times the plausible range within which a parameter is taken seriously"""
 STAGES = ("inside", "core", "series", "force", "kinematics", "current", "channel", "measurement")
 """Where an effect acts, from the inside out::
 
@@ -168,6 +170,17 @@ class Effect(ABC):
         """The title, with what was chosen where a parameter has choices."""
         chosen = [c for p, v in zip(self.parameters, values, strict=True) if (c := p.choice(float(v))) is not None]
         return f"{self.title}: {', '.join(chosen)}" if chosen else self.title
+
+    def implausible(self, values: np.ndarray) -> list[str]:
+        """What speaks against these parameters: those outside their plausible range, with some room."""
+        found = []
+        for p, v in zip(self.parameters, values, strict=True):
+            low, high = p.plausible
+            room = (BEYOND - 1) * (high - low)
+            if not low - room <= v <= high + room:
+                said = f"{p.name} {v:.3g} {p.unit}".rstrip()
+                found.append(f"{said} lies outside what is plausible, {low:g} to {high:g}")
+        return found
 
     def describe(self) -> dict[str, Any]:
         """Plain data for a table of the catalogue."""
