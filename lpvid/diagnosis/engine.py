@@ -132,12 +132,10 @@ class _Case:
         problem, fit = self.problem, self.search.fit
         bare = refit(problem, Composition(self.baseline), self.first.vector)
         before = out_of_fold(problem, bare)
-        after = out_of_fold(problem, fit) if fit.composition.effects else before
-        self.say("weighing rivals")
-        judged = [judge(self.search, e, after) for e in fit.composition.effects]
+        judged, dropped, after = self._judged(before)
+        fit = self.search.fit
         named = [j for j in judged if not j.objections and not j.rivals]
         contested = [j for j in judged if not j.objections and j.rivals]
-        dropped = [j for j in judged if j.objections]
         plain = problem.errors(fit.composition, fit.vector)
         share, spread = predictable_share(problem, plain, self._inputs)
         predictable = share if share - 2 * spread > PREDICTABLE else 0.0
@@ -147,6 +145,30 @@ class _Case:
         final = self._final(fit, kept)
         return self._result(verdict, reason, bare, final, before, judged, named, contested, dropped, phi,
                             predictable, held_out)
+
+    def _judged(self, before: Folds) -> tuple[list[Judged], list[Judged], Folds]:
+        """The chosen set judged; those objected to; the errors of the set out of fold.
+
+        What the others explain is told once more without an effect that was objected to and is not negligible: it must
+        not lend them its share.
+        """
+        gone: list[Judged] = []
+        while True:
+            fit = self.search.fit
+            after = out_of_fold(self.problem, fit) if fit.composition.effects else before
+            self.say("weighing rivals")
+            judged = [judge(self.search, e, after) for e in fit.composition.effects]
+            bad = [j for j in judged if j.objections]
+            kept = [j for j in judged if not j.objections]
+            if len(judged) > 1 and all("negligible" in " ".join(j.objections) for j in judged):
+                least = min(judged, key=lambda j: j.contribution)  # each may be covered by the others
+                gone.append(least)
+                self.search.fit = self._final(fit, [j for j in judged if j is not least])
+                continue
+            if not kept or all("negligible" in " ".join(j.objections) for j in bad):
+                return [*judged, *gone], [*bad, *gone], after
+            gone += bad
+            self.search.fit = self._final(fit, kept)
 
     @property
     def _inputs(self) -> list[str]:
