@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid.record import Record
+from lpvid.validation.figures import Figures
 from quartercar.dampers.contract import Damper, ExtrapolationWarning
 
 TIMED_SECONDS = 5.0
@@ -58,6 +59,11 @@ class FreeRun:
     def sqrt_sse(self) -> float | None:
         """√Σ(F−F̂)² [N]; grows with √N, so that it compares models on the same samples only."""
         return None if self.diverged_at is not None else float(np.sqrt(self.error))
+
+    @property
+    def figures(self) -> Figures:
+        """As lpvid shows it."""
+        return Figures("free-run", self.esr, self.fit_percent, self.rmse, "N", self.n_samples, self.diverged_at)
 
     @classmethod
     def pooled(cls, runs: Sequence[FreeRun]) -> FreeRun:
@@ -135,16 +141,16 @@ def experiment(name: str) -> str:
     return re.sub(r"-r\d+$", "", re.sub(r"#\d+$", "", name))
 
 
-def score(damper: Damper, records: Sequence[Record], first: int) -> Score:
+def score(damper: Damper, records: Sequence[Record], first: int | None = None) -> Score:
     """Run a damper along records and sum up how far it is from the measured force.
 
     Parameters
     ----------
     damper : Damper
     records : sequence of Record
-        Uniform, with the roles that it reads, and force.
-    first : int
-        First sample that counts: the same for all models that are compared.
+        Uniform, with velocity, the other roles that it reads, and force, in the damper's polarity.
+    first : int, optional
+        First sample that counts: the same for all models that are compared; left out, the first that a run simulates.
 
     Returns
     -------
@@ -157,7 +163,8 @@ def score(damper: Damper, records: Sequence[Record], first: int) -> Score:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ExtrapolationWarning)  # told as a share
             run = damper.simulate(record)
-        force, velocity, model = record["force"][first:], record["velocity"][first:], run.output[first:, 0]
+        begin = run.start if first is None else first
+        force, velocity, model = record["force"][begin:], record["velocity"][begin:], run.output[begin:, 0]
         error = model - force
         power = float(np.sum((force - force.mean()) ** 2)) if np.ptp(force) > 0 else 0.0
         diverged = run.diverged_at
@@ -167,7 +174,7 @@ def score(damper: Damper, records: Sequence[Record], first: int) -> Score:
         period = record.sample_time or 0.0
         work.append(float(np.trapezoid(model * velocity, dx=period)))
         taken.append(float(np.trapezoid(force * velocity, dx=period)))
-        for where, inside in _quadrants(record, first, damper.centre, list(squares)):
+        for where, inside in _quadrants(record, begin, damper.centre, list(squares)):
             squares[where][0] += float(np.sum(error[inside] ** 2))
             squares[where][1] += int(inside.sum())
     ratio = sum(work) / sum(taken) if sum(taken) else float("nan")

@@ -17,10 +17,10 @@ from lpvid import InputError, NumericalError, Record
 from quartercar.dampers import DamperFit, FitSettings, Linear, Parameter, fit
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.fitting.coordinates import Coordinates
-from quartercar.dampers.fitting.figures import score
 from quartercar.dampers.fitting.problem import Full, Problem, Projected
 from quartercar.dampers.fitting.searching import estimate_law
 from quartercar.dampers.fitting.solver import bounded_least_squares, bounded_step
+from quartercar.dampers.scoring import score
 
 MISRA = np.array([[77.6, 114.9, 141.1, 190.8, 239.9, 289.0, 332.8, 378.4, 434.8, 477.3, 536.8, 593.1, 689.1, 760.0],
                   [10.07, 14.73, 17.94, 23.93, 29.61, 35.18, 40.02, 44.82, 50.76, 55.05, 61.01, 66.40, 75.47, 81.78]])
@@ -265,8 +265,8 @@ def test_energy_error_is_the_share_of_work_missed() -> None:
     damper = Linear(spring=False, values={"damping": 800.0})
     found = score(damper, [record(v, 1000.0 * v)])
     assert found.energy_error == pytest.approx(0.2)
-    assert found.figures.esr == pytest.approx(0.04, rel=1e-3)
-    assert found.root_sse == pytest.approx(200 * np.linalg.norm(v))
+    assert found.total.figures.esr == pytest.approx(0.04, rel=1e-3)
+    assert found.total.sqrt_sse == pytest.approx(200 * np.linalg.norm(v))
 
 
 def test_a_fit_that_is_not_passive_is_flagged() -> None:

@@ -13,11 +13,11 @@ from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.dampers.contract import Damper
-from quartercar.dampers.fitting.figures import Score, score
 from quartercar.dampers.fitting.result import DamperFit
 from quartercar.dampers.fitting.settings import FitSettings
 from quartercar.dampers.passivity import check_passivity
 from quartercar.dampers.polarity import common_polarity
+from quartercar.dampers.scoring import Score, score
 from quartercar.dampers.training import remembering
 
 FEWEST = 20
@@ -65,7 +65,7 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
     if not isinstance(damper, Damper):
         raise InputError("fit takes a damper", got=repr(damper), mend="quartercar.dampers.Guo(), or any other")
     settings = settings or FitSettings()
-    channels = tuple(dict.fromkeys((*damper.reads, "force")))
+    channels = tuple(dict.fromkeys(("velocity", *damper.reads, "force")))  # velocity for the energy in the figures
     training = prepared(records, channels, damper.start, settings.sample_rate)
     if not training:
         raise InputError("no records to fit to")

@@ -10,8 +10,8 @@ import numpy as np
 from lpvid.validation.figures import Figures
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.fitting.estimate import Estimate
-from quartercar.dampers.fitting.figures import Score
 from quartercar.dampers.passivity import Passivity
+from quartercar.dampers.scoring import Score
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,12 +48,12 @@ class DamperFit:
     @property
     def training(self) -> Figures:
         """Free-run figures on the training data."""
-        return self.training_score.figures
+        return self.training_score.total.figures
 
     @property
     def held_out(self) -> Figures | None:
         """Free-run figures on the held-out data."""
-        return None if self.held_out_score is None else self.held_out_score.figures
+        return None if self.held_out_score is None else self.held_out_score.total.figures
 
     @property
     def covariance(self) -> np.ndarray | None:
@@ -110,12 +110,12 @@ class DamperFit:
 
 
 def _line(label: str, score: Score) -> str:
-    figures = score.figures
-    root = "" if score.root_sse is None else f", √SSE {score.root_sse:.4g} N with N = {figures.n_samples}"
+    run = score.total
+    root = "" if run.sqrt_sse is None else f", √SSE {run.sqrt_sse:.4g} N with N = {run.n_samples}"
     energy = "" if score.energy_error is None else f", energy error {100 * score.energy_error:.2g} %"
     beyond = (f", {100 * score.extrapolation_share:.0f} % of its currents outside the fitted range"
               if score.extrapolation_share else "")
-    return f"{label} {figures}{root}{energy}{beyond}"
+    return f"{label} {run.figures}{root}{energy}{beyond}"
 
 
 def _parameters(found: DamperFit) -> list[str]:
