@@ -56,14 +56,18 @@ class Compared:
     @property
     def name(self) -> str:
         """As on the command line; a model compared as given says so."""
-        label = self.damper.metadata.get("label", "as given")
-        return self.damper.name if self.fit is not None else f"{self.damper.name} ({label})"
+        return self.damper.name + self._given
 
     @property
     def title(self) -> str:
         """As in a table."""
+        return self.damper.title + self._given
+
+    @property
+    def _given(self) -> str:
+        """What tells a model compared as given from a fitted one; a label that repeats its name would not."""
         label = self.damper.metadata.get("label", "as given")
-        return self.damper.title if self.fit is not None else f"{self.damper.title} ({label})"
+        return "" if self.fit is not None else f" ({'as given' if label == self.damper.name else label})"
 
     @property
     def parameters(self) -> list[dict[str, Any]]:

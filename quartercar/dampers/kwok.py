@@ -135,7 +135,10 @@ class Kwok(StaticDamper):
         return self.force(x, 0.0, nearest).reshape(x.shape)
 
     def to_lpv(self, sample_time: float) -> Any:
-        """Quasi-LPV model, scheduled on the current and two secants; see `quartercar.dampers.kwok_lpv`."""
+        """Quasi-LPV model, scheduled on the current and two secants; see `quartercar.dampers.kwok_lpv`.
+
+        The secants are channels that no record has: run it along ``damper.with_secants(record)``.
+        """
         from quartercar.dampers.kwok_lpv import to_lpv
 
         return to_lpv(self, sample_time)

@@ -154,7 +154,10 @@ class TanhLaw(StaticDamper):
                 for n, c, theta in zip(names, self.terms, self.pieces(self.vector), strict=True) if c is not None}
 
     def to_lpv(self, sample_time: float) -> Any:
-        """Hammerstein model without displacement, quasi-LPV model with it; see `quartercar.dampers.tanh_lpv`."""
+        """Hammerstein model without displacement, quasi-LPV model with it; see `quartercar.dampers.tanh_lpv`.
+
+        With displacement it is scheduled on a channel ``saturation``: run it along ``damper.with_saturation(record)``.
+        """
         from quartercar.dampers.tanh_lpv import to_lpv
 
         return to_lpv(self, sample_time)

@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 
+from lpvid import save
 from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.dampers import CompareSettings, Linear, compare, prepare, read_parameters
@@ -334,6 +335,14 @@ def test_a_parameter_set_is_compared_as_it_is(tmp_path):
     assert row.fit is None and row.to_dict(2)["fitted"] is False
     force, velocity = (found.data.held_out[0][n] for n in ("force", "velocity"))
     assert row.held_out.total.error == pytest.approx(np.sum((force - 2100 * velocity + 60) ** 2), rel=1e-9)
+
+
+def test_a_file_that_fit_wrote_is_told_from_the_fit(tmp_path):
+    file = tmp_path / "linear.json"
+    save(Linear(), file)
+    found = compare([guo_record()], ["linear", read_parameters(file)])
+    assert {(row.name, row.title) for row in found.rows} == {
+        ("linear", Linear.title), ("linear (as given)", f"{Linear.title} (as given)")}
 
 
 @pytest.mark.parametrize("text, parts", [
