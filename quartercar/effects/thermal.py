@@ -12,6 +12,8 @@ from lpvid.diagnosis.signals import Core, Signals
 
 COOLING = (20.0, 200.0)
 """time constants of cooling that are looked at [s]"""
+SWEEPS = 4
+"""times that the heat is worked out again with the force that it left"""
 
 
 def stored_heat(s: Signals, power: np.ndarray, cooling: float) -> np.ndarray:
@@ -55,9 +57,11 @@ class ThermalFade(ThermalEffect):
             return core
 
         def run(s: Signals) -> np.ndarray:
-            cold = core(s)
-            heat = stored_heat(s, cold * s["velocity"], cooling)
-            return cold * np.maximum(1 - fade * heat, 0.05)
+            cold = force = core(s)
+            for _ in range(SWEEPS):
+                heat = stored_heat(s, force * s["velocity"], cooling)
+                force = cold * np.maximum(1 - fade * heat, 0.05)
+            return force
 
         return run
 
@@ -85,8 +89,10 @@ class ViscousFade(ThermalEffect):
             return core
 
         def run(s: Signals) -> np.ndarray:
-            cold = core(s)
-            return cold - fade * stored_heat(s, cold * s["velocity"], cooling) * s["velocity"]
+            cold = force = core(s)
+            for _ in range(SWEEPS):
+                force = cold - fade * stored_heat(s, force * s["velocity"], cooling) * s["velocity"]
+            return force
 
         return run
 

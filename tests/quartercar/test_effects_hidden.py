@@ -46,7 +46,7 @@ SIZES: dict[str, tuple[dict[str, float], dict[str, float]]] = {
     "force-offset": ({}, {"offset": 120.0}),
     "force-clipping": ({}, {"reciprocal_limit": 1 / 900.0}),
     "quantisation": ({}, {"force_step": 40.0}),
-    "thermal-fade": ({}, {"fade": 0.005 / 150.0}),
+    "thermal-fade": ({"strength": 3.0}, {"fade": 0.015 / 150.0}),
     "end-stop": ({}, {"stiffness": 1e5, "position": 0.006}),
     "fixture-inertia": ({}, {"mass": 6.0}),
     "fixture-resonance": ({}, {"period": 1 / (2 * np.pi * 60.0), "damping": 0.05}),

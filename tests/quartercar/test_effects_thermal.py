@@ -48,8 +48,10 @@ def test_heat_is_what_was_taken_up_where_nothing_cools() -> None:
 def test_the_whole_force_fades() -> None:
     s, a, cooling = constant(0.2), 2e-4, 8.0
     force = composed(ThermalFade(), [a, cooling], s, viscous)
-    heat = DAMPING * 0.04 * cooling * (1 - np.exp(-s.times / cooling))
-    np.testing.assert_allclose(force, viscous(s) * (1 - a * heat), rtol=1e-9)
+    power = DAMPING * 0.04
+    pace = 1 / cooling + a * power  # the force that has faded heats less
+    heat = power / pace * (1 - np.exp(-s.times * pace))
+    np.testing.assert_allclose(force, viscous(s) * (1 - a * heat), rtol=1e-4)
 
 
 def test_the_viscous_share_fades_in_proportion_to_speed() -> None:
