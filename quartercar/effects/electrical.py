@@ -16,6 +16,8 @@ SEEN_AFTER = 0.05
 LEVELS_APART = 0.05
 """share of the current's range by which two levels differ, and within which one level stays"""
 NO_BEND = "every law passes through both, bent or not"
+REST = 0.05
+"""ripple, as a share of the largest current, below which a current without memory counts as resting"""
 STEPPED = 0.3
 """ratio of the median to the root mean square of the increments below which a current counts as held between samples"""
 
@@ -31,6 +33,23 @@ def is_held(current: np.ndarray) -> bool:
     increments = np.abs(np.diff(current))
     size = float(np.sqrt(np.mean(increments**2))) if increments.size else 0.0
     return size > 0 and float(np.median(increments)) < STEPPED * size
+
+
+def rests(current: np.ndarray) -> bool:
+    """Whether a current is constant but for the noise of its sensor: small, and without memory from sample to sample.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).standard_normal(500)
+    >>> rests(1.2 + 0.01 * noise), rests(np.repeat(noise[:50], 10)), rests(np.full(9, 2.0))
+    (True, False, True)
+    """
+    ripple = current - current.mean()
+    size = float(ripple @ ripple)
+    if size <= (REST * max(float(np.abs(current).max()), 1e-12)) ** 2 * current.size * 1e-6:
+        return True
+    memory = float(ripple[1:] @ ripple[:-1]) / size
+    return float(np.sqrt(size / current.size)) < REST * float(np.abs(current).max()) and memory < 0.5
 
 
 def held(s: Signals) -> bool:
@@ -102,9 +121,14 @@ class CurrentEffect(GridEffect):
     between_two: ClassVar[str] = ""
     """why it cannot be told where the current takes two levels only; empty where it can"""
 
+    of_changes: ClassVar[bool] = True
+    """whether it shows only where the current changes within a record"""
+
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         if "current" not in baseline.channels:
             return f"{baseline.name} does not depend on the current"
+        if self.of_changes and all(rests(s["current"]) for s in signals):
+            return "the current rests within every record, but for the noise of its sensor"
         if self.between_two and levels(signals) == 2:
             return f"the current takes two levels only: {self.between_two}"
         return None
@@ -191,6 +215,7 @@ class CurrentSaturation(CurrentEffect):
     experiment: ClassVar[str] = "constant currents over the full range, at least five levels, the same motion at each"
     smooth: ClassVar[bool] = False
     between_two: ClassVar[str] = NO_BEND
+    of_changes: ClassVar[bool] = False
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

@@ -23,6 +23,7 @@ class SchedulingDegree(CurrentEffect):
     """
 
     name: ClassVar[str] = "scheduling-degree"
+    of_changes: ClassVar[bool] = False
     title: ClassVar[str] = "the law depends on the current to a higher degree than the model"
     family: ClassVar[str] = "model"
     between_two: ClassVar[str] = NO_BEND
