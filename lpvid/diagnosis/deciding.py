@@ -24,8 +24,6 @@ RIVALS = 4
 """rivals refitted for each cause"""
 EXPLAINED = 0.95
 """share of the excess error that the causes must explain"""
-BEYOND = 1.5
-"""times the plausible range within which a rival is taken seriously"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +76,7 @@ def out_of_fold(problem: Problem, fit: Refit) -> Folds:
     """Refit to each fold from the fit to both, and take the errors on the other."""
     errors, plain = np.empty(problem.n_samples), np.empty(problem.n_samples)
     for fold in (0, 1):
-        half = refit(problem, fit.composition, fit.vector, fold=fold, iterations=8)
+        half = refit(problem, fit.composition, fit.vector, fold=fold, iterations=8, near=fit, rough=True)
         test = problem.in_fold(1 - fold)
         errors[test] = half.errors[test]
         plain[test] = problem.stack(problem.errors(fit.composition, half.vector), whiten=False)[test]
@@ -118,9 +116,10 @@ def judge(search: Search, effect: Effect, whole: Folds) -> Judged:
     clock = effect.resolution * problem.signals[0].sample_time
     if abs(values[0] - effect.neutral[0]) < clock:
         objections.append(f"{effect.parameters[0].name} {values[0]:.3g} s is less than the samples can resolve")
-    objections += _implausible(effect, values)
+    objections += effect.implausible(values)
+    rivals = () if objections else rivals_of(search, effect, rest)
     return Judged(effect, values, p, delta, 100 * total / max(float(before.errors @ before.errors), 1e-300), better,
-                  largest, contribution, rivals_of(search, effect, rest), tuple(objections), rest)
+                  largest, contribution, rivals, tuple(objections), rest)
 
 
 def rivals_of(search: Search, effect: Effect, rest: Refit) -> tuple[tuple[Effect, Refit, float], ...]:
@@ -141,12 +140,12 @@ def rivals_of(search: Search, effect: Effect, rest: Refit) -> tuple[tuple[Effect
     for e in near:
         assert e.best is not None and own.best is not None
         composition = Composition(rest.composition.baseline, (*rest.composition.effects, e.effect))
-        start = placed(composition, rest, {e.effect.name: e.best.values})
-        fit = refit(problem, composition, start)
+        starts = [placed(composition, f, {e.effect.name: e.best.values}) for f in (rest, search.fit)]
+        fit = min((refit(problem, composition, start, near=rest) for start in starts), key=lambda f: f.cost)
         extra = (fit.vector.size - search.fit.vector.size) * np.log(problem.n_samples)
         apart = (fit.cost - search.fit.cost) / variance + extra
         values = fit.vector[composition.places[composition.effects.index(e.effect)]]
-        if apart < SEPARATED and not _implausible(e.effect, values):
+        if apart < SEPARATED and not e.effect.implausible(values):
             out.append((e.effect, fit, abs(similarity(own.best, e.best))))
     return tuple(out)
 
@@ -184,18 +183,6 @@ def _contribution(problem: Problem, fit: Refit, rest: Refit) -> float:
     change = [fit.composition.predict(s, fit.vector) - rest.composition.predict(s, rest.vector)
               for s in problem.signals]
     return float(np.sqrt(np.mean(problem.stack(change, whiten=False) ** 2)))
-
-
-def _implausible(effect: Effect, values: np.ndarray) -> list[str]:
-    """Objections to parameters outside the plausible range, with some room."""
-    found = []
-    for p, v in zip(effect.parameters, values, strict=True):
-        low, high = p.plausible
-        room = (BEYOND - 1) * (high - low)
-        if not low - room <= v <= high + room:
-            said = f"{p.name} {v:.3g} {p.unit}".rstrip()
-            found.append(f"{said} lies outside what is plausible, {low:g} to {high:g}")
-    return found
 
 
 def names(effects: Sequence[Effect]) -> tuple[str, ...]:

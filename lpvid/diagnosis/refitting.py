@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -10,9 +11,13 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.problem import Problem
 
 ITERATIONS = 25
-TOLERANCE = 1e-6
-"""relative fall of the cost below which a refit has converged"""
+PROMISE = 0.02
+"""fall of the log-likelihood that a step must promise to be worth a run"""
+KEPT = 0.25
+"""share of its promise that a step by a carried-on Jacobian must keep, else it may lead into another valley"""
 MAX_DAMPING = 1e10
+SECANTS = 4
+"""steps for which a Jacobian is carried on by secants (Broyden 1965) before it is taken anew"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,24 +26,28 @@ class Refit:
 
     Attributes
     ----------
+    problem : Problem
     composition : Composition
     vector : (P,) array
     cost : float
         Sum of squared whitened errors over the samples it was fitted to.
     errors : (N,) array
         Whitened errors on all stacked samples.
-    jacobian : (N, P) array
-        Whitened derivative of the simulation, all stacked samples.
     n_samples : int
         Samples it was fitted to.
     """
 
+    problem: Problem
     composition: Composition
     vector: np.ndarray
     cost: float
     errors: np.ndarray
-    jacobian: np.ndarray
     n_samples: int
+
+    @cached_property
+    def jacobian(self) -> np.ndarray:
+        """(N, P) whitened derivative of the simulation, all stacked samples; taken when it is first asked for."""
+        return _jacobian(self.problem, self.composition, self.vector)
 
     @property
     def variance(self) -> float:
@@ -57,11 +66,39 @@ class Refit:
         return (self.vector <= low + slack) | (self.vector >= high - slack)
 
 
+def _jacobian(problem: Problem, composition: Composition, vector: np.ndarray,
+              errors: list[np.ndarray] | None = None) -> np.ndarray:
+    """(N, P) exact (to differences) derivative, whitened and stacked."""
+    at = [None] * len(problem.signals) if errors is None else [s.output - e for s, e in
+                                                               zip(problem.signals, errors, strict=True)]
+    found = problem.stack([composition.sensitivities(s, vector, at=a) for s, a in
+                           zip(problem.signals, at, strict=True)])
+    return np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
+
+
+def _borrowed(problem: Problem, composition: Composition, vector: np.ndarray, errors: list[np.ndarray],
+              near: Refit) -> np.ndarray:
+    """(N, P) derivative with the columns that a fit of a related composition has, the others taken at `vector`."""
+    have = {name: k for k, name in enumerate(near.composition.names)}
+    new = [k for k, name in enumerate(composition.names) if name not in have]
+    out = np.empty((problem.n_samples, vector.size))
+    for k, name in enumerate(composition.names):
+        if name in have:
+            out[:, k] = near.jacobian[:, have[name]]
+    if new:
+        found = problem.stack([composition.sensitivities(s, vector, free=new, at=s.output - e)
+                               for s, e in zip(problem.signals, errors, strict=True)])
+        out[:, new] = np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
+    return out
+
+
 def refit(problem: Problem, composition: Composition, start: np.ndarray, fold: int | None = None,
-          iterations: int = ITERATIONS) -> Refit:
+          iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False) -> Refit:
     """Minimise the whitened squared error over the blocks (or one fold of them), from `start`, inside the bounds.
 
-    Levenberg-Marquardt with columns scaled by their norms; parameters at a bound that want to leave it are held.
+    Levenberg-Marquardt with columns scaled by their norms; parameters at a bound that want to leave it are held. After
+    a step that succeeds the Jacobian is carried on by a secant; a step that fails, or promises nothing any more, is
+    believed only of one taken anew.
 
     Parameters
     ----------
@@ -70,6 +107,10 @@ def refit(problem: Problem, composition: Composition, start: np.ndarray, fold: i
     start : (P,) array
     fold : {None, 0, 1}
     iterations : int
+    near : Refit, optional
+        Of a related composition under the same whitening, whose derivatives serve until they fail.
+    rough : bool
+        Whether to end where a carried-on Jacobian promises nothing more.
 
     Returns
     -------
@@ -77,59 +118,68 @@ def refit(problem: Problem, composition: Composition, start: np.ndarray, fold: i
     """
     low, high = composition.bounds
     inside = np.ones(problem.n_samples, dtype=bool) if fold is None else problem.in_fold(fold)
+    count = int(inside.sum())
     vector = np.clip(np.asarray(start, dtype=float), low, high)
     errors = problem.errors(composition, vector)
     stacked = problem.stack(errors)
     cost = float(stacked[inside] @ stacked[inside])
-    jacobian, damping, fresh = None, 1e-3, True
+    if near is None:
+        jacobian, age, damping = _jacobian(problem, composition, vector, errors), 0, 1e-3
+    else:
+        jacobian, age, damping = _borrowed(problem, composition, vector, errors, near), 1, 1e-3
     for _ in range(iterations):
-        if fresh or jacobian is None:
-            jacobian = problem.stack([composition.sensitivities(s, vector, at=s.output - e)
-                                      for s, e in zip(problem.signals, errors, strict=True)])
-            jacobian = np.nan_to_num(jacobian, nan=0.0, posinf=0.0, neginf=0.0)
-            inner = jacobian[inside]
-            gradient, hessian = inner.T @ stacked[inside], inner.T @ inner
-            norms = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-            fresh = False
-        step = _step(vector, gradient, hessian, norms, damping, low, high)
-        if step is None:
-            break
+        if age > SECANTS:
+            jacobian, age = _jacobian(problem, composition, vector, errors), 0
+        step, promised = _step(jacobian[inside], stacked[inside], vector, damping, low, high)
+        if promised < PROMISE * cost / count:
+            if age == 0 or rough:
+                break
+            jacobian, age = _jacobian(problem, composition, vector, errors), 0
+            continue
         trial = np.clip(vector + step, low, high)
         moved = problem.errors(composition, trial)
         trial_stacked = problem.stack(moved)
         trial_cost = float(trial_stacked[inside] @ trial_stacked[inside])
-        if trial_cost < cost:
-            fall = (cost - trial_cost) / cost
-            vector, errors, stacked, cost, fresh = trial, moved, trial_stacked, trial_cost, True
+        if cost - trial_cost > (KEPT * promised if age else 0.0):
+            _carry(jacobian, trial - vector, stacked - trial_stacked)
+            vector, errors, stacked, cost, age = trial, moved, trial_stacked, trial_cost, age + 1
             damping = max(damping / 5, 1e-12)
-            if fall < TOLERANCE:
-                break
+        elif age:
+            jacobian, age = _jacobian(problem, composition, vector, errors), 0
         else:
             damping *= 8
             if damping > MAX_DAMPING:
                 break
-    if fresh or jacobian is None:
-        jacobian = problem.stack([composition.sensitivities(s, vector, at=s.output - e)
-                                  for s, e in zip(problem.signals, errors, strict=True)])
-        jacobian = np.nan_to_num(jacobian, nan=0.0, posinf=0.0, neginf=0.0)
-    return Refit(composition, vector, cost, stacked, jacobian, int(inside.sum()))
+    return Refit(problem, composition, vector, cost, stacked, count)
 
 
-def _step(vector: np.ndarray, gradient: np.ndarray, hessian: np.ndarray, norms: np.ndarray, damping: float,
-          low: np.ndarray, high: np.ndarray) -> np.ndarray | None:
-    """Damped step in the free parameters, None where none is free; `gradient` is Jᵀ(measured − simulated)."""
+def _carry(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:
+    """Broyden's update in place, in parameters scaled by the columns' norms: J step = change afterwards."""
+    norms = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    scaled = step * norms
+    length = float(scaled @ scaled)
+    if length > 0 and np.isfinite(change).all():
+        jacobian += np.outer(change - jacobian @ step, scaled * norms / length)
+
+
+def _step(jacobian: np.ndarray, errors: np.ndarray, vector: np.ndarray, damping: float, low: np.ndarray,
+          high: np.ndarray) -> tuple[np.ndarray, float]:
+    """Damped step in the free parameters, and the fall of the cost that it promises (0 where none is free)."""
+    gradient, hessian = jacobian.T @ errors, jacobian.T @ jacobian
+    norms = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
     held = ((vector <= low) & (gradient < 0)) | ((vector >= high) & (gradient > 0)) | (norms <= 1e-140)
     free = np.flatnonzero(~held)
+    step = np.zeros(vector.size)
     if not free.size:
-        return None
+        return step, 0.0
     scale = norms[free]
     matrix = hessian[np.ix_(free, free)] / np.outer(scale, scale) + damping * np.eye(free.size)
-    step = np.zeros(vector.size)
     try:
         step[free] = np.linalg.solve(matrix, gradient[free] / scale) / scale
     except np.linalg.LinAlgError:
         step[free] = np.linalg.lstsq(matrix, gradient[free] / scale, rcond=1e-12)[0] / scale
-    return step
+    inside = np.clip(vector + step, low, high) - vector
+    return step, float(2 * inside @ gradient - inside @ hessian @ inside)
 
 
 def covariance(problem: Problem, fit: Refit) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.noise import Whitening
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import Problem, projector, without
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import (
     DETECT,
@@ -30,9 +30,15 @@ BIC_GAIN = 10.0
 SHORTLIST = 6
 """candidates refitted at every step"""
 MOST_EFFECTS = 4
+WORTH = 0.3
+"""share of the negligible contribution that a candidate must promise by proportion to be refitted"""
 TASTE = 6
 """iterations of a first refit from each starting point"""
 STARTS = 3
+PALE = 0.6
+"""share of the best grid point's gain below which another is no start"""
+NEAR, NEAR_SHARE = 20.0, 0.2
+"""BIC by which a first refit may trail the best one, flat and as a share of what that wins, to be followed further"""
 
 
 @dataclass
@@ -88,14 +94,17 @@ class Search:
         while len(self.fit.composition.effects) < MOST_EFFECTS:
             least = min((e.p_value for e in evidence), default=1.0)
             best = self.best_addition(evidence, found) if least < SIGNIFICANT else None
-            if best is None:
-                best = self.best_pair(evidence, found)
+            faint = best is not None and self.negligible(*best)
+            if best is None or faint:
+                best = self.best_pair(evidence, found) or best
             if best is None:
                 break
             added, fit = best
             for e in added:
                 self.p_values[e.name] = min((x.p_value for x in evidence if x.effect.name == e.name), default=least)
             self.fit = fit
+            if faint and len(added) == 1:  # the largest of what is left is too small to be worth naming
+                break
             evidence, found = self.rewhiten()
             self.prune()
         return evidence, found
@@ -104,16 +113,36 @@ class Search:
                       ) -> tuple[tuple[Effect, ...], Refit] | None:
         """The single effect whose joint refit wins most, if it wins enough."""
         threshold = DETECT + np.log(self.problem.n_samples)
-        listed = [e for e in evidence if e.best is not None and e.likelihood_ratio > 0.5 * threshold][:SHORTLIST]
-        tried = []
+        listed = [e for e in evidence if e.best is not None and e.likelihood_ratio > 0.5 * threshold]
+        weighty = [e for e in listed if self.weighty(e.effect, found)]
+        listed = (weighty or listed[:1])[:SHORTLIST]
+        tasted = []
         for e in listed:
-            self.say(f"refitting with {e.effect.name}")
-            tried.append((e.effect, self.with_effects((e.effect,), found)))
+            self.say(f"tasting {e.effect.name}")
+            tasted.append((e.effect, self.taste((e.effect,), found)))
+        least = min((f.bic() for _, f in tasted), default=0.0)
+        near = least + NEAR + NEAR_SHARE * max(self.fit.bic() - least, 0.0)
+        tried = []
+        for e, f in tasted:
+            if f.bic() <= near:
+                self.say(f"refitting with {e.name}")
+                tried.append((e, refit(self.problem, f.composition, f.vector, near=self.fit)))
         tried = [(e, f) for e, f in tried if f.bic() < self.fit.bic() - BIC_GAIN and resolved(self.problem, f)]
         if not tried:
             return None
-        effect, fit = min(tried, key=lambda t: t[1].bic())
+        effect, fit = min(tried, key=lambda t: (bool(t[0].implausible(own_values(t[1], t[0]))), t[1].bic()))
         return (effect,), fit
+
+    def weighty(self, effect: Effect, found: Sequence[Direction]) -> bool:
+        """Whether, by proportion and with room, it may change the output by more than is negligible."""
+        return any(d.worth > WORTH * effect.negligible * self.problem.spread for d in found if d.effect is effect)
+
+    def negligible(self, added: Sequence[Effect], fit: Refit) -> bool:
+        """Whether what a refit adds to the simulation is too small to be worth naming."""
+        change = [fit.composition.predict(s, fit.vector) - self.fit.composition.predict(s, self.fit.vector)
+                  for s in self.problem.signals]
+        size = float(np.sqrt(np.mean(self.problem.stack(change, whiten=False) ** 2)))
+        return size < max(e.negligible for e in added) * self.problem.spread
 
     def best_pair(self, evidence: Sequence[Evidence], found: Sequence[Direction]
                   ) -> tuple[tuple[Effect, ...], Refit] | None:
@@ -124,30 +153,55 @@ class Search:
         pairs = {tuple(sorted((e.name, p))) for e in names.values() for p in e.partners if p in names}
         best: tuple[tuple[Effect, ...], Refit] | None = None
         for a, b in sorted(pairs):
-            self.say(f"refitting with {a} and {b} together")
-            fit = self.with_effects((names[a], names[b]), found)
+            if not self.promising((names[a], names[b]), found):
+                continue
+            self.say(f"tasting {a} and {b} together")
+            fit = self.taste((names[a], names[b]), found)
             if fit.bic() < self.fit.bic() - 3 * BIC_GAIN and (best is None or fit.bic() < best[1].bic()):
                 best = ((names[a], names[b]), fit)
-        return best
+        if best is None:
+            return None
+        self.say(f"refitting with {' and '.join(e.name for e in best[0])} together")
+        return best[0], refit(self.problem, best[1].composition, best[1].vector, near=self.fit)
 
-    def with_effects(self, added: Sequence[Effect], found: Sequence[Direction]) -> Refit:
-        """The set with further effects, refitted jointly from the most promising grid points."""
+    def promising(self, pair: tuple[Effect, Effect], found: Sequence[Direction]) -> bool:
+        """Whether both together, each at its best grid points, lie along what is left: a look before a costly refit.
+
+        Least squares of the residual on the joint change and each one's own, all beyond the present sensitivities.
+        """
+        composition = Composition(self.fit.composition.baseline, (*self.fit.composition.effects, *pair))
+        residual = self.fit.errors
+        best = largest = 0.0
+        for a in _starts(pair[0], found)[:2]:
+            for b in _starts(pair[1], found)[:2]:
+                moved = _moved(self.problem, self.fit, composition, {pair[0].name: a, pair[1].name: b})
+                together = self.problem.stack(moved)
+                alone = [d.change for e, v in zip(pair, (a, b), strict=True) for d in found
+                         if d.effect.name == e.name and np.array_equal(d.values, v)]
+                columns = without(projector(self.fit.jacobian), np.column_stack([together, *alone]))
+                weights = np.linalg.lstsq(columns, residual, rcond=1e-8)[0]
+                size = float(np.sqrt(np.mean(self.problem.stack(moved, whiten=False) ** 2)))
+                best = max(best, float(residual @ columns @ weights))
+                largest = max(largest, abs(weights[0]) * size)
+        worth = WORTH * max(e.negligible for e in pair) * self.problem.spread
+        return best > self.fit.variance * (DETECT + np.log(self.problem.n_samples)) and largest > worth
+
+    def taste(self, added: Sequence[Effect], found: Sequence[Direction]) -> Refit:
+        """The set with further effects after a few rough steps from the most promising grid points."""
         composition = Composition(self.fit.composition.baseline, (*self.fit.composition.effects, *added))
         points = [_starts(e, found) for e in added]
-        starts = [dict(zip([e.name for e in added], (p[min(k, len(p) - 1)] for p in points), strict=True))
-                  for k in range(max(len(p) for p in points))]
-        if len(added) > 1:
-            starts = [dict(zip([e.name for e in added], pair, strict=True))
-                      for pair in [(a, b) for a in points[0] for b in points[-1]][:4]]
-        tasted = [refit(self.problem, composition, placed(composition, self.fit, s), iterations=TASTE) for s in starts]
-        return refit(self.problem, composition, min(tasted, key=lambda f: f.cost).vector)
+        names = [e.name for e in added]
+        pairs = [(p,) for p in points[0]] if len(added) == 1 else [(a, b) for a in points[0] for b in points[-1]][:3]
+        tasted = [refit(self.problem, composition, placed(composition, self.fit, dict(zip(names, p, strict=True))),
+                        iterations=TASTE, near=self.fit, rough=True) for p in pairs]
+        return min(tasted, key=lambda f: f.cost)
 
     # -- shrinking and swapping ----------------------------------------------------------------------------------------
     def without(self, effect: Effect) -> Refit:
         """The set without one effect, refitted."""
         rest = tuple(e for e in self.fit.composition.effects if e.name != effect.name)
         composition = Composition(self.fit.composition.baseline, rest)
-        return refit(self.problem, composition, placed(composition, self.fit, {}))
+        return refit(self.problem, composition, placed(composition, self.fit, {}), near=self.fit)
 
     def prune(self) -> None:
         """Drop effects that the others have made superfluous."""
@@ -160,11 +214,24 @@ class Search:
             self.fit = fit
 
 
+def own_values(fit: Refit, effect: Effect) -> np.ndarray:
+    """Parameters of one of the effects of a fit."""
+    return fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
+
+
 def resolved(problem: Problem, fit: Refit) -> bool:
     """Whether every strength is more than what the hold between samples can feign."""
     clock = problem.signals[0].sample_time
     return all(abs(fit.vector[p.start] - e.neutral[0]) >= e.resolution * clock
                for e, p in zip(fit.composition.effects, fit.composition.places, strict=True))
+
+
+def _moved(problem: Problem, fit: Refit, composition: Composition, given: dict[str, np.ndarray]) -> list[np.ndarray]:
+    """Per record, (n,) change of the simulation when effects are put beside a fit."""
+    vector = placed(composition, fit, given)
+    with np.errstate(all="ignore"):
+        return [np.nan_to_num(composition.predict(s, vector) - fit.composition.predict(s, fit.vector), nan=0.0,
+                              posinf=0.0, neginf=0.0) for s in problem.signals]
 
 
 def _starts(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]:
@@ -173,7 +240,7 @@ def _starts(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]:
                   key=lambda d: d.gain, reverse=True)
     chosen: list[np.ndarray] = []
     for d in mine:
-        if len(chosen) < STARTS and all(not np.allclose(d.values, c) for c in chosen):
+        if len(chosen) < STARTS and d.gain > PALE * mine[0].gain and all(not np.allclose(d.values, c) for c in chosen):
             chosen.append(d.values)
     return chosen or [effect.neutral + np.array([p.grid[0] - p.neutral if k == 0 else 0.0
                                                  for k, p in enumerate(effect.parameters)])]
