@@ -6,12 +6,18 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from hidden import Made
 from hidden_causes import find
 from hidden_truth import SAME, baseline_for, build, oracle_gain
 
+from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.engine import diagnose
+from lpvid.diagnosis.noise import Whitening
+from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.refitting import Refit
+from lpvid.diagnosis.steadiness import steadiness
 
 Row = dict
 
@@ -29,10 +35,26 @@ def case(seed: int, catalogue: tuple[Effect, ...], **fixed: object) -> Row:
         "rivals": [list(r.names) for r in answer.rivals], "rejected": [[r.name, r.why] for r in answer.rejected],
         "explained": answer.explained_share, "predictable": answer.noise["predictable_share"],
         "gain": answer.gain_percent, "seconds": round(seconds, 2), "cpu": round(cpu, 2)}
+    row["unsteady"] = unsteady(made, answer)
     row |= _estimate(made.plan, made.hidden, answer)
     if truth.separable or made.plan.kind in ("two", "three"):
         row["held_out_gain"], row["oracle_gain"] = oracle_gain(made, catalogue, answer)
     return row
+
+
+def unsteady(made: Made, answer: Diagnosis) -> dict[str, float]:
+    """By how much the strength of each cause in the extended model differs between strata, beyond the noise."""
+    model = answer.extended
+    if model is None or not model.composition.effects:
+        return {}
+    baseline = model.composition.baseline
+    signals = tuple(baseline.signals(r) for r in made.records)
+    whitening = Whitening(np.array(answer.noise["coefficients"]), float(answer.noise["level"]))
+    problem = Problem(signals, Blocks.of(signals, baseline.start), whitening)
+    errors = problem.stack(problem.errors(model.composition, model.vector))
+    fit = Refit(problem, model.composition, model.vector, float(errors @ errors), errors, errors.size)
+    inputs = [c for c in baseline.channels if c != baseline.output]
+    return {e.name: steadiness(problem, fit, e, inputs).excess for e in model.composition.effects}
 
 
 def _estimate(plan, hidden: tuple, answer: Diagnosis) -> Row:
@@ -92,8 +114,9 @@ def line(row: Row) -> str:
     return (f"{row['id']} {row['kind']} {row['baseline'][:3]} {row['excitation']}/{row['current']} "
             f"{row['level']:.1%} {row['colour']} {row['chain']} {'rep' if row['repeats'] else 'single'} "
             f"{'+'.join(row['causes']) or 'nothing'} ({row['law']}) x{row['ratio']:g} share {row['share']:.2%} {state} "
-            f"-> {row['verdict']}: {','.join(row['named']) or '-'} rivals {row['rivals'] or '-'} | {mark} "
-            f"{row['seconds']:.1f} s, {row['cpu']:.1f} s on the processor")
+            f"-> {row['verdict']}: {','.join(row['named']) or '-'} "
+            f"unsteady {','.join(f'{v:.2f}' for v in row['unsteady'].values()) or '-'} "
+            f"rivals {row['rivals'] or '-'} | {mark} {row['seconds']:.1f} s, {row['cpu']:.1f} s on the processor")
 
 
 def table(rows: list[Row]) -> str:

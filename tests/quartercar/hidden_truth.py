@@ -24,7 +24,7 @@ from quartercar.dampers.facts import Facts
 HEAD = round(0.25 * RATE)
 """samples that no judgement rests on"""
 SEPARATE, CLEAR = 10.0, 60.0
-SHARE = 0.01
+SHARE, NOTED = 0.01, 0.02
 BEYOND = 1.5
 SAME = {"force-offset": "gas-preload", "gas-preload": "force-offset"}
 
@@ -159,17 +159,28 @@ def build(seed: int, catalogue: tuple[Effect, ...], **fixed: object) -> tuple[Ma
     bench, without = bench_of(world, plan.level)
     smallest = tuple(smallest_detectable(world, bench, without, n) for n in plan.causes)
     sizes = tuple(min(plan.ratio * s, find(n).largest) for n, s in zip(plan.causes, smallest, strict=True))
+    if plan.kind in ("two", "three"):
+        sizes = tuple(_worth_naming(world, bench, without, n, s) for n, s in zip(plan.causes, sizes, strict=True))
     made = make(world, tuple(zip(plan.causes, sizes, strict=True)), without, bench.noise)
     return made, _known(made, bench, smallest, catalogue)
+
+
+def _worth_naming(world: World, bench: Bench, without: dict[str, np.ndarray], name: str, size: float) -> float:
+    """The size at which a cause by itself changes what the baseline cannot take up by `NOTED` of the force."""
+    share = _share(bench, bench.change(world.run(((name, size),)), without))
+    return min(size * max(1.0, NOTED / max(share, 1e-6)), find(name).largest)
+
+
+def _share(bench: Bench, change: np.ndarray) -> float:
+    plain = change[HEAD:] - _absorbed(bench, change)
+    return float(np.sqrt(np.mean(plain**2)) / np.sqrt(np.mean(bench.force**2)))
 
 
 def _known(made: Made, bench: Bench, smallest: tuple[float, ...], catalogue: tuple[Effect, ...]) -> Truth:
     change = bench.change(made.clean, made.without)
     direction = bench.projected(change)
     likelihood = float(direction @ direction)
-    rms = float(np.sqrt(np.mean(bench.force**2)))
-    plain = change[HEAD:] - _absorbed(bench, change)
-    share = float(np.sqrt(np.mean(plain**2))) / rms
+    share = _share(bench, change)
     rivals: dict[str, float] = {}
     strong = (made.plan.kind in ("one", "wrong-baseline") and share >= SHARE
               and made.hidden[0][1] >= 2.99 * smallest[0])
