@@ -9,15 +9,28 @@ import numpy as np
 from lpvid.auditing.findings import Finding
 from lpvid.auditing.view import View
 
+BLOCKS = 20
+"""means from which the standard error of the mean power is told"""
+
 
 def dissipation(view: View) -> tuple[float, float, float] | None:
-    """(correlation of force and velocity, mean (F − F̄)(v − v̄) [W], its distance from zero in standard errors)."""
+    """(correlation of force and velocity, mean (F − F̄)(v − v̄) [W], its distance from zero in standard errors).
+
+    From the first to the last reversal of the motion, where a spring holds about the same energy; None where the motion
+    turns less than twice: within less than a cycle, energy that is stored looks like energy that is taken or given.
+    """
     if view.stroke is None:
         return None
     _, velocity, force = view.stroke
+    turns = _turns(velocity)
+    if turns.size < 2 or turns[-1] - turns[0] < 2 * BLOCKS:
+        return None
+    velocity, force = velocity[turns[0] + 1: turns[-1] + 1], force[turns[0] + 1: turns[-1] + 1]
+    if not (np.ptp(force) > 0 and np.ptp(velocity) > 0):
+        return None
     product = (force - force.mean()) * (velocity - velocity.mean())
     mean = float(product.mean())
-    blocks = np.array([b.mean() for b in np.array_split(product, 20)])
+    blocks = np.array([b.mean() for b in np.array_split(product, BLOCKS)])
     error = float(blocks.std(ddof=1) / np.sqrt(blocks.size))
     return mean / float(force.std() * velocity.std()), mean, abs(mean) / max(error, 1e-12 * abs(mean), 1e-300)
 
@@ -53,21 +66,28 @@ def mixed_polarity(views: Sequence[View]) -> Iterator[Finding]:
                       "flip the force of one group before using them together", float(len(minus)))
 
 
-def _at_rest(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """(sample, force, direction) at every reversal of the motion, by linear interpolation of the zero crossing.
+def _turns(velocity: np.ndarray) -> np.ndarray:
+    """Last sample before every reversal of the motion.
 
     A reversal leads from beyond 20 % of the largest speed one way to beyond it the other way, so that noise about a
     standstill counts for nothing.
     """
-    if view.stroke is None:
-        return None
-    _, velocity, force = view.stroke
     crossings = np.flatnonzero(np.signbit(velocity[:-1]) != np.signbit(velocity[1:]))
     fast = np.flatnonzero(np.abs(velocity) > 0.2 * np.percentile(np.abs(velocity), 99))
     turned = fast[1:][np.signbit(velocity[fast[1:]]) != np.signbit(velocity[fast[:-1]])]
     if not crossings.size or not turned.size:
+        return np.zeros(0, int)
+    return crossings[np.maximum(np.searchsorted(crossings, turned) - 1, 0)]
+
+
+def _at_rest(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """(sample, force, direction) at every reversal of the motion, by linear interpolation of the zero crossing."""
+    if view.stroke is None:
         return None
-    before = crossings[np.maximum(np.searchsorted(crossings, turned) - 1, 0)]
+    _, velocity, force = view.stroke
+    before = _turns(velocity)
+    if not before.size:
+        return None
     share = velocity[before] / (velocity[before] - velocity[before + 1])
     rising = velocity[before + 1] > velocity[before]
     return before + share, force[before] + share * (force[before + 1] - force[before]), rising

@@ -45,6 +45,9 @@ class Polarity:
 def polarity_of(record: Record) -> Polarity:
     """Passive where mean F·v is positive by four standard errors, reversed where it is negative by as much.
 
+    The mean is over whole strokes, from the first to the last reversal of the motion; with less than two of them, about
+    a cycle, nothing is decided: a spring then gives or takes more than the damping.
+
     Examples
     --------
     >>> import numpy as np

@@ -317,7 +317,7 @@ def test_stretches_of_slow_cycles_are_not_asked_for_their_polarity():
                                      ("fast", phases[1], 0.25 * np.pi * np.cos(phases[1]))))
     settings = CompareSettings(quick_work=4 * 3000)
     cut = stretches([slow, fast], 3000, 512)
-    assert {polarity_of(r).sign for r in cut} >= {1, -1}
+    assert {polarity_of(r).sign for r in cut} == {1, 0}
     found = compare([slow, fast], ["linear"], [slow, fast], settings)
     assert found["linear"].damper.values["stiffness"] == pytest.approx(9000, rel=0.02)
 

@@ -85,6 +85,28 @@ def test_polarity_of_records() -> None:
     assert polarity_of(record(v[:50], 200 * v[:50])).sign == 0
 
 
+@pytest.mark.parametrize("cycles", [0.2, 0.45, 0.75, 0.9, 1.2])
+@pytest.mark.parametrize("phase", np.linspace(0, 6, 9))
+def test_less_than_a_cycle_against_a_spring_decides_nothing_wrong(cycles: float, phase: float) -> None:
+    """F = c v + k x with k/(cω) = 7: over a part of a cycle the spring gives up to ½kX², the damper takes πcωX²."""
+    omega, rng = 2 * np.pi * 0.1, np.random.default_rng(1)
+    angle = phase + omega * np.arange(0.0, cycles / 0.1, 0.02)
+    x, v = 0.025 * np.sin(angle), 0.025 * omega * np.cos(angle)
+    found = polarity_of(record(v, 2000 * v + 7 * 2000 * omega * x + 0.1 * rng.standard_normal(v.size)))
+    assert found.sign in ((0,) if cycles < 0.5 else (0, 1)), found
+
+
+def test_slow_parts_do_not_contradict_the_fast_records() -> None:
+    """A quarter cycle towards the middle gives the spring's energy: alone it would vote against every other record."""
+    omega, t = 2 * np.pi * 0.05, np.arange(0.0, 5.0, 0.002)
+    x, v = 0.025 * np.cos(omega * t), -0.025 * omega * np.sin(omega * t)
+    slow = record(v, 300 * v + 9000 * x, name="slow")
+    assert np.mean(slow["force"] * v) < 0 and polarity_of(slow).sign == 0
+    fast = record(sweep(), 300 * sweep(), name="fast")
+    assert common_polarity([slow, fast, slow]) == 1
+    assert common_polarity([slow, fast.flip("force")]) == -1
+
+
 def test_records_that_disagree_are_named() -> None:
     v = sweep()
     good, bad = record(v, 200 * v, name="good"), record(v, -200 * v, name="bad")
@@ -95,4 +117,4 @@ def test_records_that_disagree_are_named() -> None:
     with pytest.raises(InputError, match=r"reversed: 'bad'\..*--flip force"):
         common_polarity([good, good, bad, quiet])
     with pytest.raises(InputError, match=r"not reversed: 'good'"):
-        common_polarity([good, bad, bad])
+        common_polarity([good, bad, record(v, -300 * v, name="worse")])
