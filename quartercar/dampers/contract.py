@@ -249,6 +249,20 @@ class Damper(Adaptable):
         low, high = self.current_range or (0.0, 0.0)
         return 0.01 * max(high - low, abs(high), 1e-9)
 
+    @property
+    def usual_currents(self) -> tuple[float, float] | None:
+        """Fitted range without the rarest hundredth of the training samples at either end, where that is known.
+
+        What a filter overshoots at steps of the current is in `current_range`, since the fit has seen it and a run may
+        meet it, but no damper is driven there.
+        """
+        training = self.metadata.get("training", {})
+        given = training.get("usual_currents") if isinstance(training, Mapping) else None
+        if given is None or self.current_range is None:
+            return self.current_range
+        low, high = (_checks.real(c, "a usual current of the training") for c in given)
+        return max(low, self.current_range[0]), min(high, self.current_range[1])
+
     # -- asking ------------------------------------------------------------------------------------------------------
     def fit(self, records: Sequence[Record], held_out: Sequence[Record] = (),
             settings: FitSettings | None = None) -> DamperFit:

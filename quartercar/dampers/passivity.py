@@ -91,7 +91,7 @@ class Passivity:
 def check_passivity(damper: Damper, speed: float = 2.0) -> Passivity:
     """Power at constant velocities and work of steady cycles, without the force that depends on displacement alone.
 
-    P = (F − F_gas) v ≥ 0 for |v| ≤ `speed` at displacement 0 over the fitted currents, and W = ∮(F − F_gas) dx ≥ 0 over
+    P = (F − F_gas) v ≥ 0 for |v| ≤ `speed` at displacement 0 over the usual currents, and W = ∮(F − F_gas) dx ≥ 0 over
     steady cycles of several amplitudes and frequencies no faster than `speed`, where energy may be stored on the way.
     The verdict is on the damper itself, whatever the polarity of the records it was fitted to.
 
@@ -128,10 +128,11 @@ def check_passivity(damper: Damper, speed: float = 2.0) -> Passivity:
 
 
 def current_grid(damper: Damper) -> np.ndarray:
-    """Currents over the fitted range; 0 for a damper without one."""
-    if damper.current_range is None or "current" not in damper.reads:
+    """Currents over the fitted range, its rarest ends left out; 0 for a damper without one."""
+    usual = damper.usual_currents
+    if usual is None or "current" not in damper.reads:
         return np.zeros(1)
-    low, high = damper.current_range
+    low, high = usual
     return np.linspace(low, high, CURRENTS) if high > low else np.array([low])
 
 

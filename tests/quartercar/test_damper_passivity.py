@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from toy_dampers import Redundant, Tanh, record, sweep
 
 from lpvid import InputError
-from quartercar.dampers import Linear, check_passivity
+from quartercar.dampers import Linear, check_passivity, fit
 from quartercar.dampers.passivity import FREQUENCIES
 from quartercar.dampers.polarity import common_polarity, polarity_of
 
@@ -57,6 +59,21 @@ def test_every_current_of_the_fitted_range_is_asked() -> None:
     beyond = check_passivity(damper.replace(current_range=(0.0, 3.0)))
     assert not beyond.passive and beyond.power_at[1] == 3.0
     assert beyond.power == pytest.approx(1000 * (1 - 0.4 * 3) * 4)
+
+
+def test_ripple_of_the_current_is_seen_by_the_fit_but_not_asked_for_passivity() -> None:
+    """F = 1000 (1 − 0.4 i) v gives energy above 2.5 A, where eight samples of 3000 are."""
+    v, rng = sweep(), np.random.default_rng(3)
+    steps = np.repeat(rng.integers(0, 3, v.size // 200 + 1), 200)[:v.size].astype(float)
+    steps[::400] = 3.0
+    law = Tanh(per_current=0.4)
+    found = fit(law, record(v, 1000 * (1 - 0.4 * steps) * v + rng.normal(size=v.size), steps))
+    assert found.damper.current_range == (0.0, 3.0) and found.damper.usual_currents == (0.0, 2.0)
+    assert found.passivity.passive and not found.flags
+    assert not found.damper.replace(metadata={}).passivity().passive
+    again = Tanh.from_dict(json.loads(json.dumps(found.damper.to_dict())))
+    assert again.usual_currents == (0.0, 2.0) and again.passivity().passive
+    assert found.damper.replace(current_range=(0.0, 1.0)).usual_currents == (0.0, 1.0)
 
 
 def test_the_verdict_is_on_the_damper_whatever_the_polarity() -> None:
