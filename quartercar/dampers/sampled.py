@@ -118,10 +118,12 @@ class SampledDamper(Damper):
         self._check_clock(drive.sample_time)
         if drive.force is not None:
             return np.array(simulate(model, _record(drive, drive.force), "measured").output[:, 0])
-        rest = float(at_rest(model, drive.velocity[:1], drive.current[0], drive.displacement[0])[0])
-        padded = Drive(drive.sample_time, *(np.concatenate([np.full(model.start, a[0]), a])
-                                            for a in (drive.velocity, drive.displacement, drive.current)))
-        out = simulate(model, _record(padded, np.zeros(padded.n_samples)), np.full((model.start, 1), rest))
+        before = drive.displacement[0] + drive.velocity[0] * drive.sample_time * np.arange(-model.start, 0)
+        rest = [at_rest(model, drive.velocity[:1], drive.current[0], x) for x in before]
+        heads = np.full(model.start, drive.velocity[0]), before, np.full(model.start, drive.current[0])
+        padded = Drive(drive.sample_time, *(np.concatenate(pair) for pair in zip(
+            heads, (drive.velocity, drive.displacement, drive.current), strict=True)))
+        out = simulate(model, _record(padded, np.zeros(padded.n_samples)), np.reshape(rest, (model.start, 1)))
         return np.array(out.output[model.start:, 0])
 
     def _check_clock(self, sample_time: float) -> None:
@@ -132,13 +134,14 @@ class SampledDamper(Damper):
                              mend=f"resample the record to {1 / clock:.6g} Hz (lpvid.condition.resample)")
 
     def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
+        """(n,) force at constant velocities, once all has settled, as the motion passes through `displacement` [N]."""
         model = self.held.at(self.vector)
         speeds = np.atleast_1d(np.asarray(velocity, dtype=float))
         return at_rest(model, speeds.ravel(), float(current), float(displacement)).reshape(speeds.shape)
 
     def conservative_force(self, displacement: np.ndarray) -> np.ndarray:
         """What stays at rest; these models are affine in the displacement, so that two points of it tell all."""
-        low = 0.0 if self.current_range is None else self.current_range[0]
+        low = 0.0 if self.usual_currents is None else self.usual_currents[0]
         zero, one = (float(self.static_force(np.zeros(1), low, x)[0]) for x in (0.0, 1.0))
         return zero + (one - zero) * np.asarray(displacement, dtype=float)
 
@@ -198,7 +201,10 @@ def _record(drive: Drive, force: np.ndarray) -> Record:
 
 
 def at_rest(model: Inner, velocity: np.ndarray, current: float, displacement: float) -> np.ndarray:
-    """(n,) force to which a model settles at each of these velocities, all held; NaN where it does not."""
+    """(n,) force to which a model settles at each of these velocities; NaN where it does not.
+
+    A transfer function sees the displacement pass through `displacement` at that velocity; other models see both held.
+    """
     if isinstance(model, LPVTransferFunction):
         return _closed_form(model, velocity, current, displacement)
     hold = HOLD[0]
@@ -216,7 +222,15 @@ def at_rest(model: Inner, velocity: np.ndarray, current: float, displacement: fl
 
 def _closed_form(model: LPVTransferFunction, velocity: np.ndarray, current: float,
                  displacement: float) -> np.ndarray:
-    """y = (Σ_j b_j u + Σ_j c_j)/(1 + Σ_i a_i); NaN where a pole at this current stands outside the circle."""
+    """y = (Σ_j b_j u + Σ_j c_j)/(1 + Σ_i a_i); NaN where a pole at this current stands outside the circle.
+
+    The displacement is no constant while the velocity is held, but x(k) = x_0 + v T k, to which the model answers with
+    y(k) = y_0 + G v T k, G = Σ_j b_j/(1 + Σ_i a_i), for its own ramp::
+
+        y_0 = G x_0 + v T (G Σ_i i a_i − Σ_j j b_j)/(1 + Σ_i a_i)
+
+    A map of past displacements may tell the velocity by their differences; held still they would tell of none.
+    """
     point = [current] * len(model.box.names)
     if np.abs(model.frozen_poles(point)).max(initial=0.0) >= 1:
         return np.full(velocity.size, np.nan)
@@ -225,4 +239,11 @@ def _closed_form(model: LPVTransferFunction, velocity: np.ndarray, current: floa
     if model.input_stage is not None:
         u = model.input_stage.apply(u, np.tile(point, (velocity.size, 1)))
     a, b, c = model.coefficients(point)
-    return (u @ b.sum(axis=0)[0] + c.sum()) / (1.0 + a.sum())
+    below = 1.0 + a.sum()
+    settled = (u @ b.sum(axis=0)[0] + c.sum()) / below
+    read = [s.name for s in model.inputs]
+    if "displacement" not in read:
+        return settled
+    past = b[:, 0, read.index("displacement")]
+    lag = np.arange(1, len(a) + 1) @ a[:, 0, 0] * past.sum() / below - np.arange(len(past)) @ past
+    return settled + velocity * model.sample_time * lag / below

@@ -155,12 +155,25 @@ def test_rest_and_static_force_against_a_long_loop() -> None:
     found = estimated(Narx2(degree=1), [record()]).damper
     x, v, i = 0.01, 0.2, 1.3
     n = 400
-    settled = loop(np.full(n, x), np.full(n, v), np.full(n, i))[-1]
-    assert found.static_force(np.array([v]), i, x)[0] == pytest.approx(settled, rel=1e-6)
-    held = Drive(1 / RATE, np.full(50, v), np.full(50, x), np.full(50, i))
-    np.testing.assert_allclose(found.response(held, found.vector), settled, rtol=1e-6)
+    ramp = x + v / RATE * np.arange(1 - n, 51)
+    expected = loop(ramp, np.full(n + 50, v), np.full(n + 50, i))
+    assert found.static_force(np.array([v]), i, x)[0] == pytest.approx(expected[n - 1], rel=1e-6)
+    moving = Drive(1 / RATE, np.full(51, v), ramp[n - 1:], np.full(51, i))
+    np.testing.assert_allclose(found.response(moving, found.vector), expected[n - 1:], rtol=1e-6)
     gas = loop(np.full(n, x), np.zeros(n), np.full(n, found.current_range[0] if found.current_range else 0.0))[-1]
     assert found.conservative_force(np.array([x]))[0] == pytest.approx(gas, rel=1e-6)
+
+
+def test_a_dashpot_told_by_differences_of_displacement_is_one_at_constant_velocity() -> None:
+    """F(k) = c (x(k−1) − x(k−2))/T is a dashpot, though the velocity does not enter; held still it gives none."""
+    x, v, _ = motion(1500, 8)
+    force = loop(x, v, 0 * v, np.zeros((2, 2)), np.array([[1500.0 * RATE, 0], [-1500.0 * RATE, 0]]), np.zeros((2, 2)))
+    data = Record({"displacement": x, "velocity": v, "force": force}, 1 / RATE, units=UNITS)
+    found = estimated(Narx2(method="one-step"), [data]).damper
+    speeds = np.array([-0.4, 0.1, 1.5])
+    np.testing.assert_allclose(found.static_force(speeds), 1500 * speeds, rtol=1e-4)
+    np.testing.assert_allclose(found.conservative_force(np.array([0.01])), 0.0, atol=1e-3)
+    assert found.passivity().power == 0.0
 
 
 def test_work_of_a_cycle_against_the_loop() -> None:
