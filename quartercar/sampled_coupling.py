@@ -77,12 +77,12 @@ class SampledCoupling(Coupling):
         self._rows = model.start + 1
 
     def begin(self, displacement: float, velocity: float, current: float) -> float:
-        rest = float(at_rest(self._model, np.array([velocity]), current, displacement)[0])
         self._p = np.full((self._rows, int(self._scheduled)), self._filter.begin(current))
         self._current = current
-        self._u = np.tile(self._inputs(displacement, velocity), (self._rows, 1))
-        self._y = np.full(self._rows, rest)
-        return rest
+        before = displacement + velocity * self._model.sample_time * np.arange(1 - self._rows, 1)
+        self._u = np.array([self._inputs(x, velocity) for x in before])
+        self._y = np.array([float(at_rest(self._model, np.array([velocity]), current, x)[0]) for x in before])
+        return float(self._y[-1])
 
     def _inputs(self, displacement: float, velocity: float) -> np.ndarray:
         motion = {"displacement": displacement, "velocity": velocity, "current": self._current}
