@@ -28,7 +28,7 @@ def _tanh(damper: TanhLaw, current: np.ndarray) -> np.ndarray:
     still = damper.factors(zero, one, current, vector)  # x = 0, v = 1: the coefficients of v
     moved = damper.factors(one, zero, current, vector)  # x = 1, v = 0: κ and κ'
     out = np.zeros((current.size, 8))
-    out[:, 0] = vector[-1] if damper.shifted else 0.0
+    out[:, 0] = vector[-1] if damper.offset else 0.0
     out[:, 1], out[:, 2] = still.post_yield, still.post_yield * moved.post_lagged
     out[:, 3] = still.yield_force
     out[:, 4], out[:, 5], out[:, 7] = still.sharpness, still.sharpness * moved.lagged, 1.0

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from lpvid import _checks
-from quartercar.dampers.coefficients import Controlled, Proportional, Quotient, settled_span
+from quartercar.dampers.coefficients import Controlled, Proportional, Quotient
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.parameter import Parameter
 from quartercar.dampers.tanh_law import POST_YIELD, RATIO, SHARPNESS, YIELD, TanhLaw, Terms
@@ -29,9 +29,6 @@ class Guo(TanhLaw):
     ----------
     degree : {0, 1, 2}
         Of A_1 and A_2 in the current; `suited` takes 1 where the current varies.
-    span : (float, float) or None
-        Currents over which A_1 and A_2 are held positive; left out, those of the fit.
-    offset : bool
     hysteresis : bool
         Whether the displacement enters.
 
@@ -46,28 +43,15 @@ class Guo(TanhLaw):
     title: ClassVar[str] = "Guo"
     source: ClassVar[str] = "seed 004, (2.1)"
     degree: int = 0
-    span: tuple[float, float] | None = None
-    offset: bool = False
     hysteresis: bool = True
-
-    def check_settings(self) -> None:
-        settled_span(self.span, self.current_range)
-        _checks.one_of(str(self.degree), ("0", "1", "2"), "degree")
 
     @property
     def terms(self) -> Terms:
+        degree = int(_checks.one_of(str(self.degree), ("0", "1", "2"), "degree"))
         span = self.currents
-        return Terms(Controlled(YIELD, YIELD_BY_DEGREE[self.degree], span), Controlled(SHARPNESS, (20.0,)),
-                     Controlled(POST_YIELD, DAMPING_BY_DEGREE[self.degree], span),
+        return Terms(Controlled(YIELD, YIELD_BY_DEGREE[degree], span), Controlled(SHARPNESS, (20.0,)),
+                     Controlled(POST_YIELD, DAMPING_BY_DEGREE[degree], span),
                      Controlled(RATIO, (3.0,)) if self.hysteresis else None, None)
-
-    @property
-    def shifted(self) -> bool:
-        return self.offset
-
-    @property
-    def currents(self) -> tuple[float, float]:
-        return settled_span(self.span, self.current_range)
 
     @classmethod
     def suited(cls, facts: Facts) -> Guo:
@@ -86,23 +70,11 @@ class Guo5(TanhLaw):
     name: ClassVar[str] = "guo-5"
     title: ClassVar[str] = "Guo, 5 parameters"
     source: ClassVar[str] = "seed 004, (5.11)"
-    offset: bool = False
-
-    def check_settings(self) -> None:
-        """Nothing to check."""
 
     @property
     def terms(self) -> Terms:
         return Terms(_per_current(self.current_unit), Controlled(SHARPNESS, (20.0,)),
                      Controlled(POST_YIELD, (1200.0,)), Controlled(RATIO, (3.0,)), None)
-
-    @property
-    def shifted(self) -> bool:
-        return self.offset
-
-    @property
-    def currents(self) -> tuple[float, float]:
-        return settled_span(None, self.current_range)
 
     @classmethod
     def suited(cls, facts: Facts) -> Guo5:
@@ -117,36 +89,17 @@ class Guo6(TanhLaw):
     Díaz Salas (2011), (5.12) as the captions allow. Of the six parameters A_1, A_10, A_2, A_3, V_0, X_0 five are
     identifiable. The captions allow another reading, i A_1 tanh[A_3 (v + κ x)] + A_2 (v + κ' x) + F_0: that is
     `Guo7` with ``offset=True``. Here ``offset=True`` adds a constant, an extension.
-
-    Attributes
-    ----------
-    span : (float, float) or None
-        Currents over which A_1 i + A_10 is held positive; left out, those of the fit.
-    offset : bool
     """
 
     name: ClassVar[str] = "guo-6"
     title: ClassVar[str] = "Guo, 6 parameters"
     source: ClassVar[str] = "seed 004, (5.12)"
-    span: tuple[float, float] | None = None
-    offset: bool = False
-
-    def check_settings(self) -> None:
-        settled_span(self.span, self.current_range)
 
     @property
     def terms(self) -> Terms:
         span = self.currents
         return Terms(Controlled(YIELD, YIELD_BY_DEGREE[1], span), Controlled(SHARPNESS, (20.0,)),
                      Controlled(POST_YIELD, (1200.0,)), Controlled(RATIO, (3.0,)), None)
-
-    @property
-    def shifted(self) -> bool:
-        return self.offset
-
-    @property
-    def currents(self) -> tuple[float, float]:
-        return settled_span(self.span, self.current_range)
 
     @classmethod
     def suited(cls, facts: Facts) -> Guo6:
@@ -164,24 +117,12 @@ class Guo7(TanhLaw):
     name: ClassVar[str] = "guo-7"
     title: ClassVar[str] = "Guo, 7 parameters"
     source: ClassVar[str] = "seed 004, (5.13)"
-    offset: bool = False
-
-    def check_settings(self) -> None:
-        """Nothing to check."""
 
     @property
     def terms(self) -> Terms:
         post = replace(RATIO, name="post_yield_ratio", says="critical ratio κ' of the post-yield term")
         return Terms(_per_current(self.current_unit), Controlled(SHARPNESS, (20.0,)),
                      Controlled(POST_YIELD, (1200.0,)), Controlled(RATIO, (3.0,)), Controlled(post, (1.0,)))
-
-    @property
-    def shifted(self) -> bool:
-        return self.offset
-
-    @property
-    def currents(self) -> tuple[float, float]:
-        return settled_span(None, self.current_range)
 
     @classmethod
     def suited(cls, facts: Facts) -> Guo7:
@@ -197,22 +138,11 @@ class Guo15(TanhLaw):
     its value when both are multiplied by one number, which is removed by X_0 = 1 at the lowest current. Where κ does
     not depend on the current, neither quadratic is determined by it and a fit reports so. ``offset=True`` adds a
     constant, an extension.
-
-    Attributes
-    ----------
-    span : (float, float) or None
-        Currents over which A_1, A_2, A_3, V_0 and X_0 are held positive; left out, those of the fit.
-    offset : bool
     """
 
     name: ClassVar[str] = "guo-15"
     title: ClassVar[str] = "Guo, 15 parameters"
     source: ClassVar[str] = "seed 004, Table B.5"
-    span: tuple[float, float] | None = None
-    offset: bool = False
-
-    def check_settings(self) -> None:
-        settled_span(self.span, self.current_range)
 
     @property
     def terms(self) -> Terms:
@@ -225,14 +155,6 @@ class Guo15(TanhLaw):
                      Controlled(POST_YIELD, (600.0, 1100.0, 1500.0), span),
                      Quotient(Controlled(above, (4.0, 5.0, 9.0), span),
                               Controlled(below, (1.0, 0.4, 0.8), span)), None)
-
-    @property
-    def shifted(self) -> bool:
-        return self.offset
-
-    @property
-    def currents(self) -> tuple[float, float]:
-        return settled_span(self.span, self.current_range)
 
     @classmethod
     def suited(cls, facts: Facts) -> Guo15:

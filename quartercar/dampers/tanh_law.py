@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lpvid.record import Record
-from quartercar.dampers.coefficients import Coefficient, Controlled
+from quartercar.dampers.coefficients import Coefficient, Controlled, settled_span
 from quartercar.dampers.contract import StaticDamper
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.parameter import Parameter
@@ -50,7 +50,20 @@ class TanhLaw(StaticDamper):
     Coefficients that depend on the current are given by control values over a span of currents
     (`quartercar.dampers.coefficients.Controlled`): they stay positive over all of it. `current_powers` shows them as
     powers of the current.
+
+    Attributes
+    ----------
+    span : (float, float) or None
+        Currents over which coefficients that depend on them keep their bounds; left out, those of the fit.
+    offset : bool
+        Whether there is a constant F_0, which the printed laws do not have.
     """
+
+    span: tuple[float, float] | None = None
+    offset: bool = False
+
+    def check_settings(self) -> None:
+        settled_span(self.span, self.current_range)
 
     @property
     @abstractmethod
@@ -58,19 +71,14 @@ class TanhLaw(StaticDamper):
         """The coefficients."""
 
     @property
-    @abstractmethod
-    def shifted(self) -> bool:
-        """Whether there is a constant F_0."""
-
-    @property
-    @abstractmethod
     def currents(self) -> tuple[float, float]:
         """Currents over which the coefficients keep their bounds."""
+        return settled_span(self.span, self.current_range)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         rows = [p for c in self.terms if c is not None for p in c.parameters]
-        return (*rows, *((OFFSET,) if self.shifted else ()))
+        return (*rows, *((OFFSET,) if self.offset else ()))
 
     @property
     def reads(self) -> tuple[str, ...]:
@@ -82,12 +90,12 @@ class TanhLaw(StaticDamper):
     def linear(self) -> tuple[str, ...]:
         terms = self.terms
         rows = [p.name for c in (terms.yield_force, terms.post_yield) for p in c.parameters]
-        return (*rows, *((OFFSET.name,) if self.shifted else ()))
+        return (*rows, *((OFFSET.name,) if self.offset else ()))
 
     def law(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
             vector: np.ndarray) -> np.ndarray:
         f = self.factors(displacement, velocity, current, vector)
-        constant = vector[-1] if self.shifted else 0.0
+        constant = vector[-1] if self.offset else 0.0
         return f.yield_force * np.tanh(f.sharpness * f.lagged) + f.post_yield * f.post_lagged + constant
 
     def law_gradient(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
@@ -102,7 +110,7 @@ class TanhLaw(StaticDamper):
         thetas = self.pieces(vector)
         columns = [a[:, None] * c.gradient(current, theta)
                    for a, c, theta in zip(outer, self.terms, thetas, strict=True) if c is not None]
-        return np.hstack([*columns, *([np.ones((velocity.size, 1))] if self.shifted else [])])
+        return np.hstack([*columns, *([np.ones((velocity.size, 1))] if self.offset else [])])
 
     def pieces(self, vector: np.ndarray) -> list[np.ndarray]:
         """θ of each of `terms`; empty where there is none."""

@@ -46,7 +46,7 @@ def to_lpv(damper: TanhLaw, sample_time: float) -> LPVTransferFunction:
     degree = max(force.size, damping.size) - 1
     force, damping = (np.pad(a, (0, degree + 1 - a.size)) for a in (force, damping))
     sharpness = float(pieces[1][0])
-    offset = float(vector[-1]) if damper.shifted else 0.0
+    offset = float(vector[-1]) if damper.offset else 0.0
     names = {"outputs": (Signal("force", "N"),), "metadata": {"damper": damper.name, "polarity": damper.polarity}}
     if terms.ratio is None:
         basis = Polynomial(("current",) if degree else (), degree=degree)
