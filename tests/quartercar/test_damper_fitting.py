@@ -14,7 +14,7 @@ from toy_dampers import Misra, Redundant, Tanh, Wave, record, sweep
 
 import quartercar
 from lpvid import InputError, NumericalError, Record
-from quartercar.dampers import DamperFit, FitSettings, Linear, Parameter, fit
+from quartercar.dampers import DamperFit, FitSettings, Guo, Linear, Parameter, fit
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.fitting.coordinates import Coordinates
 from quartercar.dampers.fitting.problem import Full, Problem, Projected
@@ -267,6 +267,19 @@ def test_energy_error_is_the_share_of_work_missed() -> None:
     assert found.energy_error == pytest.approx(0.2)
     assert found.total.figures.esr == pytest.approx(0.04, rel=1e-3)
     assert found.total.sqrt_sse == pytest.approx(200 * np.linalg.norm(v))
+
+
+def test_a_constant_that_the_printed_law_lacks_is_told() -> None:
+    """Guo's force less 200 N: the law cannot follow, its residual keeps most of that; with the constant it does."""
+    v, rng = sweep(), np.random.default_rng(5)
+    force = 600 * np.tanh(20 * v) + 1500 * v + 10 * rng.normal(size=v.size)
+    law = Guo(hysteresis=False)
+    for sign in (1, -1):
+        found = fit(law, record(v, sign * (force - 200)))
+        told = [n for n in found.notes if "offset=True adds one" in n]
+        assert len(told) == 1 and float(told[0].split("mean of ")[1].split()[0]) == pytest.approx(-200, rel=0.02)
+    for given, data in ((law, force), (law.replace(offset=True), force - 200)):
+        assert not any("offset=True" in n for n in fit(given, record(v, data)).notes)
 
 
 def test_a_fit_that_is_not_passive_is_flagged() -> None:

@@ -22,6 +22,8 @@ from quartercar.dampers.training import remembering
 
 FEWEST = 20
 """shortest stretch worth keeping [samples]."""
+CONSTANT = 0.1
+"""share of the squared error from which a constant force is worth a word."""
 
 
 def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | Sequence[Record] = (),
@@ -79,9 +81,22 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
     passivity = check_passivity(found.damper)
     giving = () if passivity.passive else (f"not passive: {passivity.says}",)
     flags = (*said, *giving, *_beyond(found.damper, outside))
-    notes = (*polarity_note, *(n for r in (*training, *kept) for n in r.notes), *found.notes)
+    notes = (*polarity_note, *_constant(found.damper, training), *(n for r in (*training, *kept) for n in r.notes),
+             *found.notes)
     return DamperFit(found, inside, outside, passivity, flags, tuple(dict.fromkeys(notes)),
                      time.perf_counter() - began)
+
+
+def _constant(damper: Damper, records: Sequence[Record]) -> tuple[str, ...]:
+    """A note where a constant force, which the law could have, would take much of what is left."""
+    if damper.settings.get("offset", True):
+        return ()
+    left = np.concatenate([damper.polarity * (r["force"] - damper.simulate(r).output[:, 0]) for r in records])
+    mean, square = float(left.mean()), float(np.mean(left**2))
+    if not mean**2 > CONSTANT * square:
+        return ()
+    return (f"the force left over has a mean of {mean:.3g} N, {mean**2 / square:.0%} of the squared error: no constant "
+            "in the printed law; offset=True adds one",)
 
 
 def _beyond(damper: Damper, outside: Score | None) -> tuple[str, ...]:
