@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quartercar.dampers.drive import Drive
+from quartercar.dampers.starting import path, ranked_starts
 
 if TYPE_CHECKING:
     from quartercar.dampers.bouc_wen import BoucWen
@@ -36,25 +37,11 @@ def loop_starts(damper: BoucWen, drives: Sequence[Drive], count: int) -> list[np
     v, x, i, f = (np.concatenate([getattr(d, n) for d in drives]) for n in ("velocity", "displacement", "current",
                                                                             "force"))
     plateau = _plateau(v, x, i, f, damper)
-    travel = np.concatenate([_travel(d) for d in drives]).std()
+    travel = np.concatenate([d.displacement if d.displacement.any() else path(d) for d in drives]).std()
     grid = product(KNEES, SLIPS, RATES if damper.scheduled else RATES[:1])
-    ranked = []
-    for knee, slip, rate in grid:
-        vector = _assembled(damper, plateau, knee * float(np.sqrt(np.mean(v**2))), slip * float(travel), rate)
-        with np.errstate(all="ignore"):
-            residual = np.concatenate([damper.response(d, vector) - d.force for d in drives])
-        cost = float(residual @ residual)
-        ranked.append((cost if np.isfinite(cost) else np.inf, len(ranked), vector))
-    ranked.sort()
-    return [vector for _, _, vector in ranked[:count]]
-
-
-def _travel(drive: Drive) -> np.ndarray:
-    """Displacement, integrated where it is not read."""
-    if drive.displacement.any():
-        return drive.displacement
-    path = np.cumsum(drive.velocity) * drive.sample_time
-    return path - np.linspace(path[0], path[-1], path.size)
+    speed = float(np.sqrt(np.mean(v**2)))
+    vectors = (_assembled(damper, plateau, knee * speed, slip * float(travel), rate) for knee, slip, rate in grid)
+    return ranked_starts(damper, drives, vectors, count)
 
 
 def _plateau(v: np.ndarray, x: np.ndarray, i: np.ndarray, f: np.ndarray, damper: BoucWen) -> dict[str, float]:

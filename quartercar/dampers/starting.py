@@ -1,12 +1,12 @@
-"""Starting points for static laws: grids over what is not linear, bounded least squares for the rest."""
+"""Starting points: for static laws grids with bounded least squares, for others candidates ranked by their free run."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from quartercar.dampers.contract import StaticDamper
+from quartercar.dampers.contract import LawDamper, StaticDamper
 from quartercar.dampers.drive import Drive
 
 SAMPLES = 3000
@@ -45,6 +45,35 @@ def best_starts(damper: StaticDamper, drives: Sequence[Drive], grid: Sequence[Ma
         ranked.append((cost, vector))
     ranked.sort(key=lambda pair: pair[0])
     return [vector for _, vector in ranked[:count]]
+
+
+def ranked_starts(damper: LawDamper, drives: Sequence[Drive], candidates: Iterable[np.ndarray],
+                  count: int) -> list[np.ndarray]:
+    """Candidates by the residual of their free run, the best first; the earlier one where two are alike.
+
+    Parameters
+    ----------
+    damper : LawDamper
+    drives : sequence of Drive
+        With forces.
+    candidates : iterable of (P,) array
+    count : int
+        How many to return.
+    """
+    ranked = []
+    for vector in candidates:
+        with np.errstate(all="ignore"):
+            residual = np.concatenate([damper.response(d, vector) - d.force for d in drives])
+            cost = float(residual @ residual)
+        ranked.append((cost if np.isfinite(cost) else np.inf, vector))
+    ranked.sort(key=lambda pair: pair[0])
+    return [vector for _, vector in ranked[:count]]
+
+
+def path(drive: Drive) -> np.ndarray:
+    """(n,) the integral of the velocity, its drift taken off [m]."""
+    way = np.cumsum(drive.velocity) * drive.sample_time
+    return way - np.linspace(way[0], way[-1], way.size)
 
 
 def _thinned(drive: Drive, step: int) -> Drive:

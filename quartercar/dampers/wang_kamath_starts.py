@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from quartercar.dampers.drive import Drive
+from quartercar.dampers.starting import path, ranked_starts
 
 if TYPE_CHECKING:
     from quartercar.dampers.wang_kamath import WangKamath
@@ -35,27 +36,19 @@ def regression_starts(damper: WangKamath, drives: Sequence[Drive], count: int) -
     count : int
         How many to return.
     """
+    return ranked_starts(damper, drives, _candidates(damper, drives), count)
+
+
+def _candidates(damper: WangKamath, drives: Sequence[Drive]) -> Iterator[np.ndarray]:
     v = np.concatenate([d.velocity for d in drives])
-    travel = float(np.concatenate([_path(d) for d in drives]).std())
+    travel = float(np.concatenate([path(d) for d in drives]).std())
     top = max(float(np.abs(np.concatenate([d.current for d in drives])).max()), 1e-9)
-    ranked = []
     for growth, window in product([g / top for g in GROWTHS] if damper.growing else [0.0], WINDOWS):
         columns = np.vstack([_columns(damper, d, window, growth) for d in drives])
         for lag, factor in product(LAGS, FACTORS):
             vector = _regressed(damper, columns, v, lag * travel)
             vector[: damper.degree + 1] *= factor
-            vector = _bounded(damper, np.append(vector, growth) if damper.growing else vector)
-            with np.errstate(all="ignore"):
-                residual = np.concatenate([damper.response(d, vector) - d.force for d in drives])
-                cost = float(residual @ residual)
-            ranked.append((cost if np.isfinite(cost) else np.inf, len(ranked), vector))
-    ranked.sort()
-    return [vector for _, _, vector in ranked[:count]]
-
-
-def _path(drive: Drive) -> np.ndarray:
-    path = np.cumsum(drive.velocity) * drive.sample_time
-    return path - np.linspace(path[0], path[-1], path.size)
+            yield _bounded(damper, np.append(vector, growth) if damper.growing else vector)
 
 
 def _columns(damper: WangKamath, drive: Drive, window: int, growth: float) -> np.ndarray:
