@@ -103,8 +103,11 @@ class Search:
             for e in added:
                 self.p_values[e.name] = min((x.p_value for x in evidence if x.effect.name == e.name), default=least)
             self.fit = fit
-            if faint and len(added) == 1:  # the largest of what is left is too small to be worth naming
-                break
+            if faint and len(added) == 1:
+                size = len(fit.composition.effects)
+                self.prune()
+                if len(self.fit.composition.effects) == size:  # it takes no other's place: enough
+                    break
             evidence, found = self.rewhiten()
             self.prune()
         return evidence, found

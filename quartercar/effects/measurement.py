@@ -46,7 +46,7 @@ class DisplacementDelay(ChainEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("delay", "s", "T", 0.0, (0.0, 0.02), (0.0, 0.1), (0.001, 0.003, 0.008)),)
+        return (EffectParameter("delay", "s", "T", 0.0, (0.0, 0.02), (0.0, 0.1), (0.001, 0.003, 0.008, 0.016)),)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         delay = float(values[0])
@@ -76,7 +76,7 @@ class ForceDelay(ChainEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("delay", "s", "T", 0.0, (0.0, 0.02), (0.0, 0.1), (0.001, 0.003, 0.008)),)
+        return (EffectParameter("delay", "s", "T", 0.0, (0.0, 0.02), (0.0, 0.1), (0.001, 0.003, 0.008, 0.016)),)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         delay = float(values[0])
