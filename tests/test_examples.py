@@ -96,10 +96,11 @@ def test_network_topology(tmp_path: Path) -> None:
 
 
 def test_compare_dampers_on_a_sample(tmp_path: Path) -> None:
-    """Of the thesis's models the LPV model comes first, as in the thesis; models of a Coulomb law alone are far off."""
+    """Of the thesis's models the LPV model comes first, as in the thesis, where it is below 0.04 in its own form."""
     means = load("compare_dampers").main(("guo", "narx-2", "lpv-arx"), ("test-1", "test-2"), str(tmp_path / "esr.png"))
-    assert min(means, key=lambda name: means[name]) == "lpv-arx"
-    assert means["lpv-arx"] < 0.02 < 0.1 < min(means["guo"], means["narx-2"])
+    assert sorted(means, key=lambda name: means[name])[:2] == ["lpv-arx", "lpv-arx (three zones)"]
+    assert means["lpv-arx"] < 0.02 < means["lpv-arx (three zones)"] < 0.04
+    assert min(means["guo"], means["narx-2"]) > 0.1
     assert (tmp_path / "esr.png").stat().st_size > 10_000
 
 
