@@ -155,7 +155,7 @@ class InSeries:
         rank = max(int(np.sum(weight > RANK * max(float(weight[0]), 1e-300))), 1)
         shapes = np.zeros((speeds.size, rank))
         shapes[pivots[:rank]] = np.eye(rank)
-        if rank < speeds.size:
+        if rank < speeds.size and weight[0] > 0:  # a core that is zero everywhere is a law, too
             shapes[pivots[rank:]] = solve_triangular(right[:rank, :rank], right[:rank, rank:]).T
             shapes *= scale[:, None] / scale[pivots[:rank]]
         chosen = speeds[pivots[:rank]]
