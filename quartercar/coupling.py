@@ -12,7 +12,8 @@ from collections.abc import Callable
 import numpy as np
 
 from lpvid.errors import InputError
-from quartercar.dampers.contract import Damper, DynamicDamper, StaticDamper
+from quartercar.dampers.contract import Damper
+from quartercar.dampers.families import DynamicDamper, StaticDamper
 
 FINE = 4
 """steps of a compiled damper within one step of the car."""

@@ -10,8 +10,8 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.record import Record
-from quartercar.dampers.contract import LawDamper, StaticDamper
 from quartercar.dampers.drive import Drive
+from quartercar.dampers.families import LawDamper, StaticDamper
 
 ROLES = ("displacement", "velocity", "current", "temperature")
 

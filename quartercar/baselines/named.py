@@ -11,7 +11,8 @@ from lpvid.diagnosis.registry import Factory
 from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.dampers import MODELS, model_class
-from quartercar.dampers.contract import Damper, LawDamper
+from quartercar.dampers.contract import Damper
+from quartercar.dampers.families import LawDamper
 
 
 def damper_baseline(name: str, records: Sequence[Record], parameters: Any = None) -> Baseline:

@@ -13,8 +13,7 @@ if TYPE_CHECKING:
 _EXPORTS = {
     "quartercar.dampers.compared": ("Compared", "Comparison"),
     "quartercar.dampers.comparison": ("CompareSettings", "compare"),
-    "quartercar.dampers.contract": ("Damper", "DynamicDamper", "ExtrapolationWarning", "LawDamper", "Run",
-                                    "StaticDamper"),
+    "quartercar.dampers.contract": ("Damper", "ExtrapolationWarning", "Run"),
     "quartercar.dampers.bouc_wen": ("BoucWen",),
     "quartercar.dampers.drive": ("Drive",),
     "quartercar.dampers.energy": ("Cycle", "steady_cycle"),
@@ -22,6 +21,7 @@ _EXPORTS = {
     "quartercar.dampers.fitting": ("DamperFit", "FitSettings", "fit"),
     "quartercar.dampers.guo": ("Guo", "Guo5", "Guo6", "Guo7", "Guo15"),
     "quartercar.dampers.kwok": ("Kwok",),
+    "quartercar.dampers.families": ("DynamicDamper", "LawDamper", "StaticDamper"),
     "quartercar.dampers.extended_bouc_wen": ("ExtendedBoucWen",),
     "quartercar.dampers.force_map": ("ForceMap",),
     "quartercar.dampers.linear": ("Linear",),

@@ -12,8 +12,9 @@ from lpvid.errors import InputError, LpvError
 from lpvid.record import Record
 from quartercar.dampers import MODELS, model_class
 from quartercar.dampers.compared import Compared, Comparison
-from quartercar.dampers.contract import Damper, DynamicDamper, LawDamper
+from quartercar.dampers.contract import Damper
 from quartercar.dampers.facts import Facts
+from quartercar.dampers.families import DynamicDamper, LawDamper
 from quartercar.dampers.fitting import DamperFit, FitSettings, fit
 from quartercar.dampers.preparing import Prepared, prepare
 from quartercar.dampers.scoring import score, stretches, time_per_simulated_second

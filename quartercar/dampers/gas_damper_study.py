@@ -11,7 +11,8 @@ import numpy as np
 from lpvid import _checks
 from lpvid.condition import with_velocity
 from lpvid.record import Channel, Record
-from quartercar.dampers.power_law import SWIFT_2012, PowerLawDamper, PowerLawFrictionGas, sine_work
+from quartercar.dampers.power_law import PowerLawDamper, PowerLawFrictionGas
+from quartercar.dampers.sine_work import SWIFT_2012, sine_work
 
 RIG_SPEED = 0.7
 """Velocity limit for which the seed planned its tests [m/s]."""

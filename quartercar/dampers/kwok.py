@@ -12,9 +12,9 @@ import numpy as np
 from lpvid import _checks
 from lpvid.record import Record
 from quartercar.dampers.coefficients import Controlled, settled_span
-from quartercar.dampers.contract import StaticDamper
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
+from quartercar.dampers.families import StaticDamper
 from quartercar.dampers.parameter import Parameter
 
 SLOPES = (0.5, 1.0, 2.0, 5.0, 12.0, 30.0, 80.0)

@@ -9,9 +9,9 @@ from typing import ClassVar
 import numpy as np
 
 from lpvid.errors import InputError
-from quartercar.dampers.contract import LawDamper
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
+from quartercar.dampers.families import LawDamper
 from quartercar.dampers.parameter import Parameter
 
 

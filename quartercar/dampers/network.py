@@ -11,9 +11,9 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from quartercar.dampers.contract import StaticDamper
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
+from quartercar.dampers.families import StaticDamper
 from quartercar.dampers.parameter import Parameter
 
 SIDES = ("extension", "compression")

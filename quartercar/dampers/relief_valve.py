@@ -12,9 +12,9 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from quartercar.dampers.contract import DynamicDamper
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
+from quartercar.dampers.families import DynamicDamper
 from quartercar.dampers.parameter import Parameter
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from lpvid.errors import InputError
-from quartercar.dampers.contract import LawDamper
 from quartercar.dampers.current_lag import CurrentLag
 from quartercar.dampers.drive import Drive
+from quartercar.dampers.families import LawDamper
 from quartercar.dampers.parameter import Parameter
 
 if TYPE_CHECKING:

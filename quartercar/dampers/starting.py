@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from quartercar.dampers.contract import LawDamper, StaticDamper
 from quartercar.dampers.drive import Drive
+from quartercar.dampers.families import LawDamper, StaticDamper
 
 SAMPLES = 3000
 """samples that rank the points of a grid"""

@@ -12,8 +12,8 @@ import numpy as np
 
 from lpvid.record import Record
 from quartercar.dampers.coefficients import Coefficient, Controlled, settled_span
-from quartercar.dampers.contract import StaticDamper
 from quartercar.dampers.drive import Drive
+from quartercar.dampers.families import StaticDamper
 from quartercar.dampers.parameter import Parameter
 
 YIELD = Parameter("yield_force", "N", "dynamic yield force A_1", 0.0, 0.0)

@@ -13,7 +13,7 @@ import pytest
 
 from quartercar.dampers import Drive
 from quartercar.dampers.bouc_wen import BoucWen
-from quartercar.dampers.contract import DynamicDamper
+from quartercar.dampers.families import DynamicDamper
 from quartercar.dampers.stepping import motion_steps
 from quartercar.dampers.wang_kamath import WangKamath
 

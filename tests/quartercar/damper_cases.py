@@ -13,7 +13,7 @@ import numpy as np
 
 from lpvid.record import Record
 from quartercar.dampers import MODELS, Damper, Drive, LawDamper, model_class
-from quartercar.dampers.contract import DynamicDamper, StaticDamper
+from quartercar.dampers.families import DynamicDamper, StaticDamper
 
 
 @dataclass(frozen=True)

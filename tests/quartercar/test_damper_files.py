@@ -17,7 +17,8 @@ from lpvid.export.serialise import Kind, known_kinds, model_hash
 from lpvid.record import Record
 from quartercar.dampers import MODELS, Linear, model_class
 from quartercar.dampers.compliance import Compliance, QuasiLpv
-from quartercar.dampers.contract import Damper, LawDamper
+from quartercar.dampers.contract import Damper
+from quartercar.dampers.families import LawDamper
 from quartercar.dampers.fitting import FitSettings, fit
 from quartercar.dampers.lpv import LpvArx
 from quartercar.dampers.narx import Narx2, Narx3
@@ -209,7 +210,7 @@ def altered(data: dict, **changes: object) -> dict:
 BAD = {
     "newer": ({"schema": "quartercar/damper/2"},
               "newer format.*reads up to quartercar/damper/1. Mend: update quartercar"),
-    "other noun": ({"schema": "quartercar/car/1"}, "known: lpvid/model/1, quartercar/damper/1"),
+    "other noun": ({"schema": "quartercar/car/1"}, "known: lpvid/model/1, .*quartercar/damper/1"),
     "kind": ({"kind": "magic"}, "unknown kind of damper: got 'magic'"),
     "no settings": ({"settings": None}, "not a consistent damper file"),
     "unknown setting": ({"settings": {"colour": "red"}}, "not a consistent damper file"),

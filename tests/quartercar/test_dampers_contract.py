@@ -29,8 +29,8 @@ from scipy.stats import chi2
 
 from lpvid import InputError
 from quartercar.dampers import DynamicDamper, ExtrapolationWarning, FitSettings, StaticDamper, model_class
-from quartercar.dampers.contract import LawDamper
 from quartercar.dampers.drive import Drive
+from quartercar.dampers.families import LawDamper
 
 every = pytest.mark.parametrize("name", NAMES)
 

@@ -10,8 +10,9 @@ from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.dampers.creep import static_forces
 from quartercar.dampers.gas_damper_study import RIG_SPEED, behind_spring, measured, work_table
-from quartercar.dampers.power_law import SWIFT_2012, PowerLawFrictionGas, sine_work
+from quartercar.dampers.power_law import PowerLawFrictionGas
 from quartercar.dampers.ramps import RampFit, fit_ramps
+from quartercar.dampers.sine_work import SWIFT_2012, sine_work
 from quartercar.rig import Constant, Creep, Experiment, Rig, Triangle
 
 SHARP = SWIFT_2012.replace(friction_speed=1e-4)

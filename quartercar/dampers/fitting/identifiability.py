@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from quartercar.dampers.contract import LawDamper
+    from quartercar.dampers.families import LawDamper
 
 OPEN = 0.5
 """relative standard error of a combination above which the data do not determine it."""

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from quartercar.dampers.contract import LawDamper
 from quartercar.dampers.drive import Drive
+from quartercar.dampers.families import LawDamper
 from quartercar.dampers.fitting.coordinates import Coordinates
 from quartercar.dampers.fitting.solver import Trial, bounded_least_squares
 

@@ -9,8 +9,8 @@ import numpy as np
 from lpvid._threads import single_thread
 from lpvid.errors import InputError, NumericalError
 from lpvid.validation.residuals import EXACT, residual_of
-from quartercar.dampers.contract import LawDamper
 from quartercar.dampers.drive import Drive
+from quartercar.dampers.families import LawDamper
 from quartercar.dampers.fitting.coordinates import Coordinates
 from quartercar.dampers.fitting.covariance import covariance_of
 from quartercar.dampers.fitting.estimate import Estimate, Starts

@@ -1,0 +1,125 @@
+"""The families that most damper models belong to: laws with physical parameters, without memory and with states."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lpvid.record import Record
+from quartercar.dampers.contract import Damper
+from quartercar.dampers.drive import Drive
+
+if TYPE_CHECKING:
+    from lpvid.model.quasi import SelfScheduled
+    from quartercar.dampers.fitting import Estimate, FitSettings
+
+COMPLEX_STEP = 1e-30
+"""imaginary part, relative to a parameter, by which exact derivatives are taken."""
+
+
+class LawDamper(Damper):
+    """A damper with physical parameters that the search of `quartercar.dampers.fitting` can fit."""
+
+    @property
+    def clock(self) -> float | None:
+        return None
+
+    def to_model(self, sample_time: float) -> SelfScheduled:
+        """As a model of lpvid at this period; its predictions are its free run."""
+        from quartercar.dampers.as_model import DamperModel
+
+        return DamperModel.of(self, sample_time)
+
+    def estimate(self, records: Sequence[Record], settings: FitSettings) -> Estimate:
+        from quartercar.dampers.fitting.searching import estimate_law
+
+        return estimate_law(self, [self.drive(r, force=True) for r in records], settings)
+
+    @property
+    @abstractmethod
+    def linear(self) -> tuple[str, ...]:
+        """Parameters in which the force is affine while the others are held (variable projection); may be empty."""
+
+    @abstractmethod
+    def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+        """(n, P) derivative of `response` in every parameter, exact."""
+
+    @abstractmethod
+    def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
+        """At most `count` starting vectors, the most promising first, drawn from what the measured forces look like."""
+
+
+class StaticDamper(LawDamper):
+    """A damper without memory: force is a function of displacement, velocity and current at the same instant."""
+
+    @abstractmethod
+    def law(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
+            vector: np.ndarray) -> np.ndarray:
+        """(n,) force [N]."""
+
+    @abstractmethod
+    def law_gradient(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
+                     vector: np.ndarray) -> np.ndarray:
+        """(n, P) derivative of `law` in every parameter, analytic."""
+
+    def force(self, displacement: np.ndarray | float, velocity: np.ndarray | float,
+              current: np.ndarray | float = 0.0) -> np.ndarray:
+        """Force at displacements [m], velocities [m/s] and currents, broadcast against each other [N]."""
+        x, v, i = np.broadcast_arrays(*(np.atleast_1d(np.asarray(a, dtype=float))
+                                        for a in (displacement, velocity, current)))
+        return self.law(x.ravel(), v.ravel(), i.ravel(), self.vector).reshape(v.shape)
+
+    @property
+    def start(self) -> int:
+        return 0
+
+    def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+        return self.law(drive.displacement, drive.velocity, drive.current, vector)
+
+    def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+        return self.law_gradient(drive.displacement, drive.velocity, drive.current, vector)
+
+    def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
+        return self.force(displacement, velocity, current)
+
+
+class DynamicDamper(LawDamper):
+    """A damper with states: ż = f(z, x, v, i), F = h(z, x, v, i), motion and current linear between samples."""
+
+    @property
+    @abstractmethod
+    def states(self) -> tuple[str, ...]:
+        """Names of the states, with units, e.g. ``"z [m]"``."""
+
+    @abstractmethod
+    def rest(self, displacement: float, velocity: float, current: float, force: float | None,
+             vector: np.ndarray) -> np.ndarray:
+        """(s,) state at the start of a run: one that agrees with the measured `force`, settled where there is none."""
+
+    @abstractmethod
+    def rates(self, state: np.ndarray, displacement: float, velocity: float, current: float) -> np.ndarray:
+        """(s,) time derivative of the state."""
+
+    @abstractmethod
+    def output(self, state: np.ndarray, displacement: float, velocity: float, current: float) -> float:
+        """Force at a state [N]."""
+
+    @property
+    def start(self) -> int:
+        return 1
+
+    def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+        """By the complex step: Im F(θ + i h e_j)/h has no difference to round off, for any h.
+
+        Squire, Trapp (1998), SIAM Review 40(1), 110-112. Kernels take moduli and signs by the real part.
+        """
+        out = np.empty((drive.n_samples, vector.size))
+        for j in range(vector.size):
+            step = COMPLEX_STEP * max(abs(float(vector[j])), 1e-6)
+            moved = vector.astype(complex)
+            moved[j] += 1j * step
+            out[:, j] = np.imag(self.response(drive, moved)) / step
+        return out
