@@ -148,7 +148,7 @@ def test_a_model_file_is_run_again_as_it_was(files, written):
     again = json.loads(run(files[0], "--held-out", files[1], "--models", "linear", "--parameters", out / "guo.json",
                            "--json").stdout)
     esr = {m["name"]: m["held_out"]["free_run"]["esr"] for m in told["models"]}
-    assert again["models"][0]["name"] == "guo (guo)"
+    assert again["models"][0]["name"] == "guo (as given)"
     assert again["models"][0]["held_out"]["free_run"]["esr"] == pytest.approx(esr["guo"], rel=1e-9)
 
 
