@@ -33,7 +33,7 @@ class Parameter:
     >>> Parameter("viscous_damping", "N*s/m", "c", 1000.0, lower=0.0).checked(-3.0)
     Traceback (most recent call last):
     ...
-    lpvid.errors.InputError: viscous_damping lies outside its physical bounds: got -3 N*s/m. 0 to inf.
+    lpvid.errors.InputError: viscous_damping lies outside its physical bounds: got -3 N*s/m; 0 to inf.
     """
 
     name: str
