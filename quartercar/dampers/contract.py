@@ -247,10 +247,10 @@ class Damper(Adaptable):
 
     @property
     def usual_currents(self) -> tuple[float, float] | None:
-        """Fitted range without the rarest hundredth of the training samples at either end, where that is known.
+        """Fitted range without the ripple of filters and the rarest hundredth at either end, where that is known.
 
         What a filter overshoots at steps of the current is in `current_range`, since the fit has seen it and a run may
-        meet it, but no damper is driven there.
+        meet it, but no damper is driven there; see `quartercar.dampers.training.usual_currents`.
         """
         training = self.metadata.get("training", {})
         given = training.get("usual_currents") if isinstance(training, Mapping) else None

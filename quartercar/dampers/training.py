@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from lpvid.familiar import heads
 from lpvid.record import Record
@@ -14,7 +15,9 @@ from quartercar.dampers.contract import Damper
 D = TypeVar("D", bound=Damper)
 
 USUAL = (0.01, 0.99)
-"""quantiles between which a current is usual; ripple of a filter at its steps lies beyond them."""
+"""quantiles between which a current is usual, once it is smoothed by a running median"""
+RINGING = 9
+"""samples of that median: an anti-alias filter rings at a step of the current for about two samples each way"""
 
 
 def remembering(damper: D, records: Sequence[Record]) -> D:
@@ -29,6 +32,19 @@ def remembering(damper: D, records: Sequence[Record]) -> D:
     training = {"records": [r.name for r in records], "n_samples": sum(r.n_samples for r in records),
                 "sample_time": records[0].sample_time, "heads": heads(records, "force")}
     if "current" in damper.reads:
-        currents = np.quantile(np.concatenate([r["current"] for r in records]), USUAL)
-        training["usual_currents"] = [float(c) for c in currents]
+        training["usual_currents"] = usual_currents([r["current"] for r in records])
     return damper.replace(metadata={**damper.metadata, "training": training})
+
+
+def usual_currents(currents: Sequence[np.ndarray]) -> list[float]:
+    """Lowest and highest current that a damper is driven at, without the ripple of filters and the rarest samples.
+
+    Examples
+    --------
+    >>> steps = np.repeat([0.0, 2.0, 0.0, 2.0], 50)
+    >>> steps[[49, 50, 99, 100]] += [-0.2, 0.2, 0.2, -0.2]
+    >>> usual_currents([steps])
+    [0.0, 2.0]
+    """
+    smooth = [np.median(sliding_window_view(np.pad(c, RINGING // 2, "edge"), RINGING), axis=1) for c in currents]
+    return [float(c) for c in np.quantile(np.concatenate(smooth), USUAL)]
