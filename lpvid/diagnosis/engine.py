@@ -27,6 +27,9 @@ from lpvid.diagnosis.signals import in_turn
 from lpvid.errors import InputError
 from lpvid.record import Record
 
+LEFT = 0.05
+"""rms of the error that a regression on the inputs still predicts, as a share of the output's spread, beyond which
+nothing counts as explained in full"""
 PREDICTABLE = 0.02
 """share of the remaining error, beyond two standard errors, that a regression must predict to count as structure"""
 
@@ -140,7 +143,8 @@ class _Case:
         share, spread = predictable_share(problem, plain, self._inputs)
         predictable = share if share - 2 * spread > PREDICTABLE else 0.0
         phi = explained_share(problem, before, after, self.level.variance, predictable) if judged else None
-        verdict, reason = self._verdict(named, contested, dropped, phi, predictable)
+        left = float(np.sqrt(predictable * np.mean(after.plain**2))) / problem.spread
+        verdict, reason = self._verdict(named, contested, dropped, phi, predictable, left)
         kept = [j for j in judged if j in named or j in contested] if verdict != "unexplained" else []
         final = self._final(fit, kept)
         return self._result(verdict, reason, bare, final, before, judged, named, contested, dropped, phi,
@@ -175,7 +179,7 @@ class _Case:
         return [c for c in self.baseline.channels if c != self.baseline.output]
 
     def _verdict(self, named: list[Judged], contested: list[Judged], dropped: list[Judged],
-                 phi: tuple[float, float] | None, predictable: float) -> tuple[str, str]:
+                 phi: tuple[float, float] | None, predictable: float, left: float) -> tuple[str, str]:
         if not named and not contested:
             return self._nothing(dropped, predictable)
         assert phi is not None
@@ -192,6 +196,9 @@ class _Case:
         text = f"{', '.join(j.effect.name for j in named)} explains {min(phi[0], 1.0):.0%} of the excess error"
         if contested:
             return "partly-explained", text + f"; {', '.join(j.effect.name for j in contested)} has rivals"
+        if left > LEFT:
+            return "partly-explained", text + (f", but what is left still follows the inputs, by {left:.0%} of the "
+                                               "output's spread")
         return "explained", text
 
     def _nothing(self, dropped: list[Judged], predictable: float) -> tuple[str, str]:

@@ -134,6 +134,9 @@ class Search:
         if not tried:
             return None
         effect, fit = min(tried, key=lambda t: (bool(t[0].implausible(own_values(t[1], t[0]))), t[1].bic()))
+        for special, other in tried:  # what one number fewer explains as well is the better name
+            if special.name in effect.contains and other.bic() < fit.bic() + BIC_GAIN:
+                effect, fit = special, other
         return (effect,), fit
 
     def weighty(self, effect: Effect, found: Sequence[Direction]) -> bool:
