@@ -35,21 +35,23 @@ def is_held(current: np.ndarray) -> bool:
     return size > 0 and float(np.median(increments)) < STEPPED * size
 
 
-def rests(current: np.ndarray) -> bool:
+def rests(current: np.ndarray, largest: float) -> bool:
     """Whether a current is constant but for the noise of its sensor: small, and without memory from sample to sample.
+
+    `largest` is the largest modulus of the current in all records, against which a ripple is small.
 
     Examples
     --------
     >>> noise = np.random.default_rng(0).standard_normal(500)
-    >>> rests(1.2 + 0.01 * noise), rests(np.repeat(noise[:50], 10)), rests(np.full(9, 2.0))
+    >>> rests(0.01 * noise, 1.2), rests(np.repeat(noise[:50], 10), 2.0), rests(np.full(9, 2.0), 2.0)
     (True, False, True)
     """
     ripple = current - current.mean()
     size = float(ripple @ ripple)
-    if size <= (REST * max(float(np.abs(current).max()), 1e-12)) ** 2 * current.size * 1e-6:
+    spread = float(np.sqrt(size / max(current.size, 1)))
+    if spread <= 1e-3 * REST * largest:
         return True
-    memory = float(ripple[1:] @ ripple[:-1]) / size
-    return float(np.sqrt(size / current.size)) < REST * float(np.abs(current).max()) and memory < 0.5
+    return spread < REST * largest and float(ripple[1:] @ ripple[:-1]) < 0.5 * size
 
 
 def held(s: Signals) -> bool:
@@ -127,7 +129,8 @@ class CurrentEffect(GridEffect):
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         if "current" not in baseline.channels:
             return f"{baseline.name} does not depend on the current"
-        if self.of_changes and all(rests(s["current"]) for s in signals):
+        largest = max(float(np.abs(s["current"]).max()) for s in signals)
+        if self.of_changes and all(rests(s["current"], largest) for s in signals):
             return "the current rests within every record, but for the noise of its sensor"
         if self.between_two and levels(signals) == 2:
             return f"the current takes two levels only: {self.between_two}"
