@@ -125,9 +125,11 @@ class Search:
             tasted.append((e.effect, self.taste((e.effect,), found)))
         least = min((f.bic() for _, f in tasted), default=0.0)
         near = least + NEAR + NEAR_SHARE * max(self.fit.bic() - least, 0.0)
+        followed = [e for e, f in tasted if f.bic() <= near]
+        special = {name for e in followed for name in e.contains}
         tried = []
         for e, f in tasted:
-            if f.bic() <= near:
+            if e in followed or e.name in special:
                 self.say(f"refitting with {e.name}")
                 tried.append((e, refit(self.problem, f.composition, f.vector, near=self.fit)))
         tried = [(e, f) for e, f in tried if f.bic() < self.fit.bic() - BIC_GAIN and resolved(self.problem, f)]
