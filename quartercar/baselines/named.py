@@ -84,15 +84,16 @@ def car_baseline(records: Sequence[Record], parameters: Any = None) -> Baseline:
     from quartercar.baselines.quarter_car import UNITS, QuarterCarBaseline
     from quartercar.parameters import BENCH, CarParameters
 
-    if parameters is None:
-        return QuarterCarBaseline()
     if isinstance(parameters, Mapping):
-        return QuarterCarBaseline(CarParameters(**parameters["car"]), tuple(parameters["free"]), parameters["output"])
+        return QuarterCarBaseline.from_dict(dict(parameters))
+    actuated = all(r.has("actuator") for r in records)
+    if parameters is None:
+        return QuarterCarBaseline(actuated=actuated)
     if isinstance(parameters, CarParameters):
-        return QuarterCarBaseline(parameters, ())
+        return QuarterCarBaseline(parameters, (), actuated=actuated)
     from quartercar.dampers.published import read_values
 
-    return QuarterCarBaseline(BENCH.replace(**read_values(parameters, "quarter-car", UNITS)), ())
+    return QuarterCarBaseline(BENCH.replace(**read_values(parameters, "quarter-car", UNITS)), (), actuated=actuated)
 
 
 BASELINES: Mapping[str, Factory] = {**{name: partial(damper_baseline, name) for name, _, _ in MODELS},
