@@ -1,6 +1,6 @@
 """Speed of damper models with states against their bare compiled kernels. Times are printed, never asserted.
 
-Run ``pytest tests/benchmarks/test_damper_speed.py --benchmark-enable --benchmark-only -s``.
+Run ``pytest tests/benchmarks/test_damper_speed.py -n 0 --benchmark-enable --benchmark-only -s``.
 """
 
 from __future__ import annotations

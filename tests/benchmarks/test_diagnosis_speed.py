@@ -1,4 +1,4 @@
-"""Time of one composition of every effect on 30 s at 512 Hz: pytest tests/benchmarks --benchmark-enable."""
+"""Time of one composition of every effect on 30 s at 512 Hz: pytest tests/benchmarks -n 0 --benchmark-enable."""
 
 from __future__ import annotations
 

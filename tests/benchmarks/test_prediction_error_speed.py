@@ -1,6 +1,6 @@
 """Speed of output-error estimates against their limit: the banded solves. Ratios are printed, never asserted.
 
-Run ``pytest tests/benchmarks/test_prediction_error_speed.py --benchmark-enable --benchmark-only -s``.
+Run ``pytest tests/benchmarks/test_prediction_error_speed.py -n 0 --benchmark-enable --benchmark-only -s``.
 """
 
 from __future__ import annotations

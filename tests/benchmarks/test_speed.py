@@ -1,6 +1,6 @@
 """Speed against the limit: a bare chunked QR, a hand-written loop, lstsq. Ratios are printed, never asserted.
 
-Run ``pytest tests/benchmarks --benchmark-enable --benchmark-only -s``.
+Run ``pytest tests/benchmarks -n 0 --benchmark-enable --benchmark-only -s``.
 """
 
 from __future__ import annotations
