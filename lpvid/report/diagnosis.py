@@ -67,7 +67,7 @@ def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | Non
 def before_after(found: Diagnosis, question: Question) -> list[draw.BeforeAfter]:
     """The records with the free runs of the baseline and of the extended model, in the records' sense."""
     values = np.array([p["value"] for p in found.baseline.get("parameters", [])], dtype=float)
-    baseline = question.baseline
+    baseline = question.baseline if found.extended is None else found.extended.composition.baseline
     baseline = baseline.with_vector(values) if values.size == baseline.vector.size else baseline
     listed = []
     for part, records in (("training", question.prepared.training), ("held-out", question.prepared.held_out)):

@@ -256,7 +256,7 @@ def test_stepped_sample_by_sample_it_is_the_same_run_and_allocates_nothing() -> 
         stepper(*now)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert peak - before < 2000
+    assert peak - before < 8 * len(samples)  # not one number per call, whatever other threads of the process do
 
 
 def test_structure_follows_from_the_data() -> None:
