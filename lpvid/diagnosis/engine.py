@@ -162,6 +162,11 @@ class _Case:
             after = out_of_fold(self.problem, fit) if fit.composition.effects else before
             self.say("weighing rivals")
             judged = [judge(self.search, e, after) for e in fit.composition.effects]
+            simpler = next(((j, e, f) for j in judged for e, f, _ in j.rivals if e.name in j.effect.contains), None)
+            if simpler is not None:  # a special case that does as well is the better name, and no rival
+                self.search.p_values[simpler[1].name] = self.search.p_values.get(simpler[0].effect.name, 1.0)
+                self.search.fit = simpler[2]
+                continue
             bad = [j for j in judged if j.objections]
             kept = [j for j in judged if not j.objections]
             if len(judged) > 1 and all("negligible" in " ".join(j.objections) for j in judged):
