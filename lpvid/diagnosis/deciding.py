@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -183,8 +182,3 @@ def _contribution(problem: Problem, fit: Refit, rest: Refit) -> float:
     change = [fit.composition.predict(s, fit.vector) - rest.composition.predict(s, rest.vector)
               for s in problem.signals]
     return float(np.sqrt(np.mean(problem.stack(change, whiten=False) ** 2)))
-
-
-def names(effects: Sequence[Effect]) -> tuple[str, ...]:
-    """Names in order."""
-    return tuple(e.name for e in effects)
