@@ -6,10 +6,14 @@ What comes back is a candidate. The status of a solver proves nothing; `lpvid.lm
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from scipy import sparse
+
+from lpvid.lmi.affine import Affine, Unknowns
 
 SOLVERS = ("CLARABEL", "MOSEK", "SDPA", "CVXOPT", "SCS")
 
@@ -87,3 +91,103 @@ def _constraint(cp, inequality: Inequality, x, t):
     flat = inequality.linear.reshape(n * n, -1) @ x + inequality.constant.reshape(-1)
     matrix = cp.reshape(flat, (n, n), order="C")
     return (matrix - inequality.weight * t * np.eye(n) if inequality.weight else matrix) >> 0
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A solver's answer: x of shape (K,), the objective there, who gave it and what it said of it."""
+
+    x: np.ndarray
+    objective: float
+    solver: str
+    status: str
+
+    def __getitem__(self, matrix: Affine) -> np.ndarray:
+        """Value of a matrix of unknowns."""
+        return matrix.value(self.x)
+
+
+class Program:
+    """Minimise a scalar subject to F(x) + Σ_k θ_k G_k(x) ⪰ margin·I.
+
+    The θ are named numbers that may change between solves. It is compiled once, at the first `solve`; a sweep over θ
+    re-uses that.
+
+    Examples
+    --------
+    >>> program = Program()
+    >>> t = program.unknowns.scalar()
+    >>> program.require(t.times(np.eye(2)) - np.diag([1.0, 3.0]))
+    >>> program.minimise(t)
+    >>> round(next(program.solve()).objective, 4)
+    3.0
+    """
+
+    def __init__(self) -> None:
+        self.unknowns = Unknowns()
+        self._required: list[tuple[Affine, dict[str, Affine]]] = []
+        self._objective: Affine | None = None
+        self._compiled: tuple[Any, Any, dict[str, Any]] | None = None
+
+    def require(self, matrix: Affine, *, margin: float = 0.0, scaled: Mapping[str, Affine] | None = None) -> None:
+        """matrix + Σ θ_name · scaled[name] ⪰ margin·I (all symmetric)."""
+        self._required.append((matrix - margin * np.eye(matrix.shape[0]) if margin else matrix, dict(scaled or {})))
+        self._compiled = None
+
+    def minimise(self, objective: Affine) -> None:
+        """Set the (1, 1) objective."""
+        self._objective, self._compiled = objective, None
+
+    def solve(self, values: Mapping[str, float] | None = None, *, solvers: Sequence[str] = SOLVERS,
+              settings: Mapping[str, Mapping[str, Any]] | None = None) -> Iterator[Solution]:
+        """Answers of one solver after the other; the next is only started when the generator is asked again.
+
+        Parameters
+        ----------
+        values : mapping of name to float, optional
+            θ.
+        solvers : sequence of str
+            In this order, where installed.
+        settings : mapping of solver to its options, optional
+        """
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import cvxpy as cp
+
+            if self._compiled is None:
+                self._compiled = self._compile(cp)
+            available = cp.installed_solvers()
+        problem, x, parameters = self._compiled
+        for name, parameter in parameters.items():
+            parameter.value = float((values or {})[name])
+        for solver in (s for s in solvers if s in available):
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    problem.solve(solver=solver, **dict((settings or {}).get(solver, {})))
+            except (cp.SolverError, ArithmeticError, ValueError):
+                continue
+            if x.value is not None and np.all(np.isfinite(x.value)):
+                found = np.array(x.value, dtype=float)
+                value = float(self._objective.value(found)[0, 0]) if self._objective is not None else 0.0
+                yield Solution(found, value, solver, str(problem.status))
+
+    def _compile(self, cp: Any) -> tuple[Any, Any, dict[str, Any]]:
+        size = self.unknowns.size
+        x = cp.Variable(size)
+        parameters: dict[str, Any] = {}
+        constraints = []
+        for matrix, scaled in self._required:
+            n = matrix.shape[0]
+            flat = _flat(matrix, size) @ x + matrix.constant.ravel()
+            for name, part in scaled.items():
+                theta = parameters.setdefault(name, cp.Parameter(name=name))
+                flat = flat + theta * (_flat(part, size) @ x + part.constant.ravel())
+            constraints.append(cp.reshape(flat, (n, n), order="C") >> 0 if n > 1 else flat >= 0)
+        goal = 0 if self._objective is None else (_flat(self._objective, size) @ x)[0]
+        return cp.Problem(cp.Minimize(goal), constraints), x, parameters
+
+
+def _flat(matrix: Affine, size: int) -> Any:
+    m = matrix.linear
+    return sparse.csr_array((m.data, m.indices, m.indptr), shape=(m.shape[0], size))

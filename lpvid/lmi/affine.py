@@ -1,0 +1,191 @@
+"""Matrices affine in unknowns, by sparse algebra: what matrix inequalities are written in.
+
+An `Unknowns` hands out symmetric, full and diagonal matrix variables; sums, products with known matrices, transposes
+and blocks of them stay affine in one vector x.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from lpvid.errors import InputError
+
+Known = np.ndarray | float
+
+
+@dataclass(frozen=True, eq=False)
+class Affine:
+    """An (m, n) matrix F(x) = constant + reshape(linear x), row by row.
+
+    Parameters
+    ----------
+    constant : (m, n) array
+    linear : (m·n, K) sparse array
+        K may be smaller than the number of unknowns that are declared later.
+
+    Examples
+    --------
+    >>> unknowns = Unknowns()
+    >>> p = unknowns.symmetric(2)
+    >>> a = np.array([[0.0, 1.0], [-1.0, -1.0]])
+    >>> he(p @ a).value(np.array([1.5, 0.5, 1.0])).round(3).tolist()
+    [[-1.0, 0.0], [0.0, -1.0]]
+    """
+
+    constant: np.ndarray
+    linear: Any
+
+    __array_ufunc__ = None  # numpy leaves `array @ affine` to `__rmatmul__`
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, columns)."""
+        return self.constant.shape[0], self.constant.shape[1]
+
+    @property
+    def T(self) -> Affine:
+        """Transposed."""
+        m, n = self.shape
+        order = np.arange(m * n).reshape(m, n).T.ravel()
+        return Affine(self.constant.T, self.linear[order])
+
+    def __neg__(self) -> Affine:
+        return Affine(-self.constant, -self.linear)
+
+    def __add__(self, other: Affine | Known) -> Affine:
+        other = _as_affine(other, self.shape)
+        if other.shape != self.shape:
+            raise InputError("matrices of different shapes cannot be added", got=f"{self.shape} and {other.shape}")
+        a, b = _widened(self.linear, other.linear)
+        return Affine(self.constant + other.constant, (a + b).tocsr())
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Affine | Known) -> Affine:
+        return self + (-_as_affine(other, self.shape))
+
+    def __rsub__(self, other: Known) -> Affine:
+        return -self + other
+
+    def __mul__(self, factor: float) -> Affine:
+        return Affine(factor * self.constant, (float(factor) * self.linear).tocsr())
+
+    __rmul__ = __mul__
+
+    def __matmul__(self, right: np.ndarray) -> Affine:
+        right = np.asarray(right, dtype=float)
+        spread: Any = sparse.kron(sparse.eye_array(self.shape[0]), sparse.csr_array(right.T))
+        return Affine(self.constant @ right, (spread @ self.linear).tocsr())
+
+    def __rmatmul__(self, left: np.ndarray) -> Affine:
+        left = np.asarray(left, dtype=float)
+        spread: Any = sparse.kron(sparse.csr_array(left), sparse.eye_array(self.shape[1]))
+        return Affine(left @ self.constant, (spread @ self.linear).tocsr())
+
+    def value(self, x: np.ndarray) -> np.ndarray:
+        """(m, n) the matrix at x of shape (K,)."""
+        return self.constant + (self.linear @ x[: self.linear.shape[1]]).reshape(self.shape)
+
+    def times(self, matrix: np.ndarray) -> Affine:
+        """A scalar unknown times a known matrix."""
+        if self.shape != (1, 1):
+            raise InputError("only a scalar unknown can multiply a matrix", got=f"shape {self.shape}")
+        matrix = np.asarray(matrix, dtype=float)
+        column = sparse.csr_array(matrix.reshape(-1, 1))
+        return Affine(self.constant[0, 0] * matrix, (column @ self.linear).tocsr())
+
+
+class Unknowns:
+    """Declares matrix variables over one growing vector x."""
+
+    def __init__(self) -> None:
+        self.size = 0
+
+    def symmetric(self, n: int) -> Affine:
+        """(n, n) symmetric, n(n+1)/2 unknowns, the upper triangle row by row."""
+        rows, columns = np.triu_indices(n)
+        index = np.zeros((n, n), dtype=int)
+        index[rows, columns] = index[columns, rows] = np.arange(len(rows))
+        return self._declared(index.ravel(), (n, n), len(rows))
+
+    def matrix(self, m: int, n: int) -> Affine:
+        """(m, n) without structure."""
+        return self._declared(np.arange(m * n), (m, n), m * n)
+
+    def antisymmetric(self, n: int) -> Affine:
+        """(n, n) with T = −Tᵀ."""
+        rows, columns = np.triu_indices(n, 1)
+        count, k = len(rows), np.arange(len(rows))
+        data = np.concatenate([np.ones(count), -np.ones(count)])
+        at = np.concatenate([rows * n + columns, columns * n + rows])
+        linear = sparse.csr_array((data, (at, self.size + np.concatenate([k, k]))), shape=(n * n, self.size + count))
+        self.size += count
+        return Affine(np.zeros((n, n)), linear)
+
+    def scalar(self) -> Affine:
+        """(1, 1)."""
+        return self.matrix(1, 1)
+
+    def _declared(self, index: np.ndarray, shape: tuple[int, int], count: int) -> Affine:
+        n = index.size
+        linear = sparse.csr_array((np.ones(n), (np.arange(n), self.size + index)), shape=(n, self.size + count))
+        self.size += count
+        return Affine(np.zeros(shape), linear)
+
+
+def he(matrix: Affine) -> Affine:
+    """M + Mᵀ."""
+    return matrix + matrix.T
+
+
+def block(rows: Sequence[Sequence[Affine | np.ndarray]]) -> Affine:
+    """A matrix of blocks; known blocks are arrays, and at least one block is affine.
+
+    Examples
+    --------
+    >>> gamma = Unknowns().scalar()
+    >>> block([[gamma, np.zeros((1, 2))], [np.zeros((2, 1)), np.eye(2)]]).shape
+    (3, 3)
+    """
+    parts = [[b if isinstance(b, Affine) else _as_affine(np.atleast_2d(b), np.shape(b)) for b in row] for row in rows]
+    heights, widths = [row[0].shape[0] for row in parts], [b.shape[1] for b in parts[0]]
+    for i, row in enumerate(parts):
+        if [b.shape for b in row] != [(heights[i], w) for w in widths]:
+            raise InputError("blocks do not fit together", got=f"row {i} has {[b.shape for b in row]}")
+    size = max(b.linear.shape[1] for row in parts for b in row)
+    top, left = np.cumsum([0, *heights]), np.cumsum([0, *widths])
+    constant = np.zeros((top[-1], left[-1]))
+    data, at, unknown = [np.zeros(0)], [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)]
+    for i, row in enumerate(parts):
+        for j, b in enumerate(row):
+            constant[top[i] : top[i + 1], left[j] : left[j + 1]] = b.constant
+            entries = b.linear.tocoo()
+            r, c = np.divmod(entries.row, max(b.shape[1], 1))
+            at.append((top[i] + r) * left[-1] + left[j] + c)
+            data.append(entries.data)
+            unknown.append(entries.col)
+    index = (np.concatenate(at), np.concatenate(unknown))
+    return Affine(constant, sparse.csr_array((np.concatenate(data), index), shape=(constant.size, size)))
+
+
+def _as_affine(value: Affine | Known, shape: tuple[int, ...]) -> Affine:
+    if isinstance(value, Affine):
+        return value
+    matrix = np.asarray(value, dtype=float)
+    if matrix.ndim == 0:
+        matrix = float(matrix) * np.eye(shape[0], shape[1])
+    return Affine(matrix, sparse.csr_array((matrix.size, 0)))
+
+
+def _widened(a: Any, b: Any) -> tuple[Any, Any]:
+    width = max(a.shape[1], b.shape[1])
+
+    def wide(m: Any) -> Any:
+        return sparse.csr_array((m.data, m.indices, m.indptr), shape=(m.shape[0], width))
+
+    return wide(a), wide(b)

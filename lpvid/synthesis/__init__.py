@@ -1,0 +1,1 @@
+"""Controllers by linear matrix inequalities: plants with named signals, designs, and results that were verified."""

@@ -1,0 +1,137 @@
+"""GeneralizedPlant: an LPV system whose signals are sorted, by name, into w, u, z and y."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Scheduling
+
+
+@dataclass(frozen=True, eq=False)
+class PlantMatrices:
+    """The blocks of a generalised plant at N points of the scheduling; every array starts with that axis."""
+
+    A: np.ndarray
+    B1: np.ndarray
+    B2: np.ndarray
+    C1: np.ndarray
+    D11: np.ndarray
+    D12: np.ndarray
+    C2: np.ndarray
+    D21: np.ndarray
+    D22: np.ndarray
+
+    def point(self, k: int) -> PlantMatrices:
+        """The blocks at one point, as matrices."""
+        return PlantMatrices(*(getattr(self, f)[k] for f in self.__dataclass_fields__))
+
+
+@dataclass(frozen=True, eq=False)
+class GeneralizedPlant:
+    """What a controller is designed for.
+
+    ::
+
+              ┌──────────────┐
+        w ───>│  system(p)   │───> z        ẋ or x⁺ = A x + B1 w + B2 u
+        u ─┬─>│              │─┬─> y              z = C1 x + D11 w + D12 u
+           │  └──────────────┘ │                  y = C2 x + D21 w + D22 u
+           │  ┌──────────────┐ │
+           └──│ controller(p)│<┘
+              └──────────────┘
+
+    Parameters
+    ----------
+    system : LPVStateSpace
+        Its inputs are w and u, its outputs z and y, in any order; its `scheduling` carries box and rate bounds.
+    controls : sequence of str
+        Names of the inputs u; all other inputs are disturbances w.
+    measurements : sequence of str
+        Names of the outputs y; all others are performance signals z.
+
+    Raises
+    ------
+    InputError
+        Names that the system does not have; no disturbance or no performance signal left; affine terms or an input
+        stage in the system.
+
+    Examples
+    --------
+    >>> from lpvid.model.signals import Signal
+    >>> from lpvid.scheduling import Polynomial
+    >>> system = LPVStateSpace([[[-1.0]]], [[[1.0, 1.0]]], [[[1.0], [1.0]]], [[[0.0, 1.0], [1.0, 0.0]]],
+    ...                        Polynomial((), 0), None, inputs=(Signal("road"), Signal("force")),
+    ...                        outputs=(Signal("comfort"), Signal("sensor")))
+    >>> plant = GeneralizedPlant(system, controls=["force"], measurements=["sensor"])
+    >>> plant.disturbances, plant.performance
+    (('road',), ('comfort',))
+    """
+
+    system: LPVStateSpace
+    controls: tuple[str, ...]
+    measurements: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        inputs, outputs = self._names(self.system.inputs), self._names(self.system.outputs)
+        for field, known in (("controls", inputs), ("measurements", outputs)):
+            chosen: Sequence[str] = getattr(self, field)
+            chosen = (chosen,) if isinstance(chosen, str) else tuple(chosen)
+            if len(set(chosen)) != len(chosen):
+                raise InputError(f"{field} of a plant are named once each", got=", ".join(chosen))
+            object.__setattr__(self, field, tuple(_checks.known_name(n, known, field[:-1]) for n in chosen))
+        if self.system.input_stage is not None:
+            raise InputError("a plant for synthesis is linear in its inputs", got="a system with an input stage",
+                             mend="put the stage's inverse into the controller and design for the linear part")
+        for name in ("state_offset", "output_offset"):
+            if np.any(getattr(self.system, name)):
+                raise InputError("a plant for synthesis has no constant terms", got=f"{name} is not zero",
+                                 mend="shift states and outputs to the equilibrium first")
+        if not self.disturbances or not self.performance:
+            raise InputError("a plant needs a disturbance and a performance signal that are neither control nor "
+                             "measurement", got=f"inputs {', '.join(inputs)}; outputs {', '.join(outputs)}")
+
+    @staticmethod
+    def _names(signals: Sequence) -> tuple[str, ...]:
+        return tuple(s.name for s in signals)
+
+    @property
+    def disturbances(self) -> tuple[str, ...]:
+        """Names of w."""
+        return tuple(n for n in self._names(self.system.inputs) if n not in self.controls)
+
+    @property
+    def performance(self) -> tuple[str, ...]:
+        """Names of z."""
+        return tuple(n for n in self._names(self.system.outputs) if n not in self.measurements)
+
+    @property
+    def box(self) -> Scheduling:
+        """Scheduling variables, their box and rate bounds."""
+        return self.system.box
+
+    @property
+    def order(self) -> int:
+        """Number of states."""
+        return self.system.order
+
+    @property
+    def sample_time(self) -> float | None:
+        """Sampling period [s]; None in continuous time."""
+        return self.system.sample_time
+
+    def at(self, points: np.ndarray) -> PlantMatrices:
+        """The blocks at points of shape (N, n_scheduling)."""
+        s = self.system
+        phi = s.basis.evaluate(np.asarray(points, dtype=float))
+        a, b, c, d = (np.tensordot(phi, x, axes=1) for x in (s.A, s.B, s.C, s.D))
+        inputs, outputs = self._names(s.inputs), self._names(s.outputs)
+        w, u = ([inputs.index(n) for n in names] for names in (self.disturbances, self.controls))
+        z, y = ([outputs.index(n) for n in names] for names in (self.performance, self.measurements))
+        return PlantMatrices(a, b[:, :, w], b[:, :, u], c[:, z], d[:, z][:, :, w], d[:, z][:, :, u], c[:, y],
+                             d[:, y][:, :, w], d[:, y][:, :, u])
