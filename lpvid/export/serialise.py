@@ -62,6 +62,7 @@ KINDS: tuple[Kind, ...] = (
                       ("quasi-lpv", "lpvid.model.quasi", "QuasiLPVModel"),
                       ("compliance", "lpvid.model.compliance", "ComplianceModel"))),
     Kind("extended", 1, (("", "lpvid.diagnosis.extended", "ExtendedModel"),)),
+    Kind("synthesis", 1, (("", "lpvid.synthesis.result", "Synthesis"),)),
 )
 """Every sort of file of lpvid's own that `save` writes and `load` reads, in order; a new noun adds its line here."""
 

@@ -1,0 +1,158 @@
+"""Synthesis: what every controller design returns, whether it succeeded or not."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from lpvid import _checks
+from lpvid.errors import InputError, NumericalError
+from lpvid.model.signals import Signal
+from lpvid.model.state_space import LPVStateSpace
+
+VERDICTS = ("solved", "backed-off", "infeasible", "unstabilisable", "undetectable", "numerical")
+"""Outcomes: "backed-off" is a controller whose promise had to be relaxed by more than the design allowed at first;
+the last four come without a controller."""
+_CERTIFICATES = {
+    "lpvid/gain-certificate/1": ("lpvid.lmi.gain_certificate", "GainCertificate"),
+    "lpvid/stability-certificate/1": ("lpvid.analysis.stability_certificate", "StabilityCertificate"),
+}
+"""Where a stored certificate's class lives, by its schema."""
+
+
+@dataclass(frozen=True, eq=False)
+class Synthesis:
+    """A controller with what its closed loop was shown to do, or why there is none.
+
+    Parameters
+    ----------
+    verdict : str
+        One of `VERDICTS`.
+    gamma : float or None
+        Bound of the induced gain w → z that the matrix inequalities promised.
+    gamma_verified : float or None
+        Bound re-checked with numpy for the closed loop with `controller` exactly as returned; the number to quote.
+    gamma_lower : float or None
+        Gain that the closed loop has at some frozen scheduling or on some trajectory: no bound can be smaller.
+    controller : LPVStateSpace or None
+        Its inputs are the plant's measurements, its outputs the plant's controls.
+    closed_loop : LPVStateSpace or None
+        w → z.
+    certificate : object or None
+        What `lpvid.verify` re-checks against `closed_loop`.
+    between_grid : bool
+        `gamma_verified` is proven on the whole scheduling box, not only at the points of a grid.
+    why, mend : str
+        What decided the verdict, and what the user can do about it, in physical words.
+    notes : tuple of str
+        Remarks: rank-deficient feedthroughs, conditioning, scalings.
+    seconds : float
+        Wall time.
+    solver : str
+        Who proposed the matrices.
+    method : str
+        The design in a few words.
+
+    Examples
+    --------
+    >>> result = Synthesis("infeasible", why="no controller bounds the gain", mend="lower the weight on comfort")
+    >>> result.solved
+    False
+    >>> print(result)
+    infeasible: no controller bounds the gain
+      mend: lower the weight on comfort
+    """
+
+    verdict: str
+    gamma: float | None = None
+    gamma_verified: float | None = None
+    gamma_lower: float | None = None
+    controller: LPVStateSpace | None = None
+    closed_loop: LPVStateSpace | None = None
+    certificate: Any = None
+    between_grid: bool = False
+    why: str = ""
+    mend: str = ""
+    notes: tuple[str, ...] = ()
+    seconds: float = 0.0
+    solver: str = ""
+    method: str = ""
+
+    def __post_init__(self) -> None:
+        _checks.one_of(self.verdict, VERDICTS, "the verdict of a synthesis")
+        object.__setattr__(self, "notes", tuple(self.notes))
+        if self.solved != (self.controller is not None):
+            raise InputError("a synthesis has a controller exactly if it succeeded", got=self.verdict)
+
+    @property
+    def solved(self) -> bool:
+        """There is a controller."""
+        return self.verdict in ("solved", "backed-off")
+
+    def required(self) -> LPVStateSpace:
+        """The controller.
+
+        Raises
+        ------
+        NumericalError
+            There is none; the message is `why` and `mend`.
+        """
+        if self.controller is None:
+            raise NumericalError(f"{self.verdict}: {self.why}. Mend: {self.mend}.")
+        return self.controller
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        numbers = {name: _plain(getattr(self, name)) for name in ("gamma", "gamma_verified", "gamma_lower")}
+        parts = {name: None if part is None else part.to_dict() for name, part in
+                 (("controller", self.controller), ("closed_loop", self.closed_loop),
+                  ("certificate", self.certificate))}
+        return {"verdict": self.verdict, **numbers, "between_grid": self.between_grid, "why": self.why,
+                "mend": self.mend, "notes": list(self.notes), "seconds": self.seconds, "solver": self.solver,
+                "method": self.method, **parts}
+
+    @classmethod
+    def from_dict(cls, data: Mapping) -> Synthesis:
+        """Inverse of `to_dict`."""
+        systems = {name: None if data[name] is None else LPVStateSpace.from_dict(data[name])
+                   for name in ("controller", "closed_loop")}
+        fields = ("verdict", "gamma", "gamma_verified", "gamma_lower", "between_grid", "why", "mend", "seconds",
+                  "solver", "method")
+        return cls(**{name: data[name] for name in fields}, notes=tuple(data["notes"]),
+                   certificate=_certificate(data["certificate"]), **systems)
+
+    def __repr__(self) -> str:
+        lines = [f"{self.verdict}: {self.why or self.method}"]
+        if self.gamma_verified is not None and self.closed_loop is not None:
+            where = "on the whole box" if self.between_grid else "at the points of a grid only"
+            lower = "" if self.gamma_lower is None else f", at least {self.gamma_lower:.6g}"
+            lines.append(f"  gain from {_listed(self.closed_loop.inputs)} to {_listed(self.closed_loop.outputs)}: "
+                         f"at most {self.gamma_verified:.6g}{lower}, verified {where}")
+        if self.gamma is not None:
+            lines.append(f"  the matrix inequalities promised {self.gamma:.6g} ({self.solver}, {self.seconds:.2g} s)")
+        if self.controller is not None:
+            names = f"{_listed(self.controller.inputs)} -> {_listed(self.controller.outputs)}"
+            lines.append(f"  controller {names}, {self.controller.order} states")
+        if self.mend:
+            lines.append(f"  mend: {self.mend}")
+        return "\n".join(lines + [f"  note: {note}" for note in self.notes[: max(0, 10 - len(lines))]])
+
+
+def _certificate(data: Mapping | None) -> Any:
+    if data is None:
+        return None
+    if data.get("schema") not in _CERTIFICATES:
+        raise InputError("a synthesis holds an unknown certificate", got=data.get("schema"))
+    module, name = _CERTIFICATES[data["schema"]]
+    return getattr(importlib.import_module(module), name).from_dict(data)
+
+
+def _plain(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+def _listed(signals: tuple[Signal, ...]) -> str:
+    return ", ".join(s.name for s in signals)
