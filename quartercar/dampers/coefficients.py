@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import comb
@@ -85,7 +86,14 @@ class Controlled(Coefficient):
                                value, p.lower, p.upper) for place, value in zip(places, self.defaults, strict=True))
 
     def value(self, current: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        return self.gradient(current, theta) @ theta
+        """By de Casteljau's rule: no matrix of powers, which would take longer than the law itself."""
+        if self.degree == 0:
+            return np.full(np.shape(current), theta[0])
+        s = (np.asarray(current) - self.span[0]) / (self.span[1] - self.span[0])
+        level = list(theta)
+        while len(level) > 1:
+            level = [a + s * (b - a) for a, b in itertools.pairwise(level)]
+        return level[0]
 
     def gradient(self, current: np.ndarray, theta: np.ndarray) -> np.ndarray:
         d, low, high = self.degree, *self.span
