@@ -18,12 +18,16 @@ Model = LPVTransferFunction | LPVStateSpace
 
 @dataclass(frozen=True)
 class Reading:
-    """One scheduling variable as it is read: at p(k − lag), with what degree, and where its pieces meet."""
+    """One scheduling variable as it is read: at p(k − lag), with what degree, and where its pieces meet.
+
+    A trigonometric dependence has a highest angular frequency [rad per unit] instead of a degree.
+    """
 
     name: str
     lag: int
     degree: int
     breaks: tuple[float, ...] = ()
+    frequency: float = 0.0
 
     @property
     def label(self) -> str:
@@ -63,14 +67,7 @@ class Autonomous:
 
     def weights(self, points: np.ndarray) -> np.ndarray:
         """(K, M + 1) values of the basis, and 1, at `points` of shape (K, len(readings))."""
-        names = self.basis.names
-        lags = [r.lag for r in self.readings]
-        ahead, back = max([0, *(-lag for lag in lags)]), max([0, *lags])
-        path = np.zeros((len(points), back + 1 + ahead, len(names)))
-        for column, reading in enumerate(self.readings):
-            path[:, back - reading.lag, names.index(reading.name)] = points[:, column]
-        phi = self.basis.evaluate(path.reshape(len(points) * (back + 1 + ahead), len(names)))[back :: back + 1 + ahead]
-        return np.hstack([phi, np.ones((len(points), 1))])
+        return reading_weights(self.basis, self.readings, points)
 
     def matrices(self, points: np.ndarray) -> np.ndarray:
         """(K, n, n) A at `points` of shape (K, len(readings))."""
@@ -79,6 +76,19 @@ class Autonomous:
     def magnitudes(self, points: np.ndarray) -> np.ndarray:
         """(K, n, n) Σ |coefficient| |φ|, which bounds the rounding errors of `matrices`."""
         return np.tensordot(np.abs(self.weights(points)), np.abs(self.coefficients), axes=1)
+
+
+def reading_weights(basis: Basis, readings: tuple[Reading, ...], points: np.ndarray) -> np.ndarray:
+    """(K, M + 1) values of a basis, and 1, where the readings have the values `points` of shape (K, len(readings))."""
+    names = basis.names
+    lags = [r.lag for r in readings]
+    ahead, back = max([0, *(-lag for lag in lags)]), max([0, *lags])
+    path = np.zeros((len(points), back + 1 + ahead, len(names)))
+    for column, reading in enumerate(readings):
+        if reading.name in names:
+            path[:, back - reading.lag, names.index(reading.name)] = points[:, column]
+    phi = basis.evaluate(path.reshape(len(points) * (back + 1 + ahead), len(names)))[back :: back + 1 + ahead]
+    return np.hstack([phi, np.ones((len(points), 1))])
 
 
 def autonomous(model: Model) -> Autonomous:
@@ -97,7 +107,7 @@ def autonomous(model: Model) -> Autonomous:
     else:
         raise InputError("a stability certificate needs an LPV transfer function or state space",
                          got=type(model).__name__)
-    readings = tuple(r for r in _readings(model.basis) if r.degree)
+    readings = tuple(r for r in readings_of(model.basis) if r.degree)
     if model.sample_time is None and any(r.lag for r in readings):
         raise InputError("a continuous-time model reads p at a delay in samples", got=model.basis.labels)
     return Autonomous(coefficients, model.basis, readings, model.sample_time, _digest(model, coefficients))
@@ -105,8 +115,13 @@ def autonomous(model: Model) -> Autonomous:
 
 def reading_box(system: Autonomous, scheduling: Scheduling) -> Scheduling:
     """Box and rate bounds of what is read, one entry for each reading; a delayed copy has those of its variable."""
-    index = [scheduling.names.index(r.name) for r in system.readings]
-    return Scheduling(tuple(r.label for r in system.readings), tuple(scheduling.lower[i] for i in index),
+    return box_of(system.readings, scheduling)
+
+
+def box_of(readings: tuple[Reading, ...], scheduling: Scheduling) -> Scheduling:
+    """As `reading_box`, for readings by themselves."""
+    index = [scheduling.names.index(r.name) for r in readings]
+    return Scheduling(tuple(r.label for r in readings), tuple(scheduling.lower[i] for i in index),
                       tuple(scheduling.upper[i] for i in index), tuple(scheduling.rate[i] for i in index),
                       tuple(scheduling.units[i] for i in index))
 
@@ -116,18 +131,19 @@ def _digest(model: Model, coefficients: np.ndarray) -> str:
     return hashlib.sha256(text.encode() + np.ascontiguousarray(coefficients, dtype="<f8").tobytes()).hexdigest()
 
 
-def _readings(basis: Basis, shift: int = 0) -> tuple[Reading, ...]:
+def readings_of(basis: Basis, shift: int = 0) -> tuple[Reading, ...]:
+    """What a basis reads: each variable at each delay; refuses a basis that is not piecewise polynomial."""
     if isinstance(basis, Polynomial):
         highest = basis.exponents.max(axis=0, initial=0)
         return tuple(Reading(name, shift, int(d)) for name, d in zip(basis.names, highest, strict=True))
     if isinstance(basis, Spline):
         return (Reading(basis.name, shift, basis.order, basis.knots),)
     if isinstance(basis, Shifted):
-        return _readings(basis.basis, shift + basis.lag)
+        return readings_of(basis.basis, shift + basis.lag)
     if isinstance(basis, Product):
-        return _merged([_readings(f, shift) for f in basis.factors], sum)
+        return _merged([readings_of(f, shift) for f in basis.factors], sum)
     if isinstance(basis, Stacked):
-        return _merged([_readings(f, shift) for f in basis.factors], max)
+        return _merged([readings_of(f, shift) for f in basis.factors], max)
     raise InputError("a stability certificate needs a basis of polynomials or splines", got=type(basis).__name__,
                      why="its polynomial pieces carry the statement between grid points")
 
@@ -136,5 +152,5 @@ def _merged(parts: list[tuple[Reading, ...]], combine) -> tuple[Reading, ...]:
     together: dict[tuple[str, int], list[Reading]] = {}
     for reading in (r for part in parts for r in part):
         together.setdefault((reading.name, reading.lag), []).append(reading)
-    return tuple(Reading(name, lag, combine(r.degree for r in same), tuple(sorted({b for r in same for b in r.breaks})))
-                 for (name, lag), same in together.items())
+    return tuple(Reading(name, lag, combine(r.degree for r in same), tuple(sorted({b for r in same for b in r.breaks})),
+                         combine(r.frequency for r in same)) for (name, lag), same in together.items())

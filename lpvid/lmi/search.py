@@ -9,14 +9,17 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lpvid.lmi.autonomous import Autonomous
 from lpvid.lmi.bernstein import nodes
 from lpvid.lmi.certificate import Decrease, Lyapunov, grid, tensor
-from lpvid.lmi.program import Inequality, largest_margin
 from lpvid.scheduling import Polynomial, Scheduling
+
+if TYPE_CHECKING:
+    from lpvid.lmi.program import Inequality
 
 MAX_UNKNOWNS = 1_200
 MAX_INEQUALITIES = 240
@@ -101,6 +104,8 @@ class Search:
             return
         units = _symmetric_units(n)
         problem = Decrease(self.system, Lyapunov(np.zeros((basis.size, n, n)), basis), self.box, exponent)
+        from lpvid.lmi.program import largest_margin  # here, so that checking a certificate needs numpy alone
+
         for candidate in largest_margin(self._inequalities(problem, factor, units)):
             matrices = np.tensordot(candidate.x.reshape(basis.size, -1), units, axes=1)
             matrices = factor @ matrices @ factor.T
@@ -134,6 +139,8 @@ class Search:
             per = [max(2, count - 1) for count in per]
 
     def _inequalities(self, problem: Decrease, factor: np.ndarray, units: np.ndarray) -> list[Inequality]:
+        from lpvid.lmi.program import Inequality
+
         points, moves = self._samples(problem)
         basis, n, columns = problem.lyapunov.basis, self.system.order, problem.columns
         inverse = np.linalg.inv(factor)
