@@ -16,12 +16,16 @@ from lpvid._compiling import njit
 GAMMA = 0.43586652150845906
 LAST = (-1.5 * GAMMA**2 + 4.0 * GAMMA - 0.25, 1.5 * GAMMA**2 - 5.0 * GAMMA + 1.25)
 """weights of the first two stages in the last"""
+HALF = 0.5 * (1.0 - GAMMA)
+"""part of a step from its first stage to the second, and on to the last"""
 HEAD = 0.03
 """part of a step before a sample in which a held signal already has the sample's value"""
 CLOSE = 1e-7
 """last move of Newton's rule, in cells; what it leaves is of second order"""
 TAKEN_UP = 5.0
 """force over which play is taken up [N]"""
+TAKEN = 20.0 * TAKEN_UP
+"""force from which it is, to the last digit [N]"""
 
 
 @njit(error_model="numpy", fastmath={"contract"})
@@ -32,7 +36,7 @@ def law_along(speed, speeds, nodes, rows, out):
 
 
 @njit(error_model="numpy", fastmath={"contract"})
-def march(velocity, speeds, nodes, rows, before, tilt, held, element, step, parts, out):
+def march(velocity, speeds, nodes, rows, before, tilt, element, step, parts, ends, out):
     """Force of a law in series with elements (n,).
 
     Parameters
@@ -44,15 +48,15 @@ def march(velocity, speeds, nodes, rows, before, tilt, held, element, step, part
         φ there.
     rows, before, tilt : (n, r) arrays
         b at the samples, b just before them, and −∂b/∂x for a law that depends on the position of the fluid's side.
-    held : bool
-        Whether b jumps at the samples.
     element : (5 + n,) array
         Compliance [m/N], stroke of the air [m], its force [N], half of the play [m], floor of the force [N]; the air's
         curve at even places.
     step : float
         [s].
-    parts : int
-        Steps within each.
+    parts : (n,) array of int
+        Steps from the sample before to each.
+    ends : (n,) bool array
+        Samples before which a short step of first order is put, with what the held signals are from there on.
     """
     rank = rows.shape[1]
     b = rows[0].copy()
@@ -61,33 +65,34 @@ def march(velocity, speeds, nodes, rows, before, tilt, held, element, step, part
     force = max(_law(w, cell, speeds, nodes, b), element[4])
     state = np.array([_deflection(force, element)[0], w, 0.0, float(cell)])
     out[0] = force
-    share = 1.0 - HEAD if held else 1.0
-    full = share * step / parts
-    h = GAMMA * full
     start = first = second = 0.0
     for k in range(1, velocity.size):
         change = velocity[k] - velocity[k - 1]
-        for part in range(3 * parts):
-            within, stage = part // 3, part % 3
-            if stage == 0:
-                start = state[0]
-                at, known, passed = GAMMA, start, GAMMA
-            elif stage == 1:
-                at, known, passed = 0.5 * (1.0 + GAMMA), start + 0.5 * (1.0 - GAMMA) * full * first, 0.5 * (1.0 - GAMMA)
-            else:
-                at, known, passed = 1.0, start + full * (LAST[0] * first + LAST[1] * second), 0.5 * (1.0 - GAMMA)
-            place = share * (within + at) / parts
-            v = velocity[k - 1] + place * change
-            for r in range(rank):
-                b[r] = rows[k - 1, r] + place * (before[k, r] - rows[k - 1, r]) + state[0] * tilt[k, r]
-            force = _stage(known + h * v, h, passed * full, state, speeds, nodes, b, element)
-            rate = v - state[1]
-            if stage == 0:
-                first = rate
-            elif stage == 1:
-                second = rate
-            state[0] = known + h * rate
-        if held:
+        share = 1.0 - HEAD if ends[k] else 1.0
+        count = parts[k]
+        full = share * step / count
+        h = GAMMA * full
+        for part in range(count):
+            for stage in range(3):
+                if stage == 0:
+                    start = state[0]
+                    at, known, passed = GAMMA, start, GAMMA
+                elif stage == 1:
+                    at, known, passed = 0.5 * (1.0 + GAMMA), start + 0.5 * (1.0 - GAMMA) * full * first, HALF
+                else:
+                    at, known, passed = 1.0, start + full * (LAST[0] * first + LAST[1] * second), HALF
+                place = share * (part + at) / count
+                v = velocity[k - 1] + place * change
+                for r in range(rank):
+                    b[r] = rows[k - 1, r] + place * (before[k, r] - rows[k - 1, r]) + state[0] * tilt[k, r]
+                force = _stage(known + h * v, h, passed * full, state, speeds, nodes, b, element)
+                rate = v - state[1]
+                if stage == 0:
+                    first = rate
+                elif stage == 1:
+                    second = rate
+                state[0] = known + h * rate
+        if ends[k]:
             for r in range(rank):
                 b[r] = rows[k, r] + state[0] * tilt[k, r]
             last = HEAD * step
@@ -102,7 +107,7 @@ def _stage(target, h, passed, state, speeds, nodes, b, element):
     floor, speed = element[4], state[1]
     if state[2] > 0.0:
         w = (target - _deflection(floor, element)[0]) / h
-        void = state[2] + passed * (_speed_at(floor, speeds, nodes, b) - 0.5 * (speed + w))
+        void = state[2] + passed * (_speed_at(floor, int(state[3]), speeds, nodes, b) - 0.5 * (speed + w))
         if void > 0.0:
             state[1] = w
             state[2] = void
@@ -110,7 +115,7 @@ def _stage(target, h, passed, state, speeds, nodes, b, element):
         state[2] = 0.0
     force = _root(target, h, state, speeds, nodes, b, element)
     if force <= floor:
-        fill = _speed_at(floor, speeds, nodes, b)
+        fill = _speed_at(floor, int(state[3]), speeds, nodes, b)
         now, then = fill - state[1], fill - speed
         if now > 0.0:
             state[2] = passed * (0.5 * (now + then) if then >= 0.0 else 0.5 * now * now / (now - then))
@@ -138,6 +143,14 @@ def _root(target, h, state, speeds, nodes, b, element):
     """Force at the w with D(F) + h w = target, F = max(law(w), floor)."""
     last = speeds.size - 1
     low, high = int(state[3]), int(state[3]) + 1
+    if element[0] == 0.0 and element[1] == 0.0 and element[3] == 0.0:  # nothing gives way: only the floor is there
+        w = target / h
+        while w < speeds[low] and low > 0:
+            low -= 1
+        while w >= speeds[low + 1] and low + 1 < last:
+            low += 1
+        state[1], state[3] = w, low
+        return max(_law(w, low, speeds, nodes, b), element[4])
     force_low, force_high = _node_force(low, nodes, b), _node_force(high, nodes, b)
     gap_low = _gap(force_low, speeds[low], target, h, element)
     gap_high = _gap(force_high, speeds[high], target, h, element)
@@ -195,16 +208,28 @@ def _within(t, start, rise, w, cell, target, h, element):
 
 
 @njit(error_model="numpy", fastmath={"contract"})
-def _speed_at(force, speeds, nodes, b):
-    """Speed at which the law reaches a force."""
-    low, high = speeds[0], speeds[-1]
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if _law(middle, _cell(middle, speeds), speeds, nodes, b) < force:
-            low = middle
+def _speed_at(force, cell, speeds, nodes, b):
+    """Speed at which a rising law reaches a force, sought from a cell on; the outermost where it does not."""
+    low, high, last, width = cell, cell + 1, speeds.size - 1, 1
+    force_low, force_high = _node_force(low, nodes, b), _node_force(high, nodes, b)
+    while force_low >= force and low > 0:
+        high, force_high = low, force_low
+        low, width = max(low - width, 0), 3 * width
+        force_low = _node_force(low, nodes, b)
+    while force_high < force and high < last:
+        low, force_low = high, force_high
+        high, width = min(high + width, last), 3 * width
+        force_high = _node_force(high, nodes, b)
+    while high - low > 1:
+        middle = (low + high) // 2
+        between = _node_force(middle, nodes, b)
+        if between < force:
+            low, force_low = middle, between
         else:
-            high = middle
-    return 0.5 * (low + high)
+            high, force_high = middle, between
+    if force_high <= force_low:
+        return speeds[low]
+    return speeds[low] + min(max((force - force_low) / (force_high - force_low), 0.0), 1.0) * (speeds[high] - speeds[low])
 
 
 @njit(error_model="numpy", fastmath={"contract"})
@@ -212,7 +237,7 @@ def _deflection(force, element):
     """Deflection of spring, play and air, and its slope."""
     d, slope = element[0] * force, element[0]
     if element[3] > 0.0:
-        t = math.tanh(force / TAKEN_UP)
+        t = math.tanh(force / TAKEN_UP) if abs(force) < TAKEN else math.copysign(1.0, force)
         d += element[3] * t
         slope += element[3] * (1.0 - t * t) / TAKEN_UP
     if element[1] > 0.0:

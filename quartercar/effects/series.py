@@ -19,8 +19,12 @@ FINE = 0.01
 """speed below which they lie evenly, in the same"""
 SEEN = 48
 """samples at which a law is read at every speed"""
-PARTS = 2
-"""steps of the march within a sample"""
+STEEP = 3
+"""steps of the march from one sample to the next where the fluid may tear, after a jump of the current and along a
+steep change of it; elsewhere 1"""
+JUMP, RAMP = 0.02, 0.1
+"""shares of the current's range that count as a jump of a held current and as a steep change of another; what is
+smaller is noise, or as good as straight"""
 RANK = 1e-5
 """share of a law's size, growing with the speed, that its combination of few speeds may miss"""
 SAME = 1e-9
@@ -79,6 +83,8 @@ class Law:
         φ there.
     rows, before, tilt : (n, r) arrays
         b at the samples, just before them where the current is held, and −∂b/∂x.
+    jumps, steep : (n,) bool arrays
+        Samples at which the current jumps; those up to which the force changes fast from the sample before.
     """
 
     speeds: np.ndarray
@@ -86,6 +92,8 @@ class Law:
     rows: np.ndarray
     before: np.ndarray
     tilt: np.ndarray
+    jumps: np.ndarray
+    steep: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,9 +124,11 @@ class InSeries:
         law = self._law(s, rigid)
         velocity = np.ascontiguousarray(s["velocity"], dtype=float)
         out, without = np.empty(s.n_samples), np.empty(s.n_samples)
-        moves = law.before is not law.rows
-        kernels.march(velocity, law.speeds, law.nodes, law.rows, law.before, law.tilt, moves,
-                      self.elements.array(), s.sample_time, PARTS, out)
+        tears = np.isfinite(self.elements.limit)
+        sudden = tears or self.elements.play > 0
+        parts = np.where(law.steep | tears, STEEP, 1)
+        kernels.march(velocity, law.speeds, law.nodes, law.rows, law.before, law.tilt, self.elements.array(),
+                      s.sample_time, parts, law.jumps | sudden, out)
         kernels.law_along(velocity, law.speeds, law.nodes, law.rows, without)
         return rigid + (out - without)
 
@@ -169,11 +179,13 @@ class InSeries:
             reach = np.where(np.abs(deflection) > 1e-12, deflection, 1e-12)
             there = along(s.replace(displacement=s["displacement"] - reach))
             tilt = (there - rows) / reach[:, None]
-        if s.has("current") and held(s):
-            before = np.concatenate([rows[:1], rows[:-1]])
+        jumps, steep = _changes(s)
+        if jumps.any():
+            earlier = np.concatenate([rows[:1], rows[:-1]])
             if turned is not None:
-                before[1:] -= tilt[:-1] * np.diff(s["displacement"])[:, None]
-        return Law(speeds, shapes, rows, before, tilt)
+                earlier[1:] -= tilt[:-1] * np.diff(s["displacement"])[:, None]
+            before = np.where(jumps[:, None], earlier, rows)
+        return Law(speeds, shapes, rows, before, tilt, jumps, steep)
 
     def _filter(self, s: Signals, rigid: np.ndarray, speeds: np.ndarray) -> Law:
         """F(w) = core + c'(w − v), c' the core's local slope: equation sheet 9.3 for cores with memory or folds."""
@@ -184,7 +196,7 @@ class InSeries:
         slope = np.maximum(slope, max(least, 1e-9))
         rows = np.column_stack([rigid - slope * v, slope])
         shapes = np.column_stack([np.ones(speeds.size), speeds])
-        return Law(speeds, shapes, rows, rows, np.zeros_like(rows))
+        return Law(speeds, shapes, rows, rows, np.zeros_like(rows), *np.zeros((2, s.n_samples), dtype=bool))
 
 
 def in_series(core: Core, baseline: Baseline, **more: float) -> InSeries:
@@ -215,6 +227,19 @@ def _spread(s: Signals, seen: np.ndarray, speeds: np.ndarray) -> Signals:
     channels = {role: np.tile(c[seen], speeds.size) for role, c in s.channels.items()}
     channels["velocity"] = np.repeat(speeds, seen.size)
     return Signals(s.sample_time, channels, np.tile(s.output[seen], speeds.size), s.name)
+
+
+def _changes(s: Signals) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) bool each: samples at which a held current jumps, and those whose interval wants short steps."""
+    jumps, steep = np.zeros((2, s.n_samples), dtype=bool)
+    if s.has("current"):
+        change = np.abs(np.diff(s["current"]))
+        if held(s):
+            jumps[1:] = change > JUMP * np.ptp(s["current"])
+            steep[1:] = jumps[:-1]
+        else:
+            steep[1:] = change > RAMP * np.ptp(s["current"])
+    return jumps, steep
 
 
 def _taken(core: Callable[[Signals], np.ndarray], s: Signals, seen: np.ndarray) -> np.ndarray:
