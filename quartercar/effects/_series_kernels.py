@@ -229,7 +229,8 @@ def _speed_at(force, cell, speeds, nodes, b):
             high, force_high = middle, between
     if force_high <= force_low:
         return speeds[low]
-    return speeds[low] + min(max((force - force_low) / (force_high - force_low), 0.0), 1.0) * (speeds[high] - speeds[low])
+    share = min(max((force - force_low) / (force_high - force_low), 0.0), 1.0)
+    return speeds[low] + share * (speeds[high] - speeds[low])
 
 
 @njit(error_model="numpy", fastmath={"contract"})
