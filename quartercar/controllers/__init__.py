@@ -1,0 +1,60 @@
+"""Control laws of semi-active dampers, one per file behind one contract, and the way from demand to coil current."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from lpvid import _checks
+
+if TYPE_CHECKING:
+    from quartercar.controllers.contract import Controller
+
+LAWS: tuple[tuple[str, str, str], ...] = (
+    ("passive", "quartercar.controllers.passive", "Passive"),
+    ("skyhook", "quartercar.controllers.skyhook", "Skyhook"),
+    ("skyhook-linear", "quartercar.controllers.skyhook_linear", "LinearSkyhook"),
+    ("groundhook", "quartercar.controllers.groundhook", "Groundhook"),
+    ("hybrid", "quartercar.controllers.hybrid", "Hybrid"),
+    ("add", "quartercar.controllers.add", "AccelerationDriven"),
+    ("sh-add", "quartercar.controllers.sh_add", "SkyhookAccelerationDriven"),
+    ("sh-add-1s", "quartercar.controllers.sh_add_one_sensor", "SkyhookAccelerationDrivenOneSensor"),
+    ("pdd", "quartercar.controllers.pdd", "PowerDriven"),
+    ("clipped-optimal", "quartercar.controllers.clipped_optimal", "ClippedOptimal"),
+    ("scheduled", "quartercar.controllers.scheduled", "ScheduledController"),
+)
+"""Every law by its name on the command line: name, module, class. A new law adds its line here."""
+
+_EXPORTS = {
+    "quartercar.controllers.contract": ("Controller", "Law", "Setting"),
+    "quartercar.controllers.schedule_rules": ("Excess", "Measured", "Rule", "SaturationRatio", "Yield"),
+    **{module: (cls,) for _, module, cls in LAWS},
+}
+_HOME = {name: module for module, names in _EXPORTS.items() for name in names}
+
+__all__ = ["LAWS", "law_class", *sorted(_HOME)]
+
+
+def law_class(name: str) -> type[Controller]:
+    """The class behind a name of `LAWS`; InputError with the nearest name where there is none.
+
+    Examples
+    --------
+    >>> law_class("sh-add").title
+    'SH-ADD'
+    """
+    table = {n: (module, cls) for n, module, cls in LAWS}
+    module, cls = table[_checks.known_name(name, list(table), "control law")]
+    return getattr(importlib.import_module(module), cls)
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        value = getattr(importlib.import_module(_HOME[name]), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module 'quartercar.controllers' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,279 @@
+"""Controller: the contract of every control law, from what is measured to a demand on the damper, once per sample.
+
+Laws run for many cars side by side: every signal is an array with one entry per car, so that a law is written once, in
+plain numpy, for one ride as for the hundreds of a tuning.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from quartercar.dampers.parameter import Parameter
+from quartercar.parameters import CarParameters
+
+if TYPE_CHECKING:
+    from quartercar.dampers.contract import Damper
+
+SIGNALS: Mapping[str, str] = MappingProxyType({
+    "suspension_deflection": "m", "suspension_velocity": "m/s", "body_acceleration": "m/s^2", "body_velocity": "m/s",
+    "wheel_acceleration": "m/s^2", "wheel_velocity": "m/s", "tyre_deflection": "m", "current": "A",
+    "lowest_force": "N", "highest_force": "N", "demanded": "", "attained": ""})
+"""What a law may read, with units; extension and tension positive, forces about the static equilibrium.
+
+`current` is the one the coil is thought to carry; `lowest_force` and `highest_force` are what the damper can do at this
+instant between its limits of current; `demanded` and `attained` are the law's last demand and what the damper's model
+makes of it, in the law's own unit (N, or A where it demands a current).
+"""
+DEMANDS: Mapping[str, str] = MappingProxyType({"force": "N", "current": "A"})
+"""What a law may ask for, with units: a damper force about the static equilibrium, or a current."""
+Signals = Mapping[str, np.ndarray]
+"""Name to (cars,) array, as in `SIGNALS`."""
+Values = Mapping[str, np.ndarray]
+"""Parameter to (cars,) array."""
+DEADBAND = 5e-3
+"""|v_d| below which a switching law keeps its last decision [m/s] (equation sheet 4.8)"""
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What a law is told before it starts.
+
+    Attributes
+    ----------
+    sample_time : float
+        Of the law [s].
+    cars : int
+        How many cars it drives side by side.
+    parameters : CarParameters
+        The car as its designer knows it.
+    damper : Damper or None
+        The damper model behind the inverse; None for a viscous car.
+    currents : (float, float)
+        Limits of the command [A].
+    """
+
+    sample_time: float
+    cars: int
+    parameters: CarParameters
+    damper: Damper | None = None
+    currents: tuple[float, float] = (0.0, 2.5)
+
+
+class Law(ABC):
+    """A running controller."""
+
+    @abstractmethod
+    def step(self, seen: Signals) -> np.ndarray:
+        """(cars,) demand for the coming sample, from signals at this one."""
+
+    def counted(self) -> dict[str, np.ndarray]:
+        """(cars,) counts worth reporting, by name; empty for most laws."""
+        return {}
+
+
+class Memoryless(Law):
+    """A demand that is a function of the present signals."""
+
+    def __init__(self, demand: Callable[[Signals], np.ndarray]) -> None:
+        self._demand = demand
+
+    def step(self, seen: Signals) -> np.ndarray:
+        return self._demand(seen)
+
+
+class Switching(Law):
+    """F = c v_d with c high while a condition holds, else low; no decision while |v_d| lies in the deadband.
+
+    Parameters
+    ----------
+    low, high : (cars,) arrays
+        Damping [N·s/m].
+    condition : callable
+        Signals to (cars,) bool.
+    """
+
+    def __init__(self, low: np.ndarray, high: np.ndarray, condition: Callable[[Signals], np.ndarray]) -> None:
+        self._low, self._high, self._condition = low, high, condition
+        self._on = np.zeros(low.shape, dtype=bool)
+
+    def step(self, seen: Signals) -> np.ndarray:
+        v = seen["suspension_velocity"]
+        self._on = np.where(np.abs(v) > DEADBAND, self._condition(seen), self._on)
+        return np.where(self._on, self._high, self._low) * v
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Controller(ABC):
+    """A control law with named, bounded parameters.
+
+    Attributes
+    ----------
+    values : mapping of str to float
+        Parameters by name, SI; those left out take their defaults.
+    """
+
+    name: ClassVar[str]
+    """in kebab case, as on the command line"""
+    title: ClassVar[str]
+    """as in a table"""
+    source: ClassVar[str]
+    """paper and equation"""
+
+    values: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.check_settings()
+        if not isinstance(self.values, Mapping):
+            raise InputError("values are a mapping of names to numbers", got=type(self.values).__name__)
+        known = {p.name: p for p in self.parameters}
+        for name in self.values:
+            _checks.known_name(name, list(known), f"parameter of {self.name}")
+        values = {n: p.checked(self.values.get(n, p.default)) for n, p in known.items()}
+        object.__setattr__(self, "values", MappingProxyType(values))
+
+    # -- what a law says of itself -----------------------------------------------------------------------------------
+    @abstractmethod
+    def check_settings(self) -> None:
+        """Refuse settings that make no law; called before the parameters are read."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Every number that a tuning may move, with unit, range and default."""
+
+    @property
+    @abstractmethod
+    def reads(self) -> tuple[str, ...]:
+        """Signals that it needs, of `SIGNALS`."""
+
+    @property
+    @abstractmethod
+    def demands(self) -> str:
+        """What it asks for: a name of `DEMANDS`."""
+
+    @abstractmethod
+    def begin(self, values: Values, setting: Setting) -> Law:
+        """A running law for (cars,) values of every parameter.
+
+        Raises
+        ------
+        InputError
+            A setting that this law cannot work in.
+        """
+
+    # -- running -----------------------------------------------------------------------------------------------------
+    def start(self, setting: Setting) -> Law:
+        """This law at rest, for every car of a setting."""
+        return self.begin({n: np.full(setting.cars, v) for n, v in self.values.items()}, setting)
+
+    # -- parameters --------------------------------------------------------------------------------------------------
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Parameter names, in order."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def vector(self) -> np.ndarray:
+        """(P,) parameters."""
+        return np.array([self.values[n] for n in self.names])
+
+    def with_values(self, **values: float) -> Self:
+        """The same law with some parameters replaced."""
+        return replace(self, values={**self.values, **values})
+
+    def with_vector(self, vector: np.ndarray) -> Self:
+        """The same law with other parameters."""
+        return replace(self, values=dict(zip(self.names, map(float, vector), strict=True)))
+
+    # -- storing -----------------------------------------------------------------------------------------------------
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Fields beside the parameters (models, schedules)."""
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "values"}
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON, with units."""
+        return {"kind": self.name, "settings": {n: _plain(v) for n, v in self.settings.items()},
+                "parameters": [{"name": p.name, "value": self.values[p.name], "unit": p.unit} for p in self.parameters]}
+
+    @classmethod
+    def from_dict(cls, data: Mapping) -> Self:
+        """Inverse of `to_dict`."""
+        return cls(**cls.settings_from(data["settings"]),
+                   values={p["name"]: p["value"] for p in data["parameters"]})
+
+    @classmethod
+    def settings_from(cls, data: Mapping) -> dict[str, Any]:
+        """Fields beside the parameters from plain data."""
+        return dict(data)
+
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{p.name}={self.values[p.name]:.4g}{' ' + p.unit if p.unit else ''}"
+                          for p in self.parameters[:8])
+        return f"{type(self).__name__}({shown})"
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "to_dict"):
+        return value.to_dict()
+    if isinstance(value, (tuple, list)):
+        return [_plain(v) for v in value]
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def start_together(controllers: Sequence[Controller], setting: Setting) -> Law:
+    """One running law for cars that have a controller each: those that differ in their values alone share a law.
+
+    Parameters
+    ----------
+    controllers : sequence of Controller
+        One for each car.
+    setting : Setting
+
+    Raises
+    ------
+    InputError
+        Not one controller for each car, or laws that demand different things.
+    """
+    if len(controllers) != setting.cars:
+        raise InputError("every car needs one controller", got=f"{len(controllers)} for {setting.cars} cars")
+    if len({c.demands for c in controllers}) > 1:
+        raise InputError("laws that run side by side demand the same thing",
+                         got=", ".join(sorted({c.demands for c in controllers})))
+    groups: dict[tuple, list[int]] = {}
+    for car, law in enumerate(controllers):
+        groups.setdefault((type(law), *map(id, law.settings.values())), []).append(car)
+    started = []
+    for places in groups.values():
+        first = controllers[places[0]]
+        values = {n: np.array([controllers[c].values[n] for c in places]) for n in first.names}
+        started.append((np.array(places), first.begin(values, replace(setting, cars=len(places)))))
+    return started[0][1] if len(started) == 1 else _Several(started, setting.cars)
+
+
+class _Several(Law):
+    """Laws that have some of the cars each."""
+
+    def __init__(self, parts: list[tuple[np.ndarray, Law]], cars: int) -> None:
+        self._parts, self._cars = parts, cars
+
+    def step(self, seen: Signals) -> np.ndarray:
+        out = np.empty(self._cars)
+        for places, law in self._parts:
+            out[places] = law.step({n: a[places] for n, a in seen.items()})
+        return out
+
+    def counted(self) -> dict[str, np.ndarray]:
+        out: dict[str, np.ndarray] = {}
+        for places, law in self._parts:
+            for name, counts in law.counted().items():
+                out.setdefault(name, np.zeros(self._cars))[places] = counts
+        return out

@@ -1,0 +1,178 @@
+"""Where a scheduled controller takes its scheduling variables from: one rule for each."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from quartercar.controllers.contract import SIGNALS, Setting, Signals
+
+
+class Rule(ABC):
+    """A scheduling variable from what a law sees. A rule with a memory keeps it in what `start` returns."""
+
+    kind: ClassVar[str]
+
+    @property
+    @abstractmethod
+    def reads(self) -> tuple[str, ...]:
+        """Signals that it needs, of `contract.SIGNALS`."""
+
+    @abstractmethod
+    def start(self, setting: Setting) -> Callable[[Signals], np.ndarray]:
+        """A function from signals to (cars,) values, called once per sample."""
+
+    @abstractmethod
+    def to_dict(self) -> dict:
+        """Plain data for JSON, with ``kind``."""
+
+
+@dataclass(frozen=True)
+class Measured(Rule):
+    """ρ = a signal, as it is measured or estimated."""
+
+    signal: str
+    kind: ClassVar[str] = "measured"
+
+    def __post_init__(self) -> None:
+        _checks.known_name(self.signal, tuple(SIGNALS), "signal of a law")
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        return (self.signal,)
+
+    def start(self, setting: Setting) -> Callable[[Signals], np.ndarray]:
+        return lambda seen: seen[self.signal]
+
+    def to_dict(self) -> dict:
+        return {"kind": self.kind, **asdict(self)}
+
+
+@dataclass(frozen=True)
+class Yield(Rule):
+    """ρ_1 = tanh ξ, or ρ_2 = tanh ξ/ξ with ``ratio=True``; ξ = c_1 v_d + k_1 z_d (equation sheet, E1).
+
+    Attributes
+    ----------
+    per_velocity, per_deflection : float
+        c_1 [s/m], k_1 [1/m].
+    ratio : bool
+    """
+
+    per_velocity: float
+    per_deflection: float = 0.0
+    ratio: bool = False
+    kind: ClassVar[str] = "yield"
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        return "suspension_velocity", "suspension_deflection"
+
+    def start(self, setting: Setting) -> Callable[[Signals], np.ndarray]:
+        def value(seen: Signals) -> np.ndarray:
+            xi = self.per_velocity * seen["suspension_velocity"] + self.per_deflection * seen["suspension_deflection"]
+            if not self.ratio:
+                return np.tanh(xi)
+            small = np.abs(xi) < 1e-4
+            return np.where(small, 1 - xi**2 / 3, np.tanh(xi) / np.where(small, 1.0, xi))
+
+        return value
+
+    def to_dict(self) -> dict:
+        return {"kind": self.kind, **asdict(self)}
+
+
+@dataclass(frozen=True)
+class SaturationRatio(Rule):
+    """ρ = attained/demanded of the last sample, between `lowest` and 1: sat(u)/u (equation sheet, E2).
+
+    1 while nothing is asked for; below zero (a damper that cannot even have the sign) it counts as `lowest`.
+
+    Attributes
+    ----------
+    lowest : float
+    offset : float
+        Of both before the ratio is taken: u = demand − offset.
+    small : float
+        Demand below which the ratio is 1, in the law's unit.
+    """
+
+    lowest: float = 0.0
+    offset: float = 0.0
+    small: float = 1e-6
+    kind: ClassVar[str] = "saturation-ratio"
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        return "demanded", "attained"
+
+    def start(self, setting: Setting) -> Callable[[Signals], np.ndarray]:
+        def value(seen: Signals) -> np.ndarray:
+            asked, had = seen["demanded"] - self.offset, seen["attained"] - self.offset
+            idle = np.abs(asked) <= self.small
+            return np.where(idle, 1.0, np.clip(had / np.where(idle, 1.0, asked), self.lowest, 1.0))
+
+        return value
+
+    def to_dict(self) -> dict:
+        return {"kind": self.kind, **asdict(self)}
+
+
+@dataclass(frozen=True)
+class Excess(Rule):
+    """ρ = ρ_max μ ε⁴/(μ ε⁴ + 1/μ), ε = |demanded − attained|/scale of the last sample (equation sheet, E5).
+
+    Attributes
+    ----------
+    scale : float
+        Demand at which ε is one, in the law's unit.
+    sharpness, highest : float
+        μ, ρ_max.
+    smoothing : float
+        Time constant of a lag on ρ [s]; 0 for none.
+    """
+
+    scale: float
+    sharpness: float = 1e2
+    highest: float = 10.0
+    smoothing: float = 0.0
+    kind: ClassVar[str] = "excess"
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        return "demanded", "attained"
+
+    def start(self, setting: Setting) -> Callable[[Signals], np.ndarray]:
+        share = 1.0 if self.smoothing <= 0 else -np.expm1(-setting.sample_time / self.smoothing)
+        last = np.zeros(setting.cars)
+
+        def value(seen: Signals) -> np.ndarray:
+            nonlocal last
+            power = self.sharpness * (np.abs(seen["demanded"] - seen["attained"]) / self.scale) ** 4
+            last = last + share * (self.highest * power / (power + 1 / self.sharpness) - last)
+            return last
+
+        return value
+
+    def to_dict(self) -> dict:
+        return {"kind": self.kind, **asdict(self)}
+
+
+RULES: tuple[type[Rule], ...] = (Measured, Yield, SaturationRatio, Excess)
+"""Every rule that a file can name; a new one adds itself here."""
+
+
+def rule_from_dict(data: Mapping) -> Rule:
+    """Inverse of `Rule.to_dict`."""
+    table = {r.kind: r for r in RULES}
+    kind = _checks.known_name(data.get("kind", ""), list(table), "rule of a schedule")
+    try:
+        return table[kind](**{n: v for n, v in data.items() if n != "kind"})
+    except TypeError as error:
+        raise InputError(f"rule '{kind}' of a schedule does not fit", why=str(error)) from None
