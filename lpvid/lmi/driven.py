@@ -1,0 +1,117 @@
+"""The linear part of a state-space model with its inputs and outputs: what a gain is a statement about."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.lmi.autonomous import Reading, reading_weights, readings_of
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Shifted, Spline, Stacked
+
+Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """x⁺ or ẋ = A(p) x + B(p) w, z = C(p) x + D(p) w, with [A B; C D](p) = Σ_m coefficients[m] φ_m(p).
+
+    Parameters
+    ----------
+    coefficients : (M + 1, n + n_z, n + n_w) array
+        The last one belongs to the constant 1.
+    order : int
+        n.
+    basis : Basis
+    readings : tuple of Reading
+        The variables that the matrices, or a storage function, depend on; p at another delay counts as a further one.
+    sample_time : float or None
+    digest : str
+        sha256 of what a gain depends on.
+    inputs, outputs : tuple of str
+        Names of w and z.
+    """
+
+    coefficients: np.ndarray
+    order: int
+    basis: Basis
+    readings: tuple[Reading, ...]
+    sample_time: float | None
+    digest: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    def matrices(self, points: np.ndarray) -> Matrices:
+        """A, B, C, D at `points` of shape (N, len(readings)), each (N, …)."""
+        weights = reading_weights(self.basis, self.readings, points)
+        return self._parts(np.tensordot(weights, self.coefficients, axes=1))
+
+    def magnitudes(self, points: np.ndarray) -> Matrices:
+        """Σ |coefficient| |φ|, which bounds the rounding errors of `matrices`."""
+        weights = reading_weights(self.basis, self.readings, points)
+        return self._parts(np.tensordot(np.abs(weights), np.abs(self.coefficients), axes=1))
+
+    def ceilings(self, box: Scheduling) -> Matrices:
+        """(1, …) entrywise bounds of |A|, |B|, |C|, |D| over the box, trigonometric functions over their period."""
+        limits = dict(zip(box.names, zip(box.lower, box.upper, strict=True), strict=True))
+        for reading in self.readings:  # a delayed copy has the box of its variable
+            limits.setdefault(reading.name, limits[reading.label])
+        weights = np.append(basis_ceilings(self.basis, limits), 1.0)
+        return self._parts(np.tensordot(weights[None, :], np.abs(self.coefficients), axes=1))
+
+    def _parts(self, s: np.ndarray) -> Matrices:
+        n = self.order
+        return s[:, :n, :n], s[:, :n, n:], s[:, n:, :n], s[:, n:, n:]
+
+
+def driven(model: LPVStateSpace, also: tuple[str, ...] = ()) -> Driven:
+    """The linear part of a model; `also` names scheduling variables to list although the matrices may not read them.
+
+    Raises
+    ------
+    InputError
+        No state space, or a basis that is neither piecewise polynomial nor trigonometric.
+    """
+    if not isinstance(model, LPVStateSpace):
+        raise InputError("a gain needs a state-space model with named inputs and outputs", got=type(model).__name__,
+                         mend="make one with lpv.realize(model, form=\"augmented\")")
+    n, size = model.order, model.basis.size
+    stacked = np.zeros((size + 1, n + model.n_outputs, n + model.n_filter_inputs))
+    stacked[:size] = np.concatenate([np.concatenate([model.A, model.B], axis=2),
+                                     np.concatenate([model.C, model.D], axis=2)], axis=1)
+    found = tuple(r for r in readings_of(model.basis) if r.degree or r.frequency)
+    found += tuple(Reading(name, 0, 0) for name in also if name not in [r.label for r in found])
+    if model.sample_time is None and any(r.lag for r in found):
+        raise InputError("a continuous-time model reads p at a delay in samples", got=model.basis.labels)
+    text = json.dumps([model.basis.to_dict(), model.sample_time, n, list(stacked.shape)], sort_keys=True)
+    digest = hashlib.sha256(text.encode() + np.ascontiguousarray(stacked, dtype="<f8").tobytes()).hexdigest()
+    return Driven(stacked, n, model.basis, found, model.sample_time, digest,
+                  tuple(s.name for s in model.filter_inputs), tuple(s.name for s in model.outputs))
+
+
+def basis_ceilings(basis: Basis, limits: dict[str, tuple[float, float]]) -> np.ndarray:
+    """(M,) bounds of |φ| over intervals of the variables; trigonometric functions count 1.
+
+    Examples
+    --------
+    >>> basis_ceilings(Polynomial("p", degree=2), {"p": (-3.0, 2.0)}).tolist()
+    [1.0, 3.0, 9.0]
+    """
+    if isinstance(basis, Polynomial):
+        corners = np.array(list(itertools.product(*(limits[n] for n in basis.names))), dtype=float)
+        return np.abs(basis.evaluate(corners)).max(axis=0)
+    if isinstance(basis, Product):
+        first, second = (basis_ceilings(f, limits) for f in basis.factors)
+        return np.outer(first, second).ravel()
+    if isinstance(basis, Stacked):
+        return np.concatenate([basis_ceilings(f, limits) for f in basis.factors])
+    if isinstance(basis, Shifted):
+        return basis_ceilings(basis.basis, limits)
+    if isinstance(basis, Spline):
+        return np.ones(basis.size)
+    return np.ones(basis.size)  # sines and cosines

@@ -1,0 +1,306 @@
+"""Certificates of an induced L2 gain, re-checked with numpy alone: no solver, and no trust in one.
+
+The claim ‖z‖ ≤ γ‖w‖ from zero state is, for every p in the box and every admissible motion,
+
+    P(p) ≻ 0    [ −AᵀP − PA − Ṗ   −PB    Cᵀ ]                  [ P − AᵀP⁺A   −AᵀP⁺B      Cᵀ ]
+                [ ⋆               γI     Dᵀ ] ≻ 0     or       [ ⋆           γI − BᵀP⁺B  Dᵀ ] ≻ 0
+                [ ⋆               ⋆      γI ]                  [ ⋆           ⋆           γI ]
+
+in continuous and in discrete time, with Ṗ = Σ ṗ_i ∂P/∂p_i and P⁺ = P(p(k+1)) (bounded-real lemma; equations sheet,
+section 5.3). It includes exponential stability.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.lmi.autonomous import box_of
+from lpvid.lmi.certificate import EPS, Recheck
+from lpvid.lmi.driven import Driven, driven
+from lpvid.lmi.inequality import Inequality, Pieces, recheck_inequality
+from lpvid.lmi.storage import Storage
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Basis, Scheduling, basis_from_dict
+
+SCHEMA = "lpvid/gain-certificate/1"
+
+
+@dataclass(frozen=True, eq=False)
+class BoundedReal(Inequality):
+    """The bounded-real inequality of a system with a storage function and a gain γ > 0."""
+
+    system: Driven
+    storage: Storage
+    gamma: float
+
+    @property
+    def power(self) -> int:  # type: ignore[override]
+        """Degree in the system's matrices."""
+        return 1 if self.system.sample_time is None else 2
+
+    def matrix(self, pieces: Pieces) -> np.ndarray:
+        discrete = self.system.sample_time is not None
+        return bounded_real(pieces, self.gamma, discrete)
+
+    def congruence(self, root: np.ndarray) -> np.ndarray:
+        n, m = len(root), len(self.system.inputs) + len(self.system.outputs)
+        scale = np.zeros((n + m, n + m))
+        scale[:n, :n] = root * math.sqrt(pace(self.system, self.storage, root))
+        scale[n:, n:] = np.eye(m) / math.sqrt(self.gamma)
+        return scale
+
+
+def pace(system: Driven, storage: Storage, root: np.ndarray) -> float:
+    """Time [s] in which the state changes by its own size, in the norm of P at the centre; 1 in discrete time."""
+    if system.sample_time is not None or not len(root):
+        return 1.0
+    a = system.matrices(storage.box.centre[None, :])[0][0]
+    size = float(np.linalg.norm(np.linalg.solve(root.T, a) @ root.T, 2))
+    return 1 / size if 0 < size < math.inf else 1.0
+
+
+def bounded_real(q: Pieces, gamma: float, discrete: bool) -> np.ndarray:
+    """(N, T, m, m) the matrix of the bounded-real inequality, of values or (with sign +1) of magnitudes."""
+    s, at, bt = q.sign, q.A.swapaxes(2, 3), q.B.swapaxes(2, 3)
+    moves = (*q.later.shape[:2],)
+    if discrete:
+        weighted = at @ q.later
+        state, cross = q.P + s * (weighted @ q.A), s * (weighted @ q.B)
+        supply = q.eye(q.B.shape[3], gamma) + s * (bt @ q.later @ q.B)
+    else:
+        product = q.P @ q.A
+        state, cross = s * (product + product.swapaxes(2, 3) + q.later), s * (q.P @ q.B)
+        supply = q.eye(q.B.shape[3], gamma)
+
+    def wide(x: np.ndarray) -> np.ndarray:
+        return np.broadcast_to(x, (*moves, *x.shape[2:]))
+
+    output, direct = wide(q.C), wide(q.D)
+    return np.concatenate([
+        np.concatenate([wide(state), wide(cross), output.swapaxes(2, 3)], axis=3),
+        np.concatenate([wide(cross).swapaxes(2, 3), supply, direct.swapaxes(2, 3)], axis=3),
+        np.concatenate([output, direct, q.eye(q.C.shape[2], gamma)], axis=3)], axis=2)
+
+
+@dataclass(frozen=True, eq=False)
+class GainCertificate:
+    """A storage function xᵀP(p)x that bounds the gain of a model from its inputs to its outputs.
+
+    Parameters
+    ----------
+    kind : str
+        "quadratic" (one P), "poly-quadratic" (P(p), arbitrary jumps) or "parameter-dependent" (P(p), bounded rate).
+    gamma : float
+        Bound of ‖z‖/‖w‖ in L2 or ℓ2, in the unit of the outputs over that of the inputs.
+    matrices : (K, n, n) array
+        P(p) = Σ_k matrices[k] ψ_k(p), with ψ_k the functions of `basis`.
+    basis : Basis
+    box : Scheduling
+        Range and rate bounds [units per second]; a variable read at several times has an entry for each.
+    sample_time : float or None
+    model_hash : str
+        sha256 of the matrices, the basis and the sampling time it was made for.
+    inputs, outputs : tuple of str
+    margin : float
+        Smallest eigenvalue of the inequality after the congruence that makes P(centre), and γ, 1, less a bound of the
+        rounding errors (a pure number).
+    between_grid : bool
+        Proven on the whole box, not only on the points of a grid.
+    solver : str
+        What proposed the matrices.
+    """
+
+    kind: str
+    gamma: float
+    matrices: np.ndarray
+    basis: Basis
+    box: Scheduling
+    sample_time: float | None
+    model_hash: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    margin: float
+    between_grid: bool
+    solver: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "matrices", _checks.frozen_array(self.matrices, "matrices", ndim=3))
+        object.__setattr__(self, "inputs", tuple(self.inputs))
+        object.__setattr__(self, "outputs", tuple(self.outputs))
+
+    @property
+    def claim(self) -> str:
+        """What the certificate says, in words."""
+        where = ", ".join(f"{n} in [{a:.6g}, {b:.6g}] {u}".rstrip() for n, a, b, u in
+                          zip(self.box.names, self.box.lower, self.box.upper, self.box.units, strict=True))
+        text = f"gain from {', '.join(self.inputs)} to {', '.join(self.outputs)} at most {self.gamma:.6g}"
+        if where:
+            text += f" for every trajectory of {where}"
+        if where and self.kind != "parameter-dependent":
+            text += ", however fast it moves"
+        elif where:
+            text += " with " + ", ".join(
+                f"|d {n}/dt| <= {r:.6g} {u or '1'}/s" if r is not None else f"{n} arbitrarily fast"
+                for n, r, u in zip(self.box.names, self.box.rate, self.box.units, strict=True))
+        return text + ("" if self.between_grid else "; shown at the points of a grid only, not proven between them")
+
+    def check(self, model: LPVStateSpace) -> Recheck:
+        """Recompute the claim for a model; it holds only if every number in it can be reproduced."""
+        system = driven(model, tuple(n for n in self.basis.names if n in model.box.names))
+        fault = self._fault(system, model)
+        if fault:
+            return Recheck(False, False, math.nan, fault)
+        storage = Storage(self.matrices, self.basis, self.box, self.sample_time)
+        found = recheck_gain(system, storage, self.gamma)
+        if not found.holds:
+            return found
+        if self.kind != kind_of(storage):
+            return Recheck(False, found.between_grid, found.margin, f"this is no {self.kind} certificate")
+        if self.between_grid and not found.between_grid:
+            return Recheck(False, False, found.margin, "the claim between grid points cannot be reproduced")
+        if not self.margin <= found.margin * (1 + 1e-6) + 1e-12:
+            return Recheck(False, found.between_grid, found.margin, f"a margin of {self.margin:.3g} is claimed")
+        return found
+
+    def _fault(self, system: Driven, model: LPVStateSpace) -> str:
+        if self.model_hash != system.digest or self.sample_time != system.sample_time:
+            return "the certificate was made for another model"
+        if self.inputs != system.inputs or self.outputs != system.outputs:
+            return "the certificate names other signals than the model has"
+        if self.box.names != box_of(system.readings, model.box).names or not set(self.basis.names) <= set(
+                self.box.names):
+            return "the certificate names other scheduling variables than the model reads"
+        if self.matrices.shape != (self.basis.size, system.order, system.order):
+            return "matrices and basis of the certificate do not fit the model"
+        if not np.all(np.isfinite(self.matrices)) or not np.array_equal(self.matrices, self.matrices.swapaxes(1, 2)):
+            return "the certificate's matrices are not finite and symmetric"
+        if not 0 < self.gamma < math.inf or any(r is not None and not r >= 0 for r in self.box.rate):
+            return "the certificate holds a gain or a rate that is not positive"
+        return ""
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON; `lpvid.verify` needs nothing else but the model."""
+        return {"schema": SCHEMA, "kind": self.kind, "claim": self.claim, "gamma": self.gamma,
+                "matrices": self.matrices.tolist(), "order": self.matrices.shape[1], "basis": self.basis.to_dict(),
+                "box": self.box.to_dict(), "sample_time": self.sample_time, "model_hash": self.model_hash,
+                "inputs": list(self.inputs), "outputs": list(self.outputs), "margin": self.margin,
+                "between_grid": self.between_grid, "solver": self.solver}
+
+    @classmethod
+    def from_dict(cls, data: Mapping) -> GainCertificate:
+        """Inverse of `to_dict`."""
+        if data.get("schema") != SCHEMA:
+            raise InputError("not a gain certificate of this version", got=data.get("schema"))
+        n, matrices = data["order"], np.asarray(data["matrices"], dtype=float)
+        return cls(data["kind"], data["gamma"], matrices.reshape(len(data["matrices"]), n, n),
+                   basis_from_dict(data["basis"]), Scheduling.from_dict(data["box"]), data["sample_time"],
+                   data["model_hash"], tuple(data["inputs"]), tuple(data["outputs"]), data["margin"],
+                   data["between_grid"], data["solver"])
+
+    def __repr__(self) -> str:
+        return (f"certified{'' if self.between_grid else ' on a grid only'}: {self.claim}\n"
+                f"  {self.kind} storage function; margin {self.margin:.3g}, re-checked with numpy")
+
+
+def kind_of(storage: Storage) -> str:
+    """Sort of a storage function."""
+    if not storage.readings:
+        return "quadratic"
+    bounded = any(storage.box.rate[i] is not None for i in storage.readings)
+    return "parameter-dependent" if bounded else "poly-quadratic"
+
+
+def recheck_gain(system: Driven, storage: Storage, gamma: float, *, budget: int | None = None) -> Recheck:
+    """Check that a storage function proves a gain, between grid points if the budget allows.
+
+    Examples
+    --------
+    >>> from lpvid.scheduling import Polynomial
+    >>> model = LPVStateSpace([[[-2.0]]], [[[1.0]]], [[[1.0]]], [[[0.0]]], Polynomial((), 0), None)
+    >>> system, still = driven(model), Scheduling((), (), ())
+    >>> lag = Storage(np.array([[[1.0]]]), Polynomial((), 0), still, None)
+    >>> recheck_gain(system, lag, 0.501).holds, recheck_gain(system, lag, 0.499).holds
+    (True, False)
+    """
+    if not 0 < gamma < math.inf:
+        return Recheck(False, False, math.nan, "a gain bound is positive and finite")
+    return recheck_inequality(BoundedReal(system, storage, gamma), budget=budget)
+
+
+def certify_gain(system: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], P: np.ndarray, gamma: float, *,
+                 slopes: np.ndarray | None = None, rate: np.ndarray | float | None = None,
+                 later: np.ndarray | None = None) -> Recheck:
+    """Check the bounded-real inequality at N points for matrices given as arrays, with a bound of the rounding errors.
+
+    Continuous time unless `later` is given. What lies between the points is not covered.
+
+    Parameters
+    ----------
+    system : (A, B, C, D), each (N, …)
+    P : (N, n, n) array
+    gamma : float
+    slopes : (N, v, n, n) array, optional
+        ∂P/∂p_i; all 2^v corners of |ṗ_i| ≤ rate_i are checked.
+    rate : (v,) array or float, optional
+        Units per second.
+    later : (N, T, n, n) array, optional
+        Discrete time: P at the T scheduling values that one sample can lead to.
+
+    Returns
+    -------
+    Recheck
+        Its margin is the smallest eigenvalue after the congruence that makes P, at each point, and γ the identity.
+
+    Examples
+    --------
+    >>> lag = tuple(np.array([[[x]]]) for x in (-2.0, 1.0, 1.0, 0.0))
+    >>> certify_gain(lag, np.array([[[1.0]]]), 0.501).holds, certify_gain(lag, np.array([[[1.0]]]), 0.499).holds
+    (True, False)
+    """
+    a, b, c, d = (np.asarray(x, dtype=float) for x in system)
+    p = np.asarray(P, dtype=float)
+    discrete = later is not None
+    after, after_size = (np.asarray(later, dtype=float),) * 2 if discrete else _corners(p, slopes, rate)
+    if not all(np.all(np.isfinite(x)) for x in (a, b, c, d, p, after)) or not 0 < gamma < math.inf:
+        return Recheck(False, False, math.nan, "a matrix or the gain is not finite")
+    try:
+        root = np.linalg.inv(np.linalg.cholesky(0.5 * (p + p.swapaxes(1, 2))))
+    except np.linalg.LinAlgError:
+        return Recheck(False, False, -math.inf, "P is not positive definite at a point")
+    n, m = p.shape[1], b.shape[2] + c.shape[1]
+    scale = np.zeros((len(p), 1, n + m, n + m))
+    scale[:, 0, :n, :n], scale[:, 0, n:, n:] = root, np.eye(m) / math.sqrt(gamma)
+    if not discrete and n:
+        speed = np.linalg.norm(np.linalg.solve(root.swapaxes(1, 2), a) @ root.swapaxes(1, 2), 2, axis=(1, 2))
+        scale[:, 0, :n, :n] /= np.sqrt(np.maximum(speed, 1e-300))[:, None, None]
+    a, b, c, d, p = (x[:, None] for x in (a, b, c, d, p))
+    value = scale @ bounded_real(Pieces(a, b, c, d, p, after), gamma, discrete) @ scale.swapaxes(2, 3)
+    sizes = Pieces(*(np.abs(x) for x in (a, b, c, d, p)), later=np.abs(after_size), sign=1.0)  # type: ignore[misc]
+    size = bounded_real(sizes, gamma, discrete)
+    size = np.abs(scale) @ size @ np.abs(scale.swapaxes(2, 3))
+    rounding = (6 * (n + m) + 30) * EPS * size.sum(axis=-1).max(axis=-1)
+    lowest = np.linalg.eigvalsh(0.5 * (value + value.swapaxes(2, 3)))[..., 0] - rounding
+    margin = float(lowest.min())
+    text = f"shown at {len(a)} points only, not between them"
+    return Recheck(margin > 0, False, margin, text if margin > 0 else f"fails at point {int(lowest.min(1).argmin())}")
+
+
+def _corners(p: np.ndarray, slopes: np.ndarray | None, rate: np.ndarray | float | None
+             ) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 2^v, n, n) Ṗ at all corners of the rates, and its magnitude."""
+    if slopes is None:
+        return np.zeros((len(p), 1, *p.shape[1:])), np.zeros((len(p), 1, *p.shape[1:]))
+    slopes = np.asarray(slopes, dtype=float)
+    v = slopes.shape[1]
+    if rate is None:
+        raise InputError("P changes with p, so the rate of p needs a bound", got="rate=None")
+    rates = np.broadcast_to(np.asarray(rate, dtype=float), (v,))
+    signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * v, indexing="ij")).reshape(v, -1).T
+    size = np.einsum("v,nvij->nij", rates, np.abs(slopes))
+    return np.einsum("tv,nvij->ntij", signs * rates, slopes), np.repeat(size[:, None], len(signs), axis=1)
