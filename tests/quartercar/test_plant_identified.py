@@ -1,0 +1,195 @@
+"""E9: the identified discrete damper in the car, its current scheduling variable and control at once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from lpvid.errors import InputError
+from lpvid.identification.layout import Layout
+from lpvid.model.input_stage import TanhStage, ThreeZoneStage
+from lpvid.model.scheduling_stage import SchedulingLag
+from lpvid.model.signals import Signal
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.scheduling import Polynomial, Scheduling
+from quartercar.car import QuarterCar
+from quartercar.dampers import Guo6, LpvArx
+from quartercar.dampers.held import Held
+from quartercar.linear_car import LinearCar
+from quartercar.parameters import MEGANE
+from quartercar.plant import IdentifiedDamper, Prefiltered, replay
+from quartercar.plant.prefilter import prefiltered
+
+STEP = 1 / 512
+ONE = Layout(np.zeros((1, 5), dtype=int))
+
+
+def damper(order: int = 2, slope: float = 0.0, affine: float = 0.0, lag: bool = True, **changes) -> LpvArx:
+    """A known damper of order 1 or 2: a lag on c(i) v + f(i) tanh(v/v_0), unity gain at rest of its pole part."""
+    p = Polynomial("current", 1)
+    if order == 1:
+        a = [[-0.4, -0.05]]
+        b = [[[300.0, 60.0], [20.0, 180.0]], [[220.0, 30.0], [30.0, 160.0]]]
+    else:
+        a = [[-0.7, -0.04], [0.15, 0.02]]
+        b = [[[240.0, 40.0], [15.0, 120.0]], [[160.0, 30.0], [15.0, 100.0]], [[60.0, 10.0], [5.0, 40.0]]]
+    box = Scheduling(("current",), (0.0,), (2.5,), units=("A",))
+    model = LPVTransferFunction(
+        np.array(a)[:, None, None, :], np.array(b)[:, None], p, STEP, box, np.array([[[-60.0, affine]]]),
+        inputs=(Signal("velocity", "m/s"),), outputs=(Signal("force", "N"),), input_stage=TanhStage(0.04, slope),
+        scheduling_stage=SchedulingLag(0.006, 0.01) if lag else None, **changes)
+    return LpvArx(order=order, stored=Held(model, ONE).to_dict())
+
+
+def road_and_current(n: int = 800, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    road = np.convolve(np.cumsum(rng.standard_normal(n)) * 6e-4, np.hanning(21) / np.hanning(21).sum(), "same")
+    return road - road[0], np.repeat(rng.uniform(0, 2.5, n // 40 + 1), 40)[:n]
+
+
+class Recorded(dict):
+    """What `along` reads of a run."""
+
+    sample_time = STEP
+    car = None
+
+
+def held_force_run(law: LpvArx, road: np.ndarray, current: np.ndarray) -> Recorded:
+    """The difference equation of the damper and the car for held force and road slope, written down anew."""
+    model = law.at_clock(STEP)
+    car = LinearCar(MEGANE.replace(damping=0.0)).relative()
+    block = np.zeros((6, 6))
+    block[:4, :4], block[:4, 4:] = car.A, car.B
+    e = expm(block * STEP)
+    q = current if model.scheduling_stage is None else model.scheduling_stage.apply(current[:, None], STEP)[:, 0]
+    a, b, c = (np.array([model.coefficients([i])[k] for i in q]) for k in range(3))
+    rest = c[0].sum() / (1 + a[0].sum())
+    preload = float(np.atleast_1d(law.conservative_force(np.zeros(1)))[0])
+    x, states, force, shaped = np.zeros(4), [], [rest] * model.na, [np.zeros(2)] * model.na
+    for k in range(len(road)):
+        v = x[1] - x[3]
+        shaped.append(model.input_stage.apply(np.array([[v]]), q[k: k + 1, None])[0])
+        y = float(c[k].sum() - sum(a[k][j, 0, 0] * force[-1 - j] for j in range(model.na))
+                  + sum(b[k][j, 0] @ shaped[-1 - j] for j in range(model.n_lags)))
+        force.append(y)
+        states.append(x)
+        slope = (road[k + 1] - road[k]) / STEP if k + 1 < len(road) else 0.0
+        x = e[:4, :4] @ x + e[:4, 4] * slope + e[:4, 5] * (y - preload)
+    x = np.array(states)
+    run = Recorded(suspension_deflection=x[:, 0], body_velocity=x[:, 1], tyre_deflection=x[:, 2],
+                   wheel_velocity=x[:, 3], suspension_velocity=x[:, 1] - x[:, 3], road=road, current=current,
+                   damper_force=np.array(force[model.na:]))
+    run.car = QuarterCar(MEGANE, law)
+    return run
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("slope, affine", [(0.0, 0.0), (0.008, -15.0)])
+@pytest.mark.parametrize("form", ["augmented", "observable", "controllable"])
+def test_the_identity_is_exact(order: int, slope: float, affine: float, form: str) -> None:
+    # of every form the damper's steps; of the augmented one the difference equation and the whole run
+    law = damper(order, slope, affine)
+    run = held_force_run(law, *road_and_current())
+    embedding = IdentifiedDamper(MEGANE, law, 1.0, form).around(run)
+    path, model = embedding.along(run), embedding.system
+    phi = model.basis.evaluate(path.scheduling)
+    ahead = (np.einsum("km,mij,kj->ki", phi, model.A, path.states)
+             + np.einsum("km,mij,kj->ki", phi, model.B, path.inputs))[:-1]
+    rows = slice(0 if form == "augmented" else 4, None)
+    scale = np.abs(path.states).max(axis=0)[rows] + 1e-12
+    assert (np.abs(ahead - path.states[1:])[:, rows] / scale).max() < 1e-9
+    if form == "augmented":
+        np.testing.assert_allclose(replay(embedding, run) / scale, path.states / scale, atol=1e-9)
+        force = embedding.damper_states(run["suspension_velocity"], embedding.filtered_current(run))[1]
+        np.testing.assert_allclose(force, run["damper_force"], atol=1e-9 * np.abs(force).max())
+    assert embedding.realization.exact == (form == "augmented")
+    assert embedding.region.contains(path.scheduling).all()
+    if form == "augmented":
+        assert len(embedding.names) == (3 if slope else 2)
+
+
+def test_outputs_are_those_of_the_run() -> None:
+    law = damper(2, affine=-10.0)
+    run = QuarterCar(MEGANE, law, lift_off=False).run(*_long(600))
+    embedding = IdentifiedDamper(MEGANE, law).around(run)
+    path, model = embedding.along(run), embedding.system
+    phi = model.basis.evaluate(path.scheduling)
+    out = np.einsum("km,mij,kj->ki", phi, model.C, path.states) + np.einsum("km,mij,kj->ki", phi, model.D, path.inputs)
+    rest = embedding._rest[1]
+    for row, name in ((0, "body_acceleration"), (7, "damper_force")):
+        wanted = run[name] - (rest if name == "damper_force" else 0.0)
+        np.testing.assert_allclose(out[:, row], wanted, atol=2e-7 * np.abs(wanted).max())
+
+
+def _long(n: int) -> tuple[np.ndarray, float, np.ndarray]:
+    road, current = road_and_current(n)
+    return road, STEP, current
+
+
+def test_the_nonlinear_car_to_a_stated_error() -> None:
+    # the car lets the damper's force rise linearly over a sample, the plant holds it
+    law = damper(2)
+    run = QuarterCar(MEGANE, law, lift_off=False).run(*_long(800))
+    embedding = IdentifiedDamper(MEGANE, law).around(run)
+    found, wanted = replay(embedding, run), embedding.along(run).states
+    gap = np.std(found - wanted, axis=0)[:4] / np.std(wanted, axis=0)[:4]
+    assert gap.max() < 0.15
+    assert gap[0] < 0.08
+
+
+def test_the_middle_of_no_change_has_the_derivative() -> None:
+    # δ = 0: r is ∂F/∂i at the same state, here by the difference over 1e-4 A
+    law = damper(1, slope=0.01)
+    embedding = IdentifiedDamper(MEGANE, law, 1.0)
+    state, v = np.array([[40.0, 0.3, 0.9]]), np.array([0.11])
+    here = embedding.scheduled(state, v, np.array([1.0]))
+    near = embedding.scheduled(state, v, np.array([1.0001]))
+    np.testing.assert_allclose(here, near, rtol=1e-3)
+
+
+def test_control_is_lost_where_the_damper_stands_still() -> None:
+    law = damper(1)
+    embedding = IdentifiedDamper(MEGANE, law, 1.0)
+    r = embedding.scheduled(np.zeros((1, 3)), np.zeros(1), np.array([2.0]))[:, -1]
+    np.testing.assert_allclose(r, 0.0, atol=1e-9)
+
+
+def test_a_coil_in_front_makes_the_control_constant() -> None:
+    law = damper(1, lag=False)
+    run = held_force_run(law, *road_and_current(300))
+    embedding = IdentifiedDamper(MEGANE, law).around(run)
+    plant = prefiltered(embedding.system, embedding.control, 0.008)
+    assert not plant.B[1:].any() and not plant.D[:, :, 1].any()
+    np.testing.assert_allclose(plant.A[0, -1, -1], np.exp(-STEP / 0.008))
+    # a unit command fills the lag as e^(-t/τ) says
+    x = np.zeros(plant.order)
+    for _ in range(5):
+        x = plant.A[0] @ x + plant.B[0, :, 1]
+    np.testing.assert_allclose(x[-1], 1 - np.exp(-5 * STEP / 0.008))
+    with pytest.raises(InputError):
+        Prefiltered(embedding, -1.0).system
+
+
+def test_what_E9_refuses() -> None:
+    law = damper(1)
+    with pytest.raises(InputError, match="limited by recorded runs"):
+        IdentifiedDamper(MEGANE, law).region
+    with pytest.raises(InputError, match="reversed sign"):
+        IdentifiedDamper(MEGANE, law.replace(polarity=-1))
+    with pytest.raises(InputError):
+        IdentifiedDamper(MEGANE, Guo6())  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="form"):
+        IdentifiedDamper(MEGANE, law, form="shifted")
+    run = QuarterCar(MEGANE, damper(1), lift_off=False).run(np.zeros(10), STEP)
+    wrong = replace(run, sample_time=1e-3)
+    with pytest.raises(InputError, match="at the damper's rate"):
+        IdentifiedDamper(MEGANE, law).along(wrong)
+    bent = law.at_clock(STEP)
+    zones = bent.replace(input_stage=ThreeZoneStage(), b=bent.b[:, :, :1])
+    with pytest.raises(InputError, match="shaped by a tanh"):
+        IdentifiedDamper(MEGANE, LpvArx(order=1, stored=Held(zones, ONE).to_dict()))
+    with pytest.raises(InputError, match="read the present current"):
+        IdentifiedDamper(MEGANE, LpvArx(order=1, stored=Held(bent.replace(lagged=True), ONE).to_dict()))
