@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from lpvid.model.transfer_function import LPVTransferFunction
     from lpvid.realization import Gap, Realization, realize
     from lpvid.record import Channel, Record
-    from lpvid.scheduling import Polynomial, Product, Scheduling, Shifted, Spline, Stacked
+    from lpvid.scheduling import Fourier, Polynomial, Product, Scheduling, Shifted, Spline, Stacked
     from lpvid.simulation import Simulation, predict, simulate
     from lpvid.validation import Validation, validate
 
@@ -100,7 +100,7 @@ _EXPORTS = {
     "lpvid.model.transfer_function": ("LPVTransferFunction",),
     "lpvid.realization": ("Gap", "Realization", "realize"),
     "lpvid.record": ("Channel", "Record"),
-    "lpvid.scheduling": ("Polynomial", "Product", "Scheduling", "Shifted", "Spline", "Stacked"),
+    "lpvid.scheduling": ("Fourier", "Polynomial", "Product", "Scheduling", "Shifted", "Spline", "Stacked"),
     "lpvid.simulation": ("Simulation", "predict", "simulate"),
     "lpvid.validation": ("Validation", "validate"),
 }
@@ -108,7 +108,7 @@ _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
     "ARMAX", "ARX", "Audit", "Baseline", "BoxJenkins", "Candidates", "Channel", "Compliance", "Diagnosis",
-    "DiagnosisSettings", "Effect", "ExtendedModel", "Gap", "Identification", "InputError", "LPVStateSpace",
+    "DiagnosisSettings", "Effect", "ExtendedModel", "Fourier", "Gap", "Identification", "InputError", "LPVStateSpace",
     "LPVTransferFunction", "LpvError", "NumericalError", "OutputError", "Polynomial", "Product", "QuasiLPV",
     "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "Scheduling", "Selection", "Shifted",
     "Signal", "Simulation", "Spline", "StabilityCertificate", "Stacked", "StateSpaceError", "Subspace", "TanhStage",

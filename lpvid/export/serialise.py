@@ -284,6 +284,8 @@ def _check_basis(data: object) -> int:
         size = math.comb(variables + min(degree, LARGEST_BASIS), variables) if degree >= 0 else 0
     elif kind == "spline":
         size = int(data["segments"]) + int(data["order"])
+    elif kind == "fourier":
+        size = 2 * int(data["harmonics"]) + 1
     elif kind == "product":
         size = _check_basis(data["first"]) * _check_basis(data["second"])
     elif kind == "stacked":

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.scheduling import Basis, Polynomial, Product, Shifted, Spline, Stacked
+from lpvid.scheduling import Basis, Polynomial, Product, Shifted, Stacked
 
 Term = tuple[Basis, np.ndarray]
 """A basis with M functions, and coefficients of shape (…, M) over it."""
@@ -40,17 +40,9 @@ class Varying:
 
 def unity(basis: Basis) -> np.ndarray:
     """(M,) coefficients with which the functions of a basis add up to the constant 1."""
-    if isinstance(basis, Polynomial):
-        return np.eye(1, basis.size)[0]
-    if isinstance(basis, Spline):
-        return np.ones(basis.size)
-    if isinstance(basis, Shifted):
-        return unity(basis.basis)
-    if isinstance(basis, Product):
-        return np.kron(unity(basis.first), unity(basis.second))
-    if isinstance(basis, Stacked):
-        rest = sum(f.size for f in basis.factors[1:])
-        return np.concatenate([unity(basis.factors[0]), np.zeros(rest)])
+    one = basis.unity
+    if one is not None:
+        return one
     raise InputError(f"a {type(basis).__name__} does not say how its functions add up to 1",
                      why="a realisation has entries that do not move", mend="put it beside a polynomial in Stacked")
 

@@ -10,7 +10,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.scheduling import Basis, Polynomial, Stacked
-from lpvid.synthesis._basis_algebra import ONE, common, products, unity
+from lpvid.scheduling.algebra import ONE, common, products
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class MatrixFunction:
     @property
     def still(self) -> np.ndarray | None:
         """The matrix if it does not move, else None."""
-        one = unity(self.basis)
+        one = self.basis.unity
         if one is None:
             return None if self.coefficients.any() else np.zeros(self.shape)
         pivot = int(np.argmax(np.abs(one)))

@@ -128,7 +128,7 @@ BAD = {
     "negative period": (altered(sample_time=-1.0), "sample_time must be positive"),
     "other names": (altered(scheduling={"names": ["v"], "lower": [0.0], "upper": [1.0], "rate": [None], "units": [""]}),
                     "name different variables"),
-    "basis kind": (altered(basis={"kind": "fourier"}), "not a consistent model file"),
+    "basis kind": (altered(basis={"kind": "wavelet"}), "not a consistent model file"),
     "vast basis": (altered(basis={"kind": "polynomial", "names": ["p", "q", "r"], "degree": 10**9, "centre": [0, 0, 0],
                                   "half_width": [1, 1, 1]}), "functions"),
     "stage kind": (altered(input_stage={"kind": "cubic"}), "unknown input stage"),

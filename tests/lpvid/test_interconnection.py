@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import control
 import numpy as np
 import pytest
@@ -11,54 +9,11 @@ import pytest
 from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Shifted, Spline, Stacked
-from lpvid.synthesis._basis_algebra import common, products
+from lpvid.scheduling import Polynomial, Scheduling, Spline
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop, close_loop_at, connect
-from lpvid.synthesis.matrix_function import MatrixFunction, block
 
-BASES = [Polynomial("p", 2), Polynomial("q", 1, (0.3,), (2.0,)), Polynomial(("q", "p"), 2, (0.1, -0.2), (1.5, 0.7)),
-         Polynomial((), 0), Spline("p", 3, 1, (-1.0, -0.3, 0.4, 1.0)), Spline("q", 2, 3, (-1.0, 0.0, 1.0)),
-         Product(Polynomial("p", 1), Polynomial("q", 2)), Product(Polynomial("p", 1), Spline("q", 2, 1, (-1, 0, 1))),
-         Stacked((Polynomial("p", 1), Spline("p", 3, 1, (-1.0, -0.3, 0.4, 1.0)))),
-         Product(Spline("q", 2, 1, (-1, 0, 1)), Product(Polynomial("p", 2), Polynomial("p", 1)))]
-
-
-def values(basis: Basis, points: dict[str, np.ndarray]) -> np.ndarray:
-    n = len(next(iter(points.values())))
-    return basis.evaluate(np.column_stack([points[k] for k in basis.names]) if basis.names else np.empty((n, 0)))
-
-
-@pytest.mark.parametrize("pair", list(itertools.product(range(len(BASES)), repeat=2)))
-def test_sums_and_products_of_bases_are_exact(pair):
-    first, second = (BASES[i] for i in pair)
-    rng = np.random.default_rng(sum(pair))
-    points = {"p": rng.uniform(-1, 1, 20), "q": rng.uniform(-1, 1, 20)}
-    f, g = values(first, points), values(second, points)
-    basis, e, h = common(first, second)
-    together = values(basis, points)
-    np.testing.assert_allclose(together @ e.T, f, atol=1e-12)
-    np.testing.assert_allclose(together @ h.T, g, atol=1e-12)
-    basis, table = products(first, second)
-    np.testing.assert_allclose(np.einsum("ijm,nm->nij", table, values(basis, points)), f[:, :, None] * g[:, None, :],
-                               atol=1e-11)
-
-
-def test_products_of_polynomials_stay_polynomials():
-    basis, _ = products(Polynomial("p", 2), Product(Polynomial("p", 1), Polynomial("q", 1)))
-    assert isinstance(basis, Polynomial) and basis.degree == 4 and basis.names == ("p", "q")
-    shifted = Shifted(Polynomial("p", 1), 1)
-    assert isinstance(products(shifted, Polynomial("p", 1))[0], Product)  # p(k−1) is not p(k)
-    assert isinstance(common(shifted, Polynomial("p", 1))[0], Stacked)
-
-
-def test_a_matrix_function_is_trimmed_to_the_degree_it_needs():
-    p = MatrixFunction(Polynomial("p", 1), np.array([[[0.0]], [[1.0]]]))
-    square = p @ p
-    assert square.basis.degree == 2
-    assert (square - square + p).trimmed().basis == Polynomial("p", 1)
-    assert (square - square).still is not None and not (square - square).still.any()
-    assert block([[p, np.zeros((1, 0))]]).shape == (1, 1)
+STILL = Polynomial()
 
 
 def random_system(rng, basis, order, inputs, outputs, sample_time=None, *, feedthrough=True) -> LPVStateSpace:
@@ -164,7 +119,7 @@ def test_wires_add_signals_with_signs_and_affine_terms_travel():
     np.testing.assert_allclose(loop.frozen([p])[3].ravel(), [0.0, k, 1.0])
 
 
-def static(name_in, name_out, gain, basis=BASES[3], sample_time=None) -> LPVStateSpace:
+def static(name_in, name_out, gain, basis=STILL, sample_time=None) -> LPVStateSpace:
     d = np.atleast_3d(np.asarray(gain, dtype=float)).reshape(basis.size, 1, 1)
     return LPVStateSpace(np.zeros((basis.size, 0, 0)), np.zeros((basis.size, 0, 1)), np.zeros((basis.size, 1, 0)), d,
                          basis, sample_time, inputs=(Signal(name_in),), outputs=(Signal(name_out),))

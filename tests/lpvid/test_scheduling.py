@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lpvid.errors import InputError
-from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Shifted, Spline, Stacked, basis_from_dict
+from lpvid.scheduling import Basis, Fourier, Polynomial, Product, Scheduling, Shifted, Spline, Stacked, basis_from_dict
 
 BOX = Scheduling(("p", "q"), (-1.0, 10.0), (3.0, 250.0), rate=(2.0, None), units=("A", "K"))
 P, Q = Polynomial("p", degree=3), Spline("q", segments=4, order=3)
@@ -22,6 +22,8 @@ BASES = [
     Q,
     Spline("p", segments=3, order=1),
     Product(P, Q),
+    Fourier("p", 3, 5.0, 0.3),
+    Product(Fourier("q", 2, 300.0), P),
     Product(Polynomial("q", degree=1), Spline("p", segments=2, order=2)),
     Stacked((P, Shifted(P, 1))),
     Shifted(Polynomial(("p", "q"), degree=2), -2),
@@ -183,7 +185,7 @@ def test_a_basis_of_a_constant_variable_stays_finite() -> None:
         (lambda: Spline("p", segments=2, knots=(0.0, 1.0, 1.0)), "rising knots"),
         (lambda: Spline("p").evaluate(np.zeros((1, 1))), "no knots yet"),
         (lambda: Polynomial("r").bound(BOX), "no scheduling variable 'r'"),
-        (lambda: basis_from_dict({"kind": "fourier"}), "unknown basis in a model file: got fourier"),
+        (lambda: basis_from_dict({"kind": "wavelet"}), "unknown basis in a model file: got wavelet"),
         (lambda: Scheduling(("p",), (1.0,), (0.0,)), "lower bound above the upper"),
         (lambda: Scheduling(("p",), (0.0,), (np.inf,)), "must be finite"),
         (lambda: Scheduling(("p",), (0.0,), (1.0, 2.0)), "one lower, upper"),

@@ -1,0 +1,151 @@
+"""Sums and products of functions given over different bases, written over one basis without error."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lpvid.scheduling._families import Family, FourierFamily, PolynomialFamily
+from lpvid.scheduling.basis import Basis
+from lpvid.scheduling.polynomial import Polynomial
+from lpvid.scheduling.product import Product
+from lpvid.scheduling.stacked import Stacked
+
+ONE = Polynomial((), 0)
+"""The basis of what does not move."""
+FAMILIES: tuple[Family, ...] = (PolynomialFamily(), FourierFamily())
+"""Bases that are closed under sum and product; a new one adds its line here."""
+
+
+def common(first: Basis, second: Basis) -> tuple[Basis, np.ndarray, np.ndarray]:
+    """A basis that spans both, and the maps into it: φ = E χ for the first, ψ = F χ for the second.
+
+    Polynomials become one polynomial over all their variables, in the normalisation of the first, Fourier bases of one
+    period the one of more harmonics; what has no closed form stands side by side in a `Stacked`.
+
+    Returns
+    -------
+    Basis
+        M functions χ.
+    (M_first, M) and (M_second, M) arrays
+
+    Examples
+    --------
+    >>> basis, _, into = common(Polynomial("p", 1), Polynomial("q", 1))
+    >>> basis.labels, into.tolist()
+    (('1', 'p', 'q'), [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    """
+    if first == second:
+        return first, np.eye(first.size), np.eye(first.size)
+    if first == ONE and (one := second.unity) is not None:
+        return second, one[None], np.eye(second.size)
+    if second == ONE and (one := first.unity) is not None:
+        return first, np.eye(first.size), one[None]
+    kept: list[Basis] = []
+    places: list[list[tuple[int, np.ndarray]]] = [[], []]  # for each side: (atom in kept, map into it)
+    for side, basis in enumerate((first, second)):
+        for atom in _atoms(basis):
+            i, merged = next(((i, m) for i, k in enumerate(kept) if (m := _joined(k, atom)) is not None),
+                             (len(kept), None))
+            if merged is None:
+                kept.append(atom)
+                places[side].append((i, np.eye(atom.size)))
+                continue
+            kept[i], old, new = merged
+            places = [[(j, e @ old if j == i else e) for j, e in entries] for entries in places]
+            places[side].append((i, new))
+    starts = np.concatenate([[0], np.cumsum([k.size for k in kept])])
+    maps = []
+    for entries in places:
+        out = np.zeros((sum(len(e) for _, e in entries), starts[-1]))
+        row = 0
+        for i, e in entries:
+            out[row : row + len(e), starts[i] : starts[i + 1]] = e
+            row += len(e)
+        maps.append(out)
+    return kept[0] if len(kept) == 1 else Stacked(tuple(kept)), maps[0], maps[1]
+
+
+def products(first: Basis, second: Basis) -> tuple[Basis, np.ndarray]:
+    """A basis that spans all products φ_i ψ_j, and their coefficients over it.
+
+    Polynomials multiply to a polynomial, Fourier bases of one period to one; other pairs to a `Product`.
+
+    Returns
+    -------
+    Basis
+        M functions χ.
+    (M_first, M_second, M) array
+        φ_i ψ_j = Σ_m T[i, j, m] χ_m.
+
+    Examples
+    --------
+    >>> basis, table = products(Polynomial("p", 1), Polynomial("p", 1))
+    >>> basis.labels, table[1, 1].tolist()
+    (('1', 'p', 'p^2'), [0.0, 0.0, 1.0])
+    """
+    whole: Basis | None = None
+    tables: list[list[np.ndarray]] = []
+    for a in _atoms(first):
+        tables.append([])
+        for b in _atoms(second):
+            basis, table = _atom_product(a, b)
+            if whole is None:
+                whole = basis
+            else:
+                whole, old, new = common(whole, basis)
+                tables = [[t @ old for t in row] for row in tables]
+                table = table @ new
+            tables[-1].append(table)
+    assert whole is not None
+    return whole, np.concatenate([np.concatenate(row, axis=1) for row in tables], axis=0)
+
+
+def _atoms(basis: Basis) -> list[Basis]:
+    return [a for f in basis.factors for a in _atoms(f)] if isinstance(basis, Stacked) else [basis]
+
+
+def _factors(atom: Basis) -> list[Basis]:
+    return [f for g in atom.factors for f in _factors(g)] if isinstance(atom, Product) else [atom]
+
+
+def _joined(a: Basis, b: Basis) -> tuple[Basis, np.ndarray, np.ndarray] | None:
+    if a == b:
+        return a, np.eye(a.size), np.eye(a.size)
+    return next((m for f in FAMILIES if (m := f.joined(a, b)) is not None), None)
+
+
+def _multiplied(a: Basis, b: Basis) -> tuple[Basis, np.ndarray] | None:
+    return next((m for f in FAMILIES if (m := f.multiplied(a, b)) is not None), None)
+
+
+def _atom_product(a: Basis, b: Basis) -> tuple[Basis, np.ndarray]:
+    """Product of two bases that are no stacks: matching factors multiply, the others stand in a `Product`."""
+    if b == ONE:
+        return a, np.eye(a.size)[:, None, :]
+    if a == ONE:
+        return b, np.eye(b.size)[None]
+    whole = _multiplied(a, b)
+    if whole is not None:
+        return whole
+    kept: list[tuple[Basis, np.ndarray, int | None]] = [(f, np.eye(f.size)[:, None, :], None) for f in _factors(a)]
+    for k, factor in enumerate(_factors(b)):
+        found = next(((i, m) for i, (f, _, used) in enumerate(kept)
+                      if used is None and (m := _multiplied(f, factor)) is not None), None)
+        if found is None:
+            kept.append((factor, np.eye(factor.size)[None], k))
+        else:
+            kept[found[0]] = (*found[1], k)
+    return _tensor(kept, a.size, b.size)
+
+
+def _tensor(kept: list[tuple[Basis, np.ndarray, int | None]], rows: int, columns: int) -> tuple[Basis, np.ndarray]:
+    """One `Product` of factors, each with its table and the place it takes among the second basis's factors."""
+    basis, table, _ = kept[0]
+    for other, t, _ in kept[1:]:
+        basis = Product(basis, other)
+        table = np.einsum("...m,cdn->...cdmn", table, t).reshape(*table.shape[:-1], *t.shape[:2], -1)
+    n = len(kept)
+    live = sorted((k, i) for i, (_, _, k) in enumerate(kept) if k is not None)
+    rest = [i for i, (_, _, k) in enumerate(kept) if k is None]
+    axes = [*(2 * i for i in range(n)), *(2 * i + 1 for _, i in live), *(2 * i + 1 for i in rest), 2 * n]
+    return basis, table.transpose(axes).reshape(rows, columns, -1)

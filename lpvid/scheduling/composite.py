@@ -1,0 +1,29 @@
+"""What products and stacks of bases share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lpvid.scheduling.basis import Basis
+
+
+class Composite(Basis):
+    """Several bases over the union of their variables."""
+
+    factors: tuple[Basis, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:  # type: ignore[override]
+        return tuple(dict.fromkeys(n for f in self.factors for n in f.names))
+
+    @property
+    def lags(self) -> tuple[int, int]:
+        pairs = [f.lags for f in self.factors]
+        return min(p[0] for p in pairs), max(p[1] for p in pairs)
+
+    def _columns(self, factor: Basis, p: np.ndarray) -> np.ndarray:
+        return np.asarray(p, dtype=float)[:, [self.names.index(n) for n in factor.names]]
+
+    def _slope(self, factor: Basis, p: np.ndarray, name: str) -> np.ndarray:
+        columns = self._columns(factor, p)
+        return factor.derivative(columns, name) if name in factor.names else np.zeros((columns.shape[0], factor.size))

@@ -1,0 +1,132 @@
+"""Polynomial: monomials of one or several scheduling variables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.scheduling.basis import Basis
+from lpvid.scheduling.variables import Scheduling
+
+
+@dataclass(frozen=True)
+class Polynomial(Basis):
+    """Monomials z_1^e_1 z_2^e_2 … of total degree up to `degree`, with z = (p − centre)/half_width.
+
+    Díaz Salas 2011 (3.7) has one variable and a_i(p) = Σ_j a_ij p^j; several variables come with their products.
+
+    Parameters
+    ----------
+    names : str or sequence of str
+        Scheduling variables; empty for the constant alone.
+    degree : int
+        Highest total degree.
+    centre, half_width : tuple of float, optional
+        Normalisation; left out, z = p.
+
+    Examples
+    --------
+    >>> Polynomial("current", degree=2).evaluate(np.array([[2.0]]))
+    array([[1., 2., 4.]])
+    >>> Polynomial(("p", "q"), degree=2).labels
+    ('1', 'p', 'q', 'p^2', 'p*q', 'q^2')
+    """
+
+    names: tuple[str, ...] = ()
+    degree: int = 1  # type: ignore[assignment]
+    centre: tuple[float, ...] = ()
+    half_width: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        names = _checks.names(self.names, "a polynomial basis") if self.names else ()
+        set_ = object.__setattr__
+        set_(self, "names", names)
+        set_(self, "degree", _checks.count(self.degree, "the degree of a polynomial basis"))
+        set_(self, "centre", tuple(self.centre) or (0.0,) * len(names))
+        set_(self, "half_width", tuple(self.half_width) or (1.0,) * len(names))
+        if not names:
+            set_(self, "degree", 0)
+        if not len(self.centre) == len(self.half_width) == len(names) or not all(h > 0 for h in self.half_width):
+            raise InputError("a polynomial basis needs one centre and one positive half width for each variable",
+                             got=f"{self.centre} and {self.half_width}")
+
+    @cached_property
+    def exponents(self) -> np.ndarray:
+        """(M, len(names)) exponent of each variable in each function, by rising total degree."""
+        rows = [e for total in range(self.degree + 1) for e in _exponents(len(self.names), total)]
+        return np.array(rows, dtype=int).reshape(len(rows), len(self.names))
+
+    @property
+    def size(self) -> int:
+        return len(self.exponents)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        def label(row: np.ndarray) -> str:
+            parts = [n if e == 1 else f"{n}^{e}" for n, e in zip(self.names, row, strict=True) if e]
+            return "*".join(parts) or "1"
+
+        return tuple(label(row) for row in self.exponents)
+
+    @property
+    def lags(self) -> tuple[int, int]:
+        return (0, 0)
+
+    def _normalised(self, p: np.ndarray) -> np.ndarray:
+        return (np.asarray(p, dtype=float) - np.array(self.centre)) / np.array(self.half_width)
+
+    def _powers(self, z: np.ndarray, exponents: np.ndarray) -> np.ndarray:
+        values = np.empty((exponents.shape[0], z.shape[0]))  # one contiguous row per function
+        fresh = np.ones(exponents.shape[0], dtype=bool)
+        for column in range(z.shape[1]):
+            base = np.ascontiguousarray(z[:, column])
+            power = base
+            for e in range(1, int(exponents[:, column].max(initial=0)) + 1):
+                power = base if e == 1 else power * base
+                for row in np.flatnonzero(exponents[:, column] == e):
+                    if fresh[row]:
+                        values[row], fresh[row] = power, False
+                    else:
+                        values[row] *= power
+        values[fresh] = 1.0
+        return values.T
+
+    def evaluate(self, p: np.ndarray) -> np.ndarray:
+        return self._powers(self._normalised(p), self.exponents)
+
+    def derivative(self, p: np.ndarray, name: str) -> np.ndarray:
+        column = self.names.index(_checks.known_name(name, self.names, "scheduling variable"))
+        lowered = self.exponents.copy()
+        factor = lowered[:, column] / self.half_width[column]
+        lowered[:, column] = np.maximum(lowered[:, column] - 1, 0)
+        return self._powers(self._normalised(p), lowered) * factor
+
+    def bound(self, box: Scheduling) -> Polynomial:
+        centre, half = _normalisation(self.names, box)
+        return replace(self, centre=centre, half_width=half)
+
+    @property
+    def unity(self) -> np.ndarray:
+        return np.eye(1, self.size)[0]
+
+    def to_dict(self) -> dict:
+        return {"kind": "polynomial", "names": list(self.names), "degree": self.degree,
+                "centre": list(self.centre), "half_width": list(self.half_width)}
+
+
+def _normalisation(names: tuple[str, ...], box: Scheduling) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    index = [box.names.index(_checks.known_name(n, box.names, "scheduling variable")) for n in names]
+    half = box.half_width[index]
+    return tuple(box.centre[index].tolist()), tuple(np.where(half > 0, half, 1.0).tolist())
+
+
+def _exponents(variables: int, total: int) -> list[tuple[int, ...]]:
+    if variables == 0:
+        return [()] if total == 0 else []
+    if variables == 1:
+        return [(total,)]
+    return [(first, *rest) for first in range(total, -1, -1) for rest in _exponents(variables - 1, total - first)]

@@ -1,0 +1,108 @@
+"""Spline: B-splines of one scheduling variable; of order 1, a grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.scheduling.basis import Basis
+from lpvid.scheduling.variables import Scheduling
+
+
+@dataclass(frozen=True)
+class Spline(Basis):
+    """B-splines of one scheduling variable on equal segments of its box; degree 1 interpolates a grid linearly.
+
+    Outside the box the end value holds (and validation counts the share of samples out there).
+
+    Parameters
+    ----------
+    name : str
+        Scheduling variable.
+    segments : int
+        Number of polynomial pieces.
+    order : int
+        Degree of each piece, 1 to 5.
+    knots : tuple of float, optional
+        Breakpoints in physical units, ``segments + 1`` of them; left out, equal pieces of the bound box.
+
+    Examples
+    --------
+    >>> Spline("current", segments=2, order=1, knots=(0.0, 1.0, 2.0)).evaluate(np.array([[0.5]]))
+    array([[0.5, 0.5, 0. ]])
+    """
+
+    name: str
+    segments: int = 3
+    order: int = 3
+    knots: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        _checks.count(self.segments, "segments of a spline", at_least=1)
+        if not 1 <= _checks.count(self.order, "order of a spline") <= 5:
+            raise InputError("the order of a spline must lie between 1 and 5", got=self.order)
+        if self.knots and (len(self.knots) != self.segments + 1 or np.any(np.diff(self.knots) <= 0)):
+            raise InputError("a spline needs segments + 1 rising knots", got=self.knots)
+        object.__setattr__(self, "knots", tuple(float(k) for k in self.knots))
+
+    @property
+    def names(self) -> tuple[str, ...]:  # type: ignore[override]
+        return (self.name,)
+
+    @property
+    def size(self) -> int:
+        return self.segments + self.order
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        return tuple(f"B{i}({self.name})" for i in range(self.size))
+
+    @property
+    def degree(self) -> None:  # type: ignore[override]
+        return None
+
+    @property
+    def lags(self) -> tuple[int, int]:
+        return (0, 0)
+
+    def _full_knots(self) -> np.ndarray:
+        if not self.knots:
+            raise InputError(f"the spline in '{self.name}' has no knots yet", mend="bind it to a box with .bound(box)")
+        k = np.array(self.knots)
+        return np.concatenate([np.repeat(k[0], self.order), k, np.repeat(k[-1], self.order)])
+
+    def evaluate(self, p: np.ndarray) -> np.ndarray:
+        from scipy.interpolate import BSpline
+
+        knots = self._full_knots()
+        inside = np.clip(np.asarray(p, dtype=float)[:, 0], knots[0], knots[-1])
+        return BSpline.design_matrix(inside, knots, self.order).toarray()
+
+    def derivative(self, p: np.ndarray, name: str) -> np.ndarray:
+        from scipy.interpolate import BSpline
+
+        _checks.known_name(name, self.names, "scheduling variable")
+        knots = self._full_knots()
+        values = np.asarray(p, dtype=float)[:, 0]
+        inside = (values >= knots[0]) & (values <= knots[-1])
+        slope = BSpline(knots, np.eye(self.size), self.order).derivative()(np.clip(values, knots[0], knots[-1]))
+        return np.where(inside[:, None], slope, 0.0)
+
+    def bound(self, box: Scheduling) -> Spline:
+        if self.knots:
+            return self
+        i = box.names.index(_checks.known_name(self.name, box.names, "scheduling variable"))
+        if not box.upper[i] > box.lower[i]:
+            raise InputError(f"a spline needs '{self.name}' to move", got=f"the constant {box.lower[i]}")
+        return replace(self, knots=tuple(np.linspace(box.lower[i], box.upper[i], self.segments + 1)))
+
+    @property
+    def unity(self) -> np.ndarray:
+        return np.ones(self.size)
+
+    def to_dict(self) -> dict:
+        return {"kind": "spline", "name": self.name, "segments": self.segments, "order": self.order,
+                "knots": list(self.knots)}

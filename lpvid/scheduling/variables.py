@@ -1,0 +1,95 @@
+"""Scheduling variables by name: the box they live in, and how fast they may move."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+
+
+@dataclass(frozen=True)
+class Scheduling:
+    """Named scheduling variables with the box they live in and how fast they may move.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Channel names; empty for a time-invariant model.
+    lower, upper : tuple of float
+        Box, in the variables' SI units.
+    rate : tuple of (float or None), optional
+        Bound on |dp/dt| in units per second; None leaves the variation arbitrary.
+    units : tuple of str, optional
+        SI units, for printing.
+
+    Examples
+    --------
+    >>> current = Scheduling(("current",), (0.0,), (2.5,), rate=(100.0,), units=("A",))
+    >>> current.contains(np.array([[1.0], [3.0]]))
+    array([ True, False])
+    """
+
+    names: tuple[str, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    rate: tuple[float | None, ...] = ()
+    units: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        n = len(self.names)
+        set_ = object.__setattr__
+        set_(self, "names", tuple(self.names))
+        set_(self, "lower", tuple(_checks.real(v, "a lower scheduling bound") for v in self.lower))
+        set_(self, "upper", tuple(_checks.real(v, "an upper scheduling bound") for v in self.upper))
+        set_(self, "rate", tuple(self.rate) or (None,) * n)
+        set_(self, "units", tuple(self.units) or ("",) * n)
+        if not len(self.lower) == len(self.upper) == len(self.rate) == len(self.units) == n:
+            raise InputError("scheduling needs one lower, upper, rate and unit for each name", got=self)
+        for name, low, high in zip(self.names, self.lower, self.upper, strict=True):
+            if low > high:
+                raise InputError(f"scheduling variable '{name}': lower bound above the upper", got=f"{low} > {high}")
+        for name, rate in zip(self.names, self.rate, strict=True):
+            if rate is not None and _checks.real(rate, f"the rate bound of '{name}'") < 0:
+                raise InputError(f"the rate bound of '{name}' must not be negative", got=rate)
+        if len(set(self.names)) < n:
+            raise InputError("scheduling names a variable twice", got=", ".join(self.names))
+
+    @classmethod
+    def of(cls, names: Sequence[str], p: np.ndarray, units: Sequence[str] = ()) -> Scheduling:
+        """The smallest box around samples `p` of shape (n, len(names))."""
+        return cls(tuple(names), tuple(p.min(axis=0)), tuple(p.max(axis=0)), units=tuple(units))
+
+    @property
+    def centre(self) -> np.ndarray:
+        """(len(names),) middle of the box."""
+        return 0.5 * (np.array(self.lower) + np.array(self.upper))
+
+    @property
+    def half_width(self) -> np.ndarray:
+        """(len(names),) half the box."""
+        return 0.5 * (np.array(self.upper) - np.array(self.lower))
+
+    def contains(self, p: np.ndarray, *, tolerance: float = 1e-9) -> np.ndarray:
+        """(n,) bool: which samples of `p` (n, len(names)) lie in the box, within `tolerance` of its width."""
+        slack = tolerance * np.maximum(self.half_width, 1e-300)
+        return np.all((p >= np.array(self.lower) - slack) & (p <= np.array(self.upper) + slack), axis=1)
+
+    def grid(self, points: int) -> np.ndarray:
+        """(points**len(names), len(names)) tensor grid over the box."""
+        axes = [np.linspace(lo, up, points) for lo, up in zip(self.lower, self.upper, strict=True)]
+        return np.array(list(itertools.product(*axes))) if axes else np.empty((1, 0))
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"names": list(self.names), "lower": list(self.lower), "upper": list(self.upper),
+                "rate": list(self.rate), "units": list(self.units)}
+
+    @classmethod
+    def from_dict(cls, data: Mapping) -> Scheduling:
+        """Inverse of `to_dict`."""
+        return cls(*(tuple(data[k]) for k in ("names", "lower", "upper", "rate", "units")))
