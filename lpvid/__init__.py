@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from lpvid.analysis.certificates import certify_stability, verify
     from lpvid.analysis.critical import critical_scheduling
     from lpvid.analysis.frozen_stability import frozen_stability
+    from lpvid.analysis.gain import Gain, l2_gain, l2_gains
     from lpvid.analysis.pole_locus import pole_locus
     from lpvid.analysis.stability_certificate import StabilityCertificate, Verification
     from lpvid.analysis.uncertainty import pole_band, stability_probability
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
     from lpvid.identification.state_space_error import StateSpaceError
     from lpvid.identification.streaming import identify_stream
     from lpvid.identification.subspace import Subspace
+    from lpvid.lmi.gain_certificate import GainCertificate, certify_gain
     from lpvid.model.input_stage import TanhStage, ThreeZoneStage
     from lpvid.model.signals import Signal
     from lpvid.model.state_space import LPVStateSpace
@@ -64,6 +66,7 @@ _EXPORTS = {
     "lpvid.analysis.certificates": ("certify_stability", "verify"),
     "lpvid.analysis.critical": ("critical_scheduling",),
     "lpvid.analysis.frozen_stability": ("frozen_stability",),
+    "lpvid.analysis.gain": ("Gain", "l2_gain", "l2_gains"),
     "lpvid.analysis.pole_locus": ("pole_locus",),
     "lpvid.analysis.stability_certificate": ("StabilityCertificate", "Verification"),
     "lpvid.analysis.uncertainty": ("pole_band", "stability_probability"),
@@ -94,6 +97,7 @@ _EXPORTS = {
     "lpvid.identification.state_space_error": ("StateSpaceError",),
     "lpvid.identification.streaming": ("identify_stream",),
     "lpvid.identification.subspace": ("Subspace",),
+    "lpvid.lmi.gain_certificate": ("GainCertificate", "certify_gain"),
     "lpvid.model.input_stage": ("TanhStage", "ThreeZoneStage"),
     "lpvid.model.signals": ("Signal",),
     "lpvid.model.state_space": ("LPVStateSpace",),
@@ -108,14 +112,15 @@ _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
     "ARMAX", "ARX", "Audit", "Baseline", "BoxJenkins", "Candidates", "Channel", "Compliance", "Diagnosis",
-    "DiagnosisSettings", "Effect", "ExtendedModel", "Fourier", "Gap", "Identification", "InputError", "LPVStateSpace",
-    "LPVTransferFunction", "LpvError", "NumericalError", "OutputError", "Polynomial", "Product", "QuasiLPV",
-    "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "Scheduling", "Selection", "Shifted",
-    "Signal", "Simulation", "Spline", "StabilityCertificate", "Stacked", "StateSpaceError", "Subspace", "TanhStage",
-    "ThreeZoneStage", "Validation", "Verification", "audit", "certify_stability", "critical_scheduling", "diagnose",
-    "free_run_band", "frequency_band", "from_control", "frozen_stability", "identify", "identify_stream", "load",
-    "model_hash", "pole_band", "pole_locus", "predict", "read", "realize", "save", "select", "simulate", "sparsify",
-    "stability_probability", "to_grid", "validate", "verify",
+    "DiagnosisSettings", "Effect", "ExtendedModel", "Fourier", "Gain", "GainCertificate", "Gap", "Identification",
+    "InputError", "LPVStateSpace", "LPVTransferFunction", "LpvError", "NumericalError", "OutputError", "Polynomial",
+    "Product", "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "Scheduling",
+    "Selection", "Shifted", "Signal", "Simulation", "Spline", "StabilityCertificate", "Stacked", "StateSpaceError",
+    "Subspace", "TanhStage", "ThreeZoneStage", "Validation", "Verification", "audit", "certify_gain",
+    "certify_stability", "critical_scheduling", "diagnose", "free_run_band", "frequency_band", "from_control",
+    "frozen_stability", "identify", "identify_stream", "l2_gain", "l2_gains", "load", "model_hash", "pole_band",
+    "pole_locus", "predict", "read", "realize", "save", "select", "simulate", "sparsify", "stability_probability",
+    "to_grid", "validate", "verify",
 ]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -23,6 +23,15 @@ _range = range  # `range` is an argument of the public function
 Rate = float | Sequence[float | None] | Mapping[str, float | None] | None
 Range = Sequence[float] | Sequence[Sequence[float]] | Mapping[str, Sequence[float]] | None
 MAX_DEGREE = 3
+
+
+@runtime_checkable
+class Checkable(Protocol):
+    """A certificate that can recompute its claim for a model."""
+
+    def check(self, model: Any) -> Recheck:
+        """What numpy finds about the claim."""
+        ...
 
 
 def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> StabilityCertificate:
@@ -67,7 +76,7 @@ def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> S
     'certified'
     """
     system = autonomous(model)
-    scheduling = _asked(model.box, rate, range)
+    scheduling = asked(model.box, rate, range)
     box = reading_box(system, scheduling)
     frozen = frozen_rates(system, grid(box, {0: 1, 1: 201, 2: 31, 3: 11}.get(len(box.names), 3)))
     best = None if frozen.max() >= 0 else _best(system, box, float(frozen.max()))
@@ -96,18 +105,24 @@ def _behind_filter(model: Model, scheduling: Scheduling) -> Scheduling:
     return replace(scheduling, rate=tuple(tighter))
 
 
-def verify(certificate: StabilityCertificate, model: Model) -> Verification:
+def verify(certificate: StabilityCertificate | Checkable, model: Model) -> Verification:
     """Recompute a certificate from the model and its matrices, with numpy alone.
 
     Parameters
     ----------
-    certificate : StabilityCertificate
+    certificate : StabilityCertificate, GainCertificate or another with ``check(model)``
     model : LPVTransferFunction or LPVStateSpace
+        What it was made for; for the certificate of a synthesis, its closed loop.
 
     Returns
     -------
     Verification
     """
+    if not isinstance(certificate, StabilityCertificate):
+        if not isinstance(certificate, Checkable):
+            raise InputError("this is no certificate", got=type(certificate).__name__)
+        found = certificate.check(model)
+        return Verification(found.holds, found.margin, found.between_grid, found.why)
     system, nothing = autonomous(model), (math.nan, False)
     if not certificate.verified or certificate.kind == "none":
         return Verification(False, *nothing, "the certificate makes no claim")
@@ -213,9 +228,9 @@ def _decay(system: Autonomous, box: Scheduling, lyapunov: Lyapunov, frozen: floa
     return low
 
 
-def _asked(box: Scheduling, rate: Rate, range: Range) -> Scheduling:
-    """The model's variables with the range and the rates asked for."""
-    rates = _per_variable(rate, box.names, "rate")
+def asked(box: Scheduling, rate: Rate, range: Range, keep: bool = False) -> Scheduling:
+    """The model's variables with the range and the rates asked for; `keep` leaves the box's own rates."""
+    rates = _per_variable(box.rate if keep else rate, box.names, "rate")
     for name, bound in rates.items():
         if bound is not None and not _checks.real(bound, f"the rate of '{name}'") >= 0:
             raise InputError(f"the rate of '{name}' must not be negative", got=bound)

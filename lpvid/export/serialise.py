@@ -61,6 +61,11 @@ KINDS: tuple[Kind, ...] = (
                       ("lpv-state-space", "lpvid.model.state_space", "LPVStateSpace"),
                       ("quasi-lpv", "lpvid.model.quasi", "QuasiLPVModel"),
                       ("compliance", "lpvid.model.compliance", "ComplianceModel"))),
+    Kind("gain-certificate", 1, tuple((kind, "lpvid.lmi.gain_certificate", "GainCertificate")
+                                      for kind in ("quadratic", "poly-quadratic", "parameter-dependent"))),
+    Kind("stability-certificate", 1, tuple(
+        (kind, "lpvid.analysis.stability_certificate", "StabilityCertificate")
+        for kind in ("quadratic", "poly-quadratic", "parameter-dependent", "none"))),
     Kind("extended", 1, (("", "lpvid.diagnosis.extended", "ExtendedModel"),)),
     Kind("synthesis", 1, (("", "lpvid.synthesis.result", "Synthesis"),)),
 )

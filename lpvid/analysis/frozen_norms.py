@@ -1,0 +1,145 @@
+"""H-infinity norms of frozen systems: what no bound of an induced gain can be smaller than."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lpvid.lmi.certificate import grid
+from lpvid.lmi.driven import Driven, Matrices
+from lpvid.scheduling import Scheduling
+
+POINTS = {0: 1, 1: 41, 2: 9, 3: 5, 4: 3}
+STEPS = 40
+
+
+def h_infinity_norm(system: Matrices, discrete: bool = False) -> tuple[float, float]:
+    """Largest gain over frequency of a stable time-invariant system, and where it is reached.
+
+    The largest gain found so far is γ; eigenvalues of the Hamiltonian matrix of γ on the imaginary axis are the
+    frequencies where a singular value equals γ, and between two of them the gain is larger (Bruinsma & Steinbuch,
+    Systems & Control Letters 14 (1990) 287-293). What is returned is the gain at a frequency, never more.
+
+    Parameters
+    ----------
+    system : (A, B, C, D)
+    discrete : bool
+        Frequencies are then in rad per sample.
+
+    Returns
+    -------
+    norm : float
+    frequency : float
+        [rad/s]; may be infinite.
+
+    Examples
+    --------
+    >>> norm, frequency = h_infinity_norm(tuple(np.array(x) for x in
+    ...                                   ([[0, 1.0], [-1, -0.2]], [[0], [1.0]], [[1.0, 0]], [[0.0]])))
+    >>> round(norm, 4), round(frequency, 4)
+    (5.0252, 0.9899)
+    """
+    a, b, c, d = _continuous(system) if discrete else system
+
+    def tidy(omega: float) -> float:
+        return 2 * math.atan(omega) if discrete else omega
+
+    gains = _gains((a, b, c, d), start := _guesses(a))
+    best = int(gains.argmax())
+    level, where = float(gains[best]), float(start[best])
+    if not len(a) or not level:
+        return level, tidy(where)
+    for _ in range(STEPS):
+        crossings = _crossings((a, b, c, d), level * (1 + 1e-9))
+        if not len(crossings):
+            break
+        edges = np.concatenate([[0.0], crossings, [2 * crossings[-1]]])
+        tried = np.concatenate([0.5 * (edges[1:] + edges[:-1]), crossings])
+        gains = _gains((a, b, c, d), tried)
+        best = int(gains.argmax())
+        if not gains[best] > level * (1 + 1e-10):
+            break
+        level, where = float(gains[best]), float(tried[best])
+    return level, tidy(where)
+
+
+def _continuous(system: Matrices) -> Matrices:
+    """The continuous system with the same gains, z = (1 + s)/(1 − s)."""
+    a, b, c, d = system
+    inverse = np.linalg.inv(np.eye(len(a)) + a)
+    return (inverse @ (a - np.eye(len(a))), math.sqrt(2) * inverse @ b, math.sqrt(2) * c @ inverse,
+            d - c @ inverse @ b)
+
+
+def _guesses(a: np.ndarray) -> np.ndarray:
+    poles = np.linalg.eigvals(a) if len(a) else np.zeros(0)
+    resonant = np.sqrt(np.maximum(poles.imag**2 - poles.real**2, 0.0))
+    return np.unique(np.concatenate([[0.0, math.inf], np.abs(poles), np.abs(poles.imag), resonant]))
+
+
+def _gains(system: Matrices, frequencies: np.ndarray) -> np.ndarray:
+    a, b, c, d = system
+    if not d.size:
+        return np.zeros(len(frequencies))
+    finite = np.where(np.isfinite(frequencies), frequencies, 0.0)
+    pencil = 1j * finite[:, None, None] * np.eye(len(a)) - a
+    try:
+        response = c @ np.linalg.solve(pencil, np.broadcast_to(b.astype(complex), (len(finite), *b.shape)))
+    except np.linalg.LinAlgError:  # a pole on the axis
+        return np.full(len(frequencies), math.inf)
+    response = np.where(np.isfinite(frequencies)[:, None, None], response, 0.0) + d
+    return np.linalg.norm(response, 2, axis=(1, 2))
+
+
+def _crossings(system: Matrices, level: float) -> np.ndarray:
+    a, b, c, d = system
+    weight = level**2 * np.eye(d.shape[1]) - d.T @ d
+    try:
+        inverse = np.linalg.inv(weight)
+    except np.linalg.LinAlgError:
+        return np.zeros(0)
+    inner = a + b @ inverse @ d.T @ c
+    hamiltonian = np.block([[inner, b @ inverse @ b.T], [-c.T @ (np.eye(len(c)) + d @ inverse @ d.T) @ c, -inner.T]])
+    if not np.all(np.isfinite(hamiltonian)):
+        return np.zeros(0)
+    roots = np.linalg.eigvals(hamiltonian)
+    near = np.abs(roots.real) <= 1e-7 * np.maximum(np.abs(roots), 1e-3 * np.abs(roots).max(initial=1e-300))
+    return np.unique(np.abs(roots.imag[near]))
+
+
+def largest_frozen_norm(system: Driven, box: Scheduling) -> tuple[float, np.ndarray, float]:
+    """Largest H-infinity norm over a grid, refined around it: (norm, p, frequency [rad/s])."""
+    points = grid(box, POINTS.get(len(box.names), 2))
+    discrete = system.sample_time is not None
+
+    def norm(point: np.ndarray) -> tuple[float, float]:
+        a, b, c, d = (x[0] for x in system.matrices(point[None, :]))
+        return h_infinity_norm((a, b, c, d), discrete)
+
+    rough = _rough(system, points)
+    found = [(*norm(points[k]), points[k]) for k in np.argsort(rough)[-4:]]
+    level, frequency, at = max(found, key=lambda x: x[0])
+    step = 2 * box.half_width / max(POINTS.get(len(box.names), 2) - 1, 1)
+    for _ in range(5):
+        for i in range(len(box.names)):
+            for sign in (-1.0, 1.0):
+                trial = at.copy()
+                trial[i] = np.clip(at[i] + sign * 0.5 * step[i], box.lower[i], box.upper[i])
+                value, omega = norm(trial) if trial[i] != at[i] else (0.0, 0.0)
+                if value > level:
+                    level, frequency, at = value, omega, trial
+        step = 0.5 * step
+    return level, at, frequency / (system.sample_time or 1.0)
+
+
+def _rough(system: Driven, points: np.ndarray) -> np.ndarray:
+    """(N,) gains at a few frequencies each."""
+    a, b, c, d = system.matrices(points)
+    discrete = system.sample_time is not None
+    found = np.zeros(len(points))
+    for k in range(len(points)):
+        parts = (a[k], b[k], c[k], d[k])
+        plain = _continuous(parts) if discrete else parts
+        found[k] = _gains(plain, _guesses(plain[0])).max()
+    return found

@@ -1,0 +1,172 @@
+"""Upper bounds of an induced gain: proposals of the solver, certified or thrown away."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.lmi.autonomous import readings_of
+from lpvid.lmi.certificate import Recheck, grid
+from lpvid.lmi.driven import Driven
+from lpvid.lmi.frame import Frame, frame_of
+from lpvid.lmi.gain_certificate import GainCertificate, kind_of, recheck_gain
+from lpvid.lmi.gain_search import GainSearch, Proposal
+from lpvid.lmi.storage import Storage
+from lpvid.scheduling import Basis, Polynomial, Scheduling
+
+BACK_OFF = (1e-6, 1e-5, 1e-4, 5e-4, 2e-3, 5e-3)
+RELAXED = (2e-3, 1e-2, 5e-2)
+MAX_DEGREE = 3
+DENSITIES = (2.0, 5.0)
+ENOUGH = 0.005
+"""A richer storage function must improve the bound by this share, or the search ends."""
+
+
+@dataclass(eq=False)
+class GainBounds:
+    """Certified bounds for one system over one box, for any rates of its variables.
+
+    Searches are kept, so that a sweep over rates compiles each program once.
+
+    Parameters
+    ----------
+    system : Driven
+        Frozen-stable on the box.
+    box : Scheduling
+        Of the readings.
+    basis : Basis or None
+        Of the storage function; None tries polynomials of rising degree.
+    floor : float
+        A gain that is known to be reached.
+    """
+
+    system: Driven
+    box: Scheduling
+    basis: Basis | None = None
+    floor: float = 0.0
+    _searches: dict[tuple, GainSearch] = field(default_factory=dict)
+    _frame: Frame | None = None
+
+    def certify(self, rate: tuple[float | None, ...]) -> GainCertificate | None:
+        """The least bound that passes the re-check for these rates; one between grid points goes before one on it."""
+        box = Scheduling(self.box.names, self.box.lower, self.box.upper, rate, self.box.units)
+        best: GainCertificate | None = None
+        for basis in self._bases(box):
+            found = self._with(basis, box)
+            if found is None:
+                continue
+            gained = best is None or found.gamma < best.gamma
+            stalled = best is not None and basis.degree != 1 and found.gamma > (1 - ENOUGH) * best.gamma
+            if best is None or (gained and found.between_grid >= best.between_grid):
+                best = found
+            if stalled or best.gamma <= (1 + ENOUGH) * self.floor:
+                break
+        return best
+
+    @property
+    def frame(self) -> Frame:
+        """Coordinates in which programs are stated."""
+        if self._frame is None:
+            points = grid(self.box, {0: 1, 1: 9, 2: 4}.get(len(self.box.names), 2))
+            self._frame = frame_of(self.system, points, self.floor)
+        return self._frame
+
+    def _bases(self, box: Scheduling) -> Iterator[Basis]:
+        if self.basis is not None:
+            yield self.basis
+            return
+        yield Polynomial((), 0)
+        discrete = self.system.sample_time is not None
+        bounded = [n for n, r in zip(box.names, box.rate, strict=True) if r is not None]
+        names = box.names if discrete else tuple(bounded)
+        names = tuple(n for n in names if box.upper[box.names.index(n)] > box.lower[box.names.index(n)])
+        for degree in range(1, (MAX_DEGREE if bounded else 1) + 1) if names else ():
+            yield Polynomial(names, degree).bound(box)
+
+    def _with(self, basis: Basis, box: Scheduling) -> GainCertificate | None:
+        on_grid: GainCertificate | None = None
+        for density in DENSITIES:
+            search = self._search(basis, box, density)
+            if not search.affordable:
+                return on_grid
+            seen = False
+            for storage, gamma, outcome, solver in self._attempts(search, box):
+                seen = True
+                found = GainCertificate(kind_of(storage), gamma, storage.matrices, basis, box, self.system.sample_time,
+                                        self.system.digest, self.system.inputs, self.system.outputs, outcome.margin,
+                                        outcome.between_grid, solver)
+                if outcome.between_grid:
+                    return found
+                if on_grid is None or found.gamma < on_grid.gamma:
+                    on_grid = found
+            if not seen or not box.names:
+                return on_grid
+        return on_grid
+
+    def _search(self, basis: Basis, box: Scheduling, density: float) -> GainSearch:
+        pattern = tuple(r is None for r in box.rate)
+        key = (str(basis.to_dict()), pattern, density)
+        if key not in self._searches:
+            self._searches[key] = GainSearch(self.system, box, basis, self.frame, density)
+        return self._searches[key]
+
+    def _attempts(self, search: GainSearch, box: Scheduling) -> Iterator[tuple[Storage, float, Recheck, str]]:
+        """Everything that passes the re-check, as strongly as possible first."""
+        for proposal in search.best(box):
+            if not 0 < proposal.gamma < 1e9 * self.frame.gain:
+                continue
+            yield from self._relaxed(search, box, proposal, BACK_OFF)
+            for share in RELAXED:
+                inner = next(search.interior(box, proposal.gamma * (1 + share)), None)
+                if inner is not None:
+                    yield from self._relaxed(search, box, inner, (0.0,))
+            return
+
+    def _relaxed(self, search: GainSearch, box: Scheduling, proposal: Proposal, shares: tuple[float, ...]
+                 ) -> Iterator[tuple[Storage, float, Recheck, str]]:
+        storage = Storage(proposal.matrices, search.basis, box, self.system.sample_time)
+        for share in shares:
+            gamma = max(proposal.gamma * (1 + share), 1e-12 * self.frame.gain)
+            outcome = recheck_gain(self.system, storage, gamma)
+            if outcome.holds:
+                yield storage, gamma, outcome, proposal.solver
+
+
+def usable(basis: Basis, box: Scheduling, discrete: bool) -> Basis:
+    """A basis for the storage function, bound to the box.
+
+    Raises
+    ------
+    InputError
+        It reads something else, or, in continuous time, a variable without a rate bound or with a slope that jumps.
+    """
+    for name in basis.names:
+        if name not in box.names:
+            raise InputError("the storage function depends on a variable that the model does not read", got=name,
+                             mend=f"choose among {', '.join(box.names) or 'none'}")
+    bound = basis.bound(box)
+    if discrete:
+        return bound
+    for reading in readings_of(bound):
+        if (reading.degree or reading.frequency) and box.rate[box.names.index(reading.name)] is None:
+            raise InputError(f"the storage function depends on '{reading.name}', whose rate has no bound",
+                             why="in continuous time it could jump", mend=f"give a rate for '{reading.name}'")
+        if reading.breaks and reading.degree < 2:
+            raise InputError(f"the storage function has a slope that jumps in '{reading.name}'",
+                             got="a spline of order 1", mend="use a spline of order 2 or 3")
+    return bound
+
+
+def worst_pole(system: Driven, box: Scheduling) -> tuple[float, np.ndarray]:
+    """Largest real part, or modulus less 1, of the frozen poles on a grid, and where."""
+    points = grid(box, {0: 1, 1: 201, 2: 31, 3: 11}.get(len(box.names), 3))
+    if not system.order:
+        return -math.inf, points[0]
+    poles = np.linalg.eigvals(system.matrices(points)[0])
+    level = poles.real.max(axis=1) if system.sample_time is None else np.abs(poles).max(axis=1) - 1
+    worst = int(level.argmax())
+    return float(level[worst]), points[worst]

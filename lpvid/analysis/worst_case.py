@@ -1,0 +1,266 @@
+"""Moving schedulings with a large gain, and the inputs that reach it: lower bounds of an induced gain."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.lmi.driven import Driven
+from lpvid.scheduling import Scheduling
+
+STEPS = 32  # per period
+LONGEST = 1_600  # steps of a simulation
+ITERATIONS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class WorstCase:
+    """A scheduling with which the gain is at least `gain`.
+
+    Parameters
+    ----------
+    kind : str
+        "frozen" or "periodic".
+    names, units : tuple of str
+        Scheduling variables as read.
+    points : (L, len(names)) array
+        One period, equally spaced in time; one row for a frozen scheduling.
+    period : float
+        [s]; 0 for a frozen scheduling.
+    frequency : float
+        Of the worst input at a frozen scheduling [rad/s]; not a number for a periodic one.
+    gain : float
+    """
+
+    kind: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    points: np.ndarray
+    period: float
+    frequency: float
+    gain: float
+
+    @classmethod
+    def frozen(cls, box: Scheduling, point: np.ndarray, frequency: float, gain: float) -> WorstCase:
+        """One value, held."""
+        return cls("frozen", box.names, box.units, np.array(point, dtype=float).reshape(1, -1), 0.0, frequency, gain)
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"kind": self.kind, "names": list(self.names), "units": list(self.units),
+                "points": self.points.tolist(), "period": self.period,
+                "frequency": self.frequency if math.isfinite(self.frequency) else None, "gain": self.gain}
+
+    @classmethod
+    def from_dict(cls, data: Mapping) -> WorstCase:
+        """Inverse of `to_dict`."""
+        names, frequency = tuple(data["names"]), data["frequency"]
+        return cls(data["kind"], names, tuple(data["units"]), np.asarray(data["points"], dtype=float).reshape(
+            len(data["points"]), len(names)), data["period"], math.nan if frequency is None else frequency,
+            data["gain"])
+
+    def __str__(self) -> str:
+        if self.kind == "frozen":
+            at = ", ".join(f"{n} = {v:.6g} {u}".rstrip() for n, v, u in
+                           zip(self.names, self.points[0], self.units, strict=True))
+            return f"reached at {self.frequency / (2 * math.pi):.4g} Hz" + (f" with {at} held" if at else "")
+        spans = ", ".join(f"{n} between {lo:.6g} and {up:.6g} {u}".rstrip() for n, lo, up, u in
+                          zip(self.names, self.points.min(axis=0), self.points.max(axis=0), self.units, strict=True))
+        return f"reached on a trajectory with period {self.period:.4g} s, {spans}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Cycle:
+    """centre + amplitude · shape(t/period − phase): a triangle, or a square where a variable may jump."""
+
+    centre: np.ndarray
+    amplitude: np.ndarray
+    phase: np.ndarray
+    period: float
+
+    def path(self, box: Scheduling, steps: int) -> np.ndarray:
+        """(steps, variables) in the middle of each step."""
+        turn = (np.arange(steps)[:, None] + 0.5) / steps - self.phase
+        triangle = 4 * np.abs(turn - np.floor(turn + 0.5)) - 1
+        jumps = np.array([r is None for r in box.rate])
+        wave = np.where(jumps, np.where(triangle >= 0, 1.0, -1.0), triangle)
+        return np.clip(self.centre + self.amplitude * wave, box.lower, box.upper)
+
+
+def worst_trajectory(system: Driven, box: Scheduling, frozen: WorstCase, seed: int = 0) -> WorstCase:
+    """The moving scheduling with the largest gain found, or `frozen` where none beats it.
+
+    Periodic triangles within the rate bounds, squares where a variable may jump; the worst input of each is found by
+    power iteration on the simulated response and its adjoint, over a window with zero state at its start. The best
+    ones are varied at random. A search like this can only underestimate.
+
+    Parameters
+    ----------
+    system : Driven
+        Frozen-stable.
+    box : Scheduling
+        Of the readings.
+    frozen : WorstCase
+    seed : int
+        Of the random variations.
+    """
+    if not system.order or not any(u > lo and r != 0 for lo, u, r in
+                                   zip(box.lower, box.upper, box.rate, strict=True)):
+        return frozen
+    if any(r.lag for r in system.readings):
+        return frozen  # readings at several times do not move independently
+    rng = np.random.default_rng(seed)
+    cycles = _cycles(system, box)
+    gain, best = -1.0, cycles[0]
+    for _ in range(4):
+        gains = _gains(system, box, cycles, STEPS)
+        order = np.argsort(gains)
+        if gains[order[-1]] > gain:
+            gain, best = float(gains[order[-1]]), cycles[order[-1]]
+        cycles = [_varied(c, box, system, rng) for c in (best, cycles[order[-2 % len(order)]]) for _ in range(8)]
+    if system.sample_time is None:  # what is owed to the steps does not count
+        gain = min(gain, float(_gains(system, box, [best], 4 * STEPS)[0]))
+    if not gain > frozen.gain:
+        return frozen
+    path = best.path(box, _steps(system, best))
+    return WorstCase("periodic", box.names, box.units, path, best.period, math.nan, gain)
+
+
+def _cycles(system: Driven, box: Scheduling) -> list[_Cycle]:
+    half, centre = box.half_width, box.centre
+    v = len(half)
+    natural = _natural(system, box)
+    directions = list(np.eye(v)) + ([np.array(s) for s in itertools.product((1.0, -1.0), repeat=v)
+                                                if s[0] > 0] if 1 < v <= 4 else [])
+    found = []
+    for direction, (size, shifts) in itertools.product(directions, ((1.0, (0.0,)), (0.5, (-0.5, 0.0, 0.5)))):
+        for shift in shifts:
+            amplitude = size * half * direction
+            for period in [_soonest(box, amplitude)] + [c * 2 * math.pi / w for w in natural for c in (0.5, 1.0, 2.0)]:
+                cycle = _Cycle(centre + shift * half * np.abs(direction), amplitude, np.zeros(v), period)
+                found.append(_admissible(cycle, box, system))
+    if v == 2:
+        found += [_admissible(_Cycle(centre, half, np.array([0.0, 0.25]), 2 * math.pi / w), box, system)
+                  for w in natural]
+    return found[:64]
+
+
+def _natural(system: Driven, box: Scheduling) -> list[float]:
+    """Up to three frequencies [rad/s] of the frozen system in the middle of the box."""
+    poles = np.linalg.eigvals(system.matrices(box.centre[None, :])[0][0])
+    if system.sample_time is not None:
+        poles = np.log(np.where(np.abs(poles) > 1e-6, poles, 1e-6).astype(complex)) / system.sample_time
+    sizes = np.unique(np.round(np.maximum(np.abs(poles), 1e-12), 12))
+    return [float(x) for x in sizes[[0, len(sizes) // 2, -1][: len(sizes)]]]
+
+
+def _soonest(box: Scheduling, amplitude: np.ndarray) -> float:
+    """Shortest period [s] of a triangle that keeps the rates; 0 where everything may jump."""
+    return max((4 * abs(a) / r for a, r in zip(amplitude, box.rate, strict=True) if r and a), default=0.0)
+
+
+def _admissible(cycle: _Cycle, box: Scheduling, system: Driven) -> _Cycle:
+    """The cycle within the rates and with a period that simulation can resolve."""
+    still = np.array([r == 0 for r in box.rate])
+    amplitude = np.where(still, 0.0, cycle.amplitude)
+    tick = 2 * (system.sample_time or 0.0)
+    period = max(cycle.period, _soonest(box, amplitude) * (1 + 1e-9), tick, 1e-9)
+    if system.sample_time is not None:
+        period = system.sample_time * math.ceil(period / system.sample_time * (1 - 1e-9))
+    return _Cycle(cycle.centre, amplitude, cycle.phase, period)
+
+
+def _varied(cycle: _Cycle, box: Scheduling, system: Driven, rng: np.random.Generator) -> _Cycle:
+    half, v = box.half_width, len(box.half_width)
+    amplitude = np.clip(cycle.amplitude * np.exp(0.3 * rng.normal(size=v)), -half, half)
+    centre = np.clip(cycle.centre + 0.2 * rng.normal(size=v) * half, box.lower + np.abs(amplitude),
+                     np.maximum(box.upper - np.abs(amplitude), box.lower + np.abs(amplitude)))
+    trial = _Cycle(centre, amplitude, cycle.phase + 0.05 * rng.normal(size=v) * (v > 1),
+                   cycle.period * math.exp(0.4 * rng.normal()))
+    return _admissible(trial, box, system)
+
+
+def _steps(system: Driven, cycle: _Cycle, steps: int = STEPS) -> int:
+    return max(2, round(cycle.period / system.sample_time)) if system.sample_time is not None else steps
+
+
+def _gains(system: Driven, box: Scheduling, cycles: list[_Cycle], steps: int) -> np.ndarray:
+    """(len(cycles),) gains, cycles of a like number of steps together."""
+    found = np.zeros(len(cycles))
+    lengths = np.array([_steps(system, c, steps) for c in cycles])
+    for length in np.unique(lengths):
+        index = np.flatnonzero(lengths == length)
+        if length > LONGEST:
+            continue
+        paths = np.stack([cycles[i].path(box, int(length)) for i in index])
+        flat = paths.reshape(-1, paths.shape[2])
+        tick = np.repeat([cycles[i].period / length for i in index], length)
+        parts = _sampled(system, flat, tick)
+        if parts is None:
+            continue
+        shaped = [x.reshape(len(index), length, *x.shape[1:]) for x in parts]
+        found[index] = _power_iteration(shaped, _repeats(shaped[0], int(length)))
+    return np.where(np.isfinite(found), found, 0.0)
+
+
+def _sampled(system: Driven, points: np.ndarray, tick: np.ndarray) -> list[np.ndarray] | None:
+    """Matrices of the sampled system whose ℓ2 gain is the L2 gain for inputs that are held for a step.
+
+    ∫ |z|² over a step is a quadratic form in (x, w), whose factor gives the output matrices (Van Loan 1978).
+    """
+    a, b, c, d = system.matrices(points)
+    if system.sample_time is not None:
+        return [a, b, c, d]
+    from scipy.linalg import expm
+
+    count, n, m = len(points), a.shape[1], b.shape[2]
+    f = np.zeros((count, n + m, n + m))
+    f[:, :n, :n], f[:, :n, n:] = a, b
+    output = np.concatenate([c, d], axis=2)
+    big = np.zeros((count, 2 * (n + m), 2 * (n + m)))
+    big[:, : n + m, : n + m], big[:, n + m :, n + m :] = -f.swapaxes(1, 2), f
+    big[:, : n + m, n + m :] = output.swapaxes(1, 2) @ output
+    if float((np.abs(f).sum(axis=2).max(axis=1) * tick).max(initial=0.0)) > 30:
+        return None  # the step is too long for the fastest mode
+    whole = expm(big * tick[:, None, None])
+    step = whole[:, n + m :, n + m :]
+    energy = step.swapaxes(1, 2) @ whole[:, : n + m, n + m :] / tick[:, None, None]
+    values, vectors = np.linalg.eigh(0.5 * (energy + energy.swapaxes(1, 2)))
+    factor = np.sqrt(np.maximum(values, 0.0))[:, :, None] * vectors.swapaxes(1, 2)
+    return [step[:, :n, :n], step[:, :n, n:], factor[:, :, :n], factor[:, :, n:]]
+
+
+def _repeats(a: np.ndarray, length: int) -> int:
+    """Periods to simulate: until the slowest cycle has forgotten most of its start."""
+    product = np.broadcast_to(np.eye(a.shape[2]), (len(a), *a.shape[2:]))
+    for k in range(length):
+        product = a[:, k] @ product
+    radius = float(np.clip(np.abs(np.linalg.eigvals(product)).max(), 1e-3, 0.999))
+    return int(np.clip(math.ceil(4 / -math.log(radius)) + 2, 3, max(3, LONGEST // length)))
+
+
+def _power_iteration(parts: list[np.ndarray], repeats: int) -> np.ndarray:
+    """(K,) gains ‖z‖/‖w‖ of K periodic systems over a finite window, from zero state."""
+    a, b, c, d = parts
+    count, length = a.shape[:2]
+    total = repeats * length
+    w = np.random.default_rng(1).normal(size=(total, count, b.shape[3], 1))
+    gain = np.zeros(count)
+    for _ in range(ITERATIONS):
+        w = w / np.maximum(np.sqrt((w**2).sum(axis=(0, 2, 3))), 1e-300)[None, :, None, None]
+        x, z = np.zeros((count, a.shape[2], 1)), np.empty((total, count, c.shape[2], 1))
+        for k in range(total):
+            i = k % length
+            z[k] = c[:, i] @ x + d[:, i] @ w[k]
+            x = a[:, i] @ x + b[:, i] @ w[k]
+        gain = np.sqrt((z**2).sum(axis=(0, 2, 3)))
+        costate = np.zeros_like(x)
+        for k in range(total - 1, -1, -1):
+            i = k % length
+            w[k] = b[:, i].swapaxes(1, 2) @ costate + d[:, i].swapaxes(1, 2) @ z[k]
+            costate = a[:, i].swapaxes(1, 2) @ costate + c[:, i].swapaxes(1, 2) @ z[k]
+    return gain
