@@ -59,6 +59,7 @@ class Kind:
 KINDS: tuple[Kind, ...] = (
     Kind("model", 1, (("lpv-transfer-function", "lpvid.model.transfer_function", "LPVTransferFunction"),
                       ("lpv-state-space", "lpvid.model.state_space", "LPVStateSpace"),
+                      ("lft", "lpvid.model.lft", "LFTModel"),
                       ("quasi-lpv", "lpvid.model.quasi", "QuasiLPVModel"),
                       ("compliance", "lpvid.model.compliance", "ComplianceModel"))),
     Kind("gain-certificate", 1, tuple((kind, "lpvid.lmi.gain_certificate", "GainCertificate")
