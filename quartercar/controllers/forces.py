@@ -59,29 +59,6 @@ class StaticForces(Forces):
         return out.reshape(z.size, size) - self._rest
 
 
-class FilterForces(Forces):
-    """An identified transfer function, run along the measured motion and looked at some samples ahead."""
-
-    def __init__(self, damper: Damper, cars: int, start: np.ndarray, steps: int) -> None:
-        super().__init__(cars)
-        model = filter_of(damper)
-        assert model is not None
-        lag = model.scheduling_stage
-        self.lag = Coil() if lag is None else Coil(lag.tau_rise, lag.tau_fall)  # type: ignore[attr-defined]
-        self._rest = float(damper.conservative_force(np.zeros(1))[0])
-        self._bank, self._steps = FilterBank(model, cars), steps
-        self._bank.begin(start)
-        self.force = self._bank.force - self._rest
-
-    def commit(self, z: np.ndarray, v: np.ndarray, current: np.ndarray) -> None:
-        self._bank.approach(current)
-        self._bank.commit(z, v)
-        self.force = self._bank.force - self._rest
-
-    def candidates(self, z: np.ndarray, v: np.ndarray, currents: np.ndarray) -> np.ndarray:
-        return self._bank.ahead(z, v, currents, self._steps) - self._rest
-
-
 class TabulatedForces(Forces):
     """The static characteristic of any damper, with its spring beside it; what its dynamics add is left out."""
 
@@ -104,6 +81,35 @@ class TabulatedForces(Forces):
 
     def candidates(self, z: np.ndarray, v: np.ndarray, currents: np.ndarray) -> np.ndarray:
         return self._rows(z, v)
+
+
+class FilterForces(Forces):
+    """An identified transfer function, run along the measured motion.
+
+    What each current would do is its settled characteristic, or the force some samples ahead.
+    """
+
+    def __init__(self, damper: Damper, cars: int, currents: np.ndarray, steps: int) -> None:
+        super().__init__(cars)
+        model = filter_of(damper)
+        assert model is not None
+        lag = model.scheduling_stage
+        self.lag = Coil() if lag is None else Coil(lag.tau_rise, lag.tau_fall)  # type: ignore[attr-defined]
+        self._rest = float(damper.conservative_force(np.zeros(1))[0])
+        self._bank, self._steps = FilterBank(model, cars), steps
+        self._bank.begin(np.full(cars, currents[0]))
+        self._settled = None if steps else TabulatedForces(damper, cars, currents)
+        self.force = self._bank.force - self._rest
+
+    def commit(self, z: np.ndarray, v: np.ndarray, current: np.ndarray) -> None:
+        self._bank.approach(current)
+        self._bank.commit(z, v)
+        self.force = self._bank.force - self._rest
+
+    def candidates(self, z: np.ndarray, v: np.ndarray, currents: np.ndarray) -> np.ndarray:
+        if self._settled is not None:
+            return self._settled.candidates(z, v, currents)
+        return self._bank.ahead(z, v, currents, self._steps) - self._rest
 
 
 class ViscousForces(Forces):
@@ -134,13 +140,12 @@ def along(rows: np.ndarray, grid: np.ndarray, at: np.ndarray) -> np.ndarray:
     return rows[row, place] * (1 - share) + rows[row, place + 1] * share
 
 
-def forces_of(damper: Damper | None, damping: float, cars: int, currents: np.ndarray, start: np.ndarray,
-              steps: int) -> Forces:
-    """The model behind an inverse of this damper; `steps` only counts for one with a clock of its own."""
+def forces_of(damper: Damper | None, damping: float, cars: int, currents: np.ndarray, steps: int) -> Forces:
+    """The model behind an inverse of this damper; `steps` only counts for an identified transfer function."""
     if damper is None:
         return ViscousForces(damping, cars)
     if isinstance(damper, StaticDamper):
         return StaticForces(damper, cars)
-    if steps and filter_of(damper) is not None:
-        return FilterForces(damper, cars, start, steps)
+    if filter_of(damper) is not None:
+        return FilterForces(damper, cars, currents, steps)
     return TabulatedForces(damper, cars, currents)

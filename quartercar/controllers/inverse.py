@@ -25,14 +25,15 @@ class InverseSettings:
     points : int
         Currents at which the damper's model is asked; linear in between.
     steps : int
-        Samples that a model with a clock looks ahead; 0 inverts its static characteristic.
+        Samples that an identified transfer function looks ahead; 0 inverts its settled characteristic, which follows
+        the demand less closely but does not amplify what the sensors add.
     lag_compensated : bool
         Whether the command leads the current that is wanted so that the coil has it at the next sample.
     """
 
     points: int = 11
-    steps: int = 2
-    lag_compensated: bool = True
+    steps: int = 0
+    lag_compensated: bool = False
 
     def __post_init__(self) -> None:
         _checks.count(self.points, "points of an inverse", at_least=2)
@@ -80,7 +81,7 @@ class Inverse:
         self._grid = np.linspace(low, high, self._settings.points)
         self.current = np.full(setting.cars, low)
         self._forces: Forces = forces_of(setting.damper, setting.parameters.damping, setting.cars, self._grid,
-                                         self.current, self._settings.steps)
+                                         self._settings.steps)
         self._period = setting.sample_time
         self._coil, self._own = coil, self._forces.lag
         self._felt = self.current.copy()

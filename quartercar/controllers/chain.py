@@ -1,0 +1,106 @@
+"""Chain: sensors, observer, law and inverse damper model of many cars, from the true motion to the command."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lpvid.errors import InputError
+from quartercar.car import Coil
+from quartercar.controllers.contract import SIGNALS, Controller, Setting, start_together
+from quartercar.controllers.inverse import Inverse, InverseSettings
+from quartercar.controllers.observer import Observer, ObserverSettings
+from quartercar.controllers.sensing import SETS, MeasurementSet, Sensing
+
+ALWAYS = ("current", "lowest_force", "highest_force", "demanded", "attained")
+"""Signals that every loop has, whatever is measured."""
+ESTIMATED = ("suspension_deflection", "body_velocity", "tyre_deflection", "wheel_velocity", "suspension_velocity")
+"""Signals that the observer adds."""
+
+
+@dataclass(frozen=True)
+class ChainSettings:
+    """What lies between a car's motion and its coil.
+
+    Attributes
+    ----------
+    sensors : MeasurementSet
+    observer : ObserverSettings
+    inverse : InverseSettings
+    """
+
+    sensors: MeasurementSet = field(default_factory=lambda: SETS["stroke-body"])
+    observer: ObserverSettings = field(default_factory=ObserverSettings)
+    inverse: InverseSettings = field(default_factory=InverseSettings)
+
+
+class Chain:
+    """Controllers of many cars on their way.
+
+    Parameters
+    ----------
+    controllers : sequence of Controller
+        One for each car; all demand the same thing.
+    setting : Setting
+    coil : Coil
+    settings : ChainSettings
+    generators : sequence of numpy.random.Generator
+        Noise of each car.
+    samples : int
+        How many there will be at most.
+
+    Attributes
+    ----------
+    clipped, out_of_reach : (cars,) arrays
+        Samples so far whose command stood at a limit; whose demand the damper could not meet.
+
+    Raises
+    ------
+    InputError
+        A law that reads what this measurement set does not tell.
+    """
+
+    def __init__(self, controllers: Sequence[Controller], setting: Setting, coil: Coil, settings: ChainSettings,
+                 generators: Sequence[np.random.Generator], samples: int) -> None:
+        self._sensing = Sensing(settings.sensors, setting.sample_time, generators, samples)
+        self._observer = None if settings.sensors.ideal else Observer(setting, settings.sensors, settings.observer)
+        told = {*ALWAYS, *settings.sensors.signals, *(ESTIMATED if self._observer else ())}
+        for law in controllers:
+            missing = [n for n in law.reads if n not in told]
+            if missing:
+                raise InputError(f"{law.name} reads {', '.join(missing)}, which '{settings.sensors.name}' does not "
+                                 "tell", got=", ".join(n for n in SIGNALS if n in told and n not in ALWAYS),
+                                 mend="the measurement set 'stroke-body-wheel' or 'ideal'")
+        self._inverse = Inverse(setting, coil, settings.inverse)
+        self._law = start_together(controllers, setting)
+        self._by_force = controllers[0].demands == "force"
+        zero = np.zeros(setting.cars)
+        self._asked, self._had, self._before = zero, zero, zero
+        self._currents = setting.currents
+        self.clipped, self.out_of_reach = zero.copy(), zero.copy()
+
+    def step(self, true: dict[str, np.ndarray]) -> np.ndarray:
+        """(cars,) command from here to the coming sample, from the true signals of this one (`sensing.TRUE`)."""
+        inverse = self._inverse
+        seen = self._sensing(true)
+        if self._observer is not None:
+            expected = inverse.attained
+            seen |= self._observer(seen, 0.5 * (self._before + expected), expected)
+        z, v = seen["suspension_deflection"], seen["suspension_velocity"]
+        inverse.look(z, v)
+        seen |= {"current": inverse.current, "lowest_force": inverse.lowest, "highest_force": inverse.highest,
+                 "demanded": self._asked, "attained": self._had}
+        demand = self._law.step(seen)
+        command = inverse.choose(demand) if self._by_force else inverse.take(demand)
+        self._before, self._asked = inverse.force, demand
+        self._had = inverse.attained if self._by_force else command
+        low, high = self._currents
+        self.clipped += (command <= low) | (command >= high)
+        self.out_of_reach += inverse.limited
+        return command
+
+    def counted(self) -> dict[str, np.ndarray]:
+        """(cars,) what the law counted."""
+        return self._law.counted()

@@ -1,0 +1,211 @@
+"""Roads of a ride: what a car meets, sampled at its controller's rate, anew for every seed."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from quartercar import roads
+
+LEAD = 1.0
+"""time before a bump that is left out of the figures [s]"""
+
+
+class RideRoad(ABC):
+    """A road at a speed."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """As in a table."""
+
+    @property
+    @abstractmethod
+    def settle(self) -> float:
+        """Time at the start that is left out of every figure [s]."""
+
+    @abstractmethod
+    def profile(self, sample_time: float, seed: int) -> np.ndarray:
+        """(n,) elevation over time, from zero [m]."""
+
+    @abstractmethod
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+
+
+@dataclass(frozen=True)
+class IsoRoad(RideRoad):
+    """A random road of a class of ISO 8608; every seed is another one.
+
+    Attributes
+    ----------
+    road_class : str
+    speed : float
+        [m/s].
+    duration : float
+        That counts [s].
+
+    Examples
+    --------
+    >>> IsoRoad("C", 20.0, 2.0).profile(0.002, seed=0).size
+    1500
+    """
+
+    road_class: str = "C"
+    speed: float = 20.0
+    duration: float = 20.0
+
+    def __post_init__(self) -> None:
+        roads.iso_roughness(self.road_class)
+        _checks.positive(self.speed, "speed", "m/s")
+        _checks.positive(self.duration, "duration", "s")
+
+    @property
+    def name(self) -> str:
+        return f"ISO {self.road_class.upper()}, {self.speed:g} m/s"
+
+    @property
+    def settle(self) -> float:
+        return LEAD
+
+    def profile(self, sample_time: float, seed: int) -> np.ndarray:
+        samples = round((self.duration + self.settle) / sample_time)
+        rng = np.random.default_rng([_checks.count(seed, "seed"), 8608])
+        z = roads.iso8608(samples, 1 / sample_time, self.road_class, speed=self.speed, rng=rng)
+        return z - z[0]
+
+    def to_dict(self) -> dict:
+        return {"kind": "iso", "class": self.road_class.upper(), "speed": self.speed, "duration": self.duration}
+
+
+@dataclass(frozen=True)
+class Bump(RideRoad):
+    """z = ½h(1 − cos 2πs/L) over a length, on a road that is otherwise of an ISO 8608 class.
+
+    Attributes
+    ----------
+    height, length : float
+        h, L [m].
+    speed : float
+        [m/s].
+    duration : float
+        From just before the bump on [s].
+    road_class : str
+        Of the road beneath; every seed is another one.
+    """
+
+    height: float = 0.05
+    length: float = 2.0
+    speed: float = 8.0
+    duration: float = 4.0
+    road_class: str = "A"
+
+    def __post_init__(self) -> None:
+        roads.iso_roughness(self.road_class)
+        for name, unit in (("length", "m"), ("speed", "m/s"), ("duration", "s")):
+            _checks.positive(getattr(self, name), name, unit)
+        _checks.real(self.height, "height")
+
+    @property
+    def name(self) -> str:
+        return f"bump {1e3 * self.height:g} mm x {self.length:g} m, {self.speed:g} m/s"
+
+    @property
+    def settle(self) -> float:
+        return LEAD
+
+    def profile(self, sample_time: float, seed: int) -> np.ndarray:
+        base = IsoRoad(self.road_class, self.speed, self.duration).profile(sample_time, seed)
+        along = self.speed * (sample_time * np.arange(base.size) - self.settle - 0.1)
+        inside = (along > 0) & (along < self.length)
+        return base + np.where(inside, 0.5 * self.height * (1 - np.cos(2 * np.pi * along / self.length)), 0.0)
+
+    def to_dict(self) -> dict:
+        return {"kind": "bump", "height": self.height, "length": self.length, "speed": self.speed,
+                "duration": self.duration, "class": self.road_class.upper()}
+
+
+@dataclass(frozen=True)
+class SineSweep(RideRoad):
+    """z = a(f) sin φ(t), φ̇ = 2πf, f growing exponentially; a = amplitude·f_start/f keeps the road's velocity.
+
+    Attributes
+    ----------
+    amplitude : float
+        At the lowest frequency [m].
+    lowest, highest : float
+        [Hz].
+    duration : float
+        [s].
+    """
+
+    amplitude: float = 0.02
+    lowest: float = 0.5
+    highest: float = 20.0
+    duration: float = 30.0
+
+    def __post_init__(self) -> None:
+        for name, unit in (("amplitude", "m"), ("lowest", "Hz"), ("highest", "Hz"), ("duration", "s")):
+            _checks.positive(getattr(self, name), name, unit)
+        if not self.lowest < self.highest:
+            raise InputError("a sweep runs from low to high", got=f"{self.lowest:g} to {self.highest:g} Hz")
+
+    @property
+    def name(self) -> str:
+        return f"sweep {self.lowest:g}-{self.highest:g} Hz"
+
+    @property
+    def settle(self) -> float:
+        return 0.0
+
+    def profile(self, sample_time: float, seed: int) -> np.ndarray:
+        t = sample_time * np.arange(round(self.duration / sample_time))
+        growth = np.log(self.highest / self.lowest) / self.duration
+        phase = 2 * np.pi * self.lowest * np.expm1(growth * t) / growth
+        return self.amplitude * np.exp(-growth * t) * np.sin(phase)
+
+    def to_dict(self) -> dict:
+        return {"kind": "sweep", "amplitude": self.amplitude, "lowest": self.lowest, "highest": self.highest,
+                "duration": self.duration}
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredRoad(RideRoad):
+    """A measured track at a constant speed, once; the seed only draws the sensors' noise.
+
+    Attributes
+    ----------
+    track : Track
+    speed : float
+        [m/s].
+    """
+
+    track: roads.Track
+    speed: float = 10.0
+
+    def __post_init__(self) -> None:
+        _checks.positive(self.speed, "speed", "m/s")
+
+    @classmethod
+    def read(cls, path: str | Path, speed: float, track: int | str = 0) -> MeasuredRoad:
+        """A profile from a file with distance and height columns; see `roads.measured`."""
+        return cls(roads.measured(path, track), speed)
+
+    @property
+    def name(self) -> str:
+        return f"{self.track.name or 'measured road'}, {self.speed:g} m/s"
+
+    @property
+    def settle(self) -> float:
+        return 0.0
+
+    def profile(self, sample_time: float, seed: int) -> np.ndarray:
+        return self.track.over_time(self.speed, sample_time)
+
+    def to_dict(self) -> dict:
+        return {"kind": "measured", "track": self.track.name, "length": self.track.length, "speed": self.speed}

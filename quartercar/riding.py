@@ -1,0 +1,195 @@
+"""ride: a nonlinear car under a controller, with sensors, observer, inverse damper model and coil in the loop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from quartercar.car import QuarterCar
+from quartercar.car_run import CarRun
+from quartercar.controllers.chain import Chain, ChainSettings
+from quartercar.controllers.contract import Controller, Setting
+from quartercar.criteria import Ride as Figures
+from quartercar.criteria import judge
+from quartercar.dampers.contract import Damper
+from quartercar.fleet import Log, start_fleet
+from quartercar.parameters import CarParameters
+from quartercar.ride_roads import RideRoad
+from quartercar.storage import RidePassivity, ride_passivity
+
+RATE = 500.0
+"""rate of the loop where the damper has none of its own [Hz]"""
+MOST = 128
+"""cars side by side at most; more take more memory and no less time"""
+
+
+@dataclass(frozen=True, eq=False)
+class RideSettings:
+    """What every law of a comparison shares.
+
+    Attributes
+    ----------
+    chain : ChainSettings
+        Sensors, observer, inverse.
+    sample_time : float or None
+        Of the loop [s]; None for the damper's own, or 2 ms.
+    model : Damper or None
+        The damper as the inverse and the observer know it; None for the car's own.
+    parameters : CarParameters or None
+        The car as laws and observer know it; None for its own.
+    """
+
+    chain: ChainSettings = field(default_factory=ChainSettings)
+    sample_time: float | None = None
+    model: Damper | None = None
+    parameters: CarParameters | None = None
+
+    def period(self, car: QuarterCar) -> float:
+        """Of the loop around this car [s]."""
+        if self.sample_time is not None:
+            return _checks.positive(self.sample_time, "sample_time", "s")
+        return (None if car.damper is None else car.damper.clock) or 1 / RATE
+
+
+@dataclass(frozen=True, eq=False)
+class Ride:
+    """One ride of one car under one controller.
+
+    Attributes
+    ----------
+    controller : Controller
+    road : str
+    seed : int
+    run : CarRun
+        Every signal, the start included.
+    figures : criteria.Ride
+        Comfort, tyre load, stroke, the start left out.
+    passivity : RidePassivity
+    at_limits, out_of_reach : float
+        Share of the samples whose command stood at a limit of the current; whose demand the damper could not meet.
+    counts : mapping of str to float
+        What the law counted, as a share of the samples.
+    """
+
+    controller: Controller
+    road: str
+    seed: int
+    run: CarRun
+    figures: Figures
+    passivity: RidePassivity
+    at_limits: float
+    out_of_reach: float
+    counts: Mapping[str, float]
+
+    def __repr__(self) -> str:
+        counted = "".join(f", {n.replace('_', ' ')} {v:.1%}" for n, v in self.counts.items())
+        return (f"Ride of {self.controller.name} on {self.road}, seed {self.seed}\n{self.figures}\n"
+                f"current    at a limit {self.at_limits:.0%} of the time, demand out of reach "
+                f"{self.out_of_reach:.0%}{counted}\nenergy     {self.passivity}")
+
+
+def ride(car: QuarterCar, road: RideRoad, controller: Controller, seed: int = 0,
+         settings: RideSettings | None = None) -> Ride:
+    """Drive a car over a road under a controller.
+
+    Parameters
+    ----------
+    car : QuarterCar
+        With a coil whose limits are finite.
+    road : RideRoad
+    controller : Controller
+    seed : int
+        Of the road and of the sensors' noise.
+    settings : RideSettings, optional
+        Sensors (stroke and body acceleration by default), observer, inverse, rate.
+
+    Returns
+    -------
+    Ride
+
+    Raises
+    ------
+    InputError
+        A law that reads what is not measured, a coil without limits, rates that do not fit.
+    NumericalError
+        A car that leaves all bounds.
+
+    Examples
+    --------
+    >>> from quartercar.car import Coil
+    >>> from quartercar.controllers import Skyhook
+    >>> from quartercar.dampers import Guo
+    >>> from quartercar.parameters import MEGANE
+    >>> from quartercar.ride_roads import IsoRoad
+    >>> damper = Guo(degree=1, span=(0.0, 2.0), current_range=(0.0, 2.0), hysteresis=False)
+    >>> car = QuarterCar(MEGANE, damper, coil=Coil(0.005, 0.01, highest=2.0))
+    >>> found = ride(car, IsoRoad("B", 20.0, 1.0), Skyhook())
+    >>> 0 < found.figures.comfort < 2
+    True
+    """
+    return drive(car, road, [controller], [seed], settings)[0]
+
+
+def drive(car: QuarterCar, road: RideRoad, controllers: Sequence[Controller], seeds: Sequence[int],
+          settings: RideSettings | None = None) -> list[Ride]:
+    """Every controller with the seed beside it; laws run side by side as far as they demand the same thing."""
+    if len(controllers) != len(seeds):
+        raise InputError("every controller needs a seed", got=f"{len(seeds)} for {len(controllers)}")
+    settings = settings or RideSettings()
+    found: dict[int, Ride] = {}
+    for kind in dict.fromkeys(c.demands for c in controllers):
+        places = [k for k, c in enumerate(controllers) if c.demands == kind]
+        for first in range(0, len(places), MOST):
+            part = places[first:first + MOST]
+            rides = _together(car, road, [controllers[k] for k in part], [seeds[k] for k in part], settings)
+            found.update(zip(part, rides, strict=True))
+    return [found[k] for k in range(len(controllers))]
+
+
+def _together(car: QuarterCar, road: RideRoad, controllers: Sequence[Controller], seeds: Sequence[int],
+              settings: RideSettings) -> list[Ride]:
+    step = settings.period(car)
+    profiles = {seed: road.profile(step, seed) for seed in dict.fromkeys(seeds)}
+    elevation = np.column_stack([profiles[s] for s in seeds])
+    n, cars = elevation.shape
+    limits = (car.coil.lowest, car.coil.highest)
+    setting = Setting(step, cars, settings.parameters or car.parameters, settings.model or car.damper, limits)
+    noise = [np.random.default_rng([s, 2631]) for s in seeds]
+    chain = Chain(controllers, setting, car.coil, settings.chain, noise, n)
+    fleet = start_fleet(car, step, elevation[0], np.full(cars, limits[0]))
+    log = Log(fleet, elevation)
+    for k in range(n):
+        command = chain.step(true_signals(fleet))
+        log.note(command)
+        if k + 1 < n:
+            fleet.advance(elevation[k + 1], command)
+    counts = {name: a / n for name, a in chain.counted().items()}
+    return [_ride(log.run(c), controllers[c], road, seeds[c], limits, chain.clipped[c] / n,
+                  chain.out_of_reach[c] / n, {name: float(a[c]) for name, a in counts.items()})
+            for c in range(cars)]
+
+
+def _ride(run: CarRun, controller: Controller, road: RideRoad, seed: int, limits: tuple[float, float],
+          at_limits: float, out_of_reach: float, counts: Mapping[str, float]) -> Ride:
+    counted = run.after(road.settle) if road.settle else run
+    return Ride(controller, road.name, seed, run, judge(run, road.settle), ride_passivity(counted, limits),
+                float(at_limits), float(out_of_reach), counts)
+
+
+def true_signals(fleet) -> dict[str, np.ndarray]:
+    """(cars,) of every signal that a sensor may measure (`controllers.sensing.TRUE`)."""
+    zs, vs, zu, vu = fleet.motion.T
+    body, wheel = fleet.accelerations
+    return {"suspension_deflection": zs - zu, "suspension_velocity": vs - vu, "body_acceleration": body,
+            "body_velocity": vs, "wheel_acceleration": wheel, "wheel_velocity": vu, "tyre_deflection": zu - fleet.road}
+
+
+def without_run(found: Ride) -> Ride:
+    """The same with its signals thinned to nothing, for collections of many rides."""
+    short = CarRun(found.run.sample_time, {n: a[:2] for n, a in found.run.signals.items()}, found.run.units,
+                   found.run.static_load, found.run.car)
+    return replace(found, run=short)
