@@ -1,0 +1,275 @@
+"""compare_rides: control laws on the same roads with the same seeds, their figures with intervals, who leads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from quartercar.car import QuarterCar
+from quartercar.controllers.contract import Controller
+from quartercar.ride_roads import RideRoad
+from quartercar.riding import Ride, RideSettings, drive, without_run
+
+FIGURES: Mapping[str, tuple[str, Callable[[Ride], float]]] = {
+    "comfort": ("m/s^2", lambda r: r.figures.comfort),
+    "acceleration": ("m/s^2", lambda r: r.figures.acceleration),
+    "dose": ("m/s^1.75", lambda r: r.figures.dose),
+    "transient": ("m/s^2", lambda r: r.figures.transient),
+    "tyre_load": ("N", lambda r: r.figures.tyre_load),
+    "off_road": ("", lambda r: r.figures.off_road),
+    "stroke": ("m", lambda r: r.figures.stroke),
+    "largest_stroke": ("m", lambda r: r.figures.largest_stroke),
+    "dissipated": ("J", lambda r: r.passivity.dissipated),
+    "at_limits": ("", lambda r: r.at_limits),
+    "out_of_reach": ("", lambda r: r.out_of_reach),
+    "negative_share": ("", lambda r: r.passivity.negative_share),
+    "negative_energy": ("J", lambda r: r.passivity.negative_energy),
+    "returned": ("J", lambda r: r.passivity.returned),
+}
+"""Figures of a ride by name: unit, and where they are found."""
+AXES = ("comfort", "tyre_load", "stroke")
+"""Figures between which a car has to choose; less is better in each."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A mean over seeds and its 95 % interval by Student's t; the ends are None for a single seed.
+
+    Attributes
+    ----------
+    mean : float
+    low, high : float or None
+    """
+
+    mean: float
+    low: float | None
+    high: float | None
+
+    @classmethod
+    def of(cls, values: np.ndarray, share: float = 0.95) -> Interval:
+        """Of values that stand for themselves, one per seed.
+
+        Examples
+        --------
+        >>> Interval.of(np.array([1.0, 2.0, 3.0])).low.__round__(4)
+        -0.4841
+        """
+        mean = float(np.mean(values))
+        if values.size < 2:
+            return cls(mean, None, None)
+        from scipy.stats import t
+
+        half = float(t.ppf(0.5 + share / 2, values.size - 1) * np.std(values, ddof=1) / np.sqrt(values.size))
+        return cls(mean, mean - half, mean + half)
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"mean": self.mean, "low": self.low, "high": self.high}
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One law on one road.
+
+    Attributes
+    ----------
+    name, title : str
+        Of the law; unique within a comparison.
+    controller : Controller
+    road : str
+    rides : tuple of Ride
+        One per seed, without signals but for the first.
+    """
+
+    name: str
+    title: str
+    controller: Controller
+    road: str
+    rides: tuple[Ride, ...]
+
+    def values(self, figure: str) -> np.ndarray:
+        """(seeds,) of a figure of `FIGURES`."""
+        get = FIGURES[_checks.known_name(figure, list(FIGURES), "figure of a ride")][1]
+        return np.array([get(r) for r in self.rides])
+
+    def interval(self, figure: str) -> Interval:
+        """Mean and interval of a figure."""
+        return Interval.of(self.values(figure))
+
+    def against(self, other: Row, figure: str) -> Interval:
+        """Relative difference to another law, paired by seed: (this − other)/mean of the other."""
+        theirs = other.values(figure)
+        return Interval.of((self.values(figure) - theirs) / max(abs(float(theirs.mean())), 1e-300))
+
+    @property
+    def passive(self) -> bool | None:
+        """Whether no ride gave energy that was never there; None where the damper's storage is unknown."""
+        told = [r.passivity.holds for r in self.rides]
+        return None if None in told else all(told)
+
+    def to_dict(self, reference: Row) -> dict:
+        """Plain data for JSON."""
+        first = self.rides[0].passivity
+        return {"controller": self.name, "title": self.title, "road": self.road,
+                "figures": {n: {**self.interval(n).to_dict(), "unit": unit} for n, (unit, _) in FIGURES.items()},
+                "against": {n: self.against(reference, n).to_dict() for n in AXES},
+                "counts": {n: float(np.mean([r.counts[n] for r in self.rides])) for n in self.rides[0].counts},
+                "passivity": {"storage": first.storage, "holds": self.passive,
+                              "lowest": None if first.lowest is None else min(
+                                  r.passivity.lowest for r in self.rides if r.passivity.lowest is not None)}}
+
+
+@dataclass(frozen=True, eq=False)
+class RideComparison:
+    """Laws on roads.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+        Road by road, the laws in the order given.
+    seeds : tuple of int
+    reference : str
+        Name of the law that differences are taken from.
+    notes : tuple of str
+    """
+
+    rows: tuple[Row, ...]
+    seeds: tuple[int, ...]
+    reference: str
+    notes: tuple[str, ...] = ()
+
+    @property
+    def roads(self) -> tuple[str, ...]:
+        """Names of the roads."""
+        return tuple(dict.fromkeys(r.road for r in self.rows))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the laws."""
+        return tuple(dict.fromkeys(r.name for r in self.rows))
+
+    def on(self, road: str) -> tuple[Row, ...]:
+        """The rows of one road."""
+        return tuple(r for r in self.rows if r.road == road)
+
+    def row(self, name: str, road: str) -> Row:
+        """One law on one road."""
+        _checks.known_name(name, self.names, "controller")
+        _checks.known_name(road, self.roads, "road")
+        return next(r for r in self.rows if r.name == name and r.road == road)
+
+    @cached_property
+    def front(self) -> Mapping[str, tuple[str, ...]]:
+        """Road to the laws that no other beats in comfort and tyre load at once, by their means."""
+        return {road: pareto({r.name: tuple(r.interval(a).mean for a in AXES[:2]) for r in self.on(road)})
+                for road in self.roads}
+
+    @property
+    def verdict(self) -> str:
+        """In a sentence per road: most comfortable, best on the road, and the front."""
+        said = []
+        for road in self.roads:
+            rows = self.on(road)
+            soft, firm = (min(rows, key=lambda r, axis=axis: r.interval(axis).mean) for axis in AXES[:2])
+            said.append(f"On {road} {soft.name} is the most comfortable ({soft.interval('comfort').mean:.4g} m/s^2 "
+                        f"weighted) and {firm.name} loads the tyre least unevenly "
+                        f"({firm.interval('tyre_load').mean:.4g} N rms); unbeaten in both at once: "
+                        f"{', '.join(self.front[road])}.")
+        return " ".join(said)
+
+    def to_dict(self) -> dict:
+        """ride.json."""
+        return {"schema": "quartercar/ride/1", "verdict": self.verdict, "seeds": list(self.seeds),
+                "reference": self.reference, "notes": list(self.notes), "front": {k: list(v) for k, v in
+                                                                               self.front.items()},
+                "rides": [r.to_dict(self.row(self.reference, r.road)) for r in self.rows],
+                "controllers": {r.name: r.controller.to_dict() for r in self.on(self.roads[0])}}
+
+    def __str__(self) -> str:
+        lines = [self.verdict]
+        for road in self.roads:
+            lines.append(f"{road}, {len(self.seeds)} seeds, mean ± half of the 95 % interval")
+            lines += [_line(r) for r in self.on(road)]
+        return "\n".join([*lines, *self.notes])
+
+    __repr__ = __str__
+
+
+def _line(row: Row) -> str:
+    def told(figure: str, scale: float = 1.0) -> str:
+        i = row.interval(figure)
+        half = 0.0 if i.high is None else scale * (i.high - i.mean)
+        return f"{scale * i.mean:8.4g} ± {half:<7.2g}"
+
+    return (f"  {row.name:<18}comfort {told('comfort')} m/s^2  tyre {told('tyre_load')} N  stroke "
+            f"{told('stroke', 1e3)} mm  at limits {row.interval('at_limits').mean:4.0%}")
+
+
+def pareto(points: Mapping[str, tuple[float, ...]]) -> tuple[str, ...]:
+    """Names of the points that no other one beats or equals in every coordinate, less being better.
+
+    Examples
+    --------
+    >>> pareto({"a": (1.0, 2.0), "b": (2.0, 1.0), "c": (2.0, 2.0)})
+    ('a', 'b')
+    """
+    def beaten(name: str) -> bool:
+        mine = points[name]
+        return any(other != mine and all(o <= m for o, m in zip(other, mine, strict=True))
+                   for other in points.values())
+
+    return tuple(n for n in points if not beaten(n))
+
+
+def compare_rides(car: QuarterCar, roads: Sequence[RideRoad], controllers: Mapping[str, Controller],
+                  seeds: Sequence[int], settings: RideSettings | None = None, reference: str | None = None,
+                  say: Callable[[str], None] = lambda text: None) -> RideComparison:
+    """Drive every law over every road with every seed.
+
+    Parameters
+    ----------
+    car : QuarterCar
+    roads : sequence of RideRoad
+    controllers : mapping of str to Controller
+        By the name that tables give them.
+    seeds : sequence of int
+        Of roads and noise: the same for every law, so that differences are paired.
+    settings : RideSettings, optional
+    reference : str, optional
+        Law that differences are taken from; ``"sh-add"`` where there is one, else the first.
+    say : callable
+        Told what is being done.
+
+    Returns
+    -------
+    RideComparison
+
+    Raises
+    ------
+    InputError
+        No road, law or seed; as `ride`.
+    """
+    if not roads or not controllers or not seeds:
+        raise InputError("a comparison needs roads, controllers and seeds",
+                         got=f"{len(roads)}, {len(controllers)}, {len(seeds)}")
+    if len(set(seeds)) < len(seeds) or len({r.name for r in roads}) < len(roads):
+        raise InputError("a comparison names a road or a seed twice", got=", ".join(r.name for r in roads))
+    names = list(controllers)
+    chosen = reference or ("sh-add" if "sh-add" in names else names[0])
+    _checks.known_name(chosen, names, "controller")
+    rows = []
+    for road in roads:
+        say(f"riding {road.name}")
+        laws = [controllers[n] for n in names for _ in seeds]
+        rides = drive(car, road, laws, list(seeds) * len(names), settings)
+        for k, name in enumerate(names):
+            mine = rides[k * len(seeds):(k + 1) * len(seeds)]
+            kept = (mine[0], *(without_run(r) for r in mine[1:]))
+            rows.append(Row(name, controllers[name].title, controllers[name], road.name, kept))
+        del rides
+    return RideComparison(tuple(rows), tuple(seeds), chosen)

@@ -1,0 +1,207 @@
+"""Tuning of control laws with one budget for all: the same number of rides, roads and seeds for each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from quartercar.car import QuarterCar
+from quartercar.controllers.contract import Controller
+from quartercar.criteria import Ride as Figures
+from quartercar.ride_roads import RideRoad
+from quartercar.riding import RideSettings, drive
+
+ROUNDS = ((0.5, 1.0), (0.25, 0.3), (0.25, 0.1))
+"""(share of the budget, width of the box as a share of the ranges): all of it first, then about the best so far."""
+
+
+@dataclass(frozen=True)
+class Objective:
+    """What a tuning makes small: Σ weight·figure/reference over comfort, tyre load and stroke, averaged over rides.
+
+    ::
+
+        J = w_c a_w/a_w0 + w_t σ(F_t)/σ_0(F_t) + w_z σ(z_d)/σ_0(z_d) + penalty·(largest use of the room − 1)_+
+
+    Attributes
+    ----------
+    comfort, tyre_load, stroke : float
+        Weights; the references are those of the passive car under the lowest current, on the same road and seed.
+    penalty : float
+        For every further room's length beyond a bump stop.
+    """
+
+    comfort: float = 0.5
+    tyre_load: float = 0.5
+    stroke: float = 0.0
+    penalty: float = 5.0
+
+    def __post_init__(self) -> None:
+        weights = (self.comfort, self.tyre_load, self.stroke, self.penalty)
+        if min(weights) < 0 or max(weights[:3]) <= 0:
+            raise InputError("weights of an objective are not negative, and not all zero", got=str(weights))
+
+    @property
+    def says(self) -> str:
+        """In words."""
+        parts = [f"{w:g}·{n}" for w, n in ((self.comfort, "comfort"), (self.tyre_load, "tyre load"),
+                                           (self.stroke, "stroke")) if w]
+        return " + ".join(parts) + ", each over that of the passive car under the lowest current, mean over the rides"
+
+    def of(self, figures: Figures, reference: Figures) -> float:
+        """J of one ride."""
+        over = 0.0 if figures.space_used is None else max(0.0, figures.space_used - 1)
+        return (self.comfort * figures.comfort / reference.comfort
+                + self.tyre_load * figures.tyre_load / reference.tyre_load
+                + self.stroke * figures.stroke / reference.stroke + self.penalty * over)
+
+
+@dataclass(frozen=True, eq=False)
+class Tuned:
+    """A law after its tuning.
+
+    Attributes
+    ----------
+    controller : Controller
+        With the best values found.
+    objective, before : float
+        J of those and of the defaults.
+    evaluations : int
+        Candidates tried, the defaults included; each on every road and seed.
+    tried : (evaluations, P) array
+    costs : (evaluations,) array
+    """
+
+    controller: Controller
+    objective: float
+    before: float
+    evaluations: int
+    tried: np.ndarray
+    costs: np.ndarray
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"controller": self.controller.to_dict(), "objective": self.objective, "before": self.before,
+                "evaluations": self.evaluations}
+
+    def __repr__(self) -> str:
+        return (f"Tuned {self.controller.name}: {self.before:.4f} -> {self.objective:.4f} in {self.evaluations} "
+                f"evaluations\n  {self.controller!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """The rides on which laws are tuned: the same for each of them.
+
+    Attributes
+    ----------
+    car : QuarterCar
+    roads : tuple of RideRoad
+    seeds : tuple of int
+        Others than those of the comparison.
+    settings : RideSettings
+    objective : Objective
+    """
+
+    car: QuarterCar
+    roads: tuple[RideRoad, ...]
+    seeds: tuple[int, ...] = (1000, 1001, 1002)
+    settings: RideSettings = field(default_factory=RideSettings)
+    objective: Objective = Objective()
+
+    def references(self) -> Mapping[tuple[str, int], Figures]:
+        """Figures of the passive car under the lowest current, by road and seed."""
+        from quartercar.controllers.passive import Passive
+
+        law = Passive(values={"fixed_current": self.car.coil.lowest})
+        return {(road.name, r.seed): r.figures for road in self.roads
+                for r in drive(self.car, road, [law] * len(self.seeds), self.seeds, self.settings)}
+
+    def costs(self, controllers: Sequence[Controller], references: Mapping[tuple[str, int], Figures]) -> np.ndarray:
+        """(n,) J of each controller over all roads and seeds; infinite for one that throws the car off all bounds."""
+        total, count = np.zeros(len(controllers)), len(self.seeds)
+        for road in self.roads:
+            laws = [c for c in controllers for _ in self.seeds]
+            rides = drive(self.car, road, laws, list(self.seeds) * len(controllers), self.settings)
+            cost = [self.objective.of(r.figures, references[road.name, r.seed]) for r in rides]
+            total += np.reshape(cost, (-1, count)).mean(axis=1)
+        return total / len(self.roads)
+
+
+def tune(law: Controller, trial: Trial, budget: int = 64, seed: int = 0,
+         references: Mapping[tuple[str, int], Figures] | None = None,
+         say: Callable[[str], None] = lambda text: None) -> Tuned:
+    """Look for the best values of a law's parameters, within their ranges.
+
+    Latin hypercubes (McKay, Beckman, Conover 1979): half of the budget over all of the ranges (the law's own values first), the rest in two
+    rounds in ever smaller boxes about the best so far. Every law gets the same number of evaluations, whatever the
+    number of its parameters.
+
+    Parameters
+    ----------
+    law : Controller
+    trial : Trial
+    budget : int
+        Evaluations.
+    seed : int
+        Of the points.
+    references : mapping, optional
+        `Trial.references`, where they are known already.
+    say : callable
+        Told what is being done.
+
+    Returns
+    -------
+    Tuned
+    """
+    budget = _checks.count(budget, "budget", at_least=4)
+    references = references or trial.references()
+    rng = np.random.default_rng([seed, 13])
+    scale = _Scale(law)
+    places = scale.to_unit(law.vector)[None] if law.names else np.zeros((1, 0))
+    costs = trial.costs([law], references)
+    for share, width in ROUNDS:
+        count = min(budget - len(costs), max(1, round(share * budget)))
+        if not law.names or count < 1:
+            break
+        say(f"tuning {law.name}: {len(costs)} of {budget}")
+        points = _box(places[np.argmin(costs)], width, count, rng)
+        found = trial.costs([law.with_vector(scale.to_values(p)) for p in points], references)
+        places, costs = np.concatenate([places, points]), np.concatenate([costs, found])
+    best = int(np.argmin(costs))
+    values = np.array([scale.to_values(p) for p in places])
+    chosen = law.with_vector(values[best]) if best else law
+    return Tuned(chosen, float(costs[best]), float(costs[0]), len(costs), values, costs)
+
+
+class _Scale:
+    """Parameters of a law on [0, 1], logarithmic where they say so."""
+
+    def __init__(self, law: Controller) -> None:
+        self._log = np.array([p.log for p in law.parameters], dtype=bool)
+        low, high = (np.array([getattr(p, end) for p in law.parameters]) for end in ("lower", "upper"))
+        if not (np.isfinite(low).all() and np.isfinite(high).all()):
+            raise InputError(f"{law.name}: a parameter without a finite range cannot be tuned")
+        self._low, self._high = self._inner(low), self._inner(high)
+        self._ends = low, high
+
+    def _inner(self, values: np.ndarray) -> np.ndarray:
+        return np.where(self._log, np.log(np.where(self._log, values, 1.0)), values)
+
+    def to_unit(self, values: np.ndarray) -> np.ndarray:
+        return (self._inner(values) - self._low) / (self._high - self._low)
+
+    def to_values(self, place: np.ndarray) -> np.ndarray:
+        inner = self._low + place * (self._high - self._low)
+        return np.clip(np.where(self._log, np.exp(np.where(self._log, inner, 0.0)), inner), *self._ends)
+
+
+def _box(centre: np.ndarray, width: float, count: int, rng: np.random.Generator) -> np.ndarray:
+    """(count, P) points of a Latin hypercube in a box of this width about a centre, inside [0, 1]."""
+    strata = np.column_stack([rng.permutation(count) for _ in centre])
+    low = np.clip(centre - 0.5 * width, 0.0, 1.0 - width)
+    return low + width * (strata + rng.random(strata.shape)) / count
