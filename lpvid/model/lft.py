@@ -170,6 +170,8 @@ class LFTModel:
         budget : int
             Boxes examined at most.
         """
+        if not self.width:
+            return WellPosedness(True, None, 0)
         active = [i for i, count in enumerate(self.repetitions) if count]
         index = np.repeat(np.arange(len(active)), [self.repetitions[i] for i in active])
         loop = self.part("q", "p")
@@ -183,7 +185,7 @@ class LFTModel:
                 return WellPosedness(False, self._physical(active, centre), seen)
             sign = here
             reach = np.abs(np.linalg.solve(gap, loop)) * half[index]
-            if not self.width or np.abs(np.linalg.eigvals(reach)).max() < 1 - 1e-9:
+            if np.abs(np.linalg.eigvals(reach)).max() < 1 - 1e-9:
                 continue
             if seen >= budget:
                 return WellPosedness(None, None, seen)

@@ -1,0 +1,125 @@
+"""Lifting: the functions of the scheduling taken as scheduling variables, in which the system is affine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Basis, Fourier, Polynomial, Product, Scheduling, Spline, Stacked
+
+
+@dataclass(frozen=True, eq=False)
+class Lifting:
+    """θ = φ(p): the affine system in θ, and the map to it.
+
+    Parameters
+    ----------
+    system : LPVStateSpace
+        Affine in θ, whose box holds every value of φ; its rates are arbitrary.
+    basis : Basis
+        φ of the system it came from.
+    kept : tuple of int
+        Which functions of the basis are the variables θ.
+
+    Notes
+    -----
+    The system is exact, the box is not: it lets the θ move on their own, so a design for it covers more than the
+    system it came from.
+    """
+
+    system: LPVStateSpace
+    basis: Basis
+    kept: tuple[int, ...]
+
+    def variables(self, points: np.ndarray) -> np.ndarray:
+        """(N, n_θ) values of θ at points of p, shape (N, n_p)."""
+        return self.basis.evaluate(np.asarray(points, dtype=float))[:, list(self.kept)]
+
+
+def lift(system: LPVStateSpace) -> Lifting:
+    """Every function of the basis that moves becomes a scheduling variable; exact, but for the box conservative.
+
+    Affine, and so polytopic (`to_polytopic`) or linear fractional (`to_lft`), whatever the basis was.
+
+    Parameters
+    ----------
+    system : LPVStateSpace
+        With a basis that reads p at one time.
+
+    Examples
+    --------
+    >>> system = LPVStateSpace([[[-1.0]], [[0.0]], [[-2.0]]], np.zeros((3, 1, 0)), np.zeros((3, 0, 1)),
+    ...                        np.zeros((3, 0, 0)), Polynomial("p", 2), None, Scheduling(("p",), (-1.0,), (2.0,)))
+    >>> lifted = lift(system)
+    >>> lifted.system.box.names, lifted.system.box.lower, lifted.system.box.upper
+    (('p^2',), (0.0,), (4.0,))
+    """
+    basis = system.basis
+    if basis.lags != (0, 0):
+        raise InputError("a system that reads its scheduling at several times cannot be lifted",
+                         got=", ".join(basis.labels))
+    arrays = {n: np.array(getattr(system, n)) for n in ("A", "B", "C", "D", "state_offset", "output_offset")}
+    one = basis.unity
+    constant = {n: np.zeros_like(x[0]) for n, x in arrays.items()}
+    if one is not None:
+        pivot = int(np.argmax(np.abs(one)))  # φ_pivot = (1 − Σ_other one_m φ_m)/one_pivot
+        for name, x in arrays.items():
+            constant[name] = x[pivot] / one[pivot]
+            arrays[name] = x - one.reshape(-1, *[1] * (x.ndim - 1)) * constant[name]
+            arrays[name][pivot] = 0.0
+    moving = [m for m in range(basis.size) if any(x[m].any() for x in arrays.values())]
+    lower, upper = (r[moving] for r in ranges(basis, system.box))
+    names = _unique([basis.labels[m] for m in moving])
+    box = Scheduling(names, tuple(lower.tolist()), tuple(upper.tolist()))
+    full = {n: np.concatenate([constant[n][None], x[moving]]) for n, x in arrays.items()}
+    affine = Polynomial(names, 1)
+    lifted = LPVStateSpace(full["A"], full["B"], full["C"], full["D"], affine, system.sample_time, box,
+                           full["state_offset"], full["output_offset"], inputs=system.inputs, outputs=system.outputs)
+    return Lifting(lifted, basis, tuple(moving))
+
+
+def ranges(basis: Basis, box: Scheduling) -> tuple[np.ndarray, np.ndarray]:
+    """(M,) lower and (M,) upper bounds of every function over the box: exact for monomials, safe for the others.
+
+    Examples
+    --------
+    >>> ranges(Polynomial("p", 2), Scheduling(("p",), (-1.0,), (3.0,)))
+    (array([ 1., -1.,  0.]), array([1., 3., 9.]))
+    """
+    if isinstance(basis, Polynomial):
+        out = [_monomial(e, basis, box) for e in basis.exponents.tolist()]
+        return np.array([o[0] for o in out]), np.array([o[1] for o in out])
+    if isinstance(basis, Spline):
+        return np.zeros(basis.size), np.ones(basis.size)
+    if isinstance(basis, Fourier):
+        low = -np.ones(basis.size)
+        low[0] = 1.0
+        return low, np.ones(basis.size)
+    if isinstance(basis, Product):
+        (a, b), (c, d) = ranges(basis.first, box), ranges(basis.second, box)
+        corners = np.array([np.kron(x, y) for x in (a, b) for y in (c, d)])
+        return corners.min(axis=0), corners.max(axis=0)
+    if isinstance(basis, Stacked):
+        parts = [ranges(f, box) for f in basis.factors]
+        return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+    raise InputError("the values of this basis have no known bounds", got=type(basis).__name__)
+
+
+def _monomial(exponents: list[int], basis: Polynomial, box: Scheduling) -> tuple[float, float]:
+    low = high = 1.0
+    for j, e in enumerate(exponents):
+        i = box.names.index(_checks.known_name(basis.names[j], box.names, "scheduling variable"))
+        ends = [((v - basis.centre[j]) / basis.half_width[j]) for v in (box.lower[i], box.upper[i])]
+        powers = [z**e for z in ends]
+        through_zero = e > 0 and e % 2 == 0 and ends[0] < 0 < ends[1]
+        corners = [x * y for x in (low, high) for y in (0.0 if through_zero else min(powers), max(powers))]
+        low, high = min(corners), max(corners)
+    return low, high
+
+
+def _unique(labels: list[str]) -> tuple[str, ...]:
+    return tuple(x if labels.count(x) == 1 else f"{x}#{i + 1}" for i, x in enumerate(labels))
