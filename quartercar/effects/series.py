@@ -20,8 +20,8 @@ FINE = 0.01
 SEEN = 48
 """samples at which a law is read at every speed"""
 STEEP = 3
-"""steps of the march from one sample to the next where the fluid may tear, after a jump of the current and along a
-steep change of it; elsewhere 1"""
+"""steps of the march from one sample to the next with play or where the fluid may tear, after a jump of the current and
+along a steep change of it; elsewhere 1"""
 JUMP, RAMP = 0.02, 0.1
 """shares of the current's range that count as a jump of a held current and as a steep change of another; what is
 smaller is noise, or as good as straight"""
@@ -33,8 +33,6 @@ PROBE = 0.02
 """change of speed that finds the local slope of a core with memory, in root mean squares of the speed"""
 SOFTEST = 0.05
 """least such slope, in that of a straight line through the data"""
-AIR = 1 - (1 - np.linspace(0.0, 1.0, 513)) ** (1 / 1.3)
-"""1 − (1 + |F|/F_p)^(−1/1.3) over |F|/(|F| + F_p), evenly from 0 to 1"""
 
 
 @dataclass(frozen=True)
@@ -59,10 +57,10 @@ class Elements:
     play: float = 0.0
     limit: float = np.inf
 
-    def array(self) -> np.ndarray:
-        """(5 + n,) for the kernels: five numbers, and the air's curve over |F|/(|F| + F_p)."""
-        numbers = [self.compliance, self.air_stroke, self.air_force, self.play / 2, -min(self.limit, 1e300)]
-        return np.concatenate([numbers, AIR])
+    def numbers(self) -> tuple[float, float, float, float, float]:
+        """For the kernels."""
+        return (float(self.compliance), float(self.air_stroke), float(self.air_force), float(self.play) / 2,
+                -float(min(self.limit, 1e300)))
 
     def deflection(self, force: np.ndarray) -> np.ndarray:
         """(n,) deflection of spring, air and play under a force [m]."""
@@ -102,7 +100,7 @@ class InSeries:
 
         v ──►[ D(F) ]── w ──►[ core ]── F
 
-    Exact (to a third-order rule at the record's clock, current held or straight as the data show) for a core without
+    Exact (to a second-order rule at the record's clock, current held or straight as the data show) for a core without
     memory; one with memory takes the form F + (c'/k) dF/dt = core (equation sheet 9.3), c' its local slope. As the
     elements vanish the result is the core's own to the last digit: what the table misses is taken off.
     """
@@ -126,8 +124,8 @@ class InSeries:
         out, without = np.empty(s.n_samples), np.empty(s.n_samples)
         tears = np.isfinite(self.elements.limit)
         sudden = tears or self.elements.play > 0
-        parts = np.where(law.steep | tears, STEEP, 1)
-        kernels.march(velocity, law.speeds, law.nodes, law.rows, law.before, law.tilt, self.elements.array(),
+        parts = np.where(law.steep | sudden, STEEP, 1)
+        kernels.march(velocity, law.speeds, law.nodes, law.rows, law.before, law.tilt, self.elements.numbers(),
                       s.sample_time, parts, law.jumps | sudden, out)
         kernels.law_along(velocity, law.speeds, law.nodes, law.rows, without)
         return rigid + (out - without)
@@ -154,21 +152,11 @@ class InSeries:
 
     def _combined(self, s: Signals, speeds: np.ndarray, table: np.ndarray,
                   turned: np.ndarray | None, deflection: np.ndarray) -> Law:
-        """The law at every speed as a combination of itself at few: pivoted QR of the table picks them."""
-        from scipy.linalg import qr, solve_triangular
-
-        everything = table if turned is None else np.hstack([table, turned])
+        """The law at every speed as a combination of itself at few."""
         scale = 1 + REACH * np.abs(speeds) / speeds[-1]
-        weighed = everything / scale[:, None]
-        _, right, pivots = qr(weighed.T, mode="economic", pivoting=True, check_finite=False)  # type: ignore[misc]
-        weight = np.abs(np.diag(right))
-        rank = max(int(np.sum(weight > RANK * max(float(weight[0]), 1e-300))), 1)
-        shapes = np.zeros((speeds.size, rank))
-        shapes[pivots[:rank]] = np.eye(rank)
-        if rank < speeds.size and weight[0] > 0:  # a core that is zero everywhere is a law, too
-            shapes[pivots[rank:]] = solve_triangular(right[:rank, :rank], right[:rank, rank:]).T
-            shapes *= scale[:, None] / scale[pivots[:rank]]
-        chosen = speeds[pivots[:rank]]
+        picks, shapes = few((table if turned is None else np.hstack([table, turned])) / scale[:, None])
+        shapes *= scale[:, None] / scale[picks]
+        chosen = speeds[picks]
 
         def along(signals: Signals) -> np.ndarray:
             return np.column_stack([self.core(signals.replace(velocity=np.full(s.n_samples, w))) for w in chosen])
@@ -204,6 +192,47 @@ def in_series(core: Core, baseline: Baseline, **more: float) -> InSeries:
     if isinstance(core, InSeries):
         return core.with_elements(**more)
     return InSeries(core, Elements(**more), baseline.static)
+
+
+def few(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of a table of which all others are combinations, and the combinations: rows ≈ shapes @ rows[picks].
+
+    Orthogonalisation in the order of what is left of the rows (pivoted Gram-Schmidt), up to `RANK` of the largest.
+
+    Returns
+    -------
+    picks : (r,) array of int
+    shapes : (G, r) array
+        The identity in the rows of `picks`.
+
+    Examples
+    --------
+    >>> picks, shapes = few(np.outer([1.0, 2.0, 4.0], [1.0, 3.0]))
+    >>> picks, shapes.ravel()
+    (array([2]), array([0.25, 0.5 , 1.  ]))
+    """
+    rest, picks, parts = rows.copy(), [], []
+    largest = 0.0
+    while len(picks) < min(rows.shape):
+        sizes = np.einsum("gk,gk->g", rest, rest)
+        k = int(np.argmax(sizes))
+        largest = max(largest, float(sizes[k]))
+        if picks and not sizes[k] > RANK**2 * largest:
+            break
+        picks.append(k)
+        direction = rest[k] / max(float(np.sqrt(sizes[k])), 1e-300)
+        along = rest @ direction
+        rest -= np.multiply.outer(along, direction)
+        rest[k] = 0.0
+        parts.append(along)
+    weights = np.column_stack(parts)
+    if not largest > 0:  # a law that is zero everywhere is one, too
+        return np.array(picks), np.zeros_like(weights)
+    from scipy.linalg import solve_triangular
+
+    shapes = solve_triangular(weights[picks].T, weights.T).T
+    shapes[picks] = np.eye(len(picks))
+    return np.array(picks), shapes
 
 
 def nodes_of(s: Signals) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from effect_signals import road_like
 from scipy.integrate import solve_ivp
 
 from lpvid.diagnosis.engine import diagnose
@@ -15,9 +16,9 @@ from lpvid.record import Record
 from quartercar import dampers
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.dampers.facts import Facts
-from quartercar.effects import CATALOGUE
+from quartercar.effects import CATALOGUE, _series_kernels
 from quartercar.effects.compliance import Backlash, EntrainedAir, SeriesCompliance, SeriesElement
-from quartercar.effects.series import InSeries
+from quartercar.effects.series import Elements, InSeries
 from quartercar.rig import EXPERIMENTS, Rig, RigDamper, Sensors, effect
 from quartercar.rig.patterns import Constant
 
@@ -140,6 +141,28 @@ def test_a_law_of_speed_position_and_current_in_series_follows_the_exact_solutio
     rigid = law(s)
     assert np.sum((rigid - exact) ** 2) > 0.1 * np.sum(exact**2)
     assert np.sum((force - exact) ** 2) < 1e-5 * np.sum(exact**2)
+
+
+@pytest.mark.parametrize("elements", [{"compliance": 1e-7}, {"compliance": 2e-6}, {"play": 2e-4},
+                                      {"air_stroke": 3e-4, "air_force": 500.0}, {"limit": 600.0}], ids=str)
+@pytest.mark.parametrize("current", ["held", "swinging"])
+def test_a_step_for_each_sample_is_as_good_as_many(elements: dict[str, float], current: str,
+                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+    s = road_like(3, 4096)
+    if current == "swinging":
+        s = s.replace(current=1.2 + np.sin(9 * s.times))
+    made = InSeries(law, Elements(**elements))
+    force = made(s)
+    marched = _series_kernels.march
+
+    def finely(*given: object) -> None:
+        *first, parts, ends, out = given
+        marched(*first, np.full_like(parts, 60), ends, out)
+
+    monkeypatch.setattr(_series_kernels, "march", finely)
+    fine = made(s)
+    assert np.sum((law(s) - fine) ** 2) > 3e-3 * np.sum(fine**2)
+    assert np.sum((force - fine) ** 2) < 1e-4 * np.sum(fine**2)
 
 
 def test_elements_in_one_series_are_one_element() -> None:
