@@ -137,9 +137,9 @@ def tune(law: Controller, trial: Trial, budget: int = 64, seed: int = 0,
          say: Callable[[str], None] = lambda text: None) -> Tuned:
     """Look for the best values of a law's parameters, within their ranges.
 
-    Latin hypercubes (McKay, Beckman, Conover 1979): half of the budget over all of the ranges (the law's own values first), the rest in two
-    rounds in ever smaller boxes about the best so far. Every law gets the same number of evaluations, whatever the
-    number of its parameters.
+    Latin hypercubes (McKay, Beckman, Conover 1979): half of the budget over all of the ranges, the law's own values
+    first, the rest in two rounds in ever smaller boxes about the best so far. Every law gets the same number of
+    evaluations, whatever the number of its parameters.
 
     Parameters
     ----------

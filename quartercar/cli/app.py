@@ -9,6 +9,7 @@ import typer
 from lpvid.cli.running import new_app
 from quartercar.cli.demo import demo
 from quartercar.cli.fit import fit
+from quartercar.cli.ride import ride
 from quartercar.cli.rig import rig
 
 app = new_app()
@@ -32,5 +33,5 @@ def _common(version: Annotated[bool, typer.Option("--version", callback=_version
     """
 
 
-for _command in (rig, fit, demo):
+for _command in (rig, fit, ride, demo):
     app.command()(_command)

@@ -95,13 +95,13 @@ class Switching(Law):
     Parameters
     ----------
     low, high : (cars,) arrays
-        Damping [N·s/m].
+        Damping [N·s/m]; a c_max below c_min counts as c_min.
     condition : callable
         Signals to (cars,) bool.
     """
 
     def __init__(self, low: np.ndarray, high: np.ndarray, condition: Callable[[Signals], np.ndarray]) -> None:
-        self._low, self._high, self._condition = low, high, condition
+        self._low, self._high, self._condition = low, np.maximum(low, high), condition
         self._on = np.zeros(low.shape, dtype=bool)
 
     def step(self, seen: Signals) -> np.ndarray:

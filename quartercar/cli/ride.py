@@ -1,0 +1,138 @@
+"""`quartercar ride`: control laws on the same roads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lpvid.cli import options
+from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
+from lpvid.errors import InputError, NumericalError
+
+if TYPE_CHECKING:
+    from quartercar.ride_comparison import RideComparison
+    from quartercar.ride_config import RideConfig
+    from quartercar.tuning import Tuned
+
+ConfigFile = Annotated[Path | None, typer.Argument(metavar="CONFIG", help="A TOML file; --template prints one. Options "
+                                                   "count before it.", show_default=False)]
+
+
+@command
+def ride(
+    config: ConfigFile = None,
+    car: Annotated[str | None, typer.Option("--car", metavar="NAME", help="Parameter set of the car.")] = None,
+    damper: Annotated[Path | None, typer.Option("--damper", metavar="FILE", help="A damper that fit wrote; left out: "
+                                                "the embedded identified one.")] = None,
+    road: Annotated[list[str] | None, typer.Option("--road", metavar="ROAD", help="iso-c@20, bump@8, sweep, or a file "
+                                                   "with its speed, roads.csv@10 [m/s]; repeat for several.")] = None,
+    controller: Annotated[list[str] | None, typer.Option("--controller", metavar="LAW", help="A law by name or a "
+                                                         "controller.json; repeat, or with commas.")] = None,
+    measurements: Annotated[str | None, typer.Option("--measurements", metavar="SET", help="stroke-body (the default), "
+                                                     "stroke-body-wheel or ideal.")] = None,
+    seeds: Annotated[int | None, typer.Option("--seeds", min=1, help="Number of roads and noises.")] = None,
+    tune: Annotated[int | None, typer.Option("--tune", min=0, metavar="N", help="Tune every law first, with N "
+                                             "evaluations each, on other seeds.")] = None,
+    template: Annotated[bool, typer.Option("--template", help="Print a commented configuration and stop.")] = False,
+    out: options.Out = None,
+    json: options.Json = False,
+) -> None:
+    """Control laws of a semi-active damper on the same roads: comfort, road holding, stroke, energy.
+
+    The nonlinear car with its identified damper, sensors with noise, an observer, the inverse of the damper model down
+    to the coil's current. Writes ride.json, a file for each law, report.html and its figures.
+    """
+    from quartercar.ride_comparison import compare_rides
+    from quartercar.ride_config import ride_template
+
+    if template:
+        typer.echo(ride_template(), nl=False)
+        return
+    results = Results(out)
+    with working("reading") as say:
+        chosen = _chosen(config, car, damper, road, controller, measurements, seeds, tune)
+        try:
+            laws, tuned = _tuned(chosen, say)
+            found = compare_rides(chosen.car, chosen.roads, laws, chosen.seeds, chosen.settings, say=say)
+        except NumericalError as error:
+            data = {"schema": "quartercar/ride/1", "verdict": f"No comparison: {error}", "rides": []}
+            results.json("ride.json", data)
+            conclude(results, data, str(data["verdict"]), json)
+            raise typer.Exit(SHORTFALL) from None
+        _deliver(results, found, chosen, tuned, say)
+    data = {**found.to_dict(), **_setting(chosen), "tuned": {n: t.to_dict() for n, t in tuned.items()}}
+    conclude(results, data, str(found), json)
+
+
+def _chosen(config: Path | None, car: str | None, damper: Path | None, road: list[str] | None,
+            controller: list[str] | None, measurements: str | None, seeds: int | None,
+            tune: int | None) -> RideConfig:
+    """The configuration with the options put in."""
+    from lpvid.cli.data import split_names
+    from quartercar.ride_config import RideConfig, build_car, given_laws, load_config, measuring, road_from_text
+
+    base = None if config is None else load_config(config)
+    if base is not None and (car is not None or damper is not None):
+        raise InputError("--car and --damper belong to a ride without CONFIG", mend="write them into the configuration")
+    base = base or RideConfig(build_car(car or "megane", None if damper is None else str(damper)))
+    return base.with_changes(
+        roads=None if not road else tuple(map(road_from_text, road)),
+        controllers=None if not controller else given_laws(split_names(controller)),
+        settings=None if measurements is None else measuring(measurements),
+        seeds=None if seeds is None else tuple(range(base.seeds[0], base.seeds[0] + seeds)), tune=tune)
+
+
+def _tuned(chosen: RideConfig, say: Callable[[str], None]) -> tuple[dict, dict[str, Tuned]]:
+    """The laws, tuned where that was asked for."""
+    from quartercar.tuning import Trial, tune
+
+    if not chosen.tune:
+        return dict(chosen.controllers), {}
+    seeds = tuple(range(chosen.tune_seed, chosen.tune_seed + 3))
+    clash = set(seeds) & set(chosen.seeds)
+    if clash:
+        raise InputError("tuning and comparison share a seed", got=str(min(clash)), mend="another tune_seed")
+    say("tuning")
+    trial = Trial(chosen.car, chosen.roads, seeds, chosen.settings)
+    references = trial.references()
+    tuned = {n: tune(law, trial, max(chosen.tune, 4), references=references, say=say)
+             for n, law in chosen.controllers.items()}
+    return {n: t.controller for n, t in tuned.items()}, tuned
+
+
+def _setting(chosen: RideConfig) -> dict:
+    from dataclasses import asdict
+
+    sensors = chosen.settings.chain.sensors
+    return {"car": asdict(chosen.car.parameters), "damper": None if chosen.car.damper is None else
+            chosen.car.damper.name, "coil": asdict(chosen.car.coil), "sample_time": chosen.settings.period(chosen.car),
+            "measurements": {"name": sensors.name, "sensors": [asdict(s) for s in sensors.sensors]},
+            "roads": [r.to_dict() for r in chosen.roads]}
+
+
+def _deliver(results: Results, found: RideComparison, chosen: RideConfig, tuned: dict[str, Tuned],
+             say: Callable[[str], None]) -> None:
+    """Queue ride.json, the laws, the figures and the report."""
+    if not results.kept:
+        return
+    from lpvid.export.serialise import save
+    from lpvid.plot import png
+    from quartercar.report_ride import ride_figures, ride_page
+
+    say("drawing")
+    results.json("ride.json", {**found.to_dict(), **_setting(chosen), "tuned": {n: t.to_dict() for n, t in
+                                                                                tuned.items()}})
+    for row in found.on(found.roads[0]):
+        results.add(f"{row.name}.json", lambda path, law=row.controller: save(law, path))
+    figures = ride_figures(found)
+    for drawn in figures:
+        results.bytes(f"{drawn.name}.png", png(drawn.figure))
+    car = chosen.car
+    facts = [("car", (car.parameters.source or "given").split(",")[0]),
+             ("damper", "viscous" if car.damper is None else car.damper.title),
+             ("sensors", chosen.settings.chain.sensors.name),
+             ("loop", f"{1 / chosen.settings.period(car):.6g} Hz")]
+    results.report(ride_page(found, figures, tuned, facts))

@@ -1,0 +1,9 @@
+"""Controllers in files: what `lpvid.save` and `lpvid.load` know of them, by the entry-point group ``lpvid.kinds``."""
+
+from __future__ import annotations
+
+from lpvid.export.serialise import Kind
+from quartercar.controllers import LAWS
+
+KIND = Kind("controller", 1, LAWS, "quartercar")
+"""``quartercar/controller/1``: every law of `quartercar.controllers.LAWS`, told apart by its name."""

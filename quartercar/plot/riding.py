@@ -1,0 +1,101 @@
+"""Figures of a ride comparison: what each law trades, and what it does over time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lpvid.plot.style import CYCLE, INK, MUTED, label, look, panels, robust_limits, thinned
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from quartercar.ride_comparison import RideComparison, Row
+
+MARKERS = "osD^vP"
+EXCERPT = 2.0
+"""length of the excerpt [s]"""
+SHOWN = 3
+"""laws drawn over time"""
+LABELS = {"comfort": ("weighted acceleration", "m/s²", 1.0), "tyre_load": ("tyre load, rms", "N", 1.0),
+          "stroke": ("stroke, rms", "mm", 1e3)}
+
+
+def trade_offs(found: RideComparison) -> Figure:
+    """Comfort against tyre load and against stroke, road by road, with 95 % intervals; the front is joined."""
+    with look():
+        figure, axes = panels(len(found.roads), 2, height=3.3)
+        for row, road in zip(axes, found.roads, strict=True):
+            _points(row[0], found, road, "tyre_load")
+            _points(row[1], found, road, "stroke")
+            _front(row[0], found, road)
+            row[0].set_title(road)
+        handles, names = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 6), handlelength=1.2,
+                      columnspacing=1.4)
+    return figure
+
+
+def _points(ax: Axes, found: RideComparison, road: str, other: str) -> None:
+    rows = found.on(road)
+    means = []
+    for k, row in enumerate(rows):
+        colour, marker = CYCLE[k % len(CYCLE)], MARKERS[(k // len(CYCLE)) % len(MARKERS)]
+        x, y = row.interval("comfort"), row.interval(other)
+        scale = LABELS[other][2]
+        wide = None if x.high is None else x.high - x.mean
+        tall = None if y.high is None else scale * (y.high - y.mean)
+        ax.errorbar(x.mean, scale * y.mean, tall, wide, fmt=marker, color=colour, markersize=7, label=row.name,
+                    elinewidth=0.7, alpha=0.95, markeredgecolor="white", markeredgewidth=0.6)
+        means.append((x.mean, scale * y.mean))
+    points = np.array(means)
+    ax.set_xlim(*robust_limits(points[:, 0], 0.12))
+    ax.set_ylim(*robust_limits(points[:, 1], 0.12))
+    for axis, name in ((ax.set_xlabel, "comfort"), (ax.set_ylabel, other)):
+        axis(label(*LABELS[name][:2]))
+
+
+def _front(ax: Axes, found: RideComparison, road: str) -> None:
+    best = sorted((row.interval("comfort").mean, row.interval("tyre_load").mean) for row in found.on(road)
+                  if row.name in found.front[road])
+    if len(best) > 1:
+        x, y = np.array(best).T
+        ax.step(x, y, where="post", color=MUTED, linewidth=0.9, linestyle="--", zorder=0)
+
+
+def over_time(found: RideComparison, road: str) -> Figure:
+    """Body acceleration, tyre load, stroke and current of a few laws around the liveliest moment of the first seed."""
+    rows = _chosen(found, road)
+    start = _liveliest(rows[0])
+    signals = (("body_acceleration", "body", "m/s²", 1.0), ("tyre_load", "tyre load", "kN", 1e-3),
+               ("suspension_deflection", "stroke", "mm", 1e3), ("current", "current", "A", 1.0))
+    with look():
+        figure, axes = panels(len(signals), heights=[1.9, 1.6, 1.6, 1.4], sharex=True)
+        for k, row in enumerate(rows):
+            run = row.rides[0].run
+            inside = (run.time >= start) & (run.time <= start + EXCERPT)
+            for ax, (name, title, unit, scale) in zip(axes[:, 0], signals, strict=True):
+                ax.plot(*thinned(run.time[inside], scale * run[name][inside]), label=row.name,
+                        color=(INK, *CYCLE)[k % 7], linewidth=1.0)
+                ax.set_ylabel(label(title, unit))
+        axes[0, 0].set_title(f"{road}, seed {rows[0].rides[0].seed}")
+        axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=4, borderaxespad=0.0)
+        axes[-1, 0].set_xlabel(label("time", "s"))
+    return figure
+
+
+def _chosen(found: RideComparison, road: str) -> list[Row]:
+    """The reference, a passive car, and the most comfortable of the others."""
+    rows = found.on(road)
+    first = [r for r in rows if r.name in ("passive", found.reference)]
+    rest = sorted((r for r in rows if r not in first), key=lambda r: r.interval("comfort").mean)
+    return [*first, *rest[:max(1, SHOWN - len(first))]][:SHOWN]
+
+
+def _liveliest(row: Row) -> float:
+    run = row.rides[0].run
+    total = np.cumsum(run["body_acceleration"] ** 2)
+    width = min(int(EXCERPT / run.sample_time), run.n_samples - 1)
+    return float(run.time[int(np.argmax(total[width:] - total[:-width]))])

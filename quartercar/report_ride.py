@@ -1,0 +1,135 @@
+"""The report of `quartercar ride`: what each law trades, its figures with intervals, its energy, its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from lpvid.report import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number
+from lpvid.report.page import percent
+from quartercar.plot import riding as plot
+from quartercar.report_fit import Drawn
+from quartercar.ride_comparison import Interval, RideComparison, Row
+from quartercar.tuning import Tuned
+
+
+def ride_figures(found: RideComparison) -> tuple[Drawn, ...]:
+    """The figures of a comparison of rides."""
+    seeds = "one seed" if len(found.seeds) == 1 else f"{len(found.seeds)} seeds, bars: 95 % intervals of the mean"
+    drawn = [Drawn("pareto", plot.trade_offs(found), f"Weighted acceleration against tyre load and against stroke, "
+                   f"{seeds}; dashed: laws that no other beats in both. Down and left is better.")]
+    for k, road in enumerate(found.roads, start=1):
+        drawn.append(Drawn(f"time_{k}", plot.over_time(found, road), f"The liveliest {plot.EXCERPT:g} s of {road}, "
+                           "first seed."))
+    return tuple(drawn)
+
+
+def ride_page(found: RideComparison, figures: Sequence[Drawn], tuned: Mapping[str, Tuned] | None = None,
+              facts: Sequence[tuple[str, str]] = ()) -> Page:
+    """A page about a comparison of rides.
+
+    Parameters
+    ----------
+    found : RideComparison
+    figures : sequence of Drawn
+        As `ride_figures` gives them.
+    tuned : mapping of str to Tuned, optional
+        Where the laws were tuned.
+    facts : sequence of (str, str)
+        Car, damper, sensors.
+
+    Returns
+    -------
+    Page
+    """
+    drawn = {f.name: Figure.of(f.figure, f.caption) for f in figures}
+    sections = [Section("What each law trades", (drawn["pareto"],))]
+    for k, road in enumerate(found.roads, start=1):
+        sections.append(Section(road, (_figures(found, road), _against(found, road), drawn[f"time_{k}"])))
+    sections += [Section("Energy and passivity", _energy(found)), Section("Laws", tuple(_laws(found, tuned or {})))]
+    if found.notes:
+        sections.append(Section("Remarks", (Notes(found.notes),)))
+    shown = (*facts, ("laws", str(len(found.names))), ("seeds", str(len(found.seeds))))
+    return Page("Ride comparison", found.verdict, "plain", tuple(shown), _caveats(found), tuple(sections))
+
+
+def told(interval: Interval, scale: float = 1.0, digits: int = 4) -> str:
+    """A mean with half of its interval.
+
+    Examples
+    --------
+    >>> told(Interval(1.5, 1.4, 1.6))
+    '1.500 ± 0.1'
+    """
+    if interval.high is None:
+        return number(scale * interval.mean, digits)
+    return f"{scale * interval.mean:#.{digits}g} ± {scale * (interval.high - interval.mean):.2g}"
+
+
+def _caveats(found: RideComparison) -> tuple[str, ...]:
+    lines = []
+    if len(found.seeds) < 2:
+        lines.append("One seed only: nothing here has an interval.")
+    bad = sorted({r.name for r in found.rows if r.passive is False})
+    if bad:
+        lines.append(f"The damper gave energy it never had under {', '.join(bad)}.")
+    if any(r.passive is None for r in found.rows):
+        lines.append("No storage function of this damper model is known: passivity is told by the share of samples "
+                     "with F·v < 0 and their energy.")
+    return tuple(lines)
+
+
+def _figures(found: RideComparison, road: str) -> Table:
+    rows = tuple((r.name, told(r.interval("comfort")), told(r.interval("tyre_load")),
+                  told(r.interval("stroke"), 1e3, 3), number(1e3 * r.interval("largest_stroke").mean, 3),
+                  number(r.interval("transient").mean, 4), percent(r.interval("off_road").mean, 2),
+                  percent(r.interval("at_limits").mean, 2), percent(r.interval("out_of_reach").mean, 2))
+                 for r in found.on(road))
+    marks: tuple[Mark, ...] = tuple("good" if r.name in found.front[road] else "plain" for r in found.on(road))
+    return Table(("law", "comfort [m/s²]", "tyre load [N]", "stroke [mm]", "largest [mm]", "MTVV [m/s²]", "off road",
+                  "current at a limit", "demand out of reach"), rows,
+                 "Means over the seeds ± half of the 95 % interval; comfort is W_k-weighted (ISO 2631-1), tyre load "
+                 "and stroke are rms. Green: unbeaten in comfort and tyre load at once.", tuple(range(1, 9)), marks)
+
+
+def _against(found: RideComparison, road: str) -> Table:
+    reference = found.row(found.reference, road)
+    rows = tuple((r.name, *(_share(r.against(reference, n)) for n in ("comfort", "tyre_load", "stroke")))
+                 for r in found.on(road) if r.name != found.reference)
+    return Table(("law", "comfort", "tyre load", "stroke"), rows, f"Difference to {found.reference} on the same roads "
+                 "and noise, paired by seed, ± half of the 95 % interval; negative is better.", (1, 2, 3))
+
+
+def _share(interval: Interval) -> str:
+    half = "" if interval.high is None else f" ± {100 * (interval.high - interval.mean):.2g}"
+    return f"{100 * interval.mean:+.2f}{half} %"
+
+
+def _energy(found: RideComparison) -> tuple[Item, ...]:
+    def passive(row: Row) -> str:
+        return "unknown storage" if row.passive is None else "yes" if row.passive else "NO"
+
+    rows = tuple((r.road, r.name, told(r.interval("dissipated"), digits=4), passive(r),
+                  percent(r.interval("negative_share").mean, 3), number(r.interval("negative_energy").mean, 3),
+                  number(max(x.passivity.returned for x in r.rides), 3)) for r in found.rows)
+    known = all(r.passive is not None for r in found.rows)
+    text = ("Delivered energy less stored energy, gas and spring, never fell below the initial storage where the "
+            "column says yes." if known else
+            "Energy that the damper's model gave back came from what it stored (compliance) or from errors of the "
+            "model; the last columns bound both.")
+    return (Paragraph(text), Table(("road", "law", "taken [J]", "passive", "F·v < 0", "energy in them [J]",
+                                    "most at a stretch [J]"), rows,
+                                   "Energy of the damper, the force of displacement alone left out.", (2, 4, 5, 6)))
+
+
+def _laws(found: RideComparison, tuned: Mapping[str, Tuned]) -> list[Item]:
+    out: list[Item] = []
+    for row in found.on(found.roads[0]):
+        law = row.controller
+        rows = tuple((p.name, number(law.values[p.name], 5), p.unit or "1", f"{p.lower:g} to {p.upper:g}", p.says)
+                     for p in law.parameters)
+        said = f"{law.title}: {law.source}."
+        if row.name in tuned:
+            t = tuned[row.name]
+            said += f" Tuned in {t.evaluations} evaluations: objective {t.before:.4f} to {t.objective:.4f}."
+        out.append(Table(("parameter", "value", "unit", "range", "what it is"), rows, said, (1,), folded=row.name))
+    return out

@@ -1,0 +1,315 @@
+"""CONFIG files of `quartercar ride`: a TOML text that says which car, damper, roads, sensors and laws."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from quartercar.car import BumpStops, Coil, QuarterCar
+from quartercar.controllers import LAWS, law_class
+from quartercar.controllers.chain import ChainSettings
+from quartercar.controllers.contract import Controller
+from quartercar.controllers.sensing import SETS as SENSORS
+from quartercar.dampers.contract import Damper
+from quartercar.parameters import SETS as CARS
+from quartercar.parameters import CarParameters
+from quartercar.ride_roads import Bump, IsoRoad, MeasuredRoad, RideRoad, SineSweep
+from quartercar.riding import RideSettings
+from quartercar.rig._tables import to_si
+
+STATIC_COIL = (0.005, 0.010)
+"""rise and fall time of a coil whose damper model has no lag of its own [s]"""
+HIGHEST = 2.5
+"""[A]"""
+DEFAULT_LAWS = tuple(name for name, _, _ in LAWS if name != "scheduled")
+UNITS: Mapping[str, str] = {"speed": "m/s", "duration": "s", "height": "m", "length": "m", "amplitude": "m",
+                            "lowest": "Hz", "highest": "Hz", "stiffness": "N/m", "compression": "m", "rebound": "m",
+                            "rise_time": "s", "fall_time": "s"}
+ROADS: Mapping[str, type] = {"iso": IsoRoad, "bump": Bump, "sweep": SineSweep}
+KEYS = ("car", "damper", "measurements", "seeds", "first_seed", "tune", "tune_seed", "stops", "coil", "roads",
+        "controllers")
+
+
+@dataclass(frozen=True, eq=False)
+class RideConfig:
+    """What a ride compares.
+
+    Attributes
+    ----------
+    car : QuarterCar
+    roads : tuple of RideRoad
+    controllers : mapping of str to Controller
+        By name in tables.
+    seeds : tuple of int
+    settings : RideSettings
+    tune : int
+        Evaluations per law; 0 keeps the given values.
+    tune_seed : int
+        Of the tuning's roads, which are others than those of the comparison.
+    """
+
+    car: QuarterCar
+    roads: tuple[RideRoad, ...] = (IsoRoad(), Bump())
+    controllers: Mapping[str, Controller] = field(default_factory=lambda: given_laws(DEFAULT_LAWS))
+    seeds: tuple[int, ...] = tuple(range(5))
+    settings: RideSettings = field(default_factory=RideSettings)
+    tune: int = 0
+    tune_seed: int = 100_000
+
+    def with_changes(self, **changes: Any) -> RideConfig:
+        """A copy with what is not None replaced."""
+        return replace(self, **{n: v for n, v in changes.items() if v is not None})
+
+
+def ride_template() -> str:
+    """A commented CONFIG with the defaults."""
+    return TEMPLATE
+
+
+def load_config(path: str | Path) -> RideConfig:
+    """Read a CONFIG file; damper, controller and road files are found beside it.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, TOML that does not parse, an unknown key, a value of the wrong type, range or unit.
+    """
+    path = Path(path)
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise InputError(f"cannot read '{path}'", why=str(why)) from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path.name} is not TOML", why=str(error)) from None
+    try:
+        return read_config(table, path.parent)
+    except InputError as error:
+        raise InputError(f"{path.name}: {error.what}", got=error.got, why=error.why, mend=error.mend) from None
+
+
+def read_config(table: Mapping[str, Any], folder: Path) -> RideConfig:
+    """A configuration from a TOML table; files are relative to `folder`."""
+    for key in table:
+        _checks.known_name(key, KEYS, "key of the configuration")
+    given: dict[str, Any] = {"car": build_car(table.get("car", "megane"), table.get("damper"), folder,
+                                              table.get("stops", {}), table.get("coil", {}))}
+    if "roads" in table:
+        given["roads"] = tuple(_road(t, f"roads[{k}]", folder) for k, t in enumerate(_tables(table, "roads")))
+    if "controllers" in table:
+        given["controllers"] = named([_law(t, f"controllers[{k}]", folder)
+                                      for k, t in enumerate(_tables(table, "controllers"))])
+    first = _checks.count(table.get("first_seed", 0), "first_seed")
+    if "seeds" in table or first:
+        given["seeds"] = tuple(range(first, first + _checks.count(table.get("seeds", 5), "seeds", at_least=1)))
+    if "measurements" in table:
+        given["settings"] = measuring(table["measurements"])
+    for key in ("tune", "tune_seed"):
+        if key in table:
+            given[key] = _checks.count(table[key], key)
+    return RideConfig(**given)
+
+
+def build_car(car: Any = "megane", damper: str | None = None, folder: Path = Path(), stops: Mapping[str, Any] = {},
+              coil: Mapping[str, Any] = {}) -> QuarterCar:
+    """A nonlinear car from a set's name or a table, with a damper from a file or the embedded identified one."""
+    model = read_damper(damper, folder)
+    lag = (0.0, 0.0) if _has_lag(model) else STATIC_COIL
+    numbers = {"rise_time": lag[0], "fall_time": lag[1], "highest": HIGHEST, **_numbers(coil, Coil, "coil")}
+    return QuarterCar(_parameters(car), model, BumpStops(**_numbers(stops, BumpStops, "stops")), Coil(**numbers))
+
+
+def measuring(name: Any) -> RideSettings:
+    """Settings with a measurement set by name."""
+    return RideSettings(ChainSettings(sensors=SENSORS[_checks.known_name(str(name), list(SENSORS), "measurement set")]))
+
+
+def read_damper(name: str | None, folder: Path = Path()) -> Damper:
+    """A damper from a model file, or the embedded identified one for None."""
+    if name is None:
+        from quartercar.embedded import identified_damper
+
+        return identified_damper()
+    from lpvid.export.serialise import load
+
+    found = load(folder / str(name))
+    if not isinstance(found, Damper):
+        raise InputError(f"'{name}' holds no damper", got=type(found).__name__, mend="a file that fit wrote")
+    if found.polarity < 0:
+        raise InputError(f"'{name}': the damper was fitted to records of reversed polarity",
+                         why="its force is measured against the velocity, so that a car would be driven by it",
+                         mend="turn the force's sign and fit again (--flip force)")
+    return found
+
+
+def given_laws(names: Sequence[str], folder: Path = Path()) -> dict[str, Controller]:
+    """Laws by name, with their defaults, or from controller files."""
+    return named([_law({"file": n} if Path(n).suffix == ".json" else {"law": n}, "--controller", folder)
+                  for n in names])
+
+
+def road_from_text(text: str) -> RideRoad:
+    """A road from ``iso-c@20``, ``bump@8``, ``sweep`` or ``FILE@10``: kind or file, and speed in m/s.
+
+    Examples
+    --------
+    >>> road_from_text("iso-c@20").name
+    'ISO C, 20 m/s'
+    """
+    kind, _, speed = text.rpartition("@") if "@" in text else (text, "", "")
+    table: dict[str, Any] = {"speed": to_si(_number(speed), "m/s", f"--road {text}")} if speed else {}
+    if kind.startswith("iso-"):
+        table |= {"kind": "iso", "class": kind.removeprefix("iso-")}
+    elif kind in ROADS:
+        table |= {"kind": kind}
+    else:
+        table |= {"kind": "file", "path": kind}
+    return _road(table, f"--road {text}", Path())
+
+
+# -- reading -----------------------------------------------------------------------------------------------------------
+def _number(text: str) -> Any:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _tables(table: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+    found = table[key]
+    if not isinstance(found, list) or not found or not all(isinstance(t, Mapping) for t in found):
+        raise InputError(f"{key} is a list of tables", got=repr(found)[:60], mend=f"[[{key}]]")
+    return found
+
+
+def _parameters(car: Any) -> CarParameters:
+    if isinstance(car, str):
+        return CARS[_checks.known_name(car, list(CARS), "car")]
+    if not isinstance(car, Mapping):
+        raise InputError("car is the name of a set or a table", got=repr(car), mend=f"one of {', '.join(CARS)}")
+    known = [f.name for f in fields(CarParameters)]
+    for key in car:
+        _checks.known_name(key, [*known, "set"], "key of car")
+    base = CARS[_checks.known_name(str(car.get("set", "megane")), list(CARS), "car")]
+    units = {"sprung_mass": "kg", "unsprung_mass": "kg", "damping": "N*s/m", "tyre_damping": "N*s/m"}
+    return base.replace(**{k: to_si(v, units.get(k, "N/m"), f"car.{k}") for k, v in car.items()
+                           if k not in ("set", "source")})
+
+
+def _numbers(table: Any, cls: type, where: str) -> dict[str, float]:
+    if not isinstance(table, Mapping):
+        raise InputError(f"{where} must be a table", got=repr(table))
+    known = [f.name for f in fields(cls)]
+    for key in table:
+        _checks.known_name(key, known, f"key of {where}")
+    units = {**UNITS, "lowest": "A", "highest": "A"} if cls is Coil else UNITS
+    return {k: to_si(v, units[k], f"{where}.{k}") for k, v in table.items()}
+
+
+def _road(table: Mapping[str, Any], where: str, folder: Path) -> RideRoad:
+    kind = _checks.known_name(str(table.get("kind", "")), [*ROADS, "file"], f"kind of {where}")
+    rest = {k: v for k, v in table.items() if k != "kind"}
+    if kind == "file":
+        for key in rest:
+            _checks.known_name(key, ("path", "speed", "track"), f"key of {where}")
+        if "path" not in rest:
+            raise InputError(f"{where} needs a path", mend='path = "profiles.csv"')
+        return MeasuredRoad.read(folder / str(rest["path"]), to_si(rest.get("speed", 10.0), "m/s", f"{where}.speed"),
+                                 rest.get("track", 0))
+    if "class" in rest:
+        rest["road_class"] = str(rest.pop("class"))
+    known = [f.name for f in fields(ROADS[kind])]
+    for key in rest:
+        _checks.known_name(key, [*known, "class"], f"key of {where}")
+    return ROADS[kind](**{k: v if k == "road_class" else to_si(v, UNITS[k], f"{where}.{k}") for k, v in rest.items()})
+
+
+def _law(table: Mapping[str, Any], where: str, folder: Path) -> tuple[str, Controller]:
+    rest = {k: v for k, v in table.items() if k not in ("law", "file", "name")}
+    if "file" in table:
+        from lpvid.export.serialise import load
+
+        law = load(folder / str(table["file"]))
+        if not isinstance(law, Controller):
+            raise InputError(f"'{table['file']}' holds no controller of a car", got=type(law).__name__,
+                             mend="a controller file that `quartercar design` wrote")
+        label = str(table.get("name", Path(str(table["file"])).stem))
+    else:
+        name = _checks.known_name(str(table.get("law", "")), DEFAULT_LAWS, f"law of {where}")
+        law, label = law_class(name)(), str(table.get("name", name))
+    units = {p.name: p.unit for p in law.parameters}
+    for key in rest:
+        _checks.known_name(key, list(units), f"parameter of {law.name}")
+    return label, law.with_values(**{k: to_si(v, units[k], f"{where}.{k}") for k, v in rest.items()}) if rest else law
+
+
+def named(laws: Sequence[tuple[str, Controller]]) -> dict[str, Controller]:
+    """Laws by their labels; InputError where two have the same."""
+    names = [n for n, _ in laws]
+    twice = next((n for n in names if names.count(n) > 1), None)
+    if twice is not None:
+        raise InputError(f"two controllers are called '{twice}'", mend="give one of them a name")
+    return dict(laws)
+
+
+def _has_lag(damper: Damper) -> bool:
+    from quartercar.filter_bank import filter_of
+
+    model = filter_of(damper)
+    return model is not None and model.scheduling_stage is not None
+
+
+TEMPLATE = '''\
+# quartercar ride CONFIG: a car, its damper, the roads and the laws. Numbers are SI, or text such as "5 mm".
+
+car = "megane"                 # a set (megane, savaresi, sh-add, motorcycle), or a table [car] of set and changes
+# damper = "lpv-arx.json"      # a file that `quartercar fit` wrote; left out: the embedded identified damper
+measurements = "stroke-body"   # stroke-body, stroke-body-wheel or ideal
+seeds = 5                      # roads and noise of the comparison: the same for every law
+tune = 0                       # evaluations for each law before the comparison, on other seeds; 0: values as given
+
+[stops]
+stiffness = "200 N/mm"
+compression = "60 mm"
+rebound = "60 mm"
+
+[coil]                         # rise_time and fall_time: left out, 5 and 10 ms, or none where the damper has its own
+lowest = 0.0
+highest = 2.5
+
+[[roads]]
+kind = "iso"
+class = "C"
+speed = 20.0
+duration = 20.0
+
+[[roads]]
+kind = "bump"
+height = "50 mm"
+length = 2.0
+speed = 8.0
+
+# [[roads]]
+# kind = "file"                # a distance and one or more heights
+# path = "profiles.csv"
+# speed = "30 km/h"
+
+[[controllers]]
+law = "passive"
+fixed_current = 0.0
+
+[[controllers]]
+law = "skyhook-linear"
+
+[[controllers]]
+law = "sh-add"
+crossover = 12.0
+
+# [[controllers]]
+# file = "controller.json"     # written by `quartercar design`
+'''
