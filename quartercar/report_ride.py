@@ -14,9 +14,10 @@ from quartercar.tuning import Tuned
 
 def ride_figures(found: RideComparison) -> tuple[Drawn, ...]:
     """The figures of a comparison of rides."""
-    seeds = "one seed" if len(found.seeds) == 1 else f"{len(found.seeds)} seeds, bars: 95 % intervals of the mean"
-    drawn = [Drawn("pareto", plot.trade_offs(found), f"Weighted acceleration against tyre load and against stroke, "
-                   f"{seeds}; dashed: laws that no other beats in both. Down and left is better.")]
+    seeds = "one seed" if len(found.seeds) == 1 else f"{len(found.seeds)} seeds, bars: 95 % intervals, paired by seed"
+    drawn = [Drawn("pareto", plot.trade_offs(found), "Weighted acceleration against tyre load and against stroke, "
+                   f"as a difference to {found.reference} on the same roads and noise; {seeds}; dashed: laws that no "
+                   "other beats in both. Down and left is better.")]
     for k, road in enumerate(found.roads, start=1):
         drawn.append(Drawn(f"time_{k}", plot.over_time(found, road), f"The liveliest {plot.EXCERPT:g} s of {road}, "
                            "first seed."))

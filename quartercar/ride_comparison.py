@@ -171,16 +171,22 @@ class RideComparison:
 
     @property
     def verdict(self) -> str:
-        """In a sentence per road: most comfortable, best on the road, and the front."""
+        """A sentence or two per road: most comfortable, best on the road, who cannot be told from them, the front."""
         said = []
         for road in self.roads:
-            rows = self.on(road)
-            soft, firm = (min(rows, key=lambda r, axis=axis: r.interval(axis).mean) for axis in AXES[:2])
+            (soft, near), (firm, close) = (self.leaders(road, axis) for axis in AXES[:2])
             said.append(f"On {road} {soft.name} is the most comfortable ({soft.interval('comfort').mean:.4g} m/s^2 "
-                        f"weighted) and {firm.name} loads the tyre least unevenly "
-                        f"({firm.interval('tyre_load').mean:.4g} N rms); unbeaten in both at once: "
+                        f"weighted{_tied(near)}) and {firm.name} loads the tyre least unevenly "
+                        f"({firm.interval('tyre_load').mean:.4g} N rms{_tied(close)}). Unbeaten in the means of both: "
                         f"{', '.join(self.front[road])}.")
         return " ".join(said)
+
+    def leaders(self, road: str, figure: str) -> tuple[Row, tuple[str, ...]]:
+        """The law of the least mean, and those whose paired difference to it may as well be none (95 %)."""
+        rows = self.on(road)
+        best = min(rows, key=lambda r: r.interval(figure).mean)
+        gaps = {r.name: r.against(best, figure) for r in rows if r is not best}
+        return best, tuple(n for n, gap in gaps.items() if gap.low is not None and gap.low <= 0)
 
     def to_dict(self) -> dict:
         """ride.json."""
@@ -198,6 +204,10 @@ class RideComparison:
         return "\n".join([*lines, *self.notes])
 
     __repr__ = __str__
+
+
+def _tied(names: Sequence[str]) -> str:
+    return f", not told apart from {', '.join(names)}" if names else ""
 
 
 def _line(row: Row) -> str:

@@ -29,15 +29,20 @@ class InverseSettings:
         the demand less closely but does not amplify what the sensors add.
     lag_compensated : bool
         Whether the command leads the current that is wanted so that the coil has it at the next sample.
+    deadband : float
+        |v_d| below which the current stays: its sign is noise, and every current has about the same force [m/s].
     """
 
     points: int = 11
     steps: int = 0
     lag_compensated: bool = False
+    deadband: float = 5e-3
 
     def __post_init__(self) -> None:
         _checks.count(self.points, "points of an inverse", at_least=2)
         _checks.count(self.steps, "steps of an inverse")
+        if _checks.real(self.deadband, "deadband of an inverse") < 0:
+            raise InputError("the deadband of an inverse must not be negative", got=f"{self.deadband:g} m/s")
 
 
 class Inverse:
@@ -89,6 +94,7 @@ class Inverse:
         self._rows = np.zeros((setting.cars, self._grid.size))
         self.lowest, self.highest = np.zeros(setting.cars), np.zeros(setting.cars)
         self.limited = np.zeros(setting.cars, dtype=bool)
+        self._still, self._wanted = self.limited.copy(), self.current.copy()
 
     @property
     def force(self) -> np.ndarray:
@@ -100,10 +106,12 @@ class Inverse:
         self._forces.commit(z, v, self._felt)
         self._rows = self._forces.candidates(z, v, self._grid)
         self.lowest, self.highest = self._rows.min(axis=1), self._rows.max(axis=1)
+        self._still = np.abs(v) < self._settings.deadband
 
     def choose(self, demand: np.ndarray) -> np.ndarray:
         """(cars,) command for a demanded force [N]; `attained` then tells what it makes of it."""
-        wanted = nearest(self._rows, self._grid, demand, self._felt)
+        wanted = np.where(self._still, self._wanted, nearest(self._rows, self._grid, demand, self._felt))
+        self._wanted = wanted
         self.limited = (demand < self.lowest) | (demand > self.highest)
         command = self._ahead(wanted) if self._settings.lag_compensated else wanted
         self._hold(command)

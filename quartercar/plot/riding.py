@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from quartercar.ride_comparison import RideComparison, Row
+    from quartercar.ride_comparison import Interval, RideComparison, Row
 
 MARKERS = "osD^vP"
 EXCERPT = 2.0
@@ -24,14 +24,17 @@ LABELS = {"comfort": ("weighted acceleration", "m/s²", 1.0), "tyre_load": ("tyr
 
 
 def trade_offs(found: RideComparison) -> Figure:
-    """Comfort against tyre load and against stroke, road by road, with 95 % intervals; the front is joined."""
+    """Comfort against tyre load and against stroke, road by road, relative to the reference; the front is joined."""
     with look():
-        figure, axes = panels(len(found.roads), 2, height=3.3)
+        figure, axes = panels(len(found.roads), 2, height=3.4)
         for row, road in zip(axes, found.roads, strict=True):
-            _points(row[0], found, road, "tyre_load")
-            _points(row[1], found, road, "stroke")
+            reference = found.row(found.reference, road)
+            for ax, other in zip(row, ("tyre_load", "stroke"), strict=True):
+                _points(ax, found, road, other)
+                said = ", ".join(f"{LABELS[n][2] * reference.interval(n).mean:.4g} {LABELS[n][1]}"
+                                 for n in ("comfort", other))
+                ax.set_title(f"{road}   (0, 0): {found.reference}, {said}", fontsize=8.5)
             _front(row[0], found, road)
-            row[0].set_title(road)
         handles, names = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 6), handlelength=1.2,
                       columnspacing=1.4)
@@ -39,30 +42,35 @@ def trade_offs(found: RideComparison) -> Figure:
 
 
 def _points(ax: Axes, found: RideComparison, road: str, other: str) -> None:
-    rows = found.on(road)
-    means = []
-    for k, row in enumerate(rows):
+    reference = found.row(found.reference, road)
+    reach = []
+    for k, row in enumerate(found.on(road)):
         colour, marker = CYCLE[k % len(CYCLE)], MARKERS[(k // len(CYCLE)) % len(MARKERS)]
-        x, y = row.interval("comfort"), row.interval(other)
-        scale = LABELS[other][2]
-        wide = None if x.high is None else x.high - x.mean
-        tall = None if y.high is None else scale * (y.high - y.mean)
-        ax.errorbar(x.mean, scale * y.mean, tall, wide, fmt=marker, color=colour, markersize=7, label=row.name,
-                    elinewidth=0.7, alpha=0.95, markeredgecolor="white", markeredgewidth=0.6)
-        means.append((x.mean, scale * y.mean))
-    points = np.array(means)
-    ax.set_xlim(*robust_limits(points[:, 0], 0.12))
-    ax.set_ylim(*robust_limits(points[:, 1], 0.12))
+        (x, wide), (y, tall) = (_percent(row.against(reference, n)) for n in ("comfort", other))
+        ax.errorbar(x, y, tall, wide, fmt=marker, color=colour, markersize=7, label=row.name, elinewidth=0.8,
+                    alpha=0.95, markeredgecolor="white", markeredgewidth=0.6)
+        reach += [(x - wide, y - tall), (x + wide, y + tall)]
+    ends = np.array(reach)
+    ax.set_xlim(*robust_limits(ends[:, 0]))
+    ax.set_ylim(*robust_limits(ends[:, 1]))
+    ax.axhline(0.0, color=MUTED, linewidth=0.6, zorder=0)
+    ax.axvline(0.0, color=MUTED, linewidth=0.6, zorder=0)
     for axis, name in ((ax.set_xlabel, "comfort"), (ax.set_ylabel, other)):
-        axis(label(*LABELS[name][:2]))
+        axis(label(f"{LABELS[name][0]}, difference", "%"))
+
+
+def _percent(interval: Interval) -> tuple[float, float]:
+    """Mean and half width."""
+    return 100 * interval.mean, 0.0 if interval.high is None else 100 * (interval.high - interval.mean)
 
 
 def _front(ax: Axes, found: RideComparison, road: str) -> None:
-    best = sorted((row.interval("comfort").mean, row.interval("tyre_load").mean) for row in found.on(road)
-                  if row.name in found.front[road])
+    reference = found.row(found.reference, road)
+    best = sorted(tuple(_percent(row.against(reference, n))[0] for n in ("comfort", "tyre_load"))
+                  for row in found.on(road) if row.name in found.front[road])
     if len(best) > 1:
         x, y = np.array(best).T
-        ax.step(x, y, where="post", color=MUTED, linewidth=0.9, linestyle="--", zorder=0)
+        ax.step(x, y, where="post", color=INK, linewidth=0.9, linestyle="--", zorder=0)
 
 
 def over_time(found: RideComparison, road: str) -> Figure:
