@@ -1,0 +1,148 @@
+"""Where the inequalities of a design are imposed, and controllers that are known at the points of a grid."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Spline
+from lpvid.synthesis.generalized_plant import GeneralizedPlant
+
+MOST_POINTS = 400
+"""Points of a tensor grid above which a design is refused rather than begun."""
+CELLS = 3
+"""Parts into which cells of the design grid are divided where a matrix is tabulated or fitted."""
+HIGHEST = {1: 8, 2: 4, 3: 3}
+"""Highest degree of a fitted polynomial by the number of variables; 2 for more."""
+MISFIT = 1e-3
+
+
+def design_axes(box: Scheduling, points: int, affine: bool) -> tuple[np.ndarray, ...]:
+    """Values of each scheduling variable: the ends where inequalities are affine in it, `points` of them elsewhere.
+
+    Raises
+    ------
+    InputError
+        More than `MOST_POINTS` combinations.
+    """
+    count = 2 if affine else _checks.count(points, "points of a design grid", at_least=2)
+    axes = tuple(np.unique([low, high]) if low == high or affine else np.linspace(low, high, count)
+                 for low, high in zip(box.lower, box.upper, strict=True))
+    total = int(np.prod([len(a) for a in axes], initial=1))
+    if total > MOST_POINTS:
+        raise InputError(f"the grid of {', '.join(box.names)} has {total} points", why=f"the limit is {MOST_POINTS}",
+                         mend="lower `points`, or schedule on fewer variables")
+    return axes
+
+
+def tensor(axes: tuple[np.ndarray, ...]) -> np.ndarray:
+    """(N, n_scheduling) all combinations."""
+    return np.array(list(itertools.product(*axes)), dtype=float) if axes else np.empty((1, 0))
+
+
+def finer(axes: tuple[np.ndarray, ...], cells: int) -> tuple[np.ndarray, ...]:
+    """Axes with every interval divided into `cells`.
+
+    Examples
+    --------
+    >>> finer((np.array([0.0, 1.0, 3.0]),), 2)[0].tolist()
+    [0.0, 0.5, 1.0, 2.0, 3.0]
+    """
+    def divided(axis: np.ndarray) -> np.ndarray:
+        parts = [np.linspace(a, b, cells + 1) for a, b in itertools.pairwise(axis)]
+        return np.unique(np.concatenate(parts)) if parts else axis
+
+    return tuple(divided(axis) for axis in axes)
+
+
+def is_affine(basis: Basis) -> bool:
+    """Along every coordinate: then a matrix inequality that is linear in these functions holds where corners do."""
+    if isinstance(basis, Product):
+        separate = not set(basis.first.names) & set(basis.second.names)
+        return separate and is_affine(basis.first) and is_affine(basis.second)
+    return isinstance(basis, Polynomial) and basis.degree <= 1
+
+
+def interpolating(box: Scheduling, axes: tuple[np.ndarray, ...]) -> Basis:
+    """Functions that are linear between neighbouring points of every axis: one for each point, in `tensor`'s order.
+
+    Examples
+    --------
+    >>> box = Scheduling(("p", "q"), (0, 0), (1, 2))
+    >>> interpolating(box, (np.array([0.0, 1.0]), np.array([0.0, 1.0, 2.0]))).evaluate(np.array([[0.0, 1.0]])).round(2)
+    array([[0., 1., 0., 0., 0., 0.]])
+    """
+    factors: list[Basis] = [Spline(n, len(a) - 1, 1, tuple(a.tolist())) for n, a in zip(box.names, axes, strict=True)
+                            if len(a) > 1]
+    if not factors:
+        return Polynomial((), 0)
+    basis = factors[0]
+    for factor in factors[1:]:
+        basis = Product(basis, factor)
+    return basis
+
+
+def fitted(values: Callable[[np.ndarray], np.ndarray], box: Scheduling, axes: tuple[np.ndarray, ...],
+           basis: Basis) -> tuple[Basis, np.ndarray]:
+    """A matrix known at every point of a box as a combination of functions: coefficients (M, …) over a basis.
+
+    For a polynomial `basis` a polynomial of the least degree that misses by less than `MISFIT` of the largest entry
+    (or of the highest tried); else a table, linear between the points of a grid finer than `axes`.
+
+    Parameters
+    ----------
+    values : callable
+        (N, …) values at (N, n_scheduling) points.
+    """
+    finest = finer(axes, CELLS)
+    points = tensor(finest)
+    table = values(points)
+    if not isinstance(basis, Polynomial):
+        return interpolating(box, finest), table
+    flat = table.reshape(len(points), -1)
+    size, best = float(np.abs(flat).max(initial=0.0)), None
+    for degree in range(1, HIGHEST.get(len(box.names), 2) + 1):
+        tried = Polynomial(box.names, degree).bound(box)
+        phi = tried.evaluate(points)
+        found = np.linalg.lstsq(phi, flat, rcond=None)[0]
+        best = tried, found.reshape(tried.size, *table.shape[1:])
+        if np.abs(phi @ found - flat).max(initial=0.0) < MISFIT * size:
+            break
+    assert best is not None
+    return best
+
+
+def richer(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.ndarray, ...]) -> Basis:
+    """Functions for an unknown gain beside a Lyapunov matrix that moves: polynomials, or free at every grid point."""
+    own = plant.system.basis
+    if isinstance(lyapunov, Polynomial) and isinstance(own, Polynomial):
+        return Polynomial(plant.box.names, max(own.degree, lyapunov.degree) + 1).bound(plant.box)
+    return interpolating(plant.box, axes)
+
+
+def over(box: Scheduling, names: tuple[str, ...]) -> Scheduling:
+    """The part of a box that a basis reads, in the order of its names."""
+    index = [box.names.index(n) for n in names]
+    return Scheduling(names, *(tuple(getattr(box, field)[i] for i in index)
+                               for field in ("lower", "upper", "rate", "units")))
+
+
+def columns(box: Scheduling, basis: Basis, points: np.ndarray) -> np.ndarray:
+    """(N, M) values of a basis over some of a box's variables, at points over all of them."""
+    return basis.evaluate(np.atleast_2d(points)[:, [box.names.index(n) for n in basis.names]])
+
+
+def check_rates(basis: Basis, box: Scheduling, sample_time: float | None) -> None:
+    """Refuse a Lyapunov matrix that depends on a variable of unbounded rate in continuous time."""
+    if sample_time is not None:
+        return
+    for name in basis.names:
+        i = box.names.index(_checks.known_name(name, box.names, "scheduling variable"))
+        if box.rate[i] is None and box.upper[i] > box.lower[i]:
+            raise InputError(f"the Lyapunov matrix depends on '{name}', whose rate has no bound",
+                             why="a function that may jump cannot decrease along every trajectory",
+                             mend=f"give '{name}' a rate bound in its Scheduling, or leave it out of `lyapunov`")

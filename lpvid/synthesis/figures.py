@@ -1,0 +1,94 @@
+"""Figures of a closed loop: what it was promised to do, and what it was then found to do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from lpvid.analysis.gain import l2_gain
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Basis
+from lpvid.synthesis.criteria import H2, HInfinity, Region
+from lpvid.synthesis.generalized_plant import GeneralizedPlant
+from lpvid.synthesis.variance import h2_bounds
+
+GRID = {0: 1, 1: 81, 2: 13, 3: 6}
+"""Points per scheduling variable at which frozen poles are looked at; 3 for more variables."""
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """One criterion of a design, promised and verified.
+
+    Parameters
+    ----------
+    criterion : str
+        "H-infinity" or "H2".
+    channel : str
+        From what to what.
+    promised : float
+        What the matrix inequalities said.
+    verified : float
+        Bound of the closed loop with the controller as returned; infinite where none was found.
+    lower : float or None
+        A value that the closed loop reaches.
+    between_grid : bool
+        `verified` holds on the whole box.
+    certificate : object or None
+        What `lpvid.verify` re-checks.
+    """
+
+    criterion: str
+    channel: str
+    promised: float
+    verified: float
+    lower: float | None
+    between_grid: bool
+    certificate: Any = None
+
+    def __str__(self) -> str:
+        where = "on the whole box" if self.between_grid else "at the points of a grid only"
+        return (f"{self.criterion} from {self.channel}: at most {self.verified:.6g} (promised {self.promised:.6g}), "
+                f"{where}")
+
+
+def channel(loop: LPVStateSpace, into: Sequence[int], out: Sequence[int]) -> LPVStateSpace:
+    """The closed loop between some of its signals."""
+    j, i = list(into), list(out)
+    return replace(loop, B=loop.B[:, :, j], C=loop.C[:, i], D=loop.D[:, i][:, :, j], state_offset=None,
+                   output_offset=None, observer_gain=None, noise_covariance=None,
+                   inputs=tuple(loop.inputs[k] for k in j), outputs=tuple(loop.outputs[k] for k in i))
+
+
+def measure(criterion: HInfinity | H2, plant: GeneralizedPlant, loop: LPVStateSpace, promised: float,
+            lyapunov: Basis | None = None) -> Figure:
+    """What a closed loop, with signals in the order of a plant's, does in the channel of a criterion."""
+    w, z = criterion.disturbances or plant.disturbances, criterion.performance or plant.performance
+    part = channel(loop, [plant.disturbances.index(n) for n in w], [plant.performance.index(n) for n in z])
+    if isinstance(criterion, H2):
+        bounds = h2_bounds(part, lyapunov)
+        return Figure("H2", criterion.says(plant), promised, bounds.upper, bounds.lower, bounds.between_grid)
+    found = l2_gain(part, trajectories=False)
+    return Figure("H-infinity", criterion.says(plant), promised, _finite(found.upper), found.lower,
+                  found.between_grid, found.certificate)
+
+
+def stays_inside(regions: Sequence[Region], loop: LPVStateSpace) -> tuple[bool, tuple[str, ...]]:
+    """Whether the frozen poles of a loop lie in all regions and are stable, with a remark on each region."""
+    points = loop.box.grid(GRID.get(len(loop.box.names), 3))
+    phi = loop.basis.evaluate(points)
+    poles = np.linalg.eigvals(np.tensordot(phi, loop.A, axes=1)).ravel() if loop.order else np.empty(0)
+    if not poles.size:
+        return True, ()
+    stable = np.all(np.abs(poles) < 1) if loop.is_discrete else np.all(poles.real < 0)
+    distances = [float(r.distance(poles).max()) for r in regions]
+    notes = tuple(f"frozen poles at {len(points)} points lie in {r!r}" for r in regions)
+    return bool(stable and all(d < 1e-6 * max(1.0, float(np.abs(poles).max())) for d in distances)), notes
+
+
+def _finite(value: float | None) -> float:
+    return math.inf if value is None or not math.isfinite(value) else float(value)

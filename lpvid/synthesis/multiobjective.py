@@ -1,0 +1,202 @@
+"""Output feedback with several objectives and pole regions under one Lyapunov matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.lmi.affine import Affine, block
+from lpvid.lmi.program import Program
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Basis
+from lpvid.synthesis.assumptions import fault_of
+from lpvid.synthesis.criteria import H2, HInfinity, Region
+from lpvid.synthesis.design_grid import columns, design_axes, is_affine, tensor
+from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
+from lpvid.synthesis.interconnection import close_loop
+from lpvid.synthesis.matrix_function import MatrixFunction
+from lpvid.synthesis.matrix_function import block as function_block
+from lpvid.synthesis.plant_functions import assembled, named, plant_functions
+from lpvid.synthesis.result import Synthesis
+from lpvid.synthesis.shaped_design import Criterion, ShapedProblem, check_criteria, listed, settle
+from lpvid.synthesis.shaped_loop import ShapedLoop, combined
+from lpvid.synthesis.shaped_program import Coordinates, Shaped, Shaping
+
+APART = 4.0
+"""How far the coupling [X, sI; sI, Y] ⪰ 0 is pushed from its limit s = 1, if that costs nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class MultiObjective:
+    """Full-order controller x_K⁺ = A_K x_K + B_K y, u = C_K x_K + D_K y for mixed H2/H-infinity and pole regions.
+
+    Scherer, Gahinet & Chilali 1997, with 𝐗 = [X, I; I, Y], 𝐀 = [AX + B2Ĉ, A + B2D̂C2; Â, YA + B̂C2],
+    𝐁 = [B1 + B2D̂D21; YB1 + B̂D21], 𝐂 = [C1X + D12Ĉ, C1 + D12D̂C2], 𝐃 = D11 + D12D̂D21: all criteria share X and Y,
+    which do not move, so the scheduling may move arbitrarily fast. For one H-infinity bound with a Lyapunov matrix
+    that depends on the scheduling see `OutputFeedback`.
+
+    Parameters
+    ----------
+    criteria : HInfinity, H2 or a sequence of them
+        Those without a bound of their own are minimised (their weighted sum).
+    regions : Region or sequence of Region
+        Where the frozen poles of the closed loop must lie.
+    feedthrough : bool
+        Allow D_K. An H2 criterion in continuous time forbids it.
+    points : int
+        Grid points per scheduling variable, where corners are not enough.
+    back_off : float
+        Factor above the lowest level at which the controller is then made well conditioned.
+
+    Examples
+    --------
+    >>> from lpvid.synthesis.criteria import HalfPlane
+    >>> MultiObjective([HInfinity("road", "grip", bound=1.2), H2("road", "comfort")], regions=HalfPlane(1.0)).regions
+    (HalfPlane(decay=1.0),)
+    """
+
+    criteria: Criterion | Sequence[Criterion] = (HInfinity(),)
+    regions: Region | Sequence[Region] = ()
+    feedthrough: bool = True
+    points: int = 7
+    back_off: float = 1.02
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "criteria", listed(self.criteria, (HInfinity, H2), "the criteria"))
+        object.__setattr__(self, "regions", listed(self.regions, Region, "the regions"))
+        if not _checks.real(self.back_off, "back_off") >= 1:
+            raise InputError("back_off must be at least 1", got=self.back_off)
+
+    def solve(self, plant: GeneralizedPlant) -> Synthesis:
+        """The controller for a plant, with the figures of its closed loop."""
+        criteria, regions = tuple(self.criteria), tuple(self.regions)  # type: ignore[arg-type]
+        steady = _steady(plant)
+        axes = design_axes(plant.box, self.points, is_affine(plant.system.basis) and steady)
+        check_criteria(plant, criteria, regions, tensor(axes))
+        raw = plant.at(tensor(axes))
+        coordinates = Coordinates.of(raw, plant.sample_time is not None)
+        direct = self.feedthrough and (plant.sample_time is not None or not any(isinstance(c, H2) for c in criteria))
+        return settle(_Problem(plant, criteria, regions, self.back_off, None, axes, direct, coordinates,
+                               coordinates.scaled(raw)), fault_of(plant, raw, tensor(axes)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem(ShapedProblem):
+    """One plant with several objectives, in scaled coordinates."""
+
+    axes: tuple[np.ndarray, ...]
+    direct: bool
+    coordinates: Coordinates
+    matrices: PlantMatrices
+
+    @property
+    def method(self) -> str:
+        return f"output feedback, {len(self.criteria)} criteria and {len(self.regions)} regions under one X and Y"
+
+    @property
+    def remedy(self) -> str:
+        return (f"raise the bounds or widen the regions, lower the weights on {', '.join(self.plant.performance)}, or "
+                "measure more")
+
+    @property
+    def basis(self) -> Basis:
+        """Functions of the hatted unknowns."""
+        return self.plant.system.basis
+
+    def build(self, program: Program, scale: float) -> Shaping:
+        n, nu, ny = self.plant.order, len(self.plant.controls), len(self.plant.measurements)
+        new = program.unknowns
+        x, y = new.symmetric(n), new.symmetric(n)
+        hats = [[new.matrix(*shape) for _ in range(self.basis.size)] for shape in ((n, n), (n, ny), (nu, n))]
+        through = [new.matrix(nu, ny) if self.direct else _zero(nu, ny) for _ in range(self.basis.size)]
+        phi = columns(self.plant.box, self.basis, tensor(self.axes))
+        lyapunov, loops, below = block([[x, np.eye(n)], [np.eye(n), y]]), [], []
+        for k in range(len(phi)):
+            m = self.matrices.point(k)
+            ah, bh, ch, dh = (combined(h, phi[k]) for h in (*hats, through))
+            dynamics = block([[m.A @ x + m.B2 @ ch, m.A + m.B2 @ dh @ m.C2], [ah, y @ m.A + bh @ m.C2]])
+            loops.append(ShapedLoop(lyapunov, None, dynamics,
+                                    block([[m.B1 + m.B2 @ dh @ m.D21], [y @ m.B1 + bh @ m.D21]]),
+                                    block([[m.C1 @ x + m.D12 @ ch, m.C1 + m.D12 @ dh @ m.C2]]),
+                                    m.D11 + m.D12 @ dh @ m.D21, self.plant.sample_time is not None,
+                                    self.coordinates.pace))
+            below += [ah, bh, ch, dh] if self.direct else [ah, bh, ch]
+        size = _apart(program, x, y, below, scale)
+        return Shaping(tuple(loops), size, {"X": (x,), "Y": (y,), "A": tuple(hats[0]), "B": tuple(hats[1]),
+                                            "C": tuple(hats[2]), "D": tuple(through)})
+
+    def controller(self, shaped: Shaped) -> LPVStateSpace:
+        x, y = shaped.values("X")[0], shaped.values("Y")[0]
+        hat = {name: MatrixFunction(self.basis, shaped.values(name)) for name in "ABCD"}
+        plant = _scaled(self.plant, self.coordinates)
+        u, s, v = np.linalg.svd(np.eye(len(x)) - x @ y)
+        if s.min() < 1e-10 * s.max():
+            raise np.linalg.LinAlgError("I − XY is singular")
+        m, n = u * np.sqrt(s), v.T * np.sqrt(s)  # M Nᵀ = I − X Y
+        right, left = np.linalg.inv(m).T, np.linalg.inv(n)
+        d = hat["D"]
+        c = (hat["C"] - d @ plant["C2"] @ x) @ right
+        b = left @ (hat["B"] - y @ plant["B2"] @ d)
+        a = left @ (hat["A"] - y @ plant["A"] @ x - y @ plant["B2"] @ d @ plant["C2"] @ x
+                    - n @ (b @ plant["C2"] @ x) - y @ plant["B2"] @ c @ m.T) @ right
+        a, b, c, d = _without_through(a, b, c, d, plant["D22"])
+        scale, seen = self.coordinates.controls, self.coordinates.measurements
+        back = np.diag(1 / seen)
+        whole = function_block([[a, b @ back], [np.diag(scale) @ c, np.diag(scale) @ d @ back]])
+        return assembled(whole, len(x), self.plant, named(self.plant, self.plant.measurements),
+                         named(self.plant, self.plant.controls))
+
+    def close(self, controller: LPVStateSpace) -> LPVStateSpace:
+        return close_loop(self.plant, controller)
+
+
+def _apart(program: Program, x: Affine, y: Affine, below: Sequence[Affine], scale: float) -> Affine:
+    """(1, 1) t/scale − s: small matrices (norms below t), and a coupling [X, sI; sI, Y] ⪰ 0 far from its limit."""
+    n, t, s = x.shape[0], program.unknowns.scalar(), program.unknowns.scalar()
+    program.require(block([[x, s.times(np.eye(n))], [s.times(np.eye(n)), y]]))
+    program.require(APART - s)
+    for matrix in (x, y):
+        program.require(t.times(np.eye(n)) - matrix)
+    for matrix in below:
+        rows, width = matrix.shape
+        program.require(block([[t.times(np.eye(rows)), matrix], [matrix.T, t.times(np.eye(width))]]))
+    return (1.0 / scale) * t - s
+
+
+def _zero(rows: int, width: int) -> Affine:
+    from scipy import sparse
+
+    return Affine(np.zeros((rows, width)), sparse.csr_array((rows * width, 0)))
+
+
+def _scaled(plant: GeneralizedPlant, c: Coordinates) -> dict[str, MatrixFunction]:
+    """What the recovery needs of a plant, in scaled coordinates."""
+    blocks, x, u, y = plant_functions(plant), *map(np.diag, (c.states, c.controls, c.measurements))
+    into = {"A": (np.linalg.inv(x), x), "B2": (np.linalg.inv(x), u), "C2": (np.linalg.inv(y), x),
+            "D22": (np.linalg.inv(y), u)}
+    return {name: left @ blocks[name] @ right for name, (left, right) in into.items()}
+
+
+def _without_through(a: MatrixFunction, b: MatrixFunction, c: MatrixFunction, d: MatrixFunction, d22: MatrixFunction
+                     ) -> tuple[MatrixFunction, MatrixFunction, MatrixFunction, MatrixFunction]:
+    """The controller that sees y where the design saw y − D22 u."""
+    if not d22.coefficients.any():
+        return a, b, c, d
+    around = d @ d22 + np.eye(d.shape[0])
+    still = around.still
+    if still is None:
+        raise InputError("feedthroughs of plant and controller that both vary form a loop",
+                         mend="design with feedthrough=False, or delay the control in the measurement")
+    back = np.linalg.inv(still)
+    c, d = back @ c, back @ d
+    return a - b @ d22 @ c, b - b @ d22 @ d, c, d
+
+
+def _steady(plant: GeneralizedPlant) -> bool:
+    """What multiplies an unknown that varies must not vary itself, for corners to be enough."""
+    m = plant.at(plant.box.grid(2))
+    return not any(np.ptp(part, axis=0).any() for part in (m.B2, m.D12, m.C2, m.D21))

@@ -1,0 +1,229 @@
+"""State observers and full-order filters by linear matrix inequalities; the Kalman filter is the still H2 case."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.lmi.program import Program
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Basis, Polynomial
+from lpvid.synthesis.assumptions import fault_of
+from lpvid.synthesis.criteria import H2, HInfinity, Region
+from lpvid.synthesis.design_grid import check_rates, columns, design_axes, fitted, is_affine, richer, tensor
+from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
+from lpvid.synthesis.matrix_function import MatrixFunction
+from lpvid.synthesis.matrix_function import block as function_block
+from lpvid.synthesis.multiobjective import MultiObjective
+from lpvid.synthesis.plant_functions import assembled, named, plant_functions
+from lpvid.synthesis.result import Synthesis
+from lpvid.synthesis.shaped_design import Criterion, ShapedProblem, check_criteria, listed, settle
+from lpvid.synthesis.shaped_loop import ShapedLoop, combined, moves
+from lpvid.synthesis.shaped_program import Coordinates, Shaped, Shaping, tame
+
+
+@dataclass(frozen=True, eq=False)
+class Observer:
+    """x̂⁺ = A x̂ + B2 u + L(p)(y − C2 x̂ − D22 u), ẑ = C1 x̂ + D12 u: small error z − ẑ, or fast decay of x − x̂.
+
+    With P the Lyapunov matrix of the error e⁺ = (A − L C2) e + (B1 − L D21) w and Y = P L (in discrete time Y = HᵀL
+    with a slack matrix H), the bounded-real inequality is linear in P, Y:
+    [He(PA − YC2) + Ṗ, PB1 − YD21, C1ᵀ; ⋆, −γI, D11ᵀ; ⋆, ⋆, −γI] ≺ 0. One H2 criterion on a plant that does not vary
+    gives the Kalman filter.
+
+    Parameters
+    ----------
+    criteria : HInfinity, H2 or a sequence of them
+        Bounds from w to the error of the performance signals; empty where only regions are asked for.
+    regions : Region or sequence of Region
+        Where the frozen poles of the error must lie.
+    lyapunov : Basis, optional
+        Functions of P(p); left out, one P, for arbitrarily fast scheduling.
+    gain : Basis, optional
+        Functions of Y(p); left out, the plant's own for one P, and for P(p) those of degree higher by one.
+    points : int
+        Grid points per scheduling variable, where corners are not enough.
+    back_off : float
+        Factor above the lowest level at which the gain is then made small.
+
+    Examples
+    --------
+    >>> Observer(HInfinity("road", "speed"), regions=()).points
+    7
+    """
+
+    criteria: Criterion | Sequence[Criterion] = (HInfinity(),)
+    regions: Region | Sequence[Region] = ()
+    lyapunov: Basis | None = None
+    gain: Basis | None = None
+    points: int = 7
+    back_off: float = 1.02
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "criteria", listed(self.criteria, (HInfinity, H2), "the criteria"))
+        object.__setattr__(self, "regions", listed(self.regions, Region, "the regions"))
+        if not _checks.real(self.back_off, "back_off") >= 1:
+            raise InputError("back_off must be at least 1", got=self.back_off)
+
+    def solve(self, plant: GeneralizedPlant) -> Synthesis:
+        """The observer as `controller`, with inputs (controls, measurements) and outputs named ``…_estimate``.
+
+        `closed_loop` is the error: from the disturbances to ``…_error``.
+        """
+        problem = _problem(self, plant)
+        points = tensor(problem.axes)
+        at = plant.at(points)
+        reached = replace(at, B2=np.broadcast_to(np.eye(plant.order), at.A.shape))  # an observer moves nothing
+        return settle(problem, fault_of(plant, reached, points))
+
+
+@dataclass(frozen=True, eq=False)
+class Filter:
+    """Full-order filter x_F⁺ = A_F x_F + B_F y, ẑ = C_F x_F + D_F y with a small error z − ẑ.
+
+    It is an output feedback whose control is the estimate itself and acts on nothing; known controls are further
+    measurements. The plant must be stable on its own, since no filter moves it; for others use `Observer`.
+
+    Parameters
+    ----------
+    criteria : HInfinity, H2 or a sequence of them
+    regions : Region or sequence of Region
+    feedthrough : bool
+        Allow D_F.
+    points : int
+    back_off : float
+    """
+
+    criteria: Criterion | Sequence[Criterion] = (HInfinity(),)
+    regions: Region | Sequence[Region] = ()
+    feedthrough: bool = True
+    points: int = 7
+    back_off: float = 1.02
+
+    def solve(self, plant: GeneralizedPlant) -> Synthesis:
+        """The filter as `controller`, from measurements (and known controls) to ``…_estimate``."""
+        criteria = [replace(c, performance=tuple(f"{n}_error" for n in c.performance),
+                            disturbances=(*c.disturbances, *plant.controls) if c.disturbances else ())
+                    for c in listed(self.criteria, (HInfinity, H2), "the criteria")]
+        design = MultiObjective(criteria, self.regions, self.feedthrough, self.points, self.back_off)
+        return design.solve(estimation_plant(plant))
+
+
+def estimation_plant(plant: GeneralizedPlant) -> GeneralizedPlant:
+    """The plant with an estimate of each performance signal as its control and the error as its performance.
+
+    ::
+
+        w, u ──> plant ──> z ──(−)──> z_error       measurements: y, and u as it is known
+                      └──> y    └── z_estimate
+    """
+    p, s, nz, ny = plant_functions(plant), plant.system, len(plant.performance), len(plant.measurements)
+    nw, nu = len(plant.disturbances), len(plant.controls)
+    whole = function_block([
+        [p["A"], p["B1"], p["B2"], np.zeros((s.order, nz))], [p["C1"], p["D11"], p["D12"], -np.eye(nz)],
+        [p["C2"], p["D21"], p["D22"], np.zeros((ny, nz))],
+        [np.zeros((nu, s.order + nw)), np.eye(nu), np.zeros((nu, nz))]]) if nu else function_block([
+            [p["A"], p["B1"], np.zeros((s.order, nz))], [p["C1"], p["D11"], -np.eye(nz)],
+            [p["C2"], p["D21"], np.zeros((ny, nz))]])
+    estimates = named(plant, plant.performance, "_estimate")
+    system = assembled(whole, s.order, plant, (*named(plant, (*plant.disturbances, *plant.controls)), *estimates),
+                       (*named(plant, plant.performance, "_error"), *named(plant, plant.measurements),
+                        *named(plant, plant.controls, "_known")))
+    return GeneralizedPlant(system, tuple(e.name for e in estimates),
+                            (*plant.measurements, *(f"{n}_known" for n in plant.controls)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem(ShapedProblem):
+    """One plant with an observer: its grid, bases and coordinates."""
+
+    lyapunov: Basis
+    gain: Basis
+    axes: tuple[np.ndarray, ...]
+    coordinates: Coordinates
+    matrices: PlantMatrices
+
+    @property
+    def method(self) -> str:
+        kind = f"P over {', '.join(self.lyapunov.labels)}" if self.lyapunov.names else "one quadratic P"
+        return f"observer, {kind}, {len(tensor(self.axes))} points"
+
+    @property
+    def remedy(self) -> str:
+        return (f"measure more than {', '.join(self.plant.measurements)}, raise the bounds or widen the regions")
+
+    def build(self, program: Program, scale: float) -> Shaping:
+        plant, n, discrete = self.plant, self.plant.order, self.plant.sample_time is not None
+        p = [program.unknowns.symmetric(n) for _ in range(self.lyapunov.size)]
+        h = [program.unknowns.matrix(n, n) for _ in p] if discrete else p
+        y = [program.unknowns.matrix(n, len(plant.measurements)) for _ in range(self.gain.size)]
+        points = tensor(self.axes)
+        psi, phi = (columns(plant.box, basis, points) for basis in (self.lyapunov, self.gain))
+        loops: list[ShapedLoop] = []
+        for k, point in enumerate(points):
+            m = self.matrices.point(k)
+            pk, hk, yk = combined(p, psi[k]), combined(h, psi[k]), combined(y, phi[k])
+            steps = moves(plant.box, self.lyapunov, point, plant.sample_time)
+            away = [hk + hk.T - combined(p, step) for step in steps or [psi[k]]] if discrete else [
+                combined(p, step) for step in steps] or [None]
+            front = hk.T if discrete else pk
+            loops += [ShapedLoop(pk, move, front @ m.A - yk @ m.C2, front @ m.B1 - yk @ m.D21, m.C1, m.D11, discrete,
+                                 self.coordinates.pace) for move in away]
+        size = tame(program, above=[combined(p, w) for w in psi], below=[combined(y, w) for w in phi])
+        return Shaping(tuple(loops), size, {"front": tuple(h), "gain": tuple(y)})
+
+    def observer_gain(self, shaped: Shaped) -> MatrixFunction:
+        """L(p)."""
+        front, y, c = shaped.values("front"), shaped.values("gain"), self.coordinates
+        if not self.lyapunov.names:
+            solved = np.linalg.solve(np.broadcast_to(front[0].T, (len(y), *front[0].shape)), y)
+            return MatrixFunction(self.gain, c.states[:, None] * solved / c.measurements)
+        box = self.plant.box
+
+        def law(points: np.ndarray) -> np.ndarray:
+            here = np.tensordot(columns(box, self.lyapunov, points), front, axes=1).swapaxes(1, 2)
+            solved = np.linalg.solve(here, np.tensordot(columns(box, self.gain, points), y, axes=1))
+            return c.states[:, None] * solved / c.measurements
+
+        return MatrixFunction(*fitted(law, box, self.axes, self.lyapunov))
+
+    def controller(self, shaped: Shaped) -> LPVStateSpace:
+        plant, p, gain = self.plant, plant_functions(self.plant), self.observer_gain(shaped)
+        nu, ny = len(plant.controls), len(plant.measurements)
+        state, known = p["A"] - gain @ p["C2"], p["B2"] - gain @ p["D22"]
+        whole = function_block([[state, known, gain], [p["C1"], p["D12"], np.zeros((len(plant.performance), ny))]]
+                               if nu else [[state, gain], [p["C1"], np.zeros((len(plant.performance), ny))]])
+        return assembled(whole, plant.order, plant, named(plant, (*plant.controls, *plant.measurements)),
+                         named(plant, plant.performance, "_estimate"))
+
+    def close(self, controller: LPVStateSpace) -> LPVStateSpace:
+        """The error z − ẑ of the observer as it stands."""
+        plant, p = self.plant, plant_functions(self.plant)
+        gain = MatrixFunction(controller.basis, controller.B[:, :, len(plant.controls):])
+        whole = function_block([[MatrixFunction(controller.basis, controller.A), p["B1"] - gain @ p["D21"]],
+                                [p["C1"], p["D11"]]])
+        return assembled(whole, plant.order, plant, named(plant, plant.disturbances),
+                         named(plant, plant.performance, "_error"))
+
+
+def _problem(design: Observer, plant: GeneralizedPlant) -> _Problem:
+    box = plant.box
+    criteria, regions = tuple(design.criteria), tuple(design.regions)  # type: ignore[arg-type]
+    lyapunov = (design.lyapunov or Polynomial((), 0)).bound(box)
+    check_rates(lyapunov, box, plant.sample_time)
+    gain = None if design.gain is None else design.gain.bound(box)
+    m = plant.at(box.grid(2))
+    steady = not np.ptp(m.C2, axis=0).any() and not np.ptp(m.D21, axis=0).any()
+    axes = design_axes(box, design.points, not lyapunov.names and gain is None and is_affine(plant.system.basis)
+                       and steady)
+    if gain is None:
+        gain = richer(plant, lyapunov, axes) if lyapunov.names else plant.system.basis
+    check_criteria(plant, criteria, regions, tensor(axes))
+    raw = plant.at(tensor(axes))
+    coordinates = Coordinates.of(raw, plant.sample_time is not None)
+    return _Problem(plant, criteria, regions, design.back_off, lyapunov, gain, axes, coordinates,
+                    coordinates.scaled(raw))

@@ -1,0 +1,41 @@
+"""The blocks of a plant as matrix functions of the scheduling, and systems assembled from such functions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from lpvid.model.signals import Signal
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.synthesis.design_grid import over
+from lpvid.synthesis.generalized_plant import GeneralizedPlant
+from lpvid.synthesis.matrix_function import MatrixFunction
+
+BLOCKS = ("A", "B1", "B2", "C1", "D11", "D12", "C2", "D21", "D22")
+
+
+def plant_functions(plant: GeneralizedPlant) -> dict[str, MatrixFunction]:
+    """A, B1, B2, C1, D11, D12, C2, D21 and D22 of a plant over its own basis."""
+    s = plant.system
+    inputs, outputs = [x.name for x in s.inputs], [x.name for x in s.outputs]
+    w, u = ([inputs.index(n) for n in names] for names in (plant.disturbances, plant.controls))
+    z, y = ([outputs.index(n) for n in names] for names in (plant.performance, plant.measurements))
+    parts = (s.A, s.B[:, :, w], s.B[:, :, u], s.C[:, z], s.D[:, z][:, :, w], s.D[:, z][:, :, u], s.C[:, y],
+             s.D[:, y][:, :, w], s.D[:, y][:, :, u])
+    return {name: MatrixFunction(s.basis, part) for name, part in zip(BLOCKS, parts, strict=True)}
+
+
+def assembled(whole: MatrixFunction, order: int, plant: GeneralizedPlant, inputs: Sequence[Signal],
+              outputs: Sequence[Signal]) -> LPVStateSpace:
+    """[A B; C D](p) as a system with a plant's clock and scheduling."""
+    whole = whole.trimmed()
+    g = whole.coefficients
+    return LPVStateSpace(g[:, :order, :order], g[:, :order, order:], g[:, order:, :order], g[:, order:, order:],
+                         whole.basis, plant.sample_time, over(plant.box, whole.basis.names), inputs=tuple(inputs),
+                         outputs=tuple(outputs))
+
+
+def named(plant: GeneralizedPlant, names: Sequence[str], suffix: str = "") -> tuple[Signal, ...]:
+    """Signals of a plant by name, with a suffix to the name."""
+    signals = {s.name: s for s in (*plant.system.inputs, *plant.system.outputs)}
+    return tuple(replace(signals[n], name=signals[n].name + suffix) for n in names)

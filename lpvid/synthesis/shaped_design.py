@@ -1,0 +1,181 @@
+"""From matrix inequalities to a controller whose closed loop was looked at: what all shaped designs share."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.lmi.program import Program
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Basis
+from lpvid.synthesis.assumptions import Fault
+from lpvid.synthesis.criteria import H2, HInfinity, Region
+from lpvid.synthesis.figures import measure, stays_inside
+from lpvid.synthesis.generalized_plant import GeneralizedPlant
+from lpvid.synthesis.result import Synthesis
+from lpvid.synthesis.shaped_program import Shaped, ShapedProgram, Shaping
+
+Criterion = HInfinity | H2
+T = TypeVar("T")
+SOFTER = (1.1, 1.4)
+"""Factors tried where the controller of the design's own back-off does not keep its promise."""
+KEPT = 1.005
+"""A promise is kept when the verified figure is at most this factor above it."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShapedProblem(ABC):
+    """One plant with one design: declares unknowns, and turns their values into a controller.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+    criteria : tuple of HInfinity or H2
+    regions : tuple of Region
+    back_off : float
+    lyapunov : Basis or None
+        Functions of the Lyapunov matrix; None for one matrix.
+    """
+
+    plant: GeneralizedPlant
+    criteria: tuple[Criterion, ...]
+    regions: tuple[Region, ...]
+    back_off: float
+    lyapunov: Basis | None
+
+    @property
+    @abstractmethod
+    def method(self) -> str:
+        """The design in a few words."""
+
+    @property
+    @abstractmethod
+    def remedy(self) -> str:
+        """What to do where the inequalities have no solution."""
+
+    @abstractmethod
+    def build(self, program: Program, scale: float) -> Shaping:
+        """Declare the unknowns and shape the loops; `scale` is how large the unknowns were before."""
+
+    @abstractmethod
+    def controller(self, shaped: Shaped) -> LPVStateSpace:
+        """The controller of an answer."""
+
+    @abstractmethod
+    def close(self, controller: LPVStateSpace) -> LPVStateSpace:
+        """What the criteria are about, from the plant's disturbances to its performance signals (in its order)."""
+
+
+def listed(value: T | Sequence[T], kind: type | tuple[type, ...], what: str) -> tuple[T, ...]:
+    """One object or several of a kind, as a tuple."""
+    items = tuple(value) if isinstance(value, (tuple, list)) else (value,)
+    for item in items:
+        if not isinstance(item, kind):
+            raise InputError(f"{what} of a design must be objects of this package", got=repr(item),
+                             mend="for example HInfinity(), H2(), HalfPlane(decay), Disc(centre, radius) or "
+                                  "Cone(damping)")
+    return items  # type: ignore[return-value]
+
+
+def check_criteria(plant: GeneralizedPlant, criteria: Sequence[Criterion], regions: Sequence[Region],
+                   points: np.ndarray) -> None:
+    """Refuse what cannot be met by any controller: unknown signals, regions of the wrong plane, H2 of white noise."""
+    discrete = plant.sample_time is not None
+    m = plant.at(points)
+    for region in regions:
+        if region.discrete is not None and region.discrete != discrete:
+            raise InputError(f"{type(region).__name__} is a region of the {'z' if region.discrete else 's'} plane",
+                             got=f"a {'discrete' if discrete else 'continuous'}-time plant",
+                             mend="use Disc(0, radius) for a discrete plant" if discrete else
+                             "use HalfPlane, Cone or Disc of the s plane")
+    for criterion in criteria:
+        into, out = criterion.selection(plant)
+        through = out @ m.D11 @ into
+        if isinstance(criterion, H2) and not discrete and np.any(np.abs(through) > 1e-12):
+            _, i, j = np.unravel_index(int(np.argmax(np.abs(through))), through.shape)
+            z = np.array(plant.performance)[np.argmax(out, axis=1)][i]
+            w = np.array(plant.disturbances)[np.argmax(into, axis=0)][j]
+            raise InputError(f"the H2 norm from {w} to {z} is infinite in continuous time", why=f"white noise in {w} "
+                             f"reaches {z} directly", mend=f"filter {w} or {z}, or leave the pair out of the criterion")
+
+
+def settle(problem: ShapedProblem, fault: Fault | None = None) -> Synthesis:
+    """Solve, recover, close the loop, verify; soften the promise where it is not kept.
+
+    Parameters
+    ----------
+    problem : ShapedProblem
+    fault : Fault, optional
+        Why there is nothing to solve.
+
+    Returns
+    -------
+    Synthesis
+        "solved" if the figures of the closed loop keep the promise, "backed-off" if a larger promise had to be made.
+    """
+    if fault is not None:
+        return Synthesis(fault.verdict, why=fault.why, mend=fault.mend, method=problem.method)
+    started = time.perf_counter()
+    program = ShapedProgram(problem.plant, problem.criteria, problem.regions, problem.build)
+    found: list[Synthesis] = []
+    answered = False
+    for back_off in (problem.back_off, *(f for f in SOFTER if f > problem.back_off)):
+        for shaped in program.answers(back_off):
+            answered = True
+            outcome = _judged(problem, shaped, started)
+            if outcome is None:
+                continue
+            if outcome[1]:
+                return outcome[0]
+            found.append(outcome[0])
+        if not answered:
+            break
+    if found:
+        return min(found, key=lambda s: s.gamma_verified if s.gamma_verified is not None else np.inf)
+    seconds = time.perf_counter() - started
+    if answered:
+        return Synthesis("numerical", why="no controller recovered from the solvers' answers keeps the loop stable",
+                         mend="scale the signals to similar size, or raise back_off", seconds=seconds,
+                         method=problem.method)
+    return Synthesis("infeasible", why=f"no solver finds matrices for {_asked(problem)}", mend=problem.remedy,
+                     seconds=seconds, method=problem.method)
+
+
+def _judged(problem: ShapedProblem, shaped: Shaped, started: float) -> tuple[Synthesis, bool] | None:
+    """A synthesis from one answer, and whether the promise is kept; None where the loop is not even stable."""
+    try:
+        controller = problem.controller(shaped)
+    except np.linalg.LinAlgError:
+        return None
+    loop = problem.close(controller)
+    inside, notes = stays_inside(problem.regions, loop)
+    if not inside:
+        return None
+    figures = [measure(c, problem.plant, loop, promised, problem.lyapunov)
+               for c, promised in zip(problem.criteria, shaped.promised, strict=True)]
+    if any(not np.isfinite(f.verified) for f in figures):
+        return None
+    kept = all(f.verified <= KEPT * f.promised for f in figures)
+    softened = kept and any(f.promised > problem.back_off * low * 1.0001
+                            for f, low in zip(figures, shaped.lowest, strict=True))
+    first = next((f for f in figures if f.criterion == "H-infinity"), figures[0] if figures else None)
+    return Synthesis(
+        "solved" if kept and not softened else "backed-off", gamma=None if first is None else first.promised,
+        gamma_verified=None if first is None else first.verified, gamma_lower=None if first is None else first.lower,
+        controller=controller, closed_loop=loop, certificate=None if first is None else first.certificate,
+        between_grid=bool(figures) and all(f.between_grid for f in figures),
+        why="the closed loop keeps what the inequalities promised" if kept else
+            "the closed loop was verified, but above the promise", notes=(*map(str, figures), *notes),
+        seconds=time.perf_counter() - started, solver=shaped.solution.solver, method=problem.method), kept
+
+
+def _asked(problem: ShapedProblem) -> str:
+    parts = [f"{type(c).__name__} from {c.says(problem.plant)}" + ("" if c.bound is None else f" below {c.bound:g}")
+             for c in problem.criteria]
+    return " and ".join([*parts, *(repr(r) for r in problem.regions)])

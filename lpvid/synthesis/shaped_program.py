@@ -1,0 +1,168 @@
+"""Two solves behind every shaped design: the lowest levels, then the tamest matrices at levels a little above."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import matrix_balance
+
+from lpvid.lmi.affine import Affine, block
+from lpvid.lmi.program import Program, Solution
+from lpvid.synthesis.criteria import H2, STRICT, HInfinity, Region
+from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
+from lpvid.synthesis.shaped_loop import ShapedLoop
+
+PATIENT = ("CLARABEL", "MOSEK", "SDPA", "CVXOPT")
+"""Interior-point methods; a first-order one takes minutes to say that it finds nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shaping:
+    """Unknowns of one design: the loops they shape, and a scalar that grows with their size and ill condition.
+
+    Parameters
+    ----------
+    loops : tuple of ShapedLoop
+    size : Affine
+        (1, 1), minimised once the levels are fixed.
+    unknowns : mapping of name to matrices
+        What the controller is recovered from.
+    """
+
+    loops: tuple[ShapedLoop, ...]
+    size: Affine
+    unknowns: Mapping[str, tuple[Affine, ...]]
+
+
+@dataclass(frozen=True, eq=False)
+class Shaped:
+    """An answer: the values of the unknowns, the figures (γ, ν) that it promises, and the lowest there are."""
+
+    solution: Solution
+    shaping: Shaping
+    promised: tuple[float, ...]
+    lowest: tuple[float, ...]
+
+    def values(self, name: str) -> np.ndarray:
+        """(M, …) values of the unknown matrices of a name."""
+        return np.array([self.solution[matrix] for matrix in self.shaping.unknowns[name]])
+
+
+@dataclass(frozen=True, eq=False)
+class ShapedProgram:
+    """Criteria and regions over the loops of a design.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+    criteria : tuple of HInfinity or H2
+    regions : tuple of Region
+    build : callable
+        Declares the design's unknowns in a program; the number is how large they were in the first solve (1 there).
+    """
+
+    plant: GeneralizedPlant
+    criteria: tuple[HInfinity | H2, ...]
+    regions: tuple[Region, ...]
+    build: Callable[[Program, float], Shaping]
+
+    @property
+    def powers(self) -> tuple[int, ...]:
+        """Level = figure ** power: γ, or γ² beside an H2 criterion, whose level is ν²."""
+        mixed = any(isinstance(c, H2) for c in self.criteria)
+        return (2 if mixed else 1,) * len(self.criteria)
+
+    def answers(self, back_off: float) -> Iterator[Shaped]:
+        """Answers with figures `back_off` above the lowest, best solver first; none if no solver finds any."""
+        bounds = [c.bound for c in self.criteria]
+        program, shaping, levels = self._program(bounds)
+        for rough in program.solve(solvers=PATIENT):
+            lowest = [b if b is not None else max(float(rough[level][0, 0]), 0.0) ** (1 / power)
+                      for b, level, power in zip(bounds, levels, self.powers, strict=True)]
+            raised = [low if b is not None else low * back_off for b, low in zip(bounds, lowest, strict=True)]
+            second, tamed, _ = self._program(raised, float(np.abs(rough.x).max(initial=1.0)))
+            for solution in second.solve(solvers=PATIENT):
+                yield Shaped(solution, tamed, tuple(raised), tuple(lowest))
+            yield Shaped(rough, shaping, tuple(lowest), tuple(lowest))
+
+    def _program(self, fixed: Sequence[float | None], scale: float = 1.0) -> tuple[Program, Shaping, list[Affine]]:
+        program = Program()
+        shaping = self.build(program, scale)
+        for matrix in {id(loop.lyapunov): loop.lyapunov for loop in shaping.loops}.values():
+            program.require(matrix, margin=STRICT)
+        levels, goal = [], None
+        for criterion, value, power in zip(self.criteria, fixed, self.powers, strict=True):
+            level = program.unknowns.scalar() if value is None else known(value**power)
+            criterion.require(program, shaping.loops, level, criterion.selection(self.plant), squared=power == 2)
+            levels.append(level)
+            if value is None:
+                goal = criterion.weight * level if goal is None else goal + criterion.weight * level
+        for region in self.regions:
+            region.require(program, shaping.loops)
+        program.minimise(shaping.size if goal is None else goal)
+        return program, shaping, levels
+
+
+def known(value: float) -> Affine:
+    """A (1, 1) number where an unknown could stand."""
+    return Affine(np.array([[float(value)]]), sparse.csr_array((1, 0)))
+
+
+def tame(program: Program, *, above: Sequence[Affine] = (), below: Sequence[Affine] = ()) -> Affine:
+    """(1, 1) t with M ⪰ I/t for the matrices of `above` and ‖M‖ ≤ t for those of `below`."""
+    t = program.unknowns.scalar()
+    for matrix in above:
+        n = matrix.shape[0]
+        program.require(block([[matrix, np.eye(n)], [np.eye(n), t.times(np.eye(n))]]))
+    for matrix in below:
+        m, n = matrix.shape
+        program.require(block([[t.times(np.eye(m)), matrix], [matrix.T, t.times(np.eye(n))]]))
+    return t
+
+
+@dataclass(frozen=True, eq=False)
+class Coordinates:
+    """Scaled states, controls and measurements x = T x̃, u = U ũ, y = Y ỹ, and a typical rate.
+
+    Parameters
+    ----------
+    states, controls, measurements : arrays
+        Diagonals of T, U and Y.
+    pace : float
+        1/s; 1 in discrete time.
+    """
+
+    states: np.ndarray
+    controls: np.ndarray
+    measurements: np.ndarray
+    pace: float
+
+    @classmethod
+    def of(cls, m: PlantMatrices, discrete: bool) -> Coordinates:
+        """Balanced coordinates of a plant at N points."""
+        n, nw, nz = m.A.shape[1], m.B1.shape[2], m.C1.shape[1]
+        mean = np.zeros((n + nw + nz,) * 2)
+        mean[:n, :n], mean[:n, n : n + nw], mean[n + nw :, :n] = (np.abs(x).mean(axis=0) for x in (m.A, m.B1, m.C1))
+        poles = np.abs(np.linalg.eigvals(m.A)).ravel() if n else np.ones(1)
+        pace = 1.0 if discrete else float(np.sqrt(max(poles.max(), 1e-6) * max(np.median(poles), 1e-6)))
+        mean[:n, :n] /= pace
+        mean[:n, n:] /= np.sqrt(pace)
+        mean[n:, :n] /= np.sqrt(pace)
+        states = np.diag(matrix_balance(mean, permute=False)[1])[:n].copy() if n else np.ones(0)
+        scaled = np.concatenate([m.B2 / states[None, :, None] / np.sqrt(pace), m.D12], axis=1)
+        seen = np.concatenate([m.C2 * states / np.sqrt(pace), m.D21], axis=2)
+        return cls(states, 1 / _lengths(scaled, 1), _lengths(seen, 2), pace)
+
+    def scaled(self, m: PlantMatrices) -> PlantMatrices:
+        """The plant in these coordinates."""
+        t, u, y = self.states, self.controls, self.measurements
+        return PlantMatrices(m.A * t / t[:, None], m.B1 / t[:, None], m.B2 * u / t[:, None], m.C1 * t, m.D11,
+                             m.D12 * u, m.C2 * t / y[:, None], m.D21 / y[:, None], m.D22 * u / y[:, None])
+
+
+def _lengths(stack: np.ndarray, axis: int) -> np.ndarray:
+    length = np.sqrt((stack**2).sum(axis=axis).mean(axis=0))
+    return np.where(length > 1e-8 * max(length.max(initial=0.0), 1e-300), length, 1.0)

@@ -1,0 +1,193 @@
+"""State feedback u = K(p) x by linear matrix inequalities: H-infinity, H2, mixed, with pole regions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.lmi.affine import Affine
+from lpvid.lmi.program import Program
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Basis, Polynomial
+from lpvid.synthesis.assumptions import fault_of
+from lpvid.synthesis.criteria import H2, HInfinity, Region
+from lpvid.synthesis.design_grid import check_rates, columns, design_axes, fitted, is_affine, over, richer, tensor
+from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
+from lpvid.synthesis.interconnection import close_loop
+from lpvid.synthesis.plant_functions import named
+from lpvid.synthesis.result import Synthesis
+from lpvid.synthesis.shaped_design import Criterion, ShapedProblem, check_criteria, listed, settle
+from lpvid.synthesis.shaped_loop import ShapedLoop, combined, moves
+from lpvid.synthesis.shaped_program import Coordinates, Shaped, Shaping, tame
+
+
+@dataclass(frozen=True, eq=False)
+class StateFeedback:
+    """u = K(p) x for a plant whose measurements are all its states.
+
+    Continuous time: [He(AX + B2F) − Ẋ, B1, (C1X + D12F)ᵀ; ⋆, −γI, D11ᵀ; ⋆, ⋆, −γI] ≺ 0, K = F X⁻¹. Discrete time,
+    with a slack matrix G: [X⁺, AG + B2F, B1, 0; ⋆, G + Gᵀ − X, 0, (C1G + D12F)ᵀ; ⋆, ⋆, γI, D11ᵀ; ⋆, ⋆, ⋆, γI] ≻ 0,
+    K = F G⁻¹ (de Oliveira, Geromel & Bernussou 2002). H2 and pole regions replace or join the first block.
+
+    Parameters
+    ----------
+    criteria : HInfinity, H2 or a sequence of them
+        What to bound; those without a bound of their own are minimised. Several share X.
+    regions : Region or sequence of Region
+        Where the frozen poles of the closed loop must lie.
+    lyapunov : Basis, optional
+        Functions of X(p); left out, one X: quadratic, for arbitrarily fast scheduling. In continuous time the variables
+        of this basis need rate bounds.
+    gain : Basis, optional
+        Functions of F(p); left out, the plant's own for a constant X, and for X(p) those of degree higher by one.
+    points : int
+        Grid points per scheduling variable at which the inequalities are imposed. Where they are affine in the
+        scheduling the corners of the box are enough, and are used.
+    back_off : float
+        Factor above the lowest level at which the gain is then made small and well conditioned.
+
+    Raises
+    ------
+    InputError
+        On `solve`: measurements that are not all states, a criterion that names no signal of the plant.
+
+    Examples
+    --------
+    >>> from lpvid.model.signals import Signal
+    >>> system = LPVStateSpace([[[1.0]]], [[[1.0, 1.0]]], [[[1.0], [0.0], [1.0]]], [[[0.0, 0.0], [0.0, 1.0], [0, 0]]],
+    ...                        Polynomial((), 0), None, inputs=(Signal("push"), Signal("force")),
+    ...                        outputs=(Signal("offset"), Signal("effort"), Signal("x")))
+    >>> result = StateFeedback(HInfinity(bound=1.5)).solve(GeneralizedPlant(system, ["force"], ["x"]))
+    >>> result.solved, result.gamma_verified < 1.5
+    (True, True)
+    """
+
+    criteria: Criterion | Sequence[Criterion] = (HInfinity(),)
+    regions: Region | Sequence[Region] = ()
+    lyapunov: Basis | None = None
+    gain: Basis | None = None
+    points: int = 7
+    back_off: float = 1.02
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "criteria", listed(self.criteria, (HInfinity, H2), "the criteria"))
+        object.__setattr__(self, "regions", listed(self.regions, Region, "the regions"))
+        if not _checks.real(self.back_off, "back_off") >= 1:
+            raise InputError("back_off must be at least 1", got=self.back_off)
+
+    def solve(self, plant: GeneralizedPlant) -> Synthesis:
+        """The gain for a plant, with the figures of its closed loop."""
+        problem = _problem(self, plant)
+        return settle(problem, fault_of(plant, plant.at(tensor(problem.axes)), tensor(problem.axes)))
+
+
+def state_reading(plant: GeneralizedPlant) -> np.ndarray:
+    """(n, n_y) matrix E with x = E y.
+
+    Raises
+    ------
+    InputError
+        Measurements that disturbances or controls reach directly, that vary with the scheduling, or from which the
+        state does not follow.
+    """
+    m = plant.at(np.vstack([plant.box.centre, plant.box.grid(2)]))
+    named = ", ".join(plant.measurements)
+    if np.ptp(m.C2, axis=0).any() or m.D21.any() or m.D22.any():
+        raise InputError("state feedback needs measurements that are the states themselves", got=named,
+                         mend="measure the states without noise or feedthrough, or use OutputFeedback")
+    rank = int(np.linalg.matrix_rank(m.C2[0]))
+    if rank < plant.order:
+        raise InputError(f"state feedback needs all {plant.order} states", got=f"{rank} of them in {named}",
+                         mend="add the missing states to the measurements, or use OutputFeedback")
+    return np.linalg.pinv(m.C2[0])
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem(ShapedProblem):
+    """One plant with a state feedback: its grid, bases and coordinates."""
+
+    lyapunov: Basis
+    gain: Basis
+    axes: tuple[np.ndarray, ...]
+    reading: np.ndarray
+    coordinates: Coordinates
+    matrices: PlantMatrices
+
+    @property
+    def method(self) -> str:
+        kind = f"X over {', '.join(self.lyapunov.labels)}" if self.lyapunov.names else "one quadratic X"
+        return f"state feedback, {kind}, {len(tensor(self.axes))} points"
+
+    @property
+    def remedy(self) -> str:
+        slow = "" if self.lyapunov.names or not self.plant.box.names else (
+            ", or let the Lyapunov matrix depend on the scheduling (lyapunov=...) with rate bounds")
+        return f"raise the bounds or widen the regions, lower the weights on {', '.join(self.plant.performance)}{slow}"
+
+    def build(self, program: Program, scale: float) -> Shaping:
+        plant, n, discrete = self.plant, self.plant.order, self.plant.sample_time is not None
+        x = [program.unknowns.symmetric(n) for _ in range(self.lyapunov.size)]
+        g = [program.unknowns.matrix(n, n) for _ in x] if discrete else x
+        f = [program.unknowns.matrix(len(plant.controls), n) for _ in range(self.gain.size)]
+        points = tensor(self.axes)
+        psi, phi = (columns(plant.box, basis, points) for basis in (self.lyapunov, self.gain))
+        loops: list[ShapedLoop] = []
+        for k, point in enumerate(points):
+            m = self.matrices.point(k)
+            xk, gk, fk = combined(x, psi[k]), combined(g, psi[k]), combined(f, phi[k])
+            tail = gk + gk.T - xk if discrete else xk
+            away: list[Affine | None] = [combined(x, step if discrete else -step)
+                                         for step in moves(plant.box, self.lyapunov, point, plant.sample_time)]
+            loops += [ShapedLoop(tail, move, m.A @ gk + m.B2 @ fk, m.B1, m.C1 @ gk + m.D12 @ fk, m.D11, discrete,
+                                 self.coordinates.pace) for move in away or [xk if discrete else None]]
+        size = tame(program, above=[combined(x, w) for w in psi], below=[combined(f, w) for w in phi])
+        return Shaping(tuple(loops), size, {"inner": tuple(g), "gain": tuple(f)})
+
+    def close(self, controller: LPVStateSpace) -> LPVStateSpace:
+        return close_loop(self.plant, controller)
+
+    def controller(self, shaped: Shaped) -> LPVStateSpace:
+        inner, gain = shaped.values("inner"), shaped.values("gain")
+        plant, c, box = self.plant, self.coordinates, self.plant.box
+        back = self.reading / c.states[:, None]
+        if self.lyapunov.names:
+            def law(points: np.ndarray) -> np.ndarray:
+                here = np.tensordot(columns(box, self.lyapunov, points), inner, axes=1)
+                force = np.tensordot(columns(box, self.gain, points), gain, axes=1)
+                return c.controls[:, None] * (force @ np.linalg.inv(here) @ back)
+
+            basis, k = fitted(law, box, self.axes, self.lyapunov)
+        else:
+            basis, k = self.gain, c.controls[:, None] * (gain @ np.linalg.inv(inner[0]) @ back)
+        m, nu, ny = k.shape
+        return LPVStateSpace(np.zeros((m, 0, 0)), np.zeros((m, 0, ny)), np.zeros((m, nu, 0)), k, basis,
+                             plant.sample_time, over(box, basis.names), inputs=named(plant, plant.measurements),
+                             outputs=named(plant, plant.controls))
+
+
+def _problem(design: StateFeedback, plant: GeneralizedPlant) -> _Problem:
+    box, discrete = plant.box, plant.sample_time is not None
+    criteria, regions = tuple(design.criteria), tuple(design.regions)  # type: ignore[arg-type]
+    reading = state_reading(plant)
+    lyapunov = (design.lyapunov or Polynomial((), 0)).bound(box)
+    check_rates(lyapunov, box, plant.sample_time)
+    gain = None if design.gain is None else design.gain.bound(box)
+    plain = not lyapunov.names and gain is None and is_affine(plant.system.basis) and _steady(plant)
+    axes = design_axes(box, design.points, plain)
+    if gain is None:
+        gain = richer(plant, lyapunov, axes) if lyapunov.names else plant.system.basis
+    raw = plant.at(tensor(axes))
+    check_criteria(plant, criteria, regions, tensor(axes))
+    coordinates = Coordinates.of(raw, discrete)
+    return _Problem(plant, criteria, regions, design.back_off, lyapunov, gain, axes, reading, coordinates,
+                    coordinates.scaled(raw))
+
+
+def _steady(plant: GeneralizedPlant) -> bool:
+    """B2 and D12 do not move, so that B2 F(p) is affine where F is."""
+    m = plant.at(plant.box.grid(2))
+    return not np.ptp(m.B2, axis=0).any() and not np.ptp(m.D12, axis=0).any()
