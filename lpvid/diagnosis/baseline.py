@@ -75,6 +75,10 @@ class Baseline(ABC):
         """(n, P) derivative of the simulation in its parameters."""
 
     @abstractmethod
+    def starts(self, signals: Sequence[Signals]) -> list[np.ndarray]:
+        """Parameters from which a search may begin where the present ones are far off; none where there is one fit."""
+
+    @abstractmethod
     def to_dict(self) -> dict:
         """Plain data for JSON, from which the entry point of its kind builds it again."""
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +12,8 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import directions, moves, placed, screen, similarity
-from lpvid.diagnosis.selection import BIC_GAIN, Search
+from lpvid.diagnosis.selection import BIC_GAIN, TASTE, Search, starts
+from lpvid.diagnosis.steadiness import steadiness
 
 BLOCKS_BETTER = 0.8
 """share of held-out blocks in which a cause must help"""
@@ -21,8 +23,36 @@ SEPARATED = 10.0
 """whitened log-likelihood that must lie between a cause and a rival"""
 RIVALS = 4
 """rivals refitted for each cause"""
+CLOSE, CLOSE_SHARE = 100.0, 0.3
+"""log-likelihood by which a first rough refit of a rival may trail, flat and as a share of what the cause wins"""
 EXPLAINED = 0.95
 """share of the excess error that the causes must explain"""
+SHADOW, DEEP_SHADOW = 0.005, 0.05
+"""share of what the strongest cause wins in BIC below which another may be no more than that one's imperfect law; the
+second number for a catch-all"""
+UNSTEADY = 0.13
+"""share by which the strength of a cause may differ, beyond three standard errors, between strata of the inputs"""
+
+
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """What an admissible effect does in the place of another.
+
+    Attributes
+    ----------
+    effect : Effect
+    fit : Refit
+        The set with it instead.
+    similarity : float
+        |cos| of the angle between the two directions.
+    apart : float
+        Whitened log-likelihood ratio by which it does worse; negative where it does better.
+    """
+
+    effect: Effect
+    fit: Refit
+    similarity: float
+    apart: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +64,14 @@ class Judged:
     effect : Effect
     values : (k,) array
     p_value, delta_bic, held_out_gain, blocks_better, largest_block, contribution : float
-    rivals : tuple of (Effect, Refit, similarity)
+    rivals : tuple of Alternative
         Admissible ones that do as well.
+    better : Alternative or None
+        The one that does clearly better, if any.
     objections : tuple of str
         Why it is not to be named; empty where it is.
+    minor : bool
+        Whether all that is held against it is that it is small: it may stay in the simulation, unnamed.
     without : Refit
         The set without it.
     """
@@ -50,8 +84,10 @@ class Judged:
     blocks_better: float
     largest_block: float
     contribution: float
-    rivals: tuple[tuple[Effect, Refit, float], ...]
+    rivals: tuple[Alternative, ...]
+    better: Alternative | None
     objections: tuple[str, ...]
+    minor: bool
     without: Refit
 
 
@@ -82,7 +118,7 @@ def out_of_fold(problem: Problem, fit: Refit) -> Folds:
     return Folds(errors, plain)
 
 
-def judge(search: Search, effect: Effect, whole: Folds) -> Judged:
+def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str]) -> Judged:
     """Ask everything of one effect in the chosen set.
 
     Parameters
@@ -91,6 +127,8 @@ def judge(search: Search, effect: Effect, whole: Folds) -> Judged:
     effect : Effect
     whole : Folds
         Of the chosen set.
+    channels : sequence of str
+        Inputs by whose strata its steadiness is asked.
     """
     problem, fit = search.problem, search.fit
     rest = search.without(effect)
@@ -102,51 +140,79 @@ def judge(search: Search, effect: Effect, whole: Folds) -> Judged:
     largest = float(gains.max() / total) if total > 0 else 1.0
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
     contribution = _contribution(problem, fit, rest)
-    objections = []
-    p = search.p_values.get(effect.name, 1.0)
+    small, objections = _small(problem, effect, values, contribution), []
     if delta > -BIC_GAIN:
         objections.append(f"BIC falls by {-delta:.1f} only")
     if total <= 0 or better < BLOCKS_BETTER:
         objections.append(f"it helps in {better:.0%} of the held-out blocks only")
     if largest > LARGEST_BLOCK:
         objections.append(f"one block carries {largest:.0%} of the gain")
-    if contribution < effect.negligible * problem.spread:
-        objections.append(f"present but negligible: {contribution / problem.spread:.2%} of the output's spread")
-    clock = effect.resolution * problem.signals[0].sample_time
-    if abs(values[0] - effect.neutral[0]) < clock:
-        objections.append(f"{effect.parameters[0].name} {values[0]:.3g} s is less than the samples can resolve")
     objections += effect.implausible(values)
-    rivals = () if objections else rivals_of(search, effect, rest)
-    return Judged(effect, values, p, delta, 100 * total / max(float(before.errors @ before.errors), 1e-300), better,
-                  largest, contribution, rivals, tuple(objections), rest)
+    if not objections and not small:
+        steady = steadiness(problem, fit, effect, channels)
+        if steady.excess > UNSTEADY:
+            objections.append(f"its strength differs by {steady.excess:.0%} at {steady.where}")
+    minor = bool(small) and not effect.implausible(values)
+    others = () if objections or small else alternatives(search, effect, rest)
+    rivals = tuple(a for a in others if a.apart < SEPARATED)
+    best = rivals[0] if rivals and rivals[0].apart < -SEPARATED else None
+    return Judged(effect, values, search.p_values.get(effect.name, 1.0), delta,
+                  100 * total / max(float(before.errors @ before.errors), 1e-300), better, largest, contribution,
+                  rivals, best, tuple(small + objections), minor, rest)
 
 
-def rivals_of(search: Search, effect: Effect, rest: Refit) -> tuple[tuple[Effect, Refit, float], ...]:
-    """Admissible effects that, put in its place, do as well within `SEPARATED`."""
-    problem = search.problem
-    chosen = {x.name for x in search.fit.composition.effects}
+def shadowed(judged: Sequence[Judged]) -> list[Judged]:
+    """The same, with an objection to those that are faint beside the strongest of them."""
+    most = max((-j.delta_bic for j in judged), default=0.0)
+    out = []
+    for j in judged:
+        share = DEEP_SHADOW if j.effect.catch_all else SHADOW
+        if j.objections or -j.delta_bic >= share * most:
+            out.append(j)
+        else:
+            said = "beside the strongest cause too faint to be more than that one's imperfect law"
+            out.append(replace(j, objections=(said,), minor=True, rivals=(), better=None))
+    return out
+
+
+def _small(problem: Problem, effect: Effect, values: np.ndarray, contribution: float) -> list[str]:
+    """What says that an effect, if it is there, is too small to be named."""
+    found = []
+    if contribution < effect.negligible * problem.spread:
+        found.append(f"present but negligible: {contribution / problem.spread:.2%} of the output's spread")
+    if abs(values[0] - effect.neutral[0]) < effect.resolution * problem.signals[0].sample_time:
+        found.append(f"{effect.parameters[0].name} {values[0]:.3g} s is less than the samples can resolve")
+    return found
+
+
+def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternative, ...]:
+    """Plausible effects, half as likely or more, put in the place of one of the set and refitted; best first."""
+    problem, now = search.problem, search.fit
+    chosen = {x.name for x in now.composition.effects}
     others = [e for e in search.candidates if e.name not in chosen and effect.name not in e.contains]
-    moved = moves(problem, rest, [effect, *others])
-    found = directions(problem, rest, moved)
+    found = directions(problem, rest, moves(problem, rest, [effect, *others]))
     evidence = {e.effect.name: e for e in screen(problem, rest, found, np.random.default_rng(0))}
     own = evidence[effect.name]
-    variance = search.fit.variance
     wanted = max(own.likelihood_ratio, 1.0)
     near = [e for e in evidence.values() if e.effect.name != effect.name and e.best is not None
             and own.best is not None and e.likelihood_ratio > 0.5 * wanted]
-    near = sorted(near, key=lambda e: -e.likelihood_ratio)[:RIVALS]
     out = []
-    for e in near:
+    for e in sorted(near, key=lambda e: -e.likelihood_ratio)[:RIVALS]:
         assert e.best is not None and own.best is not None
         composition = Composition(rest.composition.baseline, (*rest.composition.effects, e.effect))
-        starts = [placed(composition, f, {e.effect.name: e.best.values}) for f in (rest, search.fit)]
-        fit = min((refit(problem, composition, start, near=rest) for start in starts), key=lambda f: f.cost)
-        extra = (fit.vector.size - search.fit.vector.size) * np.log(problem.n_samples)
-        apart = (fit.cost - search.fit.cost) / variance + extra
+        begun = [placed(composition, rest, {e.effect.name: v}) for v in starts(e.effect, found)[:2]]
+        begun.append(placed(composition, now, {e.effect.name: e.best.values}))
+        fit = min((refit(problem, composition, start, iterations=TASTE, near=rest, rough=True) for start in begun),
+                  key=lambda f: f.cost)
+        if fit.cost - now.cost > max(CLOSE * now.variance, CLOSE_SHARE * (rest.cost - now.cost)):
+            continue
+        fit = refit(problem, composition, fit.vector, near=rest)
+        spared = min(fit.vector.size - now.vector.size, 0) * np.log(problem.n_samples)
+        apart = (fit.cost - now.cost) / now.variance + spared
         values = fit.vector[composition.places[composition.effects.index(e.effect)]]
-        if apart < SEPARATED and not e.effect.implausible(values):
-            out.append((e.effect, fit, abs(similarity(own.best, e.best))))
-    return tuple(out)
+        if not e.effect.implausible(values):
+            out.append(Alternative(e.effect, fit, abs(similarity(own.best, e.best)), float(apart)))
+    return tuple(sorted(out, key=lambda a: a.apart))
 
 
 def explained_share(problem: Problem, before: Folds, after: Folds, floor: float | None, predictable: float

@@ -133,6 +133,8 @@ class Effect(ABC):
     """names of effects that are special cases of it, of which it can therefore never be told apart as a rival"""
     resolution: ClassVar[float] = 0.0
     """samples below which the strength is a matter of how signals are held between samples, and not a finding"""
+    catch_all: ClassVar[bool] = False
+    """whether it is a form rather than a component, flexible enough to take in part of much else"""
     negligible: ClassVar[float] = 0.005
     """share of the output's rms below which the effect, though present, is not worth naming"""
 

@@ -13,7 +13,16 @@ from lpvid._threads import single_thread
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.deciding import EXPLAINED, Folds, Judged, explained_share, judge, out_of_fold
+from lpvid.diagnosis.deciding import (
+    EXPLAINED,
+    Folds,
+    Judged,
+    alternatives,
+    explained_share,
+    judge,
+    out_of_fold,
+    shadowed,
+)
 from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Errors, Estimated, Rejected, Rivals
 from lpvid.diagnosis.effect import Effect, by_name
 from lpvid.diagnosis.localise import localise
@@ -22,7 +31,7 @@ from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, covariance, refit
 from lpvid.diagnosis.remainder import predictable_share
 from lpvid.diagnosis.screening import Evidence
-from lpvid.diagnosis.selection import SIGNIFICANT, Search
+from lpvid.diagnosis.selection import BIC_GAIN, SIGNIFICANT, Search
 from lpvid.diagnosis.signals import in_turn
 from lpvid.errors import InputError
 from lpvid.record import Record
@@ -30,6 +39,10 @@ from lpvid.record import Record
 LEFT = 0.05
 """rms of the error that a regression on the inputs still predicts, as a share of the output's spread, beyond which
 nothing counts as explained in full"""
+PARTLY = 0.75
+"""share of the excess error below which causes, however steady, are not named"""
+MOST_TURNS = 8
+"""times that one of the set may give way to another"""
 PREDICTABLE = 0.02
 """share of the remaining error, beyond two standard errors, that a regression must predict to count as structure"""
 
@@ -153,31 +166,50 @@ class _Case:
     def _judged(self, before: Folds) -> tuple[list[Judged], list[Judged], Folds]:
         """The chosen set judged; those objected to; the errors of the set out of fold.
 
-        What the others explain is told once more without an effect that was objected to and is not negligible: it must
-        not lend them its share.
+        An effect gives way to a special case of it that does as well, and to another that does clearly better; one that
+        is objected to gives way to the best plausible one in its place, and goes where there is none. What the others
+        explain is then told once more: it must not lend them its share.
         """
         gone: list[Judged] = []
+        turn = 0
         while True:
+            turn += 1
             fit = self.search.fit
             after = out_of_fold(self.problem, fit) if fit.composition.effects else before
             self.say("weighing rivals")
-            judged = [judge(self.search, e, after) for e in fit.composition.effects]
-            simpler = next(((j, e, f) for j in judged for e, f, _ in j.rivals if e.name in j.effect.contains), None)
-            if simpler is not None:  # a special case that does as well is the better name, and no rival
-                self.search.p_values[simpler[1].name] = self.search.p_values.get(simpler[0].effect.name, 1.0)
-                self.search.fit = simpler[2]
+            judged = shadowed([judge(self.search, e, after, self._inputs) for e in fit.composition.effects])
+            if turn < MOST_TURNS and self._give_way(judged, gone):
                 continue
             bad = [j for j in judged if j.objections]
-            kept = [j for j in judged if not j.objections]
-            if len(judged) > 1 and all("negligible" in " ".join(j.objections) for j in judged):
+            if len(judged) > 1 and all(j.minor for j in judged):
                 least = min(judged, key=lambda j: j.contribution)  # each may be covered by the others
                 gone.append(least)
                 self.search.fit = self._final(fit, [j for j in judged if j is not least])
                 continue
-            if not kept or all("negligible" in " ".join(j.objections) for j in bad):
+            if len(bad) == len(judged) or all(j.minor for j in bad):
                 return [*judged, *gone], [*bad, *gone], after
-            gone += bad
-            self.search.fit = self._final(fit, kept)
+            worst = min((j for j in bad if not j.minor), key=lambda j: j.contribution)
+            gone.append(worst)
+            self.search.fit = self._final(fit, [j for j in judged if j is not worst])
+
+    def _give_way(self, judged: list[Judged], gone: list[Judged]) -> bool:
+        """Put a better name in the place of one of the set; whether there was one."""
+        was = {j.effect.name for j in (*judged, *gone)}
+        for j in judged:
+            special = next((a for a in j.rivals if a.effect.name in j.effect.contains), None)
+            instead = special or j.better
+            if instead is None and j.objections and not j.minor:
+                others = alternatives(self.search, j.effect, j.without)
+                instead = next((a for a in others if a.effect.name not in was
+                                and a.fit.bic() < j.without.bic() - BIC_GAIN), None)
+                if instead is not None:
+                    gone.append(j)
+            if instead is not None:
+                self.say(f"{instead.effect.name} in the place of {j.effect.name}")
+                self.search.p_values[instead.effect.name] = j.p_value
+                self.search.fit = instead.fit
+                return True
+        return False
 
     @property
     def _inputs(self) -> list[str]:
@@ -191,12 +223,11 @@ class _Case:
         complete = phi[0] + 2 * phi[1] >= EXPLAINED
         said = ", ".join(j.effect.name for j in (*named, *contested))
         if not complete:
-            text = f"{said} resembles it but explains {phi[0]:.0%} of the excess error only; the rest is unexplained"
-            if len(named) >= 2 and phi[0] >= 0.8:
-                return "partly-explained", text
-            return "unexplained", text
+            word = "explains" if phi[0] >= PARTLY else "resembles it but explains"
+            text = f"{said} {word} {phi[0]:.0%} of the excess error only; the rest is unexplained"
+            return ("partly-explained" if phi[0] >= PARTLY else "unexplained"), text
         if not named:
-            groups = "; ".join(f"{j.effect.name} or {' or '.join(e.name for e, _, _ in j.rivals)}" for j in contested)
+            groups = "; ".join(f"{j.effect.name} or {' or '.join(a.effect.name for a in j.rivals)}" for j in contested)
             return "cannot-tell", f"these data cannot keep apart {groups}"
         text = f"{', '.join(j.effect.name for j in named)} explains {min(phi[0], 1.0):.0%} of the excess error"
         if contested:
@@ -209,7 +240,7 @@ class _Case:
     def _nothing(self, dropped: list[Judged], predictable: float) -> tuple[str, str]:
         least = min((e.p_value for e in self.screened), default=1.0)
         coloured = self.problem.whitening.is_coloured
-        small = all("negligible" in " ".join(j.objections) for j in dropped)
+        small = all(j.minor for j in dropped)
         if least < SIGNIFICANT and not (dropped and small) and predictable:
             why = f"; {dropped[0].effect.name} comes nearest, but {dropped[0].objections[0]}" if dropped else ""
             return "unexplained", "the error follows the inputs, but no candidate explains it" + why
@@ -274,6 +305,8 @@ class _Case:
         fit, problem = self.search.fit, self.problem
         place = fit.composition.places[fit.composition.effects.index(j.effect)]
         deviation = np.sqrt(np.maximum(np.diag(covariance(problem, fit))[place], 0.0))
+        if j.effect.resolution:  # the error jumps where a lag passes a whole sample: no derivative tells how sure it is
+            deviation[0] = problem.signals[0].sample_time / np.sqrt(12)
         excess = max(bare.cost - fit.cost, 1e-300)
         if len(judged) == 1:
             alone = (bare.cost - fit.cost) / excess
@@ -289,11 +322,11 @@ class _Case:
 
     def _rivals(self, j: Judged) -> Rivals:
         parameters = {j.effect.name: _estimates(j.effect, j.values, None)}
-        for effect, fit, _ in j.rivals:
-            place = fit.composition.places[fit.composition.effects.index(effect)]
-            parameters[effect.name] = _estimates(effect, fit.vector[place], None)
-        experiments = list(dict.fromkeys([j.effect.experiment, *(e.experiment for e, _, _ in j.rivals)]))
-        return Rivals((j.effect.name, *(e.name for e, _, _ in j.rivals)), float(max(s for _, _, s in j.rivals)),
+        for a in j.rivals:
+            place = a.fit.composition.places[a.fit.composition.effects.index(a.effect)]
+            parameters[a.effect.name] = _estimates(a.effect, a.fit.vector[place], None)
+        experiments = list(dict.fromkeys([j.effect.experiment, *(a.effect.experiment for a in j.rivals)]))
+        return Rivals((j.effect.name, *(a.effect.name for a in j.rivals)), float(max(a.similarity for a in j.rivals)),
                       "; or ".join(experiments), parameters)
 
     def _invisible(self, chosen: set[str]) -> tuple[CannotTell, ...]:

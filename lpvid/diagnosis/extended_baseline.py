@@ -81,5 +81,8 @@ class ExtendedBaseline(Baseline):
     def sensitivities(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
         return self.composition.sensitivities(signals, vector)
 
+    def starts(self, signals: Sequence[Signals]) -> list[np.ndarray]:
+        return []
+
     def to_dict(self) -> dict:
         return {"kind": "extended", "model": self.model.to_dict()}

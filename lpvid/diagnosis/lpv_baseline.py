@@ -208,6 +208,9 @@ class LpvBaseline(Baseline):
             out[:, j] = (self.core(moved)(signals) - here) / (moved[j] - vector[j])
         return np.nan_to_num(out, nan=0.0, posinf=0.0, neginf=0.0)
 
+    def starts(self, signals: Sequence[Signals]) -> list[np.ndarray]:
+        return []
+
     def to_dict(self) -> dict:
         return {"kind": "lpv", "name": self.name, "model": self.model.to_dict(), "sense": self.sense,  # type: ignore[union-attr]
                 "polarity": self.polarity, "zero": dict(self.zero)}

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.hopping import hop, stepwise
 from lpvid.diagnosis.problem import Problem
 
 ITERATIONS = 25
@@ -95,6 +96,23 @@ def _borrowed(problem: Problem, composition: Composition, vector: np.ndarray, er
 def refit(problem: Problem, composition: Composition, start: np.ndarray, fold: int | None = None,
           iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False) -> Refit:
     """Minimise the whitened squared error over the blocks (or one fold of them), from `start`, inside the bounds.
+
+    By `descend`; lags that act in whole samples are hopped in between, unless only one fold is asked for.
+    """
+    found = descend(problem, composition, start, fold, iterations, near, rough)
+    if fold is not None or not stepwise(composition):
+        return found
+    inside = np.ones(problem.n_samples, dtype=bool)
+    vector, cost = hop(problem, composition, found.vector, found.cost, found.jacobian, inside)
+    if not cost < found.cost:
+        return found
+    after = descend(problem, composition, vector, None, iterations, None, rough)
+    return after if after.cost < found.cost else found
+
+
+def descend(problem: Problem, composition: Composition, start: np.ndarray, fold: int | None = None,
+            iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False) -> Refit:
+    """Minimise the whitened squared error by derivatives.
 
     Levenberg-Marquardt with columns scaled by their norms; parameters at a bound that want to leave it are held. After
     a step that succeeds the Jacobian is carried on by a secant; a step that fails, or promises nothing any more, is

@@ -16,7 +16,7 @@ FLIPS = 2000
 """sign patterns drawn for the distribution of the largest statistic"""
 DETECT = 10.0
 """log-likelihood ratio, beyond ln n, at which a strength counts as detectable"""
-FAINT = 1e-9
+FAINT = 1e-4
 """share of its own norm below which a direction is a combination of the baseline's sensitivities"""
 
 
@@ -37,6 +37,8 @@ class Direction:
         Root mean square of f(values) − f(neutral) in the output's unit.
     gain : float
         Whitened squared error that it takes away, in its own sense: (change·e)₊²/‖change‖².
+    share : float
+        Share of the change at which it takes away most: (change·e)₊/‖change‖².
     """
 
     effect: Effect
@@ -46,6 +48,12 @@ class Direction:
     raw_norm: float
     size: float
     gain: float
+    share: float
+
+    @property
+    def at_face_value(self) -> float:
+        """Whitened squared error that it takes away as it stands: 2 change·e − ‖change‖², which may be negative."""
+        return (2 * self.share - 1) * self.norm**2
 
     @property
     def strength(self) -> float:
@@ -132,8 +140,9 @@ def directions(problem: Problem, fit: Refit, moved: Sequence[Move]) -> list[Dire
         change = without(basis, raw)
         size = float(np.sqrt(np.mean(problem.stack(move.change, whiten=False) ** 2)))
         norm = float(np.linalg.norm(change))
-        gain = max(float(change @ fit.errors), 0.0) ** 2 / norm**2 if norm > 0 else 0.0
-        out.append(Direction(move.effect, move.values, change, norm, float(np.linalg.norm(raw)), size, gain))
+        share = max(float(change @ fit.errors), 0.0) / norm**2 if norm > 0 else 0.0
+        out.append(Direction(move.effect, move.values, change, norm, float(np.linalg.norm(raw)), size,
+                             share**2 * norm**2, share))
     return out
 
 

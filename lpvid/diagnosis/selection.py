@@ -37,6 +37,11 @@ TASTE = 6
 STARTS = 3
 PALE = 0.6
 """share of the best grid point's gain below which another is no start"""
+CRUDE = 0.02
+"""squared error of the fitted baseline, relative to the output's, above which its parameters are not to be trusted as
+a start"""
+TRIED, ENOUGH = 8, 0.02
+"""further starts tried for a candidate where they are not; share of the present cost at which one is good enough"""
 NEAR, NEAR_SHARE = 20.0, 0.2
 """BIC by which a first refit may trail the best one, flat and as a share of what that wins, to be followed further"""
 
@@ -55,6 +60,8 @@ class Search:
         Told what is being done.
     p_values : dict
         Block p-value with which each effect came in.
+    others : tuple of (P,) arrays
+        Further starts for the baseline's parameters, where its fit is far off.
     """
 
     problem: Problem
@@ -63,12 +70,16 @@ class Search:
     rng: np.random.Generator
     say: Callable[[str], None]
     p_values: dict[str, float] = field(default_factory=dict)
+    others: tuple[np.ndarray, ...] = ()
 
     @classmethod
     def begin(cls, problem: Problem, baseline_fit: Refit, candidates: tuple[Effect, ...], rng: np.random.Generator,
               say: Callable[[str], None]) -> tuple[Search, list[Evidence], list[Direction]]:
         """Whiten by what no candidate can explain, refit, and screen."""
         search = cls(problem, baseline_fit, candidates, rng, say)
+        plain = problem.stack(problem.errors(baseline_fit.composition, baseline_fit.vector), whiten=False)
+        if float(plain @ plain) > CRUDE * problem.n_samples * problem.spread**2:
+            search.others = tuple(baseline_fit.composition.baseline.starts(problem.signals))
         evidence, found = search.rewhiten()
         return search, evidence, found
 
@@ -132,7 +143,7 @@ class Search:
             if e in followed or e.name in special:
                 self.say(f"refitting with {e.name}")
                 tried.append((e, refit(self.problem, f.composition, f.vector, near=self.fit)))
-        tried = [(e, f) for e, f in tried if f.bic() < self.fit.bic() - BIC_GAIN and resolved(self.problem, f)]
+        tried = [(e, f) for e, f in tried if f.bic() < self.fit.bic() - BIC_GAIN]
         if not tried:
             return None
         effect, fit = min(tried, key=lambda t: (bool(t[0].implausible(own_values(t[1], t[0]))), t[1].bic()))
@@ -180,8 +191,8 @@ class Search:
         composition = Composition(self.fit.composition.baseline, (*self.fit.composition.effects, *pair))
         residual = self.fit.errors
         best = largest = 0.0
-        for a in _starts(pair[0], found)[:2]:
-            for b in _starts(pair[1], found)[:2]:
+        for a in starts(pair[0], found)[:2]:
+            for b in starts(pair[1], found)[:2]:
                 moved = _moved(self.problem, self.fit, composition, {pair[0].name: a, pair[1].name: b})
                 together = self.problem.stack(moved)
                 alone = [d.change for e, v in zip(pair, (a, b), strict=True) for d in found
@@ -197,12 +208,23 @@ class Search:
     def taste(self, added: Sequence[Effect], found: Sequence[Direction]) -> Refit:
         """The set with further effects after a few rough steps from the most promising grid points."""
         composition = Composition(self.fit.composition.baseline, (*self.fit.composition.effects, *added))
-        points = [_starts(e, found) for e in added]
+        points = [starts(e, found) for e in added]
         names = [e.name for e in added]
         pairs = [(p,) for p in points[0]] if len(added) == 1 else [(a, b) for a in points[0] for b in points[-1]][:3]
         tasted = [refit(self.problem, composition, placed(composition, self.fit, dict(zip(names, p, strict=True))),
                         iterations=TASTE, near=self.fit, rough=True) for p in pairs]
-        return min(tasted, key=lambda f: f.cost)
+        best = min(tasted, key=lambda f: f.cost)
+        if len(added) > 1 or not self.others:
+            return best
+        grid = added[0].points(self.problem.signals)
+        for k in range(min(TRIED, max(len(self.others), len(grid)))):
+            if best.cost < ENOUGH * self.fit.cost:
+                break
+            start = placed(composition, self.fit, {names[0]: grid[k % len(grid)]})
+            start[: self.others[0].size] = self.others[k % len(self.others)]
+            other = refit(self.problem, composition, start, iterations=TASTE, rough=True)
+            best = min((best, other), key=lambda f: f.cost)
+        return best
 
     # -- shrinking and swapping ----------------------------------------------------------------------------------------
     def without(self, effect: Effect) -> Refit:
@@ -227,13 +249,6 @@ def own_values(fit: Refit, effect: Effect) -> np.ndarray:
     return fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
 
 
-def resolved(problem: Problem, fit: Refit) -> bool:
-    """Whether every strength is more than what the hold between samples can feign."""
-    clock = problem.signals[0].sample_time
-    return all(abs(fit.vector[p.start] - e.neutral[0]) >= e.resolution * clock
-               for e, p in zip(fit.composition.effects, fit.composition.places, strict=True))
-
-
 def _moved(problem: Problem, fit: Refit, composition: Composition, given: dict[str, np.ndarray]) -> list[np.ndarray]:
     """Per record, (n,) change of the simulation when effects are put beside a fit."""
     vector = placed(composition, fit, given)
@@ -242,13 +257,30 @@ def _moved(problem: Problem, fit: Refit, composition: Composition, given: dict[s
                               posinf=0.0, neginf=0.0) for s in problem.signals]
 
 
-def _starts(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]:
-    """The grid points that fit the present residual best; at least one."""
+def starts(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]:
+    """Where to refit an effect from, at least one point: the grid points that fit the present residual best.
+
+    The one that takes away most as it stands comes first, for an effect far from small; then those that would take away
+    most by proportion, a smooth one's strength scaled down to that proportion.
+    """
     mine = sorted((d for d in found if d.effect.name == effect.name and d.visible),
                   key=lambda d: d.gain, reverse=True)
     chosen: list[np.ndarray] = []
+    whole = max(mine, key=lambda d: d.at_face_value, default=None)
+    if whole is not None and whole.at_face_value > 0:
+        chosen.append(whole.values)
     for d in mine:
-        if len(chosen) < STARTS and d.gain > PALE * mine[0].gain and all(not np.allclose(d.values, c) for c in chosen):
-            chosen.append(d.values)
+        values = scaled(d)
+        if len(chosen) < STARTS and d.gain > PALE * mine[0].gain and all(not np.allclose(values, c) for c in chosen):
+            chosen.append(values)
     return chosen or [effect.neutral + np.array([p.grid[0] - p.neutral if k == 0 else 0.0
                                                  for k, p in enumerate(effect.parameters)])]
+
+
+def scaled(d: Direction) -> np.ndarray:
+    """Parameters of a direction with its strengths in proportion to what is left; as they stand where that is more."""
+    if not d.effect.smooth or not 0 < d.share < 1:
+        return d.values
+    values, neutral, k = d.values.copy(), d.effect.neutral, d.effect.strengths
+    values[:k] = neutral[:k] + d.share * (values[:k] - neutral[:k])
+    return values

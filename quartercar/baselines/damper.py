@@ -13,6 +13,8 @@ from lpvid.record import Record
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import LawDamper, StaticDamper
 
+STARTS = 6
+"""points from which a search over a law's parameters may begin"""
 ROLES = ("displacement", "velocity", "current", "temperature")
 
 
@@ -68,26 +70,27 @@ class DamperBaseline(Baseline):
         return Signals(drive.sample_time, channels, drive.force, record.name)
 
     def core(self, vector: np.ndarray) -> Core:
-        def run(s: Signals) -> np.ndarray:
-            zeros = np.zeros(s.n_samples)
-            drive = Drive(s.sample_time, s["velocity"], s["displacement"] if s.has("displacement") else zeros,
-                          s["current"] if s.has("current") else zeros, s.output)
-            return self.damper.response(drive, vector)
+        return lambda s: self.damper.response(_drive(s), vector)
 
-        return run
+    def starts(self, signals: Sequence[Signals]) -> list[np.ndarray]:
+        if not self.static:  # each costs a search of its own
+            return []
+        return list(self.damper.starts([_drive(s) for s in signals], STARTS, np.random.default_rng(0)))
 
     def fit(self, records: Sequence[Record]) -> DamperBaseline:
         return DamperBaseline(self.damper.fit(records).damper)  # type: ignore[arg-type]
 
     def sensitivities(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
-        zeros = np.zeros(signals.n_samples)
-        drive = Drive(signals.sample_time, signals["velocity"],
-                      signals["displacement"] if signals.has("displacement") else zeros,
-                      signals["current"] if signals.has("current") else zeros, signals.output)
-        return self.damper.jacobian(drive, vector)
+        return self.damper.jacobian(_drive(signals), vector)
 
     def to_dict(self) -> dict:
         return {"kind": "damper", "damper": self.damper.to_dict()}
+
+
+def _drive(s: Signals) -> Drive:
+    zeros = np.zeros(s.n_samples)
+    return Drive(s.sample_time, s["velocity"], s["displacement"] if s.has("displacement") else zeros,
+                 s["current"] if s.has("current") else zeros, s.output)
 
 
 def _scale(default: float, value: float) -> float:

@@ -147,6 +147,9 @@ class QuarterCarBaseline(Baseline):
             out[:, j] = (self.core(up)(signals) - self.core(down)(signals)) / (up[j] - down[j])
         return out
 
+    def starts(self, signals: Sequence[Signals]) -> list[np.ndarray]:
+        return []
+
     def to_dict(self) -> dict:
         return {"kind": "quarter-car", "car": asdict(self.car), "free": list(self.free), "output": self.output,
                 "actuated": self.actuated, "given": None if self.given is None else asdict(self.given)}

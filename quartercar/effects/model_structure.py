@@ -23,6 +23,7 @@ class SchedulingDegree(CurrentEffect):
     """
 
     name: ClassVar[str] = "scheduling-degree"
+    catch_all: ClassVar[bool] = True
     of_changes: ClassVar[bool] = False
     title: ClassVar[str] = "the law depends on the current to a higher degree than the model"
     family: ClassVar[str] = "model"
@@ -59,6 +60,7 @@ class MissingScheduling(Effect):
     """
 
     name: ClassVar[str] = "missing-scheduling"
+    catch_all: ClassVar[bool] = True
     title: ClassVar[str] = "the force is modulated slowly by a quantity that the model does not see"
     family: ClassVar[str] = "model"
     stage: ClassVar[str] = "core"
@@ -100,6 +102,7 @@ class ModelOrder(GridEffect):
     """Part of the force passes a further mode (equation sheet 7.1)."""
 
     name: ClassVar[str] = "model-order"
+    catch_all: ClassVar[bool] = True
     title: ClassVar[str] = "a further dynamic mode between motion and force"
     family: ClassVar[str] = "model"
     stage: ClassVar[str] = "series"

@@ -69,6 +69,9 @@ class Viscous(Baseline):
     def sensitivities(self, signals, vector):
         return signals["velocity"][:, None]
 
+    def starts(self, signals):
+        return []
+
     def to_dict(self):
         return {"kind": "viscous", "slope": self.slope, "polarity": self.polarity}
 

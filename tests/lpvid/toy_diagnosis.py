@@ -68,6 +68,9 @@ class Bent(Baseline):
         u, t = signals["u"], np.tanh(vector[2] * signals["u"])
         return np.column_stack([u, t, vector[1] * u * (1 - t**2)])
 
+    def starts(self, signals) -> list[np.ndarray]:
+        return []
+
     def to_dict(self) -> dict:
         return {"kind": "bent", "parameters": list(self.parameters)}
 

@@ -1,0 +1,66 @@
+"""Hops: lags that act in whole samples, moved by trial where no derivative tells which way."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.problem import Problem
+
+SIZES = (5.0, 1.0)
+"""samples by which a lag is moved at a time"""
+MOST = 12
+"""hops of one size in one direction"""
+
+
+def stepwise(composition: Composition) -> list[int]:
+    """Places of the strengths that act in whole samples."""
+    return [place.start for e, place in zip(composition.effects, composition.places, strict=True) if e.resolution > 0]
+
+
+def hop(problem: Problem, composition: Composition, vector: np.ndarray, cost: float, jacobian: np.ndarray,
+        inside: np.ndarray) -> tuple[np.ndarray, float]:
+    """Move each stepwise strength while that lowers the cost, the other parameters following by one Gauss-Newton step.
+
+    A current that is held between samples makes the error jump where a delay passes a whole sample, so that the
+    derivative between jumps says nothing of what lies behind them.
+
+    Parameters
+    ----------
+    problem : Problem
+    composition : Composition
+    vector : (P,) array
+    cost : float
+        Squared whitened error over `inside` at `vector`.
+    jacobian : (N, P) array
+        Taken nearby.
+    inside : (N,) bool array
+
+    Returns
+    -------
+    (P,) array, float
+        Where it ended, and the cost there.
+    """
+    low, high = composition.bounds
+    clock = problem.signals[0].sample_time
+    for j in stepwise(composition):
+        others = np.delete(np.arange(vector.size), j)
+        norms = np.maximum(np.linalg.norm(jacobian[inside][:, others], axis=0), 1e-300)
+        for move in [sign * size * clock for size in SIZES for sign in (1.0, -1.0)]:
+            for _ in range(MOST):
+                trial = vector.copy()
+                trial[j] = np.clip(trial[j] + move, low[j], high[j])
+                if trial[j] == vector[j]:
+                    break
+                errors = problem.stack(problem.errors(composition, trial))[inside]
+                step = np.linalg.lstsq(jacobian[inside][:, others] / norms, errors, rcond=1e-8)[0] / norms
+                followed = trial.copy()
+                followed[others] = np.clip(trial[others] + step, low[others], high[others])
+                tried = [(float(errors @ errors), trial)]
+                errors = problem.stack(problem.errors(composition, followed))[inside]
+                tried.append((float(errors @ errors), followed))
+                least, where = min(tried, key=lambda t: t[0])
+                if not least < cost * (1 - 1e-6):
+                    break
+                vector, cost = where, least
+    return vector, cost
