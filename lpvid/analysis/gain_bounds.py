@@ -19,8 +19,11 @@ from lpvid.lmi.storage import Storage
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 
 BACK_OFF = (1e-6, 1e-5, 1e-4, 5e-4, 2e-3, 5e-3)
-RELAXED = (2e-3, 1e-2, 5e-2)
-MAX_DEGREE = 3
+RELAXED = (2e-3, 1e-2, 2.5e-2, 6e-2, 0.2)
+HIGHEST = {1: 3, 2: 2}
+"""Degree of the richest storage function tried, by the number of variables it depends on; 1 for more."""
+ATTEMPT = 15_000
+"""Matrices that the re-check of a proposal may look at; `lpvid.verify` is more patient."""
 DENSITIES = (2.0, 5.0)
 ENOUGH = 0.005
 """A richer storage function must improve the bound by this share, or the search ends."""
@@ -84,7 +87,7 @@ class GainBounds:
         bounded = [n for n, r in zip(box.names, box.rate, strict=True) if r is not None]
         names = box.names if discrete else tuple(bounded)
         names = tuple(n for n in names if box.upper[box.names.index(n)] > box.lower[box.names.index(n)])
-        for degree in range(1, (MAX_DEGREE if bounded else 1) + 1) if names else ():
+        for degree in range(1, (HIGHEST.get(len(names), 1) if bounded else 1) + 1) if names else ():
             yield Polynomial(names, degree).bound(box)
 
     def _with(self, basis: Basis, box: Scheduling) -> GainCertificate | None:
@@ -131,7 +134,7 @@ class GainBounds:
         storage = Storage(proposal.matrices, search.basis, box, self.system.sample_time)
         for share in shares:
             gamma = max(proposal.gamma * (1 + share), 1e-12 * self.frame.gain)
-            outcome = recheck_gain(self.system, storage, gamma)
+            outcome = recheck_gain(self.system, storage, gamma, budget=ATTEMPT)
             if outcome.holds:
                 yield storage, gamma, outcome, proposal.solver
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
-from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Shifted, Spline, Stacked
+from lpvid.scheduling import Basis, Fourier, Polynomial, Product, Scheduling, Shifted, Spline, Stacked
 
 Model = LPVTransferFunction | LPVStateSpace
 
@@ -107,7 +108,11 @@ def autonomous(model: Model) -> Autonomous:
     else:
         raise InputError("a stability certificate needs an LPV transfer function or state space",
                          got=type(model).__name__)
-    readings = tuple(r for r in readings_of(model.basis) if r.degree)
+    found = readings_of(model.basis)
+    if any(r.frequency for r in found):
+        raise InputError("a stability certificate needs a basis of polynomials or splines", got=model.basis.labels,
+                         mend="use lpvid.decay_rate or lpvid.l2_gain, which also cover trigonometric dependence")
+    readings = tuple(r for r in found if r.degree)
     if model.sample_time is None and any(r.lag for r in readings):
         raise InputError("a continuous-time model reads p at a delay in samples", got=model.basis.labels)
     return Autonomous(coefficients, model.basis, readings, model.sample_time, _digest(model, coefficients))
@@ -132,20 +137,22 @@ def _digest(model: Model, coefficients: np.ndarray) -> str:
 
 
 def readings_of(basis: Basis, shift: int = 0) -> tuple[Reading, ...]:
-    """What a basis reads: each variable at each delay; refuses a basis that is not piecewise polynomial."""
+    """What a basis reads: each variable at each delay; refuses one that is neither piecewise polynomial nor Fourier."""
     if isinstance(basis, Polynomial):
         highest = basis.exponents.max(axis=0, initial=0)
         return tuple(Reading(name, shift, int(d)) for name, d in zip(basis.names, highest, strict=True))
     if isinstance(basis, Spline):
         return (Reading(basis.name, shift, basis.order, basis.knots),)
+    if isinstance(basis, Fourier):
+        return (Reading(basis.name, shift, 0, (), 2 * math.pi * basis.harmonics / basis.period),)
     if isinstance(basis, Shifted):
         return readings_of(basis.basis, shift + basis.lag)
     if isinstance(basis, Product):
         return _merged([readings_of(f, shift) for f in basis.factors], sum)
     if isinstance(basis, Stacked):
         return _merged([readings_of(f, shift) for f in basis.factors], max)
-    raise InputError("a stability certificate needs a basis of polynomials or splines", got=type(basis).__name__,
-                     why="its polynomial pieces carry the statement between grid points")
+    raise InputError("a stability certificate needs a basis of polynomials, splines or sines", got=type(basis).__name__,
+                     why="its pieces carry the statement between grid points")
 
 
 def _merged(parts: list[tuple[Reading, ...]], combine) -> tuple[Reading, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.lmi.driven import Driven, Matrices
 
-REGULAR = 1e-6  # share of an identity in the Gramians, so that unreachable states keep a finite scale
+REGULAR = 1e-6  # share of their diagonals added to Gramians, so that unreachable states keep a finite scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,17 +67,19 @@ def frame_of(system: Driven, points: np.ndarray, floor: float = 0.0) -> Frame:
 
 
 def _gramians(system: Driven, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean over the frozen systems of their reachability and observability Gramians, made definite."""
-    n, found = system.order, []
-    for side in (0, 1):
-        f = a if side == 0 else a.swapaxes(1, 2)
-        g = b if side == 0 else c.swapaxes(1, 2)
-        drive = g @ g.swapaxes(1, 2)
-        size = float(np.abs(drive).max(initial=0.0)) or 1.0
-        drive = drive + REGULAR * size * np.eye(n)
-        found.append(np.mean([gramian(x, w, system.sample_time is not None) for x, w in zip(f, drive, strict=True)],
-                             axis=0))
-    return found[0], found[1]
+    """Mean over the frozen systems of their reachability and observability Gramians, made definite.
+
+    What is added is a share of each state's own diagonal entry, so that the units of the states do not matter.
+    """
+    discrete = system.sample_time is not None
+    sides = ((a, b), (a.swapaxes(1, 2), c.swapaxes(1, 2)))
+    reach, seen = (np.mean([gramian(x, w @ w.T, discrete) for x, w in zip(f, g, strict=True)], axis=0)
+                   for f, g in sides)
+    r, s = np.maximum(np.diag(reach), 0.0), np.maximum(np.diag(seen), 0.0)
+    typical = float((r * s).max(initial=0.0)) * REGULAR or 1.0
+    r = np.where(r * s < REGULAR * typical, np.where(s > 0, typical / np.where(s > 0, s, 1), r), r)
+    s = np.where(r * s < REGULAR * typical, np.where(r > 0, typical / np.where(r > 0, r, 1), s), s)
+    return (reach + REGULAR * np.diag(np.where(r > 0, r, 1.0)), seen + REGULAR * np.diag(np.where(s > 0, s, 1.0)))
 
 
 def gramian(a: np.ndarray, w: np.ndarray, discrete: bool) -> np.ndarray:

@@ -11,8 +11,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy import sparse
 
-from lpvid.lmi.affine import Affine, block
+from lpvid.lmi.affine import Affine
 from lpvid.lmi.bernstein import nodes
 from lpvid.lmi.certificate import tensor
 from lpvid.lmi.driven import Driven
@@ -22,7 +23,7 @@ from lpvid.lmi.program import Program
 from lpvid.lmi.storage import Storage
 from lpvid.scheduling import Basis, Scheduling
 
-MOST_POINTS = 120
+MOST_INEQUALITIES = 240
 MOST_UNKNOWNS = 2_500
 INTERIOR = 1e-6
 """Margin kept by the first stage, in the frame."""
@@ -87,7 +88,7 @@ class GainSearch:
         if gamma is not None:
             values["gamma"] = gamma / self.frame.gain
         for solution in program.solve(values, solvers=SOLVERS):
-            found = np.array([solution[m] for m in matrices]).reshape(-1, self.system.order, self.system.order)
+            found = np.stack([solution[m] for m in matrices])
             bound = gamma if gamma is not None else solution.objective * self.frame.gain
             yield Proposal(self.frame.outside(found), bound, solution.solver)
 
@@ -102,53 +103,46 @@ class GainSearch:
         level = program.unknowns.scalar()
         points, moves = self.samples(template)
         a, b, c, d = self.frame.inside(self.system.matrices(points))
-        psi = template.psi(points)
+        psi, units = template.psi(points), symmetric_units(n)
         slopes = {i: self.basis.derivative(points[:, template.columns], box.names[i]) for i in template.readings}
         for k in range(len(points)):
-            p = _mixed(matrices, psi[k])
+            p = _combined(psi[k], units)
             program.require(p - (INTERIOR * np.eye(n) if stage == "least" else level.times(np.eye(n))))
+            fixed = np.block([[np.zeros((n, n + b.shape[2])), c[k].T], [np.zeros((b.shape[2], n + b.shape[2])), d[k].T],
+                              [c[k], d[k], np.zeros((len(d[k]), len(d[k])))]])
             if self.system.sample_time is None:
-                drift = {i: _mixed(matrices, slope[k]) for i, slope in slopes.items()}
-                self._continuous(program, stage, level, (a[k], b[k], c[k], d[k]), p, drift)
+                still = Affine(fixed, _combined(psi[k], _supplied(units, a[k], b[k], len(fixed))).linear)
+                wide = {i: _combined(slope[k], _padded(units, len(fixed))) for i, slope in slopes.items()}
+                for signs in itertools.product((-1.0, 1.0), repeat=len(wide)):
+                    moved = {f"rate {i}": sign * x for (i, x), sign in zip(wide.items(), signs, strict=True)}
+                    self._require(program, stage, level, still, moved)
             else:
+                now, then = _combined(psi[k], _padded(units, len(fixed))), _carried(units, a[k], b[k], len(fixed))
                 for after in template.psi(template.ahead(points[k : k + 1], moves)):
-                    matrix = _discrete((a[k], b[k], c[k], d[k]), p, _mixed(matrices, after))
-                    self._require(program, stage, level, matrix, {}, d.shape[1] + d.shape[2])
+                    self._require(program, stage, level, now + _combined(after, then) + fixed, {})
         program.minimise(level if stage == "least" else -level)
         return program, matrices
 
-    def _continuous(self, program: Program, stage: str, level: Affine, system: tuple[np.ndarray, ...], p: Affine,
-                    drift: dict[int, Affine]) -> None:
-        a, b, c, d = system
-        nz, nw = d.shape
-        product = p @ a
-        cross = -(p @ b)
-        matrix = block([[-(product + product.T), cross, c.T], [cross.T, np.zeros((nw, nw)), d.T],
-                        [c, d, np.zeros((nz, nz))]])
-        pad = [np.zeros((len(a), nw + nz)), np.zeros((nw + nz, len(a))), np.zeros((nw + nz, nw + nz))]
-        wide = {i: block([[x, pad[0]], [pad[1], pad[2]]]) for i, x in drift.items()}
-        for signs in itertools.product((-1.0, 1.0), repeat=len(wide)):
-            moved = {f"rate {i}": sign * x for (i, x), sign in zip(wide.items(), signs, strict=True)}
-            self._require(program, stage, level, matrix, moved, nw + nz)
-
-    def _require(self, program: Program, stage: str, level: Affine, matrix: Affine, moved: dict[str, Affine],
-                 signals: int) -> None:
-        n = self.system.order
-        supply = np.diag(np.r_[np.zeros(n), np.ones(signals)])
+    def _require(self, program: Program, stage: str, level: Affine, matrix: Affine, moved: dict[str, Affine]) -> None:
+        n, size = self.system.order, matrix.shape[0]
+        supply = np.diag(np.r_[np.zeros(n), np.ones(size - n)])
         if stage == "least":
             program.require(matrix + level.times(supply), margin=INTERIOR, scaled=moved)
         else:
             fixed = Affine(supply, (0.0 * level.times(supply)).linear)
-            program.require(matrix - level.times(np.eye(n + signals)), scaled={**moved, "gamma": fixed})
+            program.require(matrix - level.times(np.eye(size)), scaled={**moved, "gamma": fixed})
 
     def samples(self, template: Storage) -> tuple[np.ndarray, np.ndarray]:
         """Points and moves at which the inequalities are imposed."""
         power = 1 if self.system.sample_time is None else 2
         axes, shifts = template.axes(self.system.readings, power)
-        return _spread(axes, self.system, template, self.density), _ends(shifts)
+        moves = _ends(shifts)
+        corners = len(moves) if self.system.sample_time is not None else 2 ** len(template.readings)
+        most = max(MOST_INEQUALITIES // corners, 2 ** len(axes))
+        return _spread(axes, self.system, template, self.density, most), moves
 
 
-def _spread(axes: list[Axis], system: Driven, template: Storage, share: float) -> np.ndarray:
+def _spread(axes: list[Axis], system: Driven, template: Storage, share: float, most: int) -> np.ndarray:
     def grid(share: float) -> list[np.ndarray]:
         found = []
         for i, axis in enumerate(axes):
@@ -157,35 +151,57 @@ def _spread(axes: list[Axis], system: Driven, template: Storage, share: float) -
                 continue
             affine = system.readings[i].degree <= 1 and i not in template.readings and not axis.frequency
             count = 1 if affine else max(2, round(share * (3 * axis.degree + 2)))
-            plain = Axis(axis.low, axis.high, axis.degree, axis.breaks)
-            pieces = plain.cells()
+            knots = axis.breaks if len(axes) == 1 else system.readings[i].breaks
+            pieces = Axis(axis.low, axis.high, axis.degree, knots).cells()
             if axis.frequency:
                 count = max(4, math.ceil(share * 1.5 * axis.frequency * (axis.high - axis.low) / len(pieces)))
             found.append(np.unique(np.concatenate([low + nodes(count) * (high - low) for low, high in pieces])))
         return found
 
-    while math.prod(map(len, grid(share))) > MOST_POINTS and share > 0.3:
+    while math.prod(map(len, grid(share))) > most and share > 0.1:
         share *= 0.8
     return tensor(grid(share))
 
 
 def _ends(shifts: list[Axis]) -> np.ndarray:
     return tensor([np.array([0.5]) if not (axis.degree or axis.frequency)
-                   else np.unique(np.r_[nodes(1 if axis.degree == 1 else 2 * axis.degree + 2 if axis.degree else 8),
+                   else np.unique(np.r_[nodes(axis.degree or 8),
                                         axis.breaks]) for axis in shifts])
 
 
-def _mixed(matrices: list[Affine], weights: np.ndarray) -> Affine:
-    total = matrices[0] * float(weights[0])
-    for matrix, weight in zip(matrices[1:], weights[1:], strict=True):
-        if weight:
-            total = total + matrix * float(weight)
-    return total
+def symmetric_units(n: int) -> np.ndarray:
+    """(n(n+1)/2, n, n) what the unknowns of a symmetric matrix multiply, in the order of `Unknowns.symmetric`."""
+    rows, columns = np.triu_indices(n)
+    units = np.zeros((len(rows), n, n))
+    units[np.arange(len(rows)), rows, columns] = units[np.arange(len(rows)), columns, rows] = 1.0
+    return units
 
 
-def _discrete(system: tuple[np.ndarray, ...], p: Affine, after: Affine) -> Affine:
-    a, b, c, d = system
-    nz = len(d)
-    cross = -(a.T @ (after @ b))
-    return block([[p - a.T @ (after @ a), cross, c.T], [cross.T, -(b.T @ (after @ b)), d.T],
-                  [c, d, np.zeros((nz, nz))]])
+def _combined(weights: np.ndarray, parts: np.ndarray) -> Affine:
+    """Σ_j weights[j] Σ_q x_jq parts[q], for parts of shape (q, m, m)."""
+    m = parts.shape[1]
+    linear = np.einsum("j,qab->abjq", weights, parts).reshape(m * m, len(weights) * len(parts))
+    return Affine(np.zeros((m, m)), sparse.csr_array(linear))
+
+
+def _padded(units: np.ndarray, size: int) -> np.ndarray:
+    out = np.zeros((len(units), size, size))
+    out[:, : units.shape[1], : units.shape[1]] = units
+    return out
+
+
+def _supplied(units: np.ndarray, a: np.ndarray, b: np.ndarray, size: int) -> np.ndarray:
+    """−He(PA) and −PB for each unit."""
+    n, out = len(a), np.zeros((len(units), size, size))
+    product, cross = units @ a, units @ b
+    out[:, :n, :n] = -(product + product.swapaxes(1, 2))
+    out[:, :n, n : n + b.shape[1]] = -cross
+    out[:, n : n + b.shape[1], :n] = -cross.swapaxes(1, 2)
+    return out
+
+
+def _carried(units: np.ndarray, a: np.ndarray, b: np.ndarray, size: int) -> np.ndarray:
+    """−[A B]ᵀP⁺[A B] for each unit."""
+    both, out = np.hstack([a, b]), np.zeros((len(units), size, size))
+    out[:, : both.shape[1], : both.shape[1]] = -(both.T @ units @ both)
+    return out
