@@ -59,6 +59,12 @@ if TYPE_CHECKING:
     from lpvid.record import Channel, Record
     from lpvid.scheduling import Fourier, Polynomial, Product, Scheduling, Shifted, Spline, Stacked
     from lpvid.simulation import Simulation, predict, simulate
+    from lpvid.synthesis.criteria import H2, Cone, Disc, HalfPlane, HInfinity
+    from lpvid.synthesis.lft_synthesis import LFTFeedback
+    from lpvid.synthesis.multiobjective import MultiObjective
+    from lpvid.synthesis.observer import Filter, Observer
+    from lpvid.synthesis.scaled_gain import ScaledGain, scaled_gain
+    from lpvid.synthesis.state_feedback import StateFeedback
     from lpvid.validation import Validation, validate
 
 _EXPORTS = {
@@ -106,21 +112,28 @@ _EXPORTS = {
     "lpvid.record": ("Channel", "Record"),
     "lpvid.scheduling": ("Fourier", "Polynomial", "Product", "Scheduling", "Shifted", "Spline", "Stacked"),
     "lpvid.simulation": ("Simulation", "predict", "simulate"),
+    "lpvid.synthesis.criteria": ("Cone", "Disc", "H2", "HInfinity", "HalfPlane"),
+    "lpvid.synthesis.lft_synthesis": ("LFTFeedback",),
+    "lpvid.synthesis.multiobjective": ("MultiObjective",),
+    "lpvid.synthesis.observer": ("Filter", "Observer"),
+    "lpvid.synthesis.scaled_gain": ("ScaledGain", "scaled_gain"),
+    "lpvid.synthesis.state_feedback": ("StateFeedback",),
     "lpvid.validation": ("Validation", "validate"),
 }
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
-    "ARMAX", "ARX", "Audit", "Baseline", "BoxJenkins", "Candidates", "Channel", "Compliance", "Diagnosis",
-    "DiagnosisSettings", "Effect", "ExtendedModel", "Fourier", "Gain", "GainCertificate", "Gap", "Identification",
-    "InputError", "LPVStateSpace", "LPVTransferFunction", "LpvError", "NumericalError", "OutputError", "Polynomial",
-    "Product", "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "Scheduling",
-    "Selection", "Shifted", "Signal", "Simulation", "Spline", "StabilityCertificate", "Stacked", "StateSpaceError",
+    "ARMAX", "ARX", "H2", "Audit", "Baseline", "BoxJenkins", "Candidates", "Channel", "Compliance", "Cone", "Diagnosis",
+    "DiagnosisSettings", "Disc", "Effect", "ExtendedModel", "Filter", "Fourier", "Gain", "GainCertificate", "Gap",
+    "HInfinity", "HalfPlane", "Identification", "InputError", "LFTFeedback", "LPVStateSpace", "LPVTransferFunction",
+    "LpvError", "MultiObjective", "NumericalError", "Observer", "OutputError", "Polynomial", "Product", "QuasiLPV",
+    "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain", "Scheduling", "Selection",
+    "Shifted", "Signal", "Simulation", "Spline", "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError",
     "Subspace", "TanhStage", "ThreeZoneStage", "Validation", "Verification", "audit", "certify_gain",
     "certify_stability", "critical_scheduling", "diagnose", "free_run_band", "frequency_band", "from_control",
     "frozen_stability", "identify", "identify_stream", "l2_gain", "l2_gains", "load", "model_hash", "pole_band",
-    "pole_locus", "predict", "read", "realize", "save", "select", "simulate", "sparsify", "stability_probability",
-    "to_grid", "validate", "verify",
+    "pole_locus", "predict", "read", "realize", "save", "scaled_gain", "select", "simulate", "sparsify",
+    "stability_probability", "to_grid", "validate", "verify",
 ]
 
 

@@ -105,7 +105,7 @@ def fitted(values: Callable[[np.ndarray], np.ndarray], box: Scheduling, axes: tu
         return interpolating(box, finest), table
     flat = table.reshape(len(points), -1)
     size, best = float(np.abs(flat).max(initial=0.0)), None
-    for degree in range(1, HIGHEST.get(len(box.names), 2) + 1):
+    for degree in range(HIGHEST.get(len(box.names), 2) + 1):
         tried = Polynomial(box.names, degree).bound(box)
         phi = tried.evaluate(points)
         found = np.linalg.lstsq(phi, flat, rcond=None)[0]

@@ -7,18 +7,119 @@ of Δ, and one scaling 𝓛 that commutes with diag(Δ, Δ) makes the loop contr
 from __future__ import annotations
 
 import itertools
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import null_space
 
+from lpvid import _checks
+from lpvid.errors import InputError
 from lpvid.lmi.affine import Affine, block
 from lpvid.lmi.program import Program
+from lpvid.model.lft import LFTModel
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Polynomial
+from lpvid.synthesis.assumptions import fault_of
+from lpvid.synthesis.criteria import HInfinity
+from lpvid.synthesis.design_grid import fitted, over
+from lpvid.synthesis.figures import measure
+from lpvid.synthesis.forms import to_lft
+from lpvid.synthesis.generalized_plant import GeneralizedPlant
+from lpvid.synthesis.interconnection import close_loop
+from lpvid.synthesis.plant_functions import named
+from lpvid.synthesis.result import Synthesis
+from lpvid.synthesis.shaped_program import PATIENT, Coordinates
 
 STRICT = 1e-9
 APART = 4.0
 """How far the couplings [R, sI; sI, S] ⪰ 0 and [J, sI; sI, L] ⪰ 0 are pushed from their limit s = 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class LFTFeedback:
+    """Output feedback whose controller holds a copy of Δ: scaled small gain, for rational dependence.
+
+    ::
+
+              ┌──────────┐                       N_Sᵀ(…S, L, γ…)N_S ≺ 0, N_Rᵀ(…R, J, γ…)N_R ≺ 0,
+          ┌──>│ plant    │──┐   p = Δ q          [R, I; I, S] ⪰ 0, [J, I; I, L] ⪰ 0,
+          │   └──────────┘  │   p_K = Δ q_K      J, L commute with Δ (Apkarian & Gahinet 1995)
+          │   ┌──────────┐  │
+          └───│ controller│<┘
+              └──────────┘
+
+    The scheduling may move arbitrarily fast. The controller, rational in the scheduling, is returned as a polynomial
+    (or a table) that is fitted to it, and verified as returned.
+
+    Parameters
+    ----------
+    back_off : float
+        Factor above the lowest γ at which R, S and the scalings are then made small and kept apart.
+
+    Examples
+    --------
+    >>> LFTFeedback(back_off=1.1).back_off
+    1.1
+    """
+
+    back_off: float = 1.05
+
+    def __post_init__(self) -> None:
+        if not _checks.real(self.back_off, "back_off") >= 1:
+            raise InputError("back_off must be at least 1", got=self.back_off)
+
+    def solve(self, plant: GeneralizedPlant) -> Synthesis:
+        """The controller for a plant with a polynomial basis, its closed loop verified."""
+        started, corners = time.perf_counter(), plant.box.grid(3)
+        at = plant.at(corners)
+        fault = fault_of(plant, at, corners)
+        if fault is not None:
+            return Synthesis(fault.verdict, why=fault.why, mend=fault.mend, method="scaled small gain")
+        if at.D22.any():
+            raise InputError(f"the controls {', '.join(plant.controls)} reach the measurements directly",
+                             mend="delay them by a fast lag, or use OutputFeedback")
+        c = Coordinates.of(at, plant.sample_time is not None)
+        fractional = fractional_plant(plant, c)
+        rough = next(scaled_levels(fractional), None)
+        outcome = None if rough is None else self._best(plant, c, fractional, *rough, started)
+        if outcome is not None:
+            return outcome
+        why = ("no scalings and Lyapunov matrix bound the gain for arbitrarily fast scheduling" if rough is None else
+               "no controller recovered from the solvers' answers keeps the loop stable")
+        return Synthesis("infeasible" if rough is None else "numerical", why=why, method="scaled small gain",
+                         mend="use OutputFeedback with a Lyapunov matrix that depends on the scheduling, and rates",
+                         seconds=time.perf_counter() - started)
+
+    def _best(self, plant: GeneralizedPlant, c: Coordinates, fractional: FractionalPlant, lowest: float,
+              rough: dict[str, np.ndarray], started: float) -> Synthesis | None:
+        """The first controller that keeps its promise, or the best that was verified."""
+        scale = max(float(np.abs(m).max(initial=1.0)) for m in rough.values())
+        best: Synthesis | None = None
+        for factor in dict.fromkeys((self.back_off, 1.2, 1.5)):
+            for gamma, found in scaled_levels(fractional, lowest * factor, scale):
+                for law, solver in _tried(fractional, gamma * 1.001, found):
+                    controller = _written(plant, c, law)
+                    loop = close_loop(plant, controller)
+                    seen = measure(HInfinity(), plant, loop, gamma)
+                    if not np.isfinite(seen.verified):
+                        continue
+                    kept = seen.verified <= 1.005 * gamma
+                    result = Synthesis(
+                        "solved" if kept and factor == self.back_off else "backed-off", gamma, seen.verified,
+                        seen.lower, controller, loop, seen.certificate, seen.between_grid,
+                        why="the closed loop keeps what the scaled small-gain inequalities promised" if kept else
+                            "the closed loop was verified, but above the promise",
+                        notes=tuple(f"the scheduling block repeats {n} {k} time(s)" for n, k in
+                                    zip(plant.box.names, fractional.repetitions, strict=True)),
+                        seconds=time.perf_counter() - started, solver=solver,
+                        method="scaled small gain", infimum=lowest)
+                    if kept:
+                        return result
+                    if best is None or seen.verified < (best.gamma_verified or np.inf):
+                        best = result
+        return best
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +175,48 @@ class FractionalController:
         return closed[:n, :n], closed[:n, n:], closed[n:, :n], closed[n:, n:]
 
 
+def fractional_plant(plant: GeneralizedPlant, c: Coordinates) -> FractionalPlant:
+    """The linear fractional form of a plant, its signals sorted, in scaled coordinates."""
+    model = to_lft(plant.system).model
+    assert isinstance(model, LFTModel)
+    n, r = model.order, model.width
+    names_in, names_out = [s.name for s in model.inputs], [s.name for s in model.outputs]
+    columns = [*range(n + r), *(n + r + names_in.index(x) for x in (*plant.disturbances, *plant.controls))]
+    rows = [*range(n + r), *(n + r + names_out.index(x) for x in (*plant.performance, *plant.measurements))]
+    nw, nz, root = len(plant.disturbances), len(plant.performance), np.sqrt(c.pace)
+    right = np.concatenate([c.states / root, np.ones(r + nw), c.controls])
+    left = np.concatenate([1 / (c.states * root), np.ones(r + nz), 1 / c.measurements])
+    blocks = left[:, None] * model.matrix[np.ix_(rows, columns)] * right
+    outer = (nw, len(plant.controls), nz, len(plant.measurements))
+    return FractionalPlant(blocks, n, model.repetitions, outer, plant.sample_time is not None)
+
+
+def _tried(plant: FractionalPlant, gamma: float, found: dict[str, np.ndarray]
+           ) -> Iterator[tuple[FractionalController, str]]:
+    try:
+        yield from recovered(plant, gamma, found)
+    except np.linalg.LinAlgError:
+        return
+
+
+def _written(plant: GeneralizedPlant, c: Coordinates, law: FractionalController) -> LPVStateSpace:
+    """A controller over the scheduling in the plant's units: a polynomial through its values."""
+    box, n, root = plant.box, law.order, np.sqrt(c.pace)
+    half = np.where(box.half_width > 0, box.half_width, 1.0)
+    left = np.concatenate([np.full(n, root), c.controls])
+    right = np.concatenate([np.full(n, root), 1 / c.measurements])
+
+    def values(points: np.ndarray) -> np.ndarray:
+        parts = [law.at((p - box.centre) / half) for p in points]
+        return np.array([left[:, None] * np.block([[a, b], [k, d]]) * right for a, b, k, d in parts])
+
+    axes = tuple(np.unique(np.linspace(low, high, 5)) for low, high in zip(box.lower, box.upper, strict=True))
+    basis, g = fitted(values, box, axes, Polynomial(box.names, 1))
+    return LPVStateSpace(g[:, :n, :n], g[:, :n, n:], g[:, n:, :n], g[:, n:, n:], basis, plant.sample_time,
+                         over(box, basis.names), inputs=named(plant, plant.measurements),
+                         outputs=named(plant, plant.controls))
+
+
 def scaled_levels(plant: FractionalPlant, gamma: float | None = None, scale: float = 1.0
                   ) -> Iterator[tuple[float, dict[str, np.ndarray]]]:
     """Solve for R, S and the scalings J, L: the lowest γ, or at a given γ the tamest matrices.
@@ -105,7 +248,7 @@ def scaled_levels(plant: FractionalPlant, gamma: float | None = None, scale: flo
             if matrix.shape[0]:
                 program.require(t.times(np.eye(matrix.shape[0])) - matrix)
         program.minimise((1 / scale) * t - apart)
-    for found in program.solve():
+    for found in program.solve(solvers=PATIENT):
         yield (float(found[level][0, 0]) if gamma is None else gamma,
                {"R": found[r], "S": found[s], "J": found[j], "L": found[l_]})
 
@@ -136,6 +279,7 @@ def _dual(plant: FractionalPlant) -> FractionalPlant:
 
 def _commuting(program: Program, repetitions: Sequence[int]) -> Affine:
     """A symmetric matrix that commutes with diag(δ_i I_{r_i})."""
+    repetitions = [k for k in repetitions if k]
     parts = [program.unknowns.symmetric(k) for k in repetitions]
     if not parts:
         return program.unknowns.matrix(0, 0)
@@ -143,8 +287,9 @@ def _commuting(program: Program, repetitions: Sequence[int]) -> Affine:
                   for i, p in enumerate(parts)])
 
 
-def recovered(plant: FractionalPlant, gamma: float, found: dict[str, np.ndarray]) -> Iterator[FractionalController]:
-    """Controllers that reach γ with the Lyapunov matrix and scaling completed from R, S, J and L; tamest first."""
+def recovered(plant: FractionalPlant, gamma: float, found: dict[str, np.ndarray]
+              ) -> Iterator[tuple[FractionalController, str]]:
+    """Controllers that reach γ with the Lyapunov matrix and scaling completed from R, S, J and L, with their solver."""
     n, r = plant.order, sum(plant.repetitions)
     lyapunov = _completed(found["S"], found["R"])
     scaling = _completed(found["L"], found["J"], plant.repetitions)
@@ -171,8 +316,8 @@ def recovered(plant: FractionalPlant, gamma: float, found: dict[str, np.ndarray]
     m, k = omega.shape
     program.require(block([[t.times(np.eye(m)), omega], [omega.T, t.times(np.eye(k))]]))
     program.minimise(t)
-    for answer in program.solve():
-        yield FractionalController(answer[omega], n, plant.repetitions)
+    for answer in program.solve(solvers=PATIENT):
+        yield FractionalController(answer[omega], n, plant.repetitions), answer.solver
 
 
 def _constant(matrix: np.ndarray) -> Affine:
