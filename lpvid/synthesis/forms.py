@@ -25,7 +25,8 @@ from lpvid.synthesis._form_parts import (
 from lpvid.synthesis._horner import fractional
 from lpvid.synthesis.matrix_function import MatrixFunction, block
 
-__all__ = ["Conversion", "from_lft", "to_affine", "to_gridded", "to_lft", "to_polynomial", "to_polytopic"]
+__all__ = ["Conversion", "from_lft", "multi_affine", "to_affine", "to_gridded", "to_lft", "to_polynomial",
+           "to_polytopic"]
 
 
 def to_polynomial(model: Model, degree: int) -> Conversion:
@@ -76,7 +77,7 @@ def to_gridded(model: Model, points: int | Mapping[str, Sequence[float]] = 5) ->
     Between points the error falls with the square of their distance h: h²/8 · max |∂²S/∂p²| for one variable.
     """
     return stated(model, _interpolated(model, _axes(model.box, points)), "gridded",
-                   exact=_multi_affine(model))
+                   exact=multi_affine(model))
 
 
 def to_polytopic(model: Model) -> Conversion:
@@ -98,7 +99,7 @@ def to_polytopic(model: Model) -> Conversion:
     polytopic, exact
     (None, [-1.0, -3.0], [[0.75, 0.25]])
     """
-    if not _multi_affine(model):
+    if not multi_affine(model):
         raise InputError("the system is not affine in each of its scheduling variables",
                          got=repr(model), mend="take to_affine or to_gridded, with their error, or lift it first")
     return stated(model, _interpolated(model, _axes(model.box, 2)), "polytopic", exact=True)
@@ -194,7 +195,7 @@ def _interpolated(model: Model, axes: Mapping[str, np.ndarray]) -> LPVStateSpace
     return rebuilt(MatrixFunction(basis, values(model, tensor(list(axes.values())))), model)
 
 
-def _multi_affine(model: Model) -> bool:
+def multi_affine(model: Model) -> bool:
     """Whether the system is affine in every single variable over its box."""
     if isinstance(model, LFTModel):
         return False
