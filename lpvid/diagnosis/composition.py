@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import STAGES, Effect
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.diagnosis.signals import Core, Remembered, Signals
 
 STEP = 1e-5
 """share of a parameter's scale by which it is moved to see what it does."""
@@ -76,9 +76,17 @@ class Composition:
                                                                for p in e.parameters])
 
     def core(self, vector: np.ndarray) -> Core:
-        """The whole simulation at a parameter vector."""
-        core = self.baseline.core(vector[: self.baseline.vector.size])
-        for effect, place in zip(self.effects, self.places, strict=True):
+        """The whole simulation at a parameter vector.
+
+        What the baseline and its series elements give along the same signals with the same parameters is remembered:
+        effects beside and around them then cost no further run.
+        """
+        first = self.baseline.vector.size
+        core = self.baseline.core(vector[:first])
+        for k, (effect, place) in enumerate(zip(self.effects, self.places, strict=True)):
+            before = self.effects[k - 1].stage if k else "inside"
+            if before == "series" or (before == "inside" and effect.stage != "inside"):
+                core = Remembered(core, (self.baseline, self.effects[:k], vector[: place.start].tobytes()))
             core = effect.compose(core, vector[place], self.baseline)
         return core
 

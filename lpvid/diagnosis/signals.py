@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
+
+REMEMBERED = 24
+"""simulations that signals keep"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +64,7 @@ class Signals:
         """The same signals with some channels replaced or added; what was cached is forgotten."""
         return Signals(self.sample_time, {**self.channels, **channels}, self.output, self.name, self.span)
 
-    def cached(self, key: object, make: Callable[[], np.ndarray]) -> np.ndarray:
+    def cached(self, key: object, make: Callable[[], Any]) -> Any:
         """What `make` returns, computed once for these signals."""
         if key not in self.cache:
             self.cache[key] = make()
@@ -77,3 +82,39 @@ def in_turn(signals: Sequence[Signals]) -> tuple[Signals, ...]:
 
 Core = Callable[[Signals], np.ndarray]
 """A simulation of the output along signals: (n,) array, the same units as the output."""
+
+
+@dataclass(frozen=True, eq=False)
+class Remembered:
+    """A simulation that is run once for each signals and key, of which the last `REMEMBERED` are kept; read-only.
+
+    Attributes
+    ----------
+    core : Core
+    key : hashable
+        The same for simulations that are the same.
+
+    Examples
+    --------
+    >>> runs = []
+    >>> def core(s):
+    ...     runs.append(s.name)
+    ...     return 2 * s.output
+    >>> s = Signals(0.1, {}, np.ones(3))
+    >>> [float(Remembered(core, key)(s)[0]) for key in "aab"], len(runs)
+    ([2.0, 2.0, 2.0], 2)
+    """
+
+    core: Core
+    key: Hashable
+
+    def __call__(self, s: Signals) -> np.ndarray:
+        kept: OrderedDict = s.cached("simulations", OrderedDict)
+        if self.key not in kept:
+            out = self.core(s).view()
+            out.flags.writeable = False
+            kept[self.key] = out
+            if len(kept) > REMEMBERED:
+                kept.popitem(last=False)
+        kept.move_to_end(self.key)
+        return kept[self.key]

@@ -89,7 +89,8 @@ class Asymmetry(HydraulicEffect):
         gain, force = float(values[0]), core(s)
         if not baseline.static:  # the force of a core with memory lags; its own sign tells which way the oil flows
             return gain * np.maximum(force, 0.0)
-        return gain * np.where(s["velocity"] > 0, force - core(s.replace(velocity=np.zeros(s.n_samples))), 0.0)
+        resting = s.cached("signals at rest", lambda: s.replace(velocity=np.zeros(s.n_samples)))
+        return gain * np.where(s["velocity"] > 0, force - core(resting), 0.0)
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("scheduled on the sign of the velocity", schedule=("sign(velocity)",))
@@ -168,6 +169,7 @@ class InputNonlinearity(HydraulicEffect):
     """The viscous share grows with another power of the speed (equation sheet 9.1)."""
 
     name: ClassVar[str] = "input-nonlinearity"
+    catch_all: ClassVar[bool] = True
     title: ClassVar[str] = "the viscous share follows another power of the speed"
     equation: ClassVar[str] = "c(i) v becomes c(i) v (|v|/0.1 m/s)^(n - 1)"
     reference: ClassVar[str] = "equation sheet 9.1; seed 000, (1)"
@@ -208,6 +210,7 @@ class NetworkTopology(HydraulicEffect):
     reference: ClassVar[str] = "equation sheet 3.8; seed 003, (5), (6)"
     experiment: ClassVar[str] = "triangles at ten speeds over 1.5 decades: log-log slope 1 to 2 or 2 to 1"
     smooth: ClassVar[bool] = False
+    contains: ClassVar[tuple[str, ...]] = ("quadratic-loss",)
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.diagnosis.signals import Core, Remembered, Signals
 from quartercar.effects.electrical import held
 
 NODES = 257
@@ -20,8 +20,8 @@ FINE = 0.01
 SEEN = 48
 """samples at which a law is read at every speed"""
 STEEP = 3
-"""steps of the march from one sample to the next with play or where the fluid may tear, after a jump of the current and
-along a steep change of it; elsewhere 1"""
+"""steps of the march from one sample to the next with air, play or a fluid that may tear, after a jump of the current
+and along a steep change of it; elsewhere 1"""
 JUMP, RAMP = 0.02, 0.1
 """shares of the current's range that count as a jump of a held current and as a steep change of another; what is
 smaller is noise, or as good as straight"""
@@ -122,9 +122,8 @@ class InSeries:
         law = self._law(s, rigid)
         velocity = np.ascontiguousarray(s["velocity"], dtype=float)
         out, without = np.empty(s.n_samples), np.empty(s.n_samples)
-        tears = np.isfinite(self.elements.limit)
-        sudden = tears or self.elements.play > 0
-        parts = np.where(law.steep | sudden, STEEP, 1)
+        sudden = bool(np.isfinite(self.elements.limit)) or self.elements.play > 0
+        parts = np.where(law.steep | sudden | (self.elements.air_stroke > 0), STEEP, 1)
         kernels.march(velocity, law.speeds, law.nodes, law.rows, law.before, law.tilt, self.elements.numbers(),
                       s.sample_time, parts, law.jumps | sudden, out)
         kernels.law_along(velocity, law.speeds, law.nodes, law.rows, without)
@@ -189,8 +188,9 @@ class InSeries:
 
 def in_series(core: Core, baseline: Baseline, **more: float) -> InSeries:
     """The core with elements in series, those that it already has included."""
-    if isinstance(core, InSeries):
-        return core.with_elements(**more)
+    inner = core.core if isinstance(core, Remembered) else core
+    if isinstance(inner, InSeries):
+        return inner.with_elements(**more)
     return InSeries(core, Elements(**more), baseline.static)
 
 

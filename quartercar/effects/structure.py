@@ -120,8 +120,10 @@ def before_steps(core: Core, s: Signals) -> np.ndarray | None:
     """(n,) simulation just before each sample, where a held current steps at samples; None for a smooth current."""
     if not s.has("current") or not held(s):
         return None
-    current = s["current"]
-    return core(s.replace(current=np.concatenate([current[:1], current[:-1]])))
+    def late() -> Signals:
+        return s.replace(current=np.concatenate([s["current"][:1], s["current"][:-1]]))
+
+    return core(s.cached("signals with the current before each sample", late))
 
 
 def second_order(values: np.ndarray, period: float, damping: float, step: float,

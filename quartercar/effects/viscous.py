@@ -25,9 +25,10 @@ def viscous_slope(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
     if not baseline.static:
         return np.full(s.n_samples, max(_regressed(v, core(s)), 0.0))
     top = _top(s)
-    signs = np.where(v < 0, -1.0, 1.0)
-    rise = core(s.replace(velocity=signs * top)) - core(s.replace(velocity=signs * (HALF * top)))
-    return np.maximum(signs * rise / ((1 - HALF) * top), 0.0)
+    signs = s.cached("direction without rest", lambda: np.where(v < 0, -1.0, 1.0))
+    fast = s.cached("signals at high speed", lambda: s.replace(velocity=signs * top))
+    slower = s.cached("signals at a lower speed", lambda: s.replace(velocity=signs * (HALF * top)))
+    return np.maximum(signs * (core(fast) - core(slower)) / ((1 - HALF) * top), 0.0)
 
 
 def measured_slope(signals: Sequence[Signals]) -> float:
