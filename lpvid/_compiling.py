@@ -12,9 +12,10 @@ import numba
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """`numba.njit(cache=True, …)`; where neither the package nor the user's folder can be written, without the cache.
+    """`numba.njit(cache=True, nogil=True, …)`; where no folder for the cache can be written, without the cache.
 
-    The kernel is then compiled anew by every process, which costs a few seconds and changes no number.
+    Kernels work on arrays alone, so that several can run at a time in threads. Without the cache the kernel is
+    compiled anew by every process, which costs a few seconds and changes no number.
 
     Parameters
     ----------
@@ -28,7 +29,7 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """
     def compiled(function: Callable[..., Any]) -> Any:
         try:
-            return numba.njit(cache=True, **options)(function)
+            return numba.njit(cache=True, nogil=True, **options)(function)
         except RuntimeError:  # no place for the cache: an installation for all users, no home
             return numba.njit(**options)(function)
 

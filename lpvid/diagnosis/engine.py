@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lpvid._threads import single_thread
+from lpvid._threads import in_parallel, single_thread
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
@@ -177,7 +177,8 @@ class _Case:
             fit = self.search.fit
             after = out_of_fold(self.problem, fit) if fit.composition.effects else before
             self.say("weighing rivals")
-            judged = shadowed([judge(self.search, e, after, self._inputs) for e in fit.composition.effects])
+            effects = fit.composition.effects
+            judged = shadowed(in_parallel(lambda e, a=after: judge(self.search, e, a, self._inputs), effects))
             if turn < MOST_TURNS and self._give_way(judged, gone):
                 continue
             bad = [j for j in judged if j.objections]

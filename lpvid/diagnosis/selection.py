@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from lpvid._threads import in_parallel
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.noise import Whitening
@@ -130,19 +131,17 @@ class Search:
         listed = [e for e in evidence if e.best is not None and e.likelihood_ratio > 0.5 * threshold]
         weighty = [e for e in listed if self.weighty(e.effect, found)]
         listed = (weighty or listed[:1])[:SHORTLIST]
-        tasted = []
-        for e in listed:
-            self.say(f"tasting {e.effect.name}")
-            tasted.append((e.effect, self.taste((e.effect,), found)))
+        self.say(f"tasting {', '.join(e.effect.name for e in listed)}")
+        fits = in_parallel(lambda e: self.taste((e.effect,), found), listed)
+        tasted = [(e.effect, f) for e, f in zip(listed, fits, strict=True)]
         least = min((f.bic() for _, f in tasted), default=0.0)
         near = least + NEAR + NEAR_SHARE * max(self.fit.bic() - least, 0.0)
         followed = [e for e, f in tasted if f.bic() <= near]
         special = {name for e in followed for name in e.contains}
-        tried = []
-        for e, f in tasted:
-            if e in followed or e.name in special:
-                self.say(f"refitting with {e.name}")
-                tried.append((e, refit(self.problem, f.composition, f.vector, near=self.fit)))
+        chosen = [(e, f) for e, f in tasted if e in followed or e.name in special]
+        self.say(f"refitting with {', '.join(e.name for e, _ in chosen)}")
+        fits = in_parallel(lambda t: refit(self.problem, t[1].composition, t[1].vector, near=self.fit), chosen)
+        tried = [(e, f) for (e, _), f in zip(chosen, fits, strict=True)]
         tried = [(e, f) for e, f in tried if f.bic() < self.fit.bic() - BIC_GAIN]
         if not tried:
             return None
@@ -171,13 +170,12 @@ class Search:
         names = {e.name: e for e in self.outside()}
         pairs = {tuple(sorted((e.name, p))) for e in names.values() for p in e.partners if p in names}
         best: tuple[tuple[Effect, ...], Refit] | None = None
-        for a, b in sorted(pairs):
-            if not self.promising((names[a], names[b]), found):
-                continue
-            self.say(f"tasting {a} and {b} together")
-            fit = self.taste((names[a], names[b]), found)
+        listed = [(names[a], names[b]) for a, b in sorted(pairs) if self.promising((names[a], names[b]), found)]
+        for a, b in listed:
+            self.say(f"tasting {a.name} and {b.name} together")
+        for (a, b), fit in zip(listed, in_parallel(lambda pair: self.taste(pair, found), listed), strict=True):
             if fit.bic() < self.fit.bic() - 3 * BIC_GAIN and (best is None or fit.bic() < best[1].bic()):
-                best = ((names[a], names[b]), fit)
+                best = ((a, b), fit)
         if best is None:
             return None
         self.say(f"refitting with {' and '.join(e.name for e in best[0])} together")
@@ -236,7 +234,8 @@ class Search:
     def prune(self) -> None:
         """Drop effects that the others have made superfluous."""
         while len(self.fit.composition.effects) > 1:
-            smaller = [(self.without(e), e) for e in self.fit.composition.effects]
+            effects = self.fit.composition.effects
+            smaller = list(zip(in_parallel(self.without, effects), effects, strict=True))
             fit, effect = min(smaller, key=lambda t: t[0].bic())
             if fit.bic() - self.fit.bic() > BIC_GAIN:
                 return

@@ -20,7 +20,7 @@ LAYOUT = 3881273693
 fields changes this number (a test tells it), and with it what is cached."""
 
 
-@njit(nogil=True)
+@njit()
 def integrate(x, v, command, physics, dt, out):
     """March the damper over displacement x, velocity v and driver current (n,) each; rows of `out` (6, n):
 
