@@ -77,7 +77,8 @@ class FilterBank:
             v0, slope = self._shape
             moving = slope * p if slope and self._model.box.names else np.zeros(p.size)
             sharpness = 1 / np.maximum(v0 + moving, 0.05 * v0)
-        return phi @ self._a.T, np.einsum("nm,jim->nji", phi, self._b), phi @ self._c, sharpness
+        return (np.einsum("nm,am->na", phi, self._a), np.einsum("nm,jim->nji", phi, self._b),
+                np.einsum("nm,m->n", phi, self._c), sharpness)
 
     def _inputs(self, z: np.ndarray, v: np.ndarray, sharpness: np.ndarray) -> np.ndarray:
         """(…, inputs) of the filter."""

@@ -72,8 +72,8 @@ class Fleet(ABC):
         zs, vs, zu, vu = self.motion.T
         tyre = p.tyre_stiffness * (zu - self.road) + p.tyre_damping * (vu - self.road_rate) + self.tyre
         strut = part.stiffness * (zs - zu) + part.damping * (vs - vu) + self.strut
-        body, wheel = part.inverse_mass @ np.vstack([-strut, strut - tyre])
-        return body, wheel
+        (a, b), (c, d) = part.inverse_mass
+        return b * (strut - tyre) - a * strut, d * (strut - tyre) - c * strut
 
 
 def start_fleet(car: QuarterCar, sample_time: float, road: np.ndarray, current: np.ndarray) -> Fleet:

@@ -54,6 +54,11 @@ class RideSettings:
             return _checks.positive(self.sample_time, "sample_time", "s")
         return (None if car.damper is None else car.damper.clock) or 1 / RATE
 
+    def setting(self, car: QuarterCar, cars: int) -> Setting:
+        """What the laws of so many cars are told."""
+        return Setting(self.period(car), cars, self.parameters or car.parameters, self.model or car.damper,
+                       (car.coil.lowest, car.coil.highest))
+
 
 @dataclass(frozen=True, eq=False)
 class Ride:
@@ -156,8 +161,8 @@ def _together(car: QuarterCar, road: RideRoad, controllers: Sequence[Controller]
     profiles = {seed: road.profile(step, seed) for seed in dict.fromkeys(seeds)}
     elevation = np.column_stack([profiles[s] for s in seeds])
     n, cars = elevation.shape
-    limits = (car.coil.lowest, car.coil.highest)
-    setting = Setting(step, cars, settings.parameters or car.parameters, settings.model or car.damper, limits)
+    setting = settings.setting(car, cars)
+    limits = setting.currents
     noise = [np.random.default_rng([s, 2631]) for s in seeds]
     chain = Chain(controllers, setting, car.coil, settings.chain, noise, n)
     fleet = start_fleet(car, step, elevation[0], np.full(cars, limits[0]))

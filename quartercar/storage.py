@@ -105,10 +105,12 @@ def ride_passivity(run: CarRun, currents: tuple[float, float] = (0.0, 2.5)) -> R
 def has_storage(damper: Damper | None, currents: tuple[float, float]) -> bool:
     """Whether gas, spring and moved mass are all that a damper stores: F_d·v ≥ 0 wherever it is asked.
 
+    A force at rest that the current moves (Guo's hysteresis) has none: the current could be used to take energy out.
+
     Examples
     --------
     >>> from quartercar.dampers import Guo
-    >>> has_storage(Guo(hysteresis=False), (0.0, 2.0)), has_storage(Guo(), (0.0, 2.0))
+    >>> has_storage(Guo(hysteresis=False), (0.0, 2.0)), has_storage(Guo(degree=1), (0.0, 2.0))
     (True, False)
     """
     if damper is None or isinstance(damper, Linear):

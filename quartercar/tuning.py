@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lpvid import _checks
-from lpvid.errors import InputError
+from lpvid.errors import InputError, NumericalError
 from quartercar.car import QuarterCar
 from quartercar.controllers.contract import Controller
 from quartercar.criteria import Ride as Figures
@@ -122,14 +122,36 @@ class Trial:
                 for r in drive(self.car, road, [law] * len(self.seeds), self.seeds, self.settings)}
 
     def costs(self, controllers: Sequence[Controller], references: Mapping[tuple[str, int], Figures]) -> np.ndarray:
-        """(n,) J of each controller over all roads and seeds; infinite for one that throws the car off all bounds."""
-        total, count = np.zeros(len(controllers)), len(self.seeds)
+        """(n,) J of each controller over all roads and seeds; infinite for one that cannot be had or that diverges."""
+        total = np.array([0.0 if self._starts(c) else np.inf for c in controllers])
+        places = np.flatnonzero(np.isfinite(total))
         for road in self.roads:
-            laws = [c for c in controllers for _ in self.seeds]
-            rides = drive(self.car, road, laws, list(self.seeds) * len(controllers), self.settings)
-            cost = [self.objective.of(r.figures, references[road.name, r.seed]) for r in rides]
-            total += np.reshape(cost, (-1, count)).mean(axis=1)
+            try:
+                total[places] += self._costs(road, [controllers[k] for k in places], references)
+            except NumericalError:  # one of them throws the car off all bounds: which?
+                total[places] += [self._alone(road, controllers[k], references) for k in places]
         return total / len(self.roads)
+
+    def _costs(self, road: RideRoad, laws: Sequence[Controller],
+               references: Mapping[tuple[str, int], Figures]) -> np.ndarray:
+        rides = drive(self.car, road, [c for c in laws for _ in self.seeds], list(self.seeds) * len(laws),
+                      self.settings)
+        cost = [self.objective.of(r.figures, references[road.name, r.seed]) for r in rides]
+        return np.reshape(cost, (-1, len(self.seeds))).mean(axis=1)
+
+    def _alone(self, road: RideRoad, law: Controller, references: Mapping[tuple[str, int], Figures]) -> float:
+        try:
+            return float(self._costs(road, [law], references)[0])
+        except NumericalError:
+            return np.inf
+
+    def _starts(self, law: Controller) -> bool:
+        """Whether it can be had at all: a design may fail."""
+        try:
+            law.start(self.settings.setting(self.car, 1))
+        except NumericalError:
+            return False
+        return True
 
 
 def tune(law: Controller, trial: Trial, budget: int = 64, seed: int = 0,

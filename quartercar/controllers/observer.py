@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 from quartercar.controllers.contract import Setting
-from quartercar.controllers.sensing import MeasurementSet
+from quartercar.controllers.sensing import MeasurementSet, Sensor
 from quartercar.linear_car import LinearCar
 from quartercar.roads import iso_roughness
 
@@ -52,47 +52,47 @@ class Observer:
 
         ẋ = A x + B_F (F + e) + B_w w      x as `STATES`, w = ż_r white, F the damper model's force
         ė = −e/τ + noise                   e what that model is wrong by
+        ṡ = ω (C x + D (F + e) − s)        what each sensor of finite bandwidth shows, before its noise
 
-    sampled exactly with F held; the readings are deflection and accelerations, in which F enters directly. Its gain is
-    that of the discrete Riccati equation for the noise of the sensors.
+    sampled exactly with F held; accelerations see F directly. The gain is that of the discrete Riccati equation for the
+    noise of the sensors.
 
     Parameters
     ----------
     setting : Setting
     readings : MeasurementSet
-        The deflection or an acceleration at least; sensors without noise count with a tenth of their resolution.
+        The deflection and an acceleration at least.
     settings : ObserverSettings
 
     Attributes
     ----------
-    gain : (5, r) array
-    poles : (5,) array
+    gain : (n, r) array
+        n: the states of the car, e, and one for each sensor of finite bandwidth.
+    covariance : (n, n) array
+        Of its error.
+    poles : (n,) array
         Of its error, inside the unit circle.
     """
 
     def __init__(self, setting: Setting, readings: MeasurementSet, settings: ObserverSettings | None = None) -> None:
         from scipy.linalg import solve_discrete_are
 
-        design = settings or ObserverSettings()
-        self._names = tuple(n for n in READINGS if n in readings.signals)
-        if not {"suspension_deflection"} <= set(self._names) or len(self._names) < 2:
+        names = tuple(n for n in READINGS if n in readings.signals)
+        if "suspension_deflection" not in names or len(names) < 2:
             raise InputError("an observer needs the suspension's deflection and an acceleration",
                              got=", ".join(readings.signals), mend="the measurement set 'stroke-body'")
-        p = setting.parameters
-        car = LinearCar(p.replace(damping=0.0, tyre_damping=0.0)).relative()
-        a, b_road, b_force = car.A, car.B[:, 0], car.B[:, 1]
-        self._step, self._drive, covariance = _sampled(a, b_road, b_force, design, setting.sample_time)
-        rows = {"suspension_deflection": np.array([1.0, 0, 0, 0]), "body_acceleration": a[1],
-                "wheel_acceleration": a[3]}
-        through = {"suspension_deflection": 0.0, "body_acceleration": b_force[1], "wheel_acceleration": b_force[3]}
-        self._c = np.array([[*rows[n], through[n]] for n in self._names])
-        self._d = np.array([through[n] for n in self._names])
-        noise = np.diag([_noise(readings, n) ** 2 for n in self._names])
+        self._names = names
+        model = _Model.of(setting, [s for n in names for s in readings.sensors if s.signal == n],
+                          settings or ObserverSettings())
+        self._step, self._drive, covariance = model.sampled(setting.sample_time)
+        self._c, self._d = model.output, model.through
+        noise = np.diag(model.noise**2)
         x = solve_discrete_are(self._step.T, self._c.T, covariance, noise)
         self.gain = np.linalg.solve(self._c @ x @ self._c.T + noise, self._c @ x).T
-        self.covariance = x - self.gain @ self._c @ x
-        self.poles = np.linalg.eigvals((np.eye(5) - self.gain @ self._c) @ self._step)
-        self._x = np.zeros((setting.cars, 5))
+        kept = np.eye(len(x)) - self.gain @ self._c
+        self.covariance = kept @ x
+        self.poles = np.linalg.eigvals(kept @ self._step)
+        self._x = np.zeros((setting.cars, len(x)))
 
     def __call__(self, read: Mapping[str, np.ndarray], force_before: np.ndarray,
                  force: np.ndarray) -> dict[str, np.ndarray]:
@@ -105,34 +105,61 @@ class Observer:
         force_before, force : (cars,) arrays
             The damper model's force over the last sample interval, and the one expected now [N].
         """
-        ahead = self._x @ self._step.T + force_before[:, None] * self._drive
+        ahead = _times(self._x, self._step) + force_before[:, None] * self._drive
         y = np.column_stack([read[n] for n in self._names])
-        expected = ahead @ self._c.T + force[:, None] * self._d
-        self._x = ahead + (y - expected) @ self.gain.T
-        z, vs, tyre, vu, _ = self._x.T
+        self._x = ahead + _times(y - _times(ahead, self._c) - force[:, None] * self._d, self.gain)
+        z, vs, tyre, vu = self._x.T[:4]
         return {"suspension_deflection": z, "body_velocity": vs, "tyre_deflection": tyre, "wheel_velocity": vu,
                 "suspension_velocity": vs - vu}
 
 
-def _noise(readings: MeasurementSet, name: str) -> float:
-    sensor = next(s for s in readings.sensors if s.signal == name)
-    return float(np.hypot(sensor.noise, sensor.resolution / np.sqrt(12))) or 1e-5
+def _times(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """rows @ matrix.T, to the last bit the same for a car whatever stands beside it, which BLAS does not promise."""
+    return np.einsum("cj,ij->ci", rows, matrix)
 
 
-def _sampled(a: np.ndarray, b_road: np.ndarray, b_force: np.ndarray, design: ObserverSettings,
-             sample_time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Step, drive by a held force, covariance of the noise over a step (Van Loan 1978, IEEE TAC 23(3), 395-404)."""
-    from scipy.linalg import expm
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """Car, model error and sensors in continuous time: states, force and noises in, readings out."""
 
-    rate = 1 / design.force_memory
-    full = np.zeros((5, 5))
-    full[:4, :4], full[:4, 4], full[4, 4] = a, b_force, -rate
-    road = np.pi**2 * iso_roughness(design.road_class).coefficient * design.speed * 2  # two-sided: half of 4π²…
-    spread = np.zeros((5, 5))
-    spread[:4, :4] = road * np.outer(b_road, b_road)
-    spread[4, 4] = 2 * rate * design.force_error**2
-    block = np.block([[-full, spread], [np.zeros((5, 5)), full.T]])
-    e = expm(block * sample_time)
-    step = e[5:, 5:].T
-    held = expm(np.block([[full, np.append(b_force, 0.0)[:, None]], [np.zeros((1, 6))]]) * sample_time)
-    return step, held[:5, 5], step @ e[:5, 5:]
+    a: np.ndarray
+    force: np.ndarray
+    intensity: np.ndarray
+    output: np.ndarray
+    through: np.ndarray
+    noise: np.ndarray
+
+    @classmethod
+    def of(cls, setting: Setting, sensors: Sequence[Sensor], design: ObserverSettings) -> _Model:
+        car = LinearCar(setting.parameters.replace(damping=0.0, tyre_damping=0.0)).relative()
+        slow = [s for s in sensors if np.isfinite(s.bandwidth)]
+        n, rate = 5 + len(slow), 1 / design.force_memory
+        a, force, intensity = np.zeros((n, n)), np.zeros(n), np.zeros((n, n))
+        a[:4, :4], a[:4, 4], a[4, 4] = car.A, car.B[:, 1], -rate
+        force[:4] = car.B[:, 1]
+        road = 2 * np.pi**2 * iso_roughness(design.road_class).coefficient * design.speed  # two-sided: half of 4π²…
+        intensity[:4, :4] = road * np.outer(car.B[:, 0], car.B[:, 0])
+        intensity[4, 4] = 2 * rate * design.force_error**2
+        rows = {"suspension_deflection": np.array([1.0, 0, 0, 0, 0]), "body_acceleration": a[1, :5].copy(),
+                "wheel_acceleration": a[3, :5].copy()}
+        output, through = np.zeros((len(sensors), n)), np.zeros(len(sensors))
+        for k, sensor in enumerate(sensors):
+            row, direct = rows[sensor.signal], float(rows[sensor.signal][4])
+            if sensor in slow:
+                place, turn = 5 + slow.index(sensor), 2 * np.pi * sensor.bandwidth
+                a[place, :5], a[place, place], force[place], output[k, place] = turn * row, -turn, turn * direct, 1.0
+            else:
+                output[k, :5], through[k] = row, direct
+        noise = [float(np.hypot(s.noise, s.resolution / np.sqrt(12))) or 1e-5 for s in sensors]
+        return cls(a, force, intensity, output, through, np.array(noise))
+
+    def sampled(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Step, drive by a held force, covariance of the noise over a step (Van Loan 1978, IEEE TAC 23, 395-404)."""
+        from scipy.linalg import expm
+
+        n = len(self.a)
+        e = expm(np.block([[-self.a, self.intensity], [np.zeros((n, n)), self.a.T]]) * time)
+        step = e[n:, n:].T
+        held = expm(np.block([[self.a, self.force[:, None]], [np.zeros((1, n + 1))]]) * time)
+        covariance = step @ e[:n, n:]
+        return step, held[:n, n], 0.5 * (covariance + covariance.T)

@@ -131,7 +131,7 @@ class ScheduledLaw(Law):
         rho = np.column_stack([rule(seen) for rule in self._rules]) if self._rules else np.zeros((cars, 0))
         kept = np.clip(rho, self._low, self._high)
         self._outside += np.any(np.abs(rho - kept) > self._slack, axis=1)
-        matrices = np.tensordot(self._model.basis.evaluate(kept), self._stacked, axes=1)
+        matrices = np.einsum("cm,mij->cij", self._model.basis.evaluate(kept), self._stacked)
         stacked = np.concatenate([self.states, *(seen[n][:, None] for n in self._inputs), np.ones((cars, 1))], axis=1)
         ahead = np.einsum("cij,cj->ci", matrices, stacked)
         self.states = ahead[:, :-1]

@@ -86,7 +86,7 @@ class MeasurementSet:
         return MeasurementSet(self.name, tuple(Sensor(s.signal, 0.0, s.resolution, s.bandwidth) for s in self.sensors))
 
 
-STROKE = Sensor("suspension_deflection", noise=2e-4, resolution=5e-5, bandwidth=150.0)
+STROKE = Sensor("suspension_deflection", noise=1e-4, resolution=5e-5, bandwidth=150.0)
 BODY = Sensor("body_acceleration", noise=0.05, resolution=0.01, bandwidth=100.0)
 WHEEL = Sensor("wheel_acceleration", noise=0.5, resolution=0.1, bandwidth=150.0)
 SETS: Mapping[str, MeasurementSet] = {
@@ -95,6 +95,16 @@ SETS: Mapping[str, MeasurementSet] = {
                         MeasurementSet("ideal", tuple(Sensor(n) for n in TRUE)))}
 """Sets by name: a potentiometer of 12 bits over 0.2 m with a micromechanical accelerometer on the body, the same with
 one on the wheel, and what no car has."""
+
+
+def _lag(bandwidth: float, sample_time: float) -> tuple[float, float, float]:
+    """s(k) = m s(k−1) + e u(k−1) + l u(k) of a first-order lag, exact for a signal that is linear between samples."""
+    if np.isinf(bandwidth):
+        return 0.0, 0.0, 1.0
+    turn = 2 * np.pi * bandwidth * sample_time
+    memory = float(np.exp(-turn))
+    mean = (1 - memory) / turn
+    return memory, mean - memory, 1 - mean
 
 
 class Sensing:
@@ -120,18 +130,21 @@ class Sensing:
         if scale.any():
             for car, rng in enumerate(generators):
                 self._noise[:, :, car] = rng.standard_normal((samples, count)) * scale
-        share = [1.0 if np.isinf(s.bandwidth) else -np.expm1(-2 * np.pi * s.bandwidth * sample_time)
-                 for s in self._sensors]
-        self._share = np.array(share)[:, None]
+        self._memory, self._early, self._late = np.array([_lag(s.bandwidth, sample_time) for s in self._sensors]
+                                                         ).T[:, :, None]
         step = np.array([s.resolution for s in self._sensors])[:, None]
         self._rounds, self._step = step > 0, np.where(step > 0, step, 1.0)
-        self._slow: np.ndarray | None = None
+        self._before, self._slow = np.zeros((count, cars)), np.zeros((count, cars))
         self._k = 0
 
     def __call__(self, true: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """(cars,) readings by signal, from what they are at this sample."""
         now = np.array([true[s.signal] for s in self._sensors])
-        self._slow = now if self._slow is None else self._slow + self._share * (now - self._slow)
+        if self._k:
+            self._slow = self._memory * self._slow + self._early * self._before + self._late * now
+        else:
+            self._slow = now  # settled
+        self._before = now
         read = self._slow + self._noise[self._k]
         read = np.where(self._rounds, np.round(read / self._step) * self._step, read)
         self._k += 1
