@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
@@ -110,11 +111,12 @@ class Remembered:
 
     def __call__(self, s: Signals) -> np.ndarray:
         kept: OrderedDict = s.cached("simulations", OrderedDict)
-        if self.key not in kept:
+        out = kept.pop(self.key, None)  # each step by itself is safe where several threads share the signals
+        if out is None:
             out = self.core(s).view()
             out.flags.writeable = False
-            kept[self.key] = out
+        kept[self.key] = out
+        with suppress(KeyError):
             if len(kept) > REMEMBERED:
                 kept.popitem(last=False)
-        kept.move_to_end(self.key)
-        return kept[self.key]
+        return out
