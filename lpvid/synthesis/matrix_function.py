@@ -107,6 +107,10 @@ class MatrixFunction:
     def __rmatmul__(self, left: np.ndarray) -> MatrixFunction:
         return MatrixFunction(self.basis, np.asarray(left, dtype=float) @ self.coefficients)
 
+    def times(self, factor: float) -> MatrixFunction:
+        """Every entry times a number."""
+        return MatrixFunction(self.basis, factor * self.coefficients)
+
     def trimmed(self) -> MatrixFunction:
         """The same function over no higher degree, and no more stacked bases, than it needs; variables stay named."""
         basis, c = self.basis, self.coefficients
