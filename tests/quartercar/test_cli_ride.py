@@ -1,0 +1,172 @@
+"""`quartercar ride`, through its own door: what it prints, what it writes, how it ends."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import lpvid as lpv
+from lpvid.errors import InputError
+from quartercar.cli.app import app
+from quartercar.controllers import Controller, Skyhook
+from quartercar.dampers import Guo
+from quartercar.parameters import SAVARESI
+from quartercar.ride_config import RideConfig, build_car, load_config, ride_template, road_from_text
+
+QUICK = """
+seeds = 2
+[[roads]]
+kind = "iso"
+class = "C"
+speed = "72 km/h"
+duration = 1.0
+[[controllers]]
+law = "passive"
+fixed_current = 0.0
+[[controllers]]
+law = "skyhook-linear"
+high_damping = "4 kN*s/m"
+[[controllers]]
+law = "sh-add"
+name = "mixed"
+"""
+
+
+def run(*arguments: object, code: int = 0):
+    result = CliRunner().invoke(app, ["ride", *map(str, arguments)], catch_exceptions=False)
+    assert result.exit_code == code, result.output
+    return result
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("config") / "quick.toml"
+    path.write_text(QUICK)
+    return path
+
+
+@pytest.fixture(scope="module")
+def written(quick, tmp_path_factory) -> tuple[Path, str]:
+    out = tmp_path_factory.mktemp("ride") / "out"
+    return out, run(quick, "--tune", 4, "--out", out).stdout
+
+
+def test_it_writes_the_comparison_the_laws_the_figures_and_a_report(written):
+    out, said = written
+    assert {p.name for p in out.iterdir()} == {"ride.json", "report.html", "pareto.png", "time_1.png", "passive.json",
+                                               "skyhook-linear.json", "mixed.json"}
+    told = json.loads((out / "ride.json").read_text())
+    assert told["schema"] == "quartercar/ride/1" and told["verdict"] in said
+    assert [r["controller"] for r in told["rides"]] == ["passive", "skyhook-linear", "mixed"]
+    assert told["tuned"]["mixed"]["evaluations"] == 4 and told["measurements"]["name"] == "stroke-body"
+    assert told["roads"] == [{"kind": "iso", "class": "C", "speed": 20.0, "duration": 1.0}]
+    row = told["rides"][1]
+    assert 0.3 < row["figures"]["comfort"]["mean"] < 3 and row["passivity"]["storage"] == "unknown"
+    assert 0 <= row["figures"]["negative_share"]["mean"] < 0.5
+    page = (out / "report.html").read_text()
+    assert "Ride comparison" in page and "mixed" in page and "http" not in page
+
+
+def test_laws_come_back_as_they_rode(written):
+    out, _ = written
+    law = lpv.load(out / "mixed.json")
+    assert isinstance(law, Controller) and law.name == "sh-add"
+    told = json.loads((out / "ride.json").read_text())["controllers"]["mixed"]["parameters"]
+    assert {p["name"]: p["value"] for p in told} == dict(law.values)
+
+
+def test_a_law_from_a_file_and_json_alone(written):
+    out, _ = written
+    found = run("--controller", f"passive,{out / 'mixed.json'}", "--road", "bump@8", "--seeds", 1, "--json",
+                "--measurements", "ideal")
+    told = json.loads(found.stdout)
+    assert [r["controller"] for r in told["rides"]] == ["passive", "mixed"] and told["seeds"] == [0]
+    assert told["rides"][0]["figures"]["comfort"]["low"] is None
+
+
+def test_a_measured_road_and_a_damper_of_ones_own(tmp_path: Path):
+    track = tmp_path / "track.csv"
+    track.write_text("distance [m],height [mm]\n" + "\n".join(f"{0.1 * k},{10 * (k % 7)}" for k in range(120)) + "\n")
+    damper = lpv.save(Guo(degree=1, span=(0.0, 2.5), current_range=(0.0, 2.5)), tmp_path / "guo.json")
+    told = json.loads(run("--road", f"{track}@5", "--damper", damper, "--car", "savaresi", "--seeds", 1, "--controller",
+                          "skyhook", "--json").stdout)
+    assert told["roads"][0] == {"kind": "measured", "track": "height", "length": pytest.approx(11.9), "speed": 5.0}
+    assert told["damper"] == "guo" and told["car"]["sprung_mass"] == SAVARESI.sprung_mass
+    assert told["coil"]["rise_time"] == 0.005 and told["sample_time"] == 0.002
+
+
+def test_the_template_is_a_configuration(tmp_path: Path):
+    path = tmp_path / "ride.toml"
+    path.write_text(run("--template").stdout)
+    found = load_config(path)
+    assert path.read_text() == ride_template()
+    default = RideConfig(build_car())
+    assert found.car.coil == default.car.coil and found.car.stops == default.car.stops
+    assert [r.name for r in found.roads] == [r.name for r in default.roads] and found.seeds == default.seeds
+    assert list(found.controllers) == ["passive", "skyhook-linear", "sh-add"]
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("seeds = 0", "seeds"), ("sede = 3", "seeds"), ("car = 'megan'", "megane"),
+    ("car = {sprung_mas = 3}", "sprung_mass"), ("car = {sprung_mass = '3 m'}", "unit"),
+    ("damper = 'none.json'", "none.json"), ("measurements = 'all'", "stroke-body"),
+    ("[[roads]]\nkind = 'isso'", "iso"), ("[[roads]]\nkind = 'iso'\nclass = 'X'", "class"),
+    ("[[roads]]\nkind = 'iso'\nspeed = 'fast'", "speed"), ("[[roads]]\nkind = 'file'", "path"),
+    ("roads = 3", "list of"), ("[[controllers]]\nlaw = 'skyhok'", "skyhook"),
+    ("[[controllers]]\nlaw = 'add'\nlow_damping = -1", "bounds"),
+    ("[[controllers]]\nlaw = 'add'\nlow = 1", "low_damping"),
+    ("[[controllers]]\nlaw='add'\n[[controllers]]\nlaw='add'", "two"), ("[coil]\nhigh = 2", "highest"),
+    ("[stops]\nstiffness = 0", "positive"), ("seeds = [", "TOML")])
+def test_a_wrong_configuration_ends_with_one_line(text: str, message: str, tmp_path: Path):
+    path = tmp_path / "wrong.toml"
+    path.write_text(text)
+    found = run(path, "--out", tmp_path / "out", code=2)
+    lines = found.stderr.strip().splitlines()
+    assert len(lines) == 1 and message in lines[0] and "wrong.toml" in lines[0]
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    (["--road", "isso-c@20"], "isso-c"), (["--controller", "skyhok"], "skyhook"), (["--measurements", "two"], "stroke"),
+    (["--car", "golf"], "car"), (["missing.toml"], "missing.toml"), (["--damper", "missing.json"], "missing.json"),
+    (["--road", "iso-c@0"], "speed")])
+def test_wrong_options_end_with_one_line(arguments: list[str], message: str):
+    lines = run(*arguments, code=2).stderr.strip().splitlines()
+    assert len(lines) == 1 and message in lines[0]
+
+
+def test_a_damper_measured_the_other_way_round_is_refused(tmp_path: Path):
+    path = lpv.save(Guo(polarity=-1), tmp_path / "turned.json")
+    assert "reversed polarity" in run("--damper", path, code=2).stderr
+
+
+def test_a_file_of_another_sort_is_refused(tmp_path: Path):
+    path = lpv.save(Skyhook(), tmp_path / "law.json")
+    assert "no damper" in run("--damper", path, code=2).stderr
+    path = lpv.save(Guo(), tmp_path / "damper.json")
+    assert "no controller" in run("--controller", path, code=2).stderr
+
+
+def test_tuning_on_the_seeds_of_the_comparison_is_refused(quick, tmp_path: Path):
+    path = tmp_path / "clash.toml"
+    path.write_text("tune = 4\ntune_seed = 1\n" + QUICK)
+    assert "share a seed" in run(path, code=2).stderr
+
+
+def test_a_car_that_flies_apart_is_told_with_code_3(tmp_path: Path):
+    track = tmp_path / "cliff.csv"
+    track.write_text("distance [m],height [m]\n0,0\n1,0\n1.01,90000\n3,90000\n")
+    out = tmp_path / "out"
+    run("--road", f"{track}@5", "--seeds", 1, "--controller", "skyhook", "--out", out, code=3)
+    told = json.loads((out / "ride.json").read_text())
+    assert "all bounds" in told["verdict"] and told["rides"] == []
+
+
+def test_roads_in_words():
+    assert road_from_text("sweep").name == "sweep 0.5-20 Hz"
+    assert road_from_text("bump@36 km/h").to_dict()["speed"] == pytest.approx(10.0)
+    with pytest.raises(InputError, match="iso-b@quick"):
+        road_from_text("iso-b@quick")
