@@ -146,7 +146,8 @@ def _assembled(top: np.ndarray, stages: Sequence[tuple[int, np.ndarray, np.ndarr
 def _sorted(k: np.ndarray, shape: tuple[int, int], repetitions: Sequence[int], order: Sequence[int]) -> np.ndarray:
     """Δ's channels in the order of the variables instead of that of the elimination."""
     starts = np.concatenate([[0], np.cumsum(repetitions)]).astype(int)
-    channels = np.concatenate([np.arange(int(starts[i]), int(starts[i + 1])) for i in np.argsort(order)]) if len(order) else []
-    rows = np.concatenate([np.arange(shape[0]), shape[0] + np.asarray(channels, dtype=int)])
-    columns = np.concatenate([np.arange(shape[1]), shape[1] + np.asarray(channels, dtype=int)])
+    parts = [np.arange(int(starts[i]), int(starts[i + 1])) for i in np.argsort(order)]
+    channels = np.concatenate([np.zeros(0, dtype=int), *parts])
+    rows = np.concatenate([np.arange(shape[0]), shape[0] + channels])
+    columns = np.concatenate([np.arange(shape[1]), shape[1] + channels])
     return k[np.ix_(rows, columns)]
