@@ -18,9 +18,12 @@ if TYPE_CHECKING:
     from lpvid.analysis.bands import free_run_band, frequency_band
     from lpvid.analysis.certificates import certify_stability, verify
     from lpvid.analysis.critical import critical_scheduling
+    from lpvid.analysis.decay import decay_rate
     from lpvid.analysis.frozen_stability import frozen_stability
     from lpvid.analysis.gain import Gain, l2_gain, l2_gains
+    from lpvid.analysis.h2 import h2_norm
     from lpvid.analysis.pole_locus import pole_locus
+    from lpvid.analysis.pole_regions import certify_region
     from lpvid.analysis.stability_certificate import StabilityCertificate, Verification
     from lpvid.analysis.uncertainty import pole_band, stability_probability
     from lpvid.auditing import Audit, audit
@@ -50,6 +53,7 @@ if TYPE_CHECKING:
     from lpvid.identification.state_space_error import StateSpaceError
     from lpvid.identification.streaming import identify_stream
     from lpvid.identification.subspace import Subspace
+    from lpvid.lmi.bound_certificate import BoundCertificate
     from lpvid.lmi.gain_certificate import GainCertificate, certify_gain
     from lpvid.model.input_stage import TanhStage, ThreeZoneStage
     from lpvid.model.signals import Signal
@@ -60,20 +64,27 @@ if TYPE_CHECKING:
     from lpvid.scheduling import Fourier, Polynomial, Product, Scheduling, Shifted, Spline, Stacked
     from lpvid.simulation import Simulation, predict, simulate
     from lpvid.synthesis.criteria import H2, Cone, Disc, HalfPlane, HInfinity
+    from lpvid.synthesis.generalized_plant import GeneralizedPlant
     from lpvid.synthesis.lft_synthesis import LFTFeedback
     from lpvid.synthesis.multiobjective import MultiObjective
     from lpvid.synthesis.observer import Filter, Observer
+    from lpvid.synthesis.output_feedback import OutputFeedback
+    from lpvid.synthesis.result import Synthesis
     from lpvid.synthesis.scaled_gain import ScaledGain, scaled_gain
     from lpvid.synthesis.state_feedback import StateFeedback
+    from lpvid.synthesis.synthesizing import synthesize
     from lpvid.validation import Validation, validate
 
 _EXPORTS = {
     "lpvid.analysis.bands": ("free_run_band", "frequency_band"),
     "lpvid.analysis.certificates": ("certify_stability", "verify"),
     "lpvid.analysis.critical": ("critical_scheduling",),
+    "lpvid.analysis.decay": ("decay_rate",),
     "lpvid.analysis.frozen_stability": ("frozen_stability",),
     "lpvid.analysis.gain": ("Gain", "l2_gain", "l2_gains"),
+    "lpvid.analysis.h2": ("h2_norm",),
     "lpvid.analysis.pole_locus": ("pole_locus",),
+    "lpvid.analysis.pole_regions": ("certify_region",),
     "lpvid.analysis.stability_certificate": ("StabilityCertificate", "Verification"),
     "lpvid.analysis.uncertainty": ("pole_band", "stability_probability"),
     "lpvid.auditing": ("Audit", "audit"),
@@ -103,6 +114,7 @@ _EXPORTS = {
     "lpvid.identification.state_space_error": ("StateSpaceError",),
     "lpvid.identification.streaming": ("identify_stream",),
     "lpvid.identification.subspace": ("Subspace",),
+    "lpvid.lmi.bound_certificate": ("BoundCertificate",),
     "lpvid.lmi.gain_certificate": ("GainCertificate", "certify_gain"),
     "lpvid.model.input_stage": ("TanhStage", "ThreeZoneStage"),
     "lpvid.model.signals": ("Signal",),
@@ -113,27 +125,32 @@ _EXPORTS = {
     "lpvid.scheduling": ("Fourier", "Polynomial", "Product", "Scheduling", "Shifted", "Spline", "Stacked"),
     "lpvid.simulation": ("Simulation", "predict", "simulate"),
     "lpvid.synthesis.criteria": ("Cone", "Disc", "H2", "HInfinity", "HalfPlane"),
+    "lpvid.synthesis.generalized_plant": ("GeneralizedPlant",),
     "lpvid.synthesis.lft_synthesis": ("LFTFeedback",),
     "lpvid.synthesis.multiobjective": ("MultiObjective",),
     "lpvid.synthesis.observer": ("Filter", "Observer"),
+    "lpvid.synthesis.output_feedback": ("OutputFeedback",),
+    "lpvid.synthesis.result": ("Synthesis",),
     "lpvid.synthesis.scaled_gain": ("ScaledGain", "scaled_gain"),
     "lpvid.synthesis.state_feedback": ("StateFeedback",),
+    "lpvid.synthesis.synthesizing": ("synthesize",),
     "lpvid.validation": ("Validation", "validate"),
 }
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
-    "ARMAX", "ARX", "H2", "Audit", "Baseline", "BoxJenkins", "Candidates", "Channel", "Compliance", "Cone", "Diagnosis",
-    "DiagnosisSettings", "Disc", "Effect", "ExtendedModel", "Filter", "Fourier", "Gain", "GainCertificate", "Gap",
-    "HInfinity", "HalfPlane", "Identification", "InputError", "LFTFeedback", "LPVStateSpace", "LPVTransferFunction",
-    "LpvError", "MultiObjective", "NumericalError", "Observer", "OutputError", "Polynomial", "Product", "QuasiLPV",
-    "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain", "Scheduling", "Selection",
-    "Shifted", "Signal", "Simulation", "Spline", "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError",
-    "Subspace", "TanhStage", "ThreeZoneStage", "Validation", "Verification", "audit", "certify_gain",
-    "certify_stability", "critical_scheduling", "diagnose", "free_run_band", "frequency_band", "from_control",
-    "frozen_stability", "identify", "identify_stream", "l2_gain", "l2_gains", "load", "model_hash", "pole_band",
-    "pole_locus", "predict", "read", "realize", "save", "scaled_gain", "select", "simulate", "sparsify",
-    "stability_probability", "to_grid", "validate", "verify",
+    "ARMAX", "ARX", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "Channel", "Compliance",
+    "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "Effect", "ExtendedModel", "Filter", "Fourier", "Gain",
+    "GainCertificate", "Gap", "GeneralizedPlant", "H2", "HInfinity", "HalfPlane", "Identification", "InputError",
+    "LFTFeedback", "LPVStateSpace", "LPVTransferFunction", "LpvError", "MultiObjective", "NumericalError", "Observer",
+    "OutputError", "OutputFeedback", "Polynomial", "Product", "QuasiLPV", "Realization", "Record", "Recursive",
+    "RefinedIV", "Ridge", "RightCoprime", "ScaledGain", "Scheduling", "Selection", "Shifted", "Signal", "Simulation",
+    "Spline", "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError", "Subspace", "Synthesis",
+    "TanhStage", "ThreeZoneStage", "Validation", "Verification", "audit", "certify_gain", "certify_region",
+    "certify_stability", "critical_scheduling", "decay_rate", "diagnose", "free_run_band", "frequency_band",
+    "from_control", "frozen_stability", "h2_norm", "identify", "identify_stream", "l2_gain", "l2_gains", "load",
+    "model_hash", "pole_band", "pole_locus", "predict", "read", "realize", "save", "scaled_gain", "select", "simulate",
+    "sparsify", "stability_probability", "synthesize", "to_grid", "validate", "verify",
 ]
 
 

@@ -82,13 +82,7 @@ class GainBounds:
         if self.basis is not None:
             yield self.basis
             return
-        yield Polynomial((), 0)
-        discrete = self.system.sample_time is not None
-        bounded = [n for n, r in zip(box.names, box.rate, strict=True) if r is not None]
-        names = box.names if discrete else tuple(bounded)
-        names = tuple(n for n in names if box.upper[box.names.index(n)] > box.lower[box.names.index(n)])
-        for degree in range(1, (HIGHEST.get(len(names), 1) if bounded else 1) + 1) if names else ():
-            yield Polynomial(names, degree).bound(box)
+        yield from storage_bases(self.system, box)
 
     def _with(self, basis: Basis, box: Scheduling) -> GainCertificate | None:
         on_grid: GainCertificate | None = None
@@ -137,6 +131,16 @@ class GainBounds:
             outcome = recheck_gain(self.system, storage, gamma, budget=ATTEMPT)
             if outcome.holds:
                 yield storage, gamma, outcome, proposal.solver
+
+
+def storage_bases(system: Driven, box: Scheduling) -> Iterator[Basis]:
+    """Bases of storage functions from poor to rich: a constant, then polynomials in what may not jump."""
+    yield Polynomial((), 0)
+    bounded = [n for n, r in zip(box.names, box.rate, strict=True) if r is not None]
+    names = box.names if system.sample_time is not None else tuple(bounded)
+    names = tuple(n for n in names if box.upper[box.names.index(n)] > box.lower[box.names.index(n)])
+    for degree in range(1, (HIGHEST.get(len(names), 1) if bounded else 1) + 1) if names else ():
+        yield Polynomial(names, degree).bound(box)
 
 
 def usable(basis: Basis, box: Scheduling, discrete: bool) -> Basis:

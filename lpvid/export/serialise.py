@@ -64,6 +64,8 @@ KINDS: tuple[Kind, ...] = (
                       ("compliance", "lpvid.model.compliance", "ComplianceModel"))),
     Kind("gain-certificate", 1, tuple((kind, "lpvid.lmi.gain_certificate", "GainCertificate")
                                       for kind in ("quadratic", "poly-quadratic", "parameter-dependent"))),
+    Kind("bound-certificate", 1, tuple((kind, "lpvid.lmi.bound_certificate", "BoundCertificate")
+                                       for kind in ("quadratic", "poly-quadratic", "parameter-dependent"))),
     Kind("stability-certificate", 1, tuple(
         (kind, "lpvid.analysis.stability_certificate", "StabilityCertificate")
         for kind in ("quadratic", "poly-quadratic", "parameter-dependent", "none"))),

@@ -12,9 +12,11 @@ section 5.3). It includes exponential stability.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -137,52 +139,20 @@ class GainCertificate:
     @property
     def claim(self) -> str:
         """What the certificate says, in words."""
-        where = ", ".join(f"{n} in [{a:.6g}, {b:.6g}] {u}".rstrip() for n, a, b, u in
-                          zip(self.box.names, self.box.lower, self.box.upper, self.box.units, strict=True))
         text = f"gain from {', '.join(self.inputs)} to {', '.join(self.outputs)} at most {self.gamma:.6g}"
-        if where:
-            text += f" for every trajectory of {where}"
-        if where and self.kind != "parameter-dependent":
-            text += ", however fast it moves"
-        elif where:
-            text += " with " + ", ".join(
-                f"|d {n}/dt| <= {r:.6g} {u or '1'}/s" if r is not None else f"{n} arbitrarily fast"
-                for n, r, u in zip(self.box.names, self.box.rate, self.box.units, strict=True))
+        text += describe_box(self.box, self.kind)
         return text + ("" if self.between_grid else "; shown at the points of a grid only, not proven between them")
 
     def check(self, model: LPVStateSpace) -> Recheck:
         """Recompute the claim for a model; it holds only if every number in it can be reproduced."""
         system = driven(model, tuple(n for n in self.basis.names if n in model.box.names))
-        fault = self._fault(system, model)
+        fault = misfit(self, system, model)
+        if not fault and not 0 < self.gamma < math.inf:
+            fault = "the certificate holds a gain that is not positive"
         if fault:
             return Recheck(False, False, math.nan, fault)
         storage = Storage(self.matrices, self.basis, self.box, self.sample_time)
-        found = recheck_gain(system, storage, self.gamma)
-        if not found.holds:
-            return found
-        if self.kind != kind_of(storage):
-            return Recheck(False, found.between_grid, found.margin, f"this is no {self.kind} certificate")
-        if self.between_grid and not found.between_grid:
-            return Recheck(False, False, found.margin, "the claim between grid points cannot be reproduced")
-        if not self.margin <= found.margin * (1 + 1e-6) + 1e-12:
-            return Recheck(False, found.between_grid, found.margin, f"a margin of {self.margin:.3g} is claimed")
-        return found
-
-    def _fault(self, system: Driven, model: LPVStateSpace) -> str:
-        if self.model_hash != system.digest or self.sample_time != system.sample_time:
-            return "the certificate was made for another model"
-        if self.inputs != system.inputs or self.outputs != system.outputs:
-            return "the certificate names other signals than the model has"
-        if self.box.names != box_of(system.readings, model.box).names or not set(self.basis.names) <= set(
-                self.box.names):
-            return "the certificate names other scheduling variables than the model reads"
-        if self.matrices.shape != (self.basis.size, system.order, system.order):
-            return "matrices and basis of the certificate do not fit the model"
-        if not np.all(np.isfinite(self.matrices)) or not np.array_equal(self.matrices, self.matrices.swapaxes(1, 2)):
-            return "the certificate's matrices are not finite and symmetric"
-        if not 0 < self.gamma < math.inf or any(r is not None and not r >= 0 for r in self.box.rate):
-            return "the certificate holds a gain or a rate that is not positive"
-        return ""
+        return reproduced(self, kind_of(storage), recheck_gain(system, storage, self.gamma))
 
     def to_dict(self) -> dict:
         """Plain data for JSON; `lpvid.verify` needs nothing else but the model."""
@@ -206,6 +176,73 @@ class GainCertificate:
     def __repr__(self) -> str:
         return (f"certified{'' if self.between_grid else ' on a grid only'}: {self.claim}\n"
                 f"  {self.kind} storage function; margin {self.margin:.3g}, re-checked with numpy")
+
+
+class Stored(Protocol):
+    """What all certificates with a storage function hold."""
+
+    @property
+    def kind(self) -> str: ...
+    @property
+    def matrices(self) -> np.ndarray: ...
+    @property
+    def basis(self) -> Basis: ...
+    @property
+    def box(self) -> Scheduling: ...
+    @property
+    def sample_time(self) -> float | None: ...
+    @property
+    def model_hash(self) -> str: ...
+    @property
+    def inputs(self) -> tuple[str, ...]: ...
+    @property
+    def outputs(self) -> tuple[str, ...]: ...
+    @property
+    def margin(self) -> float: ...
+    @property
+    def between_grid(self) -> bool: ...
+
+
+def misfit(certificate: Stored, system: Driven, model: LPVStateSpace) -> str:
+    """Why a certificate cannot be one for a model; empty if it can."""
+    box, basis, matrices = certificate.box, certificate.basis, certificate.matrices
+    if certificate.model_hash != system.digest or certificate.sample_time != system.sample_time:
+        return "the certificate was made for another model"
+    if certificate.inputs != system.inputs or certificate.outputs != system.outputs:
+        return "the certificate names other signals than the model has"
+    if box.names != box_of(system.readings, model.box).names or not set(basis.names) <= set(box.names):
+        return "the certificate names other scheduling variables than the model reads"
+    if matrices.shape != (basis.size, system.order, system.order):
+        return "matrices and basis of the certificate do not fit the model"
+    if not np.all(np.isfinite(matrices)) or not np.array_equal(matrices, matrices.swapaxes(1, 2)):
+        return "the certificate's matrices are not finite and symmetric"
+    if any(r is not None and not r >= 0 for r in box.rate):
+        return "the certificate holds a negative rate"
+    return ""
+
+
+def reproduced(certificate: Stored, kind: str, found: Recheck) -> Recheck:
+    """The re-check, as long as it is no weaker than what the certificate says of itself."""
+    if not found.holds:
+        return found
+    if certificate.kind != kind:
+        return Recheck(False, found.between_grid, found.margin, f"this is no {certificate.kind} certificate")
+    if certificate.between_grid and not found.between_grid:
+        return Recheck(False, False, found.margin, "the claim between grid points cannot be reproduced")
+    if not certificate.margin <= found.margin * (1 + 1e-6) + 1e-12:
+        return Recheck(False, found.between_grid, found.margin, f"a margin of {certificate.margin:.3g} is claimed")
+    return found
+
+
+def describe_box(box: Scheduling, kind: str) -> str:
+    """Range and rates that a certificate covers, in words; empty without scheduling variables."""
+    where = ", ".join(f"{n} in [{a:.6g}, {b:.6g}] {u}".rstrip() for n, a, b, u in
+                      zip(box.names, box.lower, box.upper, box.units, strict=True))
+    if not where or kind != "parameter-dependent":
+        return f" for every trajectory of {where}, however fast it moves" if where else ""
+    speeds = ", ".join(f"|d {n}/dt| <= {r:.6g} {u or '1'}/s" if r is not None else f"{n} arbitrarily fast"
+                       for n, r, u in zip(box.names, box.rate, box.units, strict=True))
+    return f" for every trajectory of {where} with {speeds}"
 
 
 def kind_of(storage: Storage) -> str:
@@ -301,6 +338,6 @@ def _corners(p: np.ndarray, slopes: np.ndarray | None, rate: np.ndarray | float 
     if rate is None:
         raise InputError("P changes with p, so the rate of p needs a bound", got="rate=None")
     rates = np.broadcast_to(np.asarray(rate, dtype=float), (v,))
-    signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * v, indexing="ij")).reshape(v, -1).T
+    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=v))).reshape(2**v, v)
     size = np.einsum("v,nvij->nij", rates, np.abs(slopes))
     return np.einsum("tv,nvij->ntij", signs * rates, slopes), np.repeat(size[:, None], len(signs), axis=1)

@@ -101,7 +101,7 @@ class GainSearch:
         program, n, template = Program(), self.system.order, self._template(box)
         matrices = [program.unknowns.symmetric(n) for _ in range(self.basis.size)]
         level = program.unknowns.scalar()
-        points, moves = self.samples(template)
+        points, moves = sample(self.system, template, self.density)
         a, b, c, d = self.frame.inside(self.system.matrices(points))
         psi, units = template.psi(points), symmetric_units(n)
         slopes = {i: self.basis.derivative(points[:, template.columns], box.names[i]) for i in template.readings}
@@ -132,14 +132,15 @@ class GainSearch:
             fixed = Affine(supply, (0.0 * level.times(supply)).linear)
             program.require(matrix - level.times(np.eye(size)), scaled={**moved, "gamma": fixed})
 
-    def samples(self, template: Storage) -> tuple[np.ndarray, np.ndarray]:
-        """Points and moves at which the inequalities are imposed."""
-        power = 1 if self.system.sample_time is None else 2
-        axes, shifts = template.axes(self.system.readings, power)
-        moves = _ends(shifts)
-        corners = len(moves) if self.system.sample_time is not None else 2 ** len(template.readings)
-        most = max(MOST_INEQUALITIES // corners, 2 ** len(axes))
-        return _spread(axes, self.system, template, self.density, most), moves
+
+def sample(system: Driven, template: Storage, density: float, power: int | None = None
+           ) -> tuple[np.ndarray, np.ndarray]:
+    """Points and moves at which an inequality of a degree in the system's matrices is imposed."""
+    axes, shifts = template.axes(system.readings, power or (1 if system.sample_time is None else 2))
+    moves = _ends(shifts)
+    corners = len(moves) if system.sample_time is not None else 2 ** len(template.readings)
+    most = max(MOST_INEQUALITIES // corners, 2 ** len(axes))
+    return _spread(axes, system, template, density, most), moves
 
 
 def _spread(axes: list[Axis], system: Driven, template: Storage, share: float, most: int) -> np.ndarray:

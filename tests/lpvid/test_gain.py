@@ -11,13 +11,13 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
+from gain_systems import random_stable, rotating, time_invariant, vanishing
 
 import lpvid as lpv
 from lpvid.analysis.gain import Gain, l2_gain, l2_gains
 from lpvid.errors import InputError
 from lpvid.lmi.program import SOLVERS
 from lpvid.scheduling import Fourier, Polynomial, Spline
-from gain_systems import random_stable, rotating, time_invariant, vanishing
 
 REFERENCE = {0.1: 0.09925, 1.0: 0.66240, 4.0: 0.86630}
 """Gain on a grid of ten points with P of degree 3 (synthesis sheet, section 1)."""
@@ -40,7 +40,7 @@ def test_the_reference_case_at_any_speed():
 @pytest.mark.parametrize("discrete", [False, True])
 def test_time_invariant_systems_have_their_h_infinity_norm(discrete, rng):
     for n in (1, 3, 6):
-        np.random.seed(n)  # python-control draws from the global generator
+        np.random.seed(n)  # noqa: NPY002
         plant = control.drss(n, 2, 2) if discrete else control.rss(n, 2, 2)
         plant = control.StateSpace(0.9 * plant.A if discrete else plant.A - 0.1 * np.eye(n), plant.B, plant.C, plant.D,
                                    0.1 if discrete else 0)

@@ -1,0 +1,163 @@
+"""What a search for a certified bound returns, and the search itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvid.analysis.gain_bounds import ATTEMPT, worst_pole
+from lpvid.lmi.bound_certificate import BoundCertificate, inequality_of
+from lpvid.lmi.certificate import grid
+from lpvid.lmi.driven import Driven
+from lpvid.lmi.frame import Frame, frame_of
+from lpvid.lmi.gain_certificate import kind_of
+from lpvid.lmi.inequality import recheck_inequality
+from lpvid.lmi.storage import Storage
+from lpvid.lmi.storage_search import StorageSearch
+from lpvid.scheduling import Basis, Scheduling
+
+Region = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Bound:
+    """A quantity of an LPV system between a bound that is certified and one that is reached.
+
+    Parameters
+    ----------
+    quantity : str
+        "h2-norm", "decay-rate" or "pole-region".
+    verdict : str
+        "certified", "certified on a grid only", "not certified" or "unstable".
+    lower, upper : float
+        H2 norm: `upper` is certified and `lower` reached. Decay rate [1/s]: `lower` is certified, and no rate above
+        `upper` is possible. Not used for a region.
+    certificate : BoundCertificate or None
+        What `lpvid.verify` re-checks.
+    why : str
+    """
+
+    quantity: str
+    verdict: str
+    lower: float
+    upper: float
+    certificate: BoundCertificate | None
+    why: str = ""
+
+    @property
+    def certified(self) -> bool:
+        """There is a certificate."""
+        return self.certificate is not None
+
+    @property
+    def between_grid(self) -> bool:
+        """Proven on the whole scheduling box."""
+        return self.certificate is not None and self.certificate.between_grid
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"quantity": self.quantity, "verdict": self.verdict,
+                **{k: v if math.isfinite(v) else None for k, v in (("lower", self.lower), ("upper", self.upper))},
+                "between_grid": self.between_grid, "why": self.why,
+                "certificate": None if self.certificate is None else self.certificate.to_dict()}
+
+    def __repr__(self) -> str:
+        if self.certificate is None:
+            return f"{self.verdict}: {self.why}"
+        lines = [f"{self.verdict}: {self.certificate.claim}"]
+        if self.quantity == "h2-norm":
+            lines.append(f"  at least {self.lower:.6g}, reached with the scheduling held")
+        if self.quantity == "decay-rate" and math.isfinite(self.upper):
+            lines.append(f"  no faster than {self.upper:.6g} 1/s, the slowest frozen mode")
+        return "\n".join([*lines, *repr(self.certificate).splitlines()[1:]])
+
+
+def judged(quantity: str, certificate: BoundCertificate | None, lower: float, upper: float, why: str) -> Bound:
+    """The outcome of a search."""
+    if certificate is None:
+        return Bound(quantity, "not certified", lower, upper, None, why)
+    verdict = "certified" if certificate.between_grid else "certified on a grid only"
+    return Bound(quantity, verdict, lower, upper, certificate)
+
+
+@dataclass(frozen=True, eq=False)
+class BoundSearch:
+    """Looks for certificates of one quantity for one system on one box.
+
+    Parameters
+    ----------
+    system : Driven
+    box : Scheduling
+    quantity : str
+    region : (L, M) or None
+    """
+
+    system: Driven
+    box: Scheduling
+    quantity: str
+    region: Region | None = None
+
+    def frame(self) -> Frame:
+        """Coordinates for the program; the model's own where a frozen system is unstable."""
+        if worst_pole(self.system, self.box)[0] >= 0 or not self.system.order:
+            return Frame(np.eye(self.system.order), 1.0, 1.0)
+        return frame_of(self.system, grid(self.box, {0: 1, 1: 9, 2: 4}.get(len(self.box.names), 2)))
+
+    def at(self, level: float, bases: Iterable[Basis]) -> BoundCertificate | None:
+        """A certificate of a level, one between grid points before one on the grid."""
+        return _first(self._proposed(level, bases))
+
+    def _proposed(self, level: float, bases: Iterable[Basis]) -> Iterator[BoundCertificate]:
+        frame = self.frame()
+        scale = frame.time if self.system.sample_time is None else 1.0
+        region = None if self.region is None else (self.region[0] * scale, self.region[1])
+        inside = inequality_of(self.quantity, level * (scale if self.quantity == "decay-rate" else 1.0), region)
+        for basis in bases:
+            for density in (2.0, 4.0):
+                search = StorageSearch(self.system, self.box, basis, frame, density)
+                if not search.affordable:
+                    return
+                found = next(search.roomiest(inside, capped=self.quantity != "h2-norm"), None)
+                if found is None or not found[1] > 1e-9:
+                    break
+                certificate = self.checked(found[0], basis, level, found[2])
+                if certificate is not None:
+                    yield certificate
+
+    def checked(self, matrices: np.ndarray, basis: Basis, level: float, solver: str) -> BoundCertificate | None:
+        """The certificate, if numpy agrees."""
+        storage = Storage(matrices, basis, self.box, self.system.sample_time)
+        problem = inequality_of(self.quantity, level, self.region)(self.system, storage)
+        outcome = recheck_inequality(problem, budget=ATTEMPT)
+        if not outcome.holds:
+            return None
+        return BoundCertificate(self.quantity, level, self.region, kind_of(storage), matrices, basis, self.box,
+                                self.system.sample_time, self.system.digest, self.system.inputs, self.system.outputs,
+                                outcome.margin, outcome.between_grid, solver)
+
+
+def _first(found: Iterator[BoundCertificate]) -> BoundCertificate | None:
+    on_grid: BoundCertificate | None = None
+    for certificate in found:
+        if certificate.between_grid:
+            return certificate
+        on_grid = on_grid or certificate
+    return on_grid
+
+
+def scaled_outputs(system: Driven, factor: float) -> Driven:
+    """The system with outputs times a factor."""
+    moved = system.coefficients.copy()
+    moved[:, system.order :] *= factor
+    return replace(system, coefficients=moved)
+
+
+def largest(holds: Callable[[float], bool], low: float, high: float, steps: int) -> float:
+    """The largest value found at which `holds`, by bisection between one where it does and one where it may not."""
+    for _ in range(steps):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low

@@ -1,0 +1,72 @@
+"""The largest decay rate that can be certified while the scheduling moves."""
+
+from __future__ import annotations
+
+import math
+
+from lpvid.analysis.bound import Bound, BoundSearch, judged, largest
+from lpvid.analysis.certificates import Range, Rate
+from lpvid.analysis.gain import rated
+from lpvid.analysis.gain_bounds import storage_bases, usable, worst_pole
+from lpvid.lmi.autonomous import box_of
+from lpvid.lmi.bound_certificate import BoundCertificate
+from lpvid.lmi.driven import driven
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Basis
+
+STEPS = 7
+
+
+def decay_rate(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None, *, range: Range = None) -> Bound:
+    """The largest α [1/s] for which √(xᵀP(p)x) is certified to decrease at least as exp(−αt), with zero input.
+
+    Parameters
+    ----------
+    system : LPVStateSpace
+        Continuous or discrete; its basis may be trigonometric too.
+    rate, basis, range
+        As for `l2_gain`.
+
+    Returns
+    -------
+    Bound
+        Its `lower` is certified; its `upper` is the rate of the slowest frozen mode, which nothing can exceed.
+
+    Examples
+    --------
+    >>> from lpvid.scheduling import Polynomial
+    >>> lag = LPVStateSpace([[[-2.0]]], [[[1.0]]], [[[1.0]]], [[[0.0]]], Polynomial((), 0), None)
+    >>> found = decay_rate(lag)
+    >>> found.upper, round(found.lower, 1)
+    (2.0, 2.0)
+    """
+    plant = driven(system, () if basis is None else tuple(n for n in basis.names if n in system.box.names))
+    box = box_of(plant.readings, rated(system.box, rate, range))
+    worst = worst_pole(plant, box)[0]
+    frozen = -worst if plant.sample_time is None else -math.log(max(1 + worst, 1e-6)) / plant.sample_time
+    if worst >= 0:
+        return Bound("decay-rate", "unstable", -math.inf, frozen, None, "a frozen pole does not decay")
+    if not plant.order:
+        return Bound("decay-rate", "not certified", 0.0, math.inf, None, "the model has no state that could decay")
+    search = BoundSearch(plant, box, "decay-rate")
+    best: BoundCertificate | None = None
+    for own in storage_bases(plant, box) if basis is None else [usable(basis, box, plant.sample_time is not None)]:
+        found: dict[float, BoundCertificate] = {}
+
+        def holds(level: float, own: Basis = own, found: dict[float, BoundCertificate] = found) -> bool:
+            certificate = search.at(level, [own])
+            if certificate is not None:
+                found[level] = certificate
+            return certificate is not None
+
+        low = 0.0 if best is None else best.level
+        if not any(holds(share * frozen) for share in (0.999, 0.98) if share * frozen > low):
+            largest(holds, low, 0.98 * frozen, STEPS)
+        if found and (best is None or found[max(found)].between_grid >= best.between_grid):
+            best = found[max(found)]
+        if best is not None and best.level >= 0.98 * frozen:
+            break
+    if best is None:
+        best = search.at(0.0, storage_bases(plant, box))
+    return judged("decay-rate", best, -math.inf if best is None else best.level, frozen,
+                  "no storage function was found that decreases")

@@ -1,0 +1,107 @@
+"""H2 norm of an LPV system: certified from above, reached from below by frozen systems."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lpvid.analysis.bound import Bound, BoundSearch, judged, scaled_outputs
+from lpvid.analysis.certificates import Range, Rate
+from lpvid.analysis.gain import rated
+from lpvid.analysis.gain_bounds import storage_bases, usable, worst_pole
+from lpvid.lmi.autonomous import box_of
+from lpvid.lmi.bound_certificate import BoundCertificate, has_h2_norm, inequality_of
+from lpvid.lmi.certificate import grid
+from lpvid.lmi.driven import Driven, driven
+from lpvid.lmi.frame import gramian
+from lpvid.lmi.storage_search import StorageSearch
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Basis, Scheduling
+
+BACK_OFF = (1e-6, 1e-5, 1e-4, 1e-3, 5e-3)
+ENOUGH = 0.005
+
+
+def h2_norm(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None, *, range: Range = None) -> Bound:
+    """Bounds of the rms of a model's outputs while its inputs are white noise and its scheduling moves.
+
+    The noise has unit intensity (unit variance per sample in discrete time) in every input. The inequalities stand in
+    `lpvid.lmi.bounds.H2Bound`; for a time-invariant system both bounds are the H2 norm.
+
+    Parameters
+    ----------
+    system : LPVStateSpace
+        In continuous time without feedthrough.
+    rate, basis, range
+        As for `l2_gain`.
+
+    Returns
+    -------
+    Bound
+        Its `upper` is certified, its `lower` the largest H2 norm of a frozen system on a grid.
+
+    Examples
+    --------
+    >>> from lpvid.scheduling import Polynomial
+    >>> lag = LPVStateSpace([[[-2.0]]], [[[1.0]]], [[[1.0]]], [[[0.0]]], Polynomial((), 0), None)
+    >>> found = h2_norm(lag)                                     # 1/(s + 2): ½
+    >>> round(found.lower, 6), round(found.upper, 4), found.verdict
+    (0.5, 0.5, 'certified')
+    """
+    plant = driven(system, () if basis is None else tuple(n for n in basis.names if n in system.box.names))
+    box = box_of(plant.readings, rated(system.box, rate, range))
+    if not has_h2_norm(plant):
+        return Bound("h2-norm", "not certified", math.inf, math.inf, None, "with feedthrough in continuous time white "
+                     "noise passes with infinite variance")
+    if worst_pole(plant, box)[0] >= 0:
+        return Bound("h2-norm", "unstable", math.inf, math.inf, None, "a frozen pole does not decay")
+    lower = largest_frozen_h2(plant, box)
+    bases = storage_bases(plant, box) if basis is None else [usable(basis, box, plant.sample_time is not None)]
+    best: BoundCertificate | None = None
+    for own in bases:
+        found = _with(plant, box, own, lower or 1.0)
+        if found is None:
+            continue
+        if best is None or (found.level < best.level and found.between_grid >= best.between_grid):
+            stalled = best is not None and own.degree != 1 and found.level > (1 - ENOUGH) * best.level
+            best = found
+            if stalled or best.level <= (1 + ENOUGH) * lower:
+                break
+    return judged("h2-norm", best, lower, math.inf if best is None else best.level,
+                  "no storage function was found that bounds the variance")
+
+
+def _with(plant: Driven, box: Scheduling, basis: Basis, typical: float) -> BoundCertificate | None:
+    search = BoundSearch(plant, box, "h2-norm")
+    unit = scaled_outputs(plant, 1 / typical)
+    on_grid: BoundCertificate | None = None
+    for density in (2.0, 5.0):
+        inner = StorageSearch(unit, box, basis, search.frame(), density)
+        if not inner.affordable:
+            return None
+        least = next(inner.least(lambda level: inequality_of("h2-norm", level, None)), None)
+        if least is None:
+            return on_grid
+        proposals = [(least[0], least[1] * (1 + share), least[2]) for share in BACK_OFF]
+        for share in (0.01, 0.05):
+            level = least[1] * (1 + share)
+            roomy = next(inner.roomiest(inequality_of("h2-norm", level, None), capped=False), None)
+            if roomy is not None:
+                proposals.append((roomy[0], level, roomy[2]))
+        for matrices, level, solver in proposals:
+            found = search.checked(matrices * typical**2, basis, level * typical, solver)
+            if found is not None and found.between_grid:
+                return found
+            on_grid = on_grid or found
+    return on_grid
+
+
+def largest_frozen_h2(plant: Driven, box: Scheduling) -> float:
+    """Largest H2 norm over a grid of frozen systems, by Lyapunov equations."""
+    points = grid(box, {0: 1, 1: 81, 2: 13, 3: 6}.get(len(box.names), 3))
+    best, discrete = 0.0, plant.sample_time is not None
+    for a, b, c, d in zip(*plant.matrices(points), strict=True):
+        variance = c @ gramian(a, b @ b.T, discrete) @ c.T if len(a) else np.zeros((len(c), len(c)))
+        best = max(best, float(np.trace(variance)) + (float(np.sum(d**2)) if discrete else 0.0))
+    return math.sqrt(best)

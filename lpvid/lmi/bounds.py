@@ -1,0 +1,108 @@
+"""Further claims that a storage function can carry: H2 norm, decay rate, region of the frozen poles."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.lmi.driven import Driven
+from lpvid.lmi.gain_certificate import pace
+from lpvid.lmi.inequality import Inequality, Pieces
+from lpvid.lmi.storage import Storage
+
+
+@dataclass(frozen=True, eq=False)
+class H2Bound(Inequality):
+    """−AᵀP − PA − Ṗ − CᵀC ≻ 0 and ν² > tr BᵀPB; in discrete time P − AᵀP⁺A − CᵀC ≻ 0 and ν² > tr(BᵀP⁺B + DᵀD).
+
+    Then E|z|² averages at most ν² while w is white noise of unit intensity, and the energy of the responses to unit
+    impulses at all inputs together is at most ν², whenever they strike.
+    """
+
+    system: Driven
+    storage: Storage
+    level: float
+    power: int = 2
+
+    def matrix(self, pieces: Pieces) -> np.ndarray:
+        q, s = pieces, pieces.sign
+        ct = q.C.swapaxes(2, 3)
+        if self.system.sample_time is not None:
+            state = q.P + s * (q.A.swapaxes(2, 3) @ q.later @ q.A) + s * (ct @ q.C)
+            spent = q.B.swapaxes(2, 3) @ q.later @ q.B + q.D.swapaxes(2, 3) @ q.D
+        else:
+            product = q.P @ q.A
+            state = s * (product + product.swapaxes(2, 3) + q.later + ct @ q.C)
+            spent = q.B.swapaxes(2, 3) @ q.P @ q.B
+        trace = np.trace(spent, axis1=2, axis2=3)[..., None, None]
+        return _diagonal(q, state, self.level**2 + s * trace)
+
+    def congruence(self, root: np.ndarray) -> np.ndarray:
+        scale = np.zeros((len(root) + 1,) * 2)
+        scale[:-1, :-1] = root * math.sqrt(pace(self.system, self.storage, root))
+        scale[-1, -1] = 1 / max(self.level, 1e-300)
+        return scale
+
+
+@dataclass(frozen=True, eq=False)
+class DecayBound(Inequality):
+    """−AᵀP − PA − Ṗ − 2αP ≻ 0, or exp(−2α T_s) P − AᵀP⁺A ≻ 0: √(xᵀPx) decreases at least as exp(−αt)."""
+
+    system: Driven
+    storage: Storage
+    level: float
+
+    @property
+    def power(self) -> int:  # type: ignore[override]
+        """Degree in the system's matrices."""
+        return 1 if self.system.sample_time is None else 2
+
+    def matrix(self, pieces: Pieces) -> np.ndarray:
+        q, s = pieces, pieces.sign
+        if self.system.sample_time is not None:
+            rho2 = math.exp(-2 * self.level * self.system.sample_time)
+            return rho2 * q.P + s * (q.A.swapaxes(2, 3) @ q.later @ q.A)
+        product = q.P @ q.A
+        size = abs(self.level) if s > 0 else self.level
+        return s * (product + product.swapaxes(2, 3) + q.later + 2 * size * q.P)
+
+    def congruence(self, root: np.ndarray) -> np.ndarray:
+        return root * math.sqrt(pace(self.system, self.storage, root))
+
+
+@dataclass(frozen=True, eq=False)
+class RegionBound(Inequality):
+    """−(L ⊗ P + M ⊗ PA + Mᵀ ⊗ AᵀP) ≻ 0: the poles of A(p), frozen anywhere in the box, keep L + sM + s̄Mᵀ ≺ 0.
+
+    Chilali & Gahinet, IEEE Trans. Automatic Control 41 (1996) 358-367, (2) and theorem 2.2. P(p) need not move.
+    """
+
+    system: Driven
+    storage: Storage
+    fixed: np.ndarray
+    varying: np.ndarray
+    power: int = 1
+
+    def matrix(self, pieces: Pieces) -> np.ndarray:
+        q, s = pieces, pieces.sign
+        fixed, varying = (np.abs(x) if s > 0 else x for x in (self.fixed, self.varying))
+        product = q.P @ q.A + 0.0 * q.later
+        still = np.broadcast_to(q.P, product.shape)
+        n, k = product.shape[-1], len(fixed)
+        total = (np.einsum("ij,ntab->ntiajb", fixed, still) + np.einsum("ij,ntab->ntiajb", varying, product)
+                 + np.einsum("ji,ntba->ntiajb", varying, product))
+        return s * total.reshape(*product.shape[:2], k * n, k * n)
+
+    def congruence(self, root: np.ndarray) -> np.ndarray:
+        return np.kron(np.eye(len(self.fixed)), root * math.sqrt(pace(self.system, self.storage, root)))
+
+
+def _diagonal(q: Pieces, state: np.ndarray, scalar: np.ndarray) -> np.ndarray:
+    """(N, T, n + 1, n + 1) both blocks."""
+    count, moves = q.later.shape[:2]
+    n = state.shape[-1]
+    out = np.zeros((count, moves, n + 1, n + 1))
+    out[:, :, :n, :n], out[:, :, n:, n:] = state, scalar
+    return out
