@@ -139,9 +139,9 @@ _EXPORTS = {
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
-    "ARMAX", "ARX", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "Channel", "Compliance",
+    "ARMAX", "ARX", "H2", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "Channel", "Compliance",
     "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "Effect", "ExtendedModel", "Filter", "Fourier", "Gain",
-    "GainCertificate", "Gap", "GeneralizedPlant", "H2", "HInfinity", "HalfPlane", "Identification", "InputError",
+    "GainCertificate", "Gap", "GeneralizedPlant", "HInfinity", "HalfPlane", "Identification", "InputError",
     "LFTFeedback", "LPVStateSpace", "LPVTransferFunction", "LpvError", "MultiObjective", "NumericalError", "Observer",
     "OutputError", "OutputFeedback", "Polynomial", "Product", "QuasiLPV", "Realization", "Record", "Recursive",
     "RefinedIV", "Ridge", "RightCoprime", "ScaledGain", "Scheduling", "Selection", "Shifted", "Signal", "Simulation",

@@ -55,6 +55,8 @@ class Synthesis:
         Who proposed the matrices.
     method : str
         The design in a few words.
+    infimum : float or None
+        Least bound that the inequalities admit, as the solver has it: approached, not promised.
 
     Examples
     --------
@@ -80,6 +82,7 @@ class Synthesis:
     seconds: float = 0.0
     solver: str = ""
     method: str = ""
+    infimum: float | None = None
 
     def __post_init__(self) -> None:
         _checks.one_of(self.verdict, VERDICTS, "the verdict of a synthesis")
@@ -106,7 +109,7 @@ class Synthesis:
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""
-        numbers = {name: _plain(getattr(self, name)) for name in ("gamma", "gamma_verified", "gamma_lower")}
+        numbers = {name: _plain(getattr(self, name)) for name in ("gamma", "gamma_verified", "gamma_lower", "infimum")}
         parts = {name: None if part is None else part.to_dict() for name, part in
                  (("controller", self.controller), ("closed_loop", self.closed_loop),
                   ("certificate", self.certificate))}
@@ -117,11 +120,11 @@ class Synthesis:
     @classmethod
     def from_dict(cls, data: Mapping) -> Synthesis:
         """Inverse of `to_dict`."""
-        systems = {name: None if data[name] is None else LPVStateSpace.from_dict(data[name])
-                   for name in ("controller", "closed_loop")}
+        systems: dict[str, Any] = {name: None if data[name] is None else LPVStateSpace.from_dict(data[name])
+                                   for name in ("controller", "closed_loop")}
         fields = ("verdict", "gamma", "gamma_verified", "gamma_lower", "between_grid", "why", "mend", "seconds",
                   "solver", "method")
-        return cls(**{name: data[name] for name in fields}, notes=tuple(data["notes"]),
+        return cls(infimum=data.get("infimum"), **{name: data[name] for name in fields}, notes=tuple(data["notes"]),
                    certificate=_certificate(data["certificate"]), **systems)
 
     def __repr__(self) -> str:

@@ -1,0 +1,138 @@
+"""What a plant must have before any controller is looked for, checked at frozen points and said by its signals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import matrix_balance
+
+from lpvid.errors import InputError
+from lpvid.scheduling import Scheduling
+from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
+
+TINY = 1e-9
+"""relative size below which a signal counts as unable to reach, or to show, a mode."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What no controller can mend: a verdict of `Synthesis`, with why and mend."""
+
+    verdict: str
+    why: str
+    mend: str
+
+
+def refuse_dead_signals(plant: GeneralizedPlant, at: PlantMatrices) -> None:
+    """Raise for a control without effect, a measurement that sees nothing, or a control whose polarity turns over.
+
+    Raises
+    ------
+    InputError
+        Naming the signal.
+    """
+    push = np.concatenate([at.B2, at.D12], axis=1)
+    seen = np.concatenate([at.C2, at.D21], axis=2).swapaxes(1, 2)
+    for j, name in enumerate(plant.controls):
+        if not push[:, :, j].any():
+            raise InputError(f"the control '{name}' has no effect on any state or performance signal",
+                             got="zero authority everywhere in the scheduling box",
+                             mend=f"remove '{name}' from the controls, or connect it")
+        if _turns_over(push[:, :, j]):
+            raise InputError(f"the control '{name}' acts in opposite directions within the scheduling box",
+                             got="a reversed polarity", why="between the two it has no authority at all",
+                             mend=f"check the sign of '{name}' in the model, or design for the two parts separately")
+    for j, name in enumerate(plant.measurements):
+        if not seen[:, :, j].any():
+            raise InputError(f"the measurement '{name}' sees no state and no disturbance",
+                             mend=f"remove '{name}' from the measurements, or connect it")
+        if _turns_over(seen[:, :, j]):
+            raise InputError(f"the measurement '{name}' changes its sign within the scheduling box",
+                             got="a reversed polarity", why="between the two it shows nothing at all",
+                             mend=f"check the sign of '{name}' in the model, or design for the two parts separately")
+
+
+def fault_of(plant: GeneralizedPlant, at: PlantMatrices, points: np.ndarray) -> Fault | None:
+    """A mode that does not decay and that the controls cannot reach, or the measurements do not show.
+
+    Popov-Belevitch-Hautus test at every point of the scheduling; trajectories that stay there are admissible.
+    """
+    discrete = plant.sample_time is not None
+    for k in range(len(at.A)):
+        where = _where(plant.box, points[k])
+        p = at.point(k)
+        for a, b, verdict in ((p.A, p.B2, "unstabilisable"), (p.A.T, p.C2.T, "undetectable")):
+            pole = _out_of_reach(a, b, discrete)
+            if pole is None:
+                continue
+            controls, sensors = ", ".join(plant.controls), ", ".join(plant.measurements)
+            if verdict == "unstabilisable":
+                return Fault(verdict, f"{where}no control ({controls}) reaches the mode with pole {_say(pole)}, which "
+                             "does not decay", "add an actuator that moves it; if it belongs to a weight, make the "
+                             "weight stable (a slow pole in place of an integrator)")
+            return Fault(verdict, f"{where}no measurement ({sensors}) shows the mode with pole {_say(pole)}, which "
+                         "does not decay", "add a sensor that sees it; if it belongs to a weight, make the weight "
+                         "stable (a slow pole in place of an integrator)")
+    return None
+
+
+def remarks(plant: GeneralizedPlant, at: PlantMatrices) -> tuple[str, ...]:
+    """What Riccati equations would refuse, by the signals concerned: the inequalities do not need it."""
+    found = []
+    for matrix, names, text in (
+            (at.D12, plant.controls, "no performance signal limits {0} at high frequency (D12 has rank {1} of {2})"),
+            (at.D21.swapaxes(1, 2), plant.measurements, "no noise reaches {0} (D21 has rank {1} of {2})")):
+        ranks = [_rank(m) for m in matrix]
+        k = int(np.argmin(ranks))
+        if ranks[k] < len(names):
+            found.append(text.format(_blind(matrix[k], names), ranks[k], len(names))
+                         + ": Riccati equations need it, these inequalities do not")
+    return tuple(found)
+
+
+def _out_of_reach(a: np.ndarray, b: np.ndarray, discrete: bool) -> complex | None:
+    if not a.size:
+        return None
+    a, (scale, _) = matrix_balance(a, permute=False, separate=True)
+    b = b / scale[:, None]
+    size = max(np.linalg.norm(a, 2), 1e-300)
+    for pole in np.linalg.eigvals(a):
+        nearly = max(TINY * abs(pole), 1e-13 * size)
+        if abs(pole) < 1 - TINY if discrete else pole.real < -nearly:
+            continue
+        test = np.hstack([a - pole * np.eye(len(a)), b * size / max(np.linalg.norm(b), 1e-300)])
+        if np.linalg.svd(test, compute_uv=False)[-1] < TINY * size:
+            return complex(pole)
+    return None
+
+
+def _turns_over(columns: np.ndarray) -> bool:
+    """A direction that stays, times a factor whose sign does not (N, rows)."""
+    size = np.linalg.norm(columns, axis=1)
+    strongest = columns[int(size.argmax())]
+    along = columns @ strongest / max(float(strongest @ strongest), 1e-300)
+    aside = np.abs(columns - along[:, None] * strongest).max()
+    return bool(aside <= 1e-9 * size.max() and along.min() < -1e-9)
+
+
+def _rank(matrix: np.ndarray) -> int:
+    s = np.linalg.svd(matrix, compute_uv=False)
+    return int((s > 1e-9 * max(s.max(initial=0.0), 1e-300)).sum())
+
+
+def _blind(matrix: np.ndarray, names: tuple[str, ...]) -> str:
+    """Names of the columns, or of the combinations of them, that a matrix does not pass."""
+    empty = [n for n, column in zip(names, matrix.T, strict=True) if not column.any()]
+    if len(empty) == len(names) - _rank(matrix):
+        return ", ".join(empty)
+    return "a combination of " + ", ".join(names)
+
+
+def _where(box: Scheduling, point: np.ndarray) -> str:
+    text = ", ".join(f"{n} = {v:.6g} {u}".rstrip() for n, v, u in zip(box.names, point, box.units, strict=True))
+    return f"at {text}, " if text else ""
+
+
+def _say(pole: complex) -> str:
+    return f"{pole.real:.4g}" + (f"{pole.imag:+.4g}j" if abs(pole.imag) > 1e-9 * abs(pole) else "")

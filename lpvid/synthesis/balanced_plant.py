@@ -1,0 +1,96 @@
+"""A plant as the inequalities of output feedback see it: continuous, in balanced units, without path from u to y."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvid.scheduling import Basis, Polynomial, Product, Spline
+from lpvid.synthesis.bilinear import around_feedthrough, plant_to_continuous, sign_for, to_discrete
+from lpvid.synthesis.design_grid import design_axes, is_affine, tensor
+from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
+from lpvid.synthesis.scaling import Matrices, Units
+
+
+@dataclass(frozen=True, eq=False)
+class BalancedPlant:
+    """A plant with the way there and back.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+    sign : float or None
+        Of the bilinear transformation; None in continuous time.
+    units : Units
+    """
+
+    plant: GeneralizedPlant
+    sign: float | None
+    units: Units
+
+    @classmethod
+    def of(cls, plant: GeneralizedPlant, points: np.ndarray) -> BalancedPlant:
+        """Balanced over the given points (N, n_scheduling)."""
+        at = plant.at(points)
+        sign = None if plant.sample_time is None else sign_for(at.A)
+        return cls(plant, sign, Units.of(at if sign is None else plant_to_continuous(at, sign)))
+
+    def at(self, points: np.ndarray) -> PlantMatrices:
+        """The balanced blocks, with D22 = 0: y is what the sensors show less what the controls add directly."""
+        at = self.units.apply(self._continuous(points))
+        return replace(at, D22=np.zeros_like(at.D22))
+
+    def controller(self, k: Matrices, points: np.ndarray) -> Matrices:
+        """A controller of the balanced plant, for the sensors and the time of the plant itself."""
+        k = around_feedthrough(self.units.controller(k), self._continuous(points).D22)
+        return k if self.sign is None else to_discrete(k, self.sign)
+
+    def _continuous(self, points: np.ndarray) -> PlantMatrices:
+        at = self.plant.at(points)
+        return at if self.sign is None else plant_to_continuous(at, self.sign)
+
+
+def corners_suffice(plant: GeneralizedPlant) -> bool:
+    """Inequalities with one X and Y, imposed at `convex_axes`, then hold in the whole box.
+
+    The plant is a convex combination of its values there, and what multiplies the controller does not vary.
+    """
+    if not plant.box.half_width.any():
+        return True
+    if not _convex(plant.system.basis):
+        return False
+    at = plant.at(tensor(convex_axes(plant)))
+    return not at.D22.any() and not any(np.ptp(m, axis=0).any() for m in (at.B2, at.D12, at.C2, at.D21))
+
+
+def varying_signals(plant: GeneralizedPlant) -> str:
+    """Which signals' gains vary with the scheduling, so that corners are not enough; empty for none."""
+    at = plant.at(plant.box.grid(3))
+    moving = [n for j, n in enumerate(plant.controls)
+              if np.ptp(at.B2[:, :, j], axis=0).any() or np.ptp(at.D12[:, :, j], axis=0).any()]
+    moving += [n for j, n in enumerate(plant.measurements)
+               if np.ptp(at.C2[:, j], axis=0).any() or np.ptp(at.D21[:, j], axis=0).any()]
+    return ", ".join(moving)
+
+
+def convex_axes(plant: GeneralizedPlant) -> tuple[np.ndarray, ...]:
+    """Ends of the box and, for a gridded plant, its grid."""
+    ends = design_axes(plant.box, 2, True)
+    inside = _knots(plant.system.basis)
+    return tuple(np.unique(np.concatenate([a, [k for k in inside.get(n, ()) if a[0] < k < a[-1]]]))
+                 for n, a in zip(plant.box.names, ends, strict=True))
+
+
+def _convex(basis: Basis) -> bool:
+    if isinstance(basis, Product):
+        first, second = basis.factors[0], basis.factors[1]
+        separate = len(basis.factors) == 2 and not set(first.names) & set(second.names)
+        return separate and _convex(first) and _convex(second)
+    return (isinstance(basis, Spline) and basis.order == 1) or (isinstance(basis, Polynomial) and is_affine(basis))
+
+
+def _knots(basis: Basis) -> dict[str, tuple[float, ...]]:
+    if isinstance(basis, Product):
+        return {name: knots for factor in basis.factors for name, knots in _knots(factor).items()}
+    return {basis.name: basis.knots} if isinstance(basis, Spline) else {}

@@ -1,0 +1,136 @@
+"""A controller formula written down as an LPV system, and what its closed loop does."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Spline
+from lpvid.synthesis.controller_formula import ControllerFormula
+from lpvid.synthesis.design_grid import columns, interpolating, over, tensor
+from lpvid.synthesis.generalized_plant import GeneralizedPlant
+from lpvid.synthesis.interconnection import close_loop_at
+from lpvid.synthesis.loop_check import gain_bounds
+from lpvid.synthesis.plant_functions import named
+from lpvid.synthesis.scaling import Matrices
+
+RATE = "_rate"
+"""What a scheduling variable's name gets appended for the variable that holds its derivative."""
+
+
+def table(formula: ControllerFormula, axes: tuple[np.ndarray, ...], polynomial: bool) -> LPVStateSpace:
+    """The controller, exact at the grid of `axes` and linear in each variable between its points.
+
+    With `polynomial` and two points for each variable the entries are polynomials of degree one in each variable.
+    """
+    points = tensor(axes)
+    k, slopes = formula.at(points)
+    box = formula.plant.plant.box
+    if polynomial and all(len(a) <= 2 for a in axes):
+        moving = tuple(n for n, low, high in zip(box.names, box.lower, box.upper, strict=True) if high > low)
+        basis = Polynomial(moving, len(moving)).bound(box) if moving else Polynomial((), 0)
+        once = basis.exponents.max(axis=1, initial=0) <= 1
+        inverse = np.zeros((basis.size, len(points)))
+        inverse[once] = np.linalg.inv(columns(box, basis, points)[:, once])
+        return _written(formula, basis, inverse, k, slopes)
+    return _written(formula, interpolating(box, axes), np.eye(len(points)), k, slopes)
+
+
+def smooth(formula: ControllerFormula, segments: int) -> LPVStateSpace:
+    """The controller with cubic splines of so many segments of each variable, fitted by least squares."""
+    box = formula.plant.plant.box
+    basis: Basis | None = None
+    for name, low, high in zip(box.names, box.lower, box.upper, strict=True):
+        if high > low:
+            factor = Spline(name, segments, 3, tuple(np.linspace(low, high, segments + 1).tolist()))
+            basis = factor if basis is None else Product(basis, factor)
+    assert basis is not None
+    points = dense(box, 3 * segments)
+    k, slopes = formula.at(points)
+    return _written(formula, basis, np.linalg.pinv(columns(box, basis, points)), k, slopes)
+
+
+def dense(box: Scheduling, cells: int) -> np.ndarray:
+    """(N, n_scheduling) tensor grid with so many cells along every variable that has width."""
+    return tensor(tuple(np.linspace(low, high, cells + 1) if high > low else np.array([low])
+                        for low, high in zip(box.lower, box.upper, strict=True)))
+
+
+def rated_box(box: Scheduling, moving: tuple[str, ...]) -> Scheduling:
+    """The box with a further variable for the rate of each of `moving`."""
+    limits = [box.rate[box.names.index(n)] or 0.0 for n in moving]
+    units = [f"{box.units[box.names.index(n)] or '1'}/s" for n in moving]
+    return Scheduling((*box.names, *(n + RATE for n in moving)), (*box.lower, *(-r for r in limits)),
+                      (*box.upper, *limits), (*box.rate, *(None,) * len(moving)), (*box.units, *units))
+
+
+def matrices_at(controller: LPVStateSpace, box: Scheduling, points: np.ndarray) -> Matrices:
+    """(N, …) matrices of a controller at points over the variables of `box`."""
+    phi = columns(box, controller.basis, points)
+    a, b, c, d = (np.tensordot(phi, m, axes=1) for m in (controller.A, controller.B, controller.C, controller.D))
+    return a, b, c, d
+
+
+def bound_at(formula: ControllerFormula, points: np.ndarray, controller: LPVStateSpace | None = None) -> float:
+    """Bound of the closed loop's gain at points and all corners of the rates; infinite where there is none.
+
+    With the controller as written down; left out, as the formula has it at every point.
+    """
+    plant, v = formula.plant.plant, formula.storage(points)
+    at, discrete = plant.at(points), plant.sample_time is not None
+    exact = formula.at(points) if controller is None else None
+    bound = 0.0
+    for t, rate in enumerate(formula.variations.corners):
+        if exact is not None:
+            (a, b, c, d), slopes = exact
+            k = (a + np.einsum("v,nvij->nij", rate, slopes) if slopes.shape[1] else a), b, c, d
+        else:
+            assert controller is not None
+            k = _rated_matrices(formula, controller, points, rate)
+        bound = max(bound, float(gain_bounds(close_loop_at(at, *k), v, t, discrete=discrete).max()))
+    return bound
+
+
+def loop_at(plant: GeneralizedPlant, controller: LPVStateSpace, points: np.ndarray) -> Matrices:
+    """The frozen closed loop w → z at points of the plant's box, rates of the scheduling at zero."""
+    extra = sum(n not in plant.box.names for n in controller.box.names)
+    box = plant.box if not extra else rated_box(plant.box, tuple(
+        n.removesuffix(RATE) for n in controller.box.names if n not in plant.box.names))
+    still = np.hstack([points, np.zeros((len(points), extra))])
+    return close_loop_at(plant.at(points), *matrices_at(controller, box, still))
+
+
+def _rated_matrices(formula: ControllerFormula, controller: LPVStateSpace, points: np.ndarray,
+                    rate: np.ndarray) -> Matrices:
+    box = formula.plant.plant.box
+    if formula.variations.rated:
+        box = rated_box(box, formula.variations.moving)
+        points = np.hstack([points, np.broadcast_to(rate, (len(points), len(rate)))])
+    return matrices_at(controller, box, points)
+
+
+def _written(formula: ControllerFormula, basis: Basis, inverse: np.ndarray, k: Matrices, slopes: np.ndarray
+             ) -> LPVStateSpace:
+    """The controller over a basis whose coefficients are `inverse` times values at points."""
+    plant = formula.plant.plant
+    a, b, c, d, slopes = (np.tensordot(inverse, m, axes=1) for m in (*k, slopes))
+    box, k = plant.box, (a, b, c, d)
+    if slopes.shape[1]:
+        basis, k = _rated(basis, k, slopes, formula.variations.moving)
+        box = rated_box(box, formula.variations.moving)
+    return LPVStateSpace(*k, basis, plant.sample_time, over(box, basis.names), inputs=named(plant, plant.measurements),
+                         outputs=named(plant, plant.controls))
+
+
+def _rated(basis: Basis, k: Matrices, slopes: np.ndarray, moving: tuple[str, ...]) -> tuple[Basis, Matrices]:
+    rates = Polynomial(tuple(n + RATE for n in moving), 1)
+
+    def wide(m: np.ndarray, extra: np.ndarray | None = None) -> np.ndarray:
+        full = np.zeros((len(m), 1 + len(moving), *m.shape[1:]))
+        full[:, 0] = m
+        if extra is not None:
+            full[:, 1:] = extra
+        return full.reshape(-1, *m.shape[1:])
+
+    a, b, c, d = k
+    return Product(basis, rates), (wide(a, slopes), wide(b), wide(c), wide(d))

@@ -1,0 +1,160 @@
+"""Full-order dynamic output feedback with a bounded induced gain: H-infinity for LTI and LPV plants."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.scheduling import Basis, Scheduling
+from lpvid.synthesis.assumptions import fault_of, refuse_dead_signals, remarks
+from lpvid.synthesis.balanced_plant import BalancedPlant, convex_axes, corners_suffice, varying_signals
+from lpvid.synthesis.controller_formula import Variations
+from lpvid.synthesis.criteria import HInfinity, Region
+from lpvid.synthesis.design_grid import check_rates, design_axes, tensor
+from lpvid.synthesis.generalized_plant import GeneralizedPlant
+from lpvid.synthesis.output_feedback_search import FeedbackProblem, search
+from lpvid.synthesis.result import Synthesis
+
+Rate = float | Sequence[float | None] | Mapping[str, float | None] | None
+VARYING = ("both", "controls", "measurements")
+
+
+@dataclass(frozen=True, eq=False)
+class OutputFeedback:
+    """x_K⁺ = A_K(p) x_K + B_K(p) y, u = C_K(p) x_K + D_K(p) y with the least bound of ‖z‖/‖w‖ that can be kept.
+
+    Two projected inequalities decide whether a bound can be had (`lpvid.synthesis.projection`); the controller follows
+    from their answer in closed form. With a constant X and Y the scheduling may jump; with X(p), Y(p) it keeps to the
+    rate bounds of the plant's box. In discrete time X and Y are constant.
+
+    Parameters
+    ----------
+    lyapunov : Basis, optional
+        Functions of X(p) and Y(p); their variables need rate bounds. Left out, constants.
+    varying : {"both", "controls", "measurements"}
+        Which of X (what the controls can do) and Y (what the measurements can tell) depends on p. With "both" the
+        controller reads the rates too, as further scheduling variables ``<name>_rate``.
+    rate : float, sequence or mapping of name to float, optional
+        Bounds on |dp/dt| [units per second] in place of those of the plant's box.
+    strictly_proper : bool
+        No feedthrough D_K.
+    regions : Region or sequence of Region
+        Where the frozen poles of the closed loop must lie; X and Y are then constants.
+    bound : float, optional
+        A gain that is good enough; a plant that does not admit it is reported as infeasible. Left out, the least.
+    back_off : float
+        Share by which the bound is raised above the least one, for a controller of moderate gains.
+    points : int
+        Grid points per scheduling variable, where corners of the box are not enough.
+
+    Examples
+    --------
+    >>> from lpvid.model.signals import Signal
+    >>> from lpvid.model.state_space import LPVStateSpace
+    >>> from lpvid.scheduling import Polynomial
+    >>> system = LPVStateSpace([[[-1.0]]], [[[1.0, 1.0]]], [[[1.0], [0.0], [1.0]]],
+    ...                        [[[0.0, 0.0], [0.0, 1.0], [1.0, 0.0]]], Polynomial((), 0), None,
+    ...                        inputs=(Signal("road"), Signal("force")),
+    ...                        outputs=(Signal("comfort"), Signal("effort"), Signal("sensor")))
+    >>> result = OutputFeedback().solve(GeneralizedPlant(system, ["force"], ["sensor"]))
+    >>> result.verdict, round(result.gamma_verified, 2)
+    ('solved', 0.71)
+    """
+
+    lyapunov: Basis | None = None
+    varying: str = "both"
+    rate: Rate = None
+    strictly_proper: bool = False
+    regions: Region | Sequence[Region] = ()
+    bound: float | None = None
+    back_off: float = 0.01
+    points: int = 7
+
+    def __post_init__(self) -> None:
+        _checks.one_of(self.varying, VARYING, "varying")
+        if not 0 <= _checks.real(self.back_off, "back_off") <= 1:
+            raise InputError("back_off is a share between 0 and 1", got=self.back_off)
+        if self.bound is not None:
+            _checks.positive(self.bound, "the bound of the gain")
+        _checks.count(self.points, "points of a design grid", at_least=2)
+        regions = (self.regions,) if isinstance(self.regions, Region) else tuple(self.regions)
+        object.__setattr__(self, "regions", regions)
+        if self.lyapunov is not None and not self.lyapunov.names:
+            object.__setattr__(self, "lyapunov", None)
+        if regions and self.lyapunov is not None:
+            raise InputError("pole regions need constant Lyapunov matrices", got="lyapunov and regions",
+                             mend="leave one of the two out")
+
+    def solve(self, plant: GeneralizedPlant) -> Synthesis:
+        """The controller for a plant, with what its closed loop was shown to do.
+
+        Raises
+        ------
+        InputError
+            A Lyapunov matrix over unknown variables or over one without a rate bound; a control or measurement that is
+            connected to nothing or changes its polarity within the box.
+        """
+        started = time.perf_counter()
+        plant = _rated(plant, self.rate)
+        axes, corners, notes = self._axes(plant)
+        points = tensor(axes)
+        at = plant.at(points)
+        refuse_dead_signals(plant, at)
+        fault = fault_of(plant, at, points)
+        if fault is not None:
+            return Synthesis(fault.verdict, why=fault.why, mend=fault.mend, seconds=time.perf_counter() - started,
+                             method="output feedback")
+        notes = (*notes, *remarks(plant, at))
+        if self.regions or (self.strictly_proper and plant.sample_time is not None):
+            return self._shaped(plant, notes, started)
+        basis = None if self.lyapunov is None else self.lyapunov.bound(plant.box)
+        problem = FeedbackProblem(BalancedPlant.of(plant, points), Variations(basis, self.varying, plant.box), axes,
+                                  corners, self.strictly_proper)
+        found = search(problem, self.bound, self.back_off)
+        return replace(found, notes=(*notes, *found.notes), seconds=time.perf_counter() - started)
+
+    def _axes(self, plant: GeneralizedPlant) -> tuple[tuple[np.ndarray, ...], bool, tuple[str, ...]]:
+        """Where the inequalities are imposed, whether that covers the whole box, and a remark."""
+        if self.lyapunov is not None:
+            if plant.sample_time is not None:
+                raise InputError("in discrete time X and Y are constants", got="lyapunov",
+                                 mend="leave lyapunov out: the scheduling may then jump")
+            check_rates(self.lyapunov, plant.box, None)
+            return design_axes(plant.box, self.points, False), False, ()
+        if corners_suffice(plant):
+            return convex_axes(plant), True, ()
+        moving = varying_signals(plant)
+        note = (f"the gains of {moving} vary with the scheduling, so that the design holds at grid points: put a fast "
+                "constant filter in front of them for one that holds in between",) if moving else ()
+        return design_axes(plant.box, self.points, False), False, note
+
+    def _shaped(self, plant: GeneralizedPlant, notes: tuple[str, ...], started: float) -> Synthesis:
+        """Pole regions, and no feedthrough in discrete time, need the change of variables."""
+        from lpvid.synthesis.multiobjective import MultiObjective
+
+        design = MultiObjective(HInfinity(bound=self.bound), self.regions, not self.strictly_proper, self.points,
+                                1 + self.back_off)
+        found = design.solve(plant)
+        return replace(found, notes=(*notes, *found.notes), seconds=time.perf_counter() - started)
+
+
+def _rated(plant: GeneralizedPlant, rate: Rate) -> GeneralizedPlant:
+    """The plant with other rate bounds."""
+    if rate is None:
+        return plant
+    box = plant.box
+    if isinstance(rate, Mapping):
+        for name in rate:
+            _checks.known_name(name, box.names, "scheduling variable")
+        rates = tuple(rate.get(n, r) for n, r in zip(box.names, box.rate, strict=True))
+    elif isinstance(rate, Sequence):
+        rates = tuple(rate)
+    else:
+        rates = (float(rate),) * len(box.names)
+    scheduling = Scheduling(box.names, box.lower, box.upper, rates, box.units)
+    return GeneralizedPlant(plant.system.replace(scheduling=scheduling), plant.controls, plant.measurements)

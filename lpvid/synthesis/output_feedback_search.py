@@ -1,0 +1,204 @@
+"""From the inequalities of output feedback to a controller whose closed loop was looked at, or a reason."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvid.lmi.autonomous import box_of
+from lpvid.lmi.driven import driven
+from lpvid.lmi.gain_certificate import GainCertificate, kind_of, recheck_gain
+from lpvid.lmi.storage import Storage
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Polynomial
+from lpvid.synthesis.balanced_plant import BalancedPlant
+from lpvid.synthesis.controller_formula import ControllerFormula, Variations
+from lpvid.synthesis.controller_table import bound_at, dense, loop_at, smooth, table
+from lpvid.synthesis.design_grid import tensor
+from lpvid.synthesis.generalized_plant import PlantMatrices
+from lpvid.synthesis.interconnection import close_loop
+from lpvid.synthesis.loop_check import frozen_gain
+from lpvid.synthesis.obstacle import obstacle
+from lpvid.synthesis.projected_search import Clock, conditioned, least_bound
+from lpvid.synthesis.projection import Pair, Projected, regular, singular
+from lpvid.synthesis.result import Synthesis
+
+SOLVERS = ("CLARABEL", "MOSEK", "SDPA")
+SLACK = 0.002
+"""share by which the controller's bound is above that of X and Y, which hold their own only to a solver's accuracy."""
+STEPS = (1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
+"""multiples of the design's back-off that are tried; beyond `SOLVED` of it the verdict is "backed-off"."""
+SOLVED = 0.1
+NOISE = (1e-2, 1e-3, 1e-4)
+"""noise, and effort, added for moderate gains where nothing else limits them: shares of what the sensors show."""
+FLOOR = 1e-4
+"""a bound below this share of the plant's own gains is not worth pursuing."""
+SEGMENTS = {1: (12, 24, 48, 96), 2: (4, 8, 14), 3: (3, 5)}
+"""Of the splines in each variable with which a controller is written down, by the number of variables."""
+
+
+@dataclass(frozen=True, eq=False)
+class FeedbackProblem:
+    """A plant with everything that decides its output feedback.
+
+    Parameters
+    ----------
+    plant : BalancedPlant
+    variations : Variations
+        Of X and Y.
+    axes : tuple of arrays
+        Grid at which the inequalities are imposed.
+    corners : bool
+        They then hold on the whole box, for the controller that is linear in between.
+    strictly_proper : bool
+    solvers : tuple of str
+    """
+
+    plant: BalancedPlant
+    variations: Variations
+    axes: tuple[np.ndarray, ...]
+    corners: bool
+    strictly_proper: bool
+    solvers: tuple[str, ...] = SOLVERS
+
+    @property
+    def points(self) -> np.ndarray:
+        """(N, n_scheduling) design points."""
+        return tensor(self.axes)
+
+    @property
+    def projected(self) -> Projected:
+        """The inequalities."""
+        return Projected(self.plant.at(self.points), *self.variations.at(self.points, self.plant.units.time),
+                         self.strictly_proper)
+
+    @property
+    def method(self) -> str:
+        """In a few words."""
+        v = self.variations
+        kind = "one X and Y" if v.basis is None else f"{v.varying} over {', '.join(v.basis.labels)}"
+        return f"output feedback, {kind}, {len(self.points)} point(s)"
+
+
+def search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> Synthesis:
+    """The controller of the least back-off whose closed loop keeps its bound at every point looked at."""
+    clock = Clock()
+    projected = problem.projected
+    best = least_bound(projected, clock, solvers=problem.solvers)
+    if best is None:
+        verdict, why, mend = obstacle(problem.plant.plant, projected)
+        return Synthesis(verdict, why=why, mend=mend, method=problem.method)
+    if wanted is not None and wanted < best.gamma:
+        return Synthesis("infeasible", why=f"the gain cannot be brought below {wanted:.6g}: {best.gamma:.6g} is the "
+                         "least that the inequalities admit", infimum=best.gamma, method=problem.method,
+                         mend=f"ask for more than {best.gamma:.6g}, or lower the weights on "
+                              f"{', '.join(problem.plant.plant.performance)}")
+    floor = FLOOR * _size(projected.plant)
+    for share in [step * back_off for step in STEPS] if wanted is None else [wanted / best.gamma - 1 - SLACK]:
+        gamma = max(best.gamma, floor) * (1 + max(share, 0.0))
+        for formula in _formulas(problem, projected, best, gamma, clock):
+            found = _written(problem, formula)
+            if found is not None:
+                kept = share <= SOLVED or wanted is not None
+                return replace(found, verdict="solved" if kept else "backed-off", infimum=best.gamma,
+                               solver=best.solver, method=problem.method, why=f"the closed loop keeps "
+                               f"{formula.gamma:.6g}; {best.gamma:.6g} is the least that the inequalities admit")
+    return Synthesis("numerical", why=f"the inequalities admit {best.gamma:.6g}, but no controller was found whose "
+                     "closed loop keeps a bound near it", infimum=best.gamma, method=problem.method,
+                     mend="raise back_off or points, or scale the signals to similar size")
+
+
+def _formulas(problem: FeedbackProblem, projected: Projected, best: Pair, gamma: float, clock: Clock
+              ) -> Iterator[ControllerFormula]:
+    """Controllers at a bound, the most moderate first: with noise and effort where the plant has none, if they fit."""
+    for size in NOISE if singular(projected.plant) else ():
+        noisy = replace(projected, plant=regular(projected.plant, size))
+        least = least_bound(noisy, clock, solvers=problem.solvers)
+        if least is not None and least.gamma * (1 + SLACK) < gamma:
+            yield from _gentle(problem, noisy, least, gamma, clock)
+    yield from _gentle(problem, projected, best, gamma, clock)
+
+
+def _gentle(problem: FeedbackProblem, projected: Projected, pair: Pair, gamma: float, clock: Clock
+            ) -> Iterator[ControllerFormula]:
+    """Controllers at a bound, each better conditioned than the last."""
+    for found in conditioned(projected, pair, gamma, clock, solvers=problem.solvers):
+        formula = ControllerFormula.gentle(problem.plant, problem.variations, found, gamma * (1 + SLACK),
+                                           problem.points)
+        if formula is not None:
+            yield formula
+
+
+def _written(problem: FeedbackProblem, formula: ControllerFormula) -> Synthesis | None:
+    """The controller with its closed loop, if that keeps the formula's bound wherever it is looked at."""
+    plant = problem.plant.plant
+    try:
+        found = _kept(problem, formula)
+    except np.linalg.LinAlgError:
+        return None
+    if found is None:
+        return None
+    controller, bound = found
+    grid = plant.box.grid({0: 1, 1: 41, 2: 9}.get(len(plant.box.names), 4))
+    reached = frozen_gain(loop_at(plant, controller, grid), discrete=plant.sample_time is not None)
+    if not reached <= bound * (1 + 1e-6):
+        return None
+    loop = close_loop(plant, controller)
+    poles = np.abs(np.linalg.eigvals(formula.at(problem.points)[0][0])).max(initial=0.0)
+    note = f"the fastest pole of the controller is {poles:.3g}" + (" 1/s" if plant.sample_time is None else "")
+    return Synthesis("solved", gamma=max(formula.gamma, bound), gamma_verified=bound, gamma_lower=reached,
+                     controller=controller, closed_loop=loop, certificate=_certificate(problem, formula, loop, bound),
+                     between_grid=problem.corners, notes=(note, *_conditioning(formula, problem)))
+
+
+def _kept(problem: FeedbackProblem, formula: ControllerFormula) -> tuple[LPVStateSpace, float] | None:
+    """The controller written down finely enough that the closed loop keeps the bound, and the bound it keeps."""
+    target, box = formula.gamma * (1 + SLACK), problem.plant.plant.box
+    if problem.corners:
+        controller = table(formula, problem.axes, True)
+        bound = bound_at(formula, problem.points, controller)
+        return (controller, bound) if bound <= target else None
+    for segments in SEGMENTS[min(_width(problem), 3)]:
+        points = np.vstack([problem.points, dense(box, 4 * segments)])
+        if not bound_at(formula, points) <= target:
+            return None
+        controller = smooth(formula, segments)
+        bound = bound_at(formula, points, controller)
+        if bound <= target:
+            return controller, bound
+    return None
+
+
+def _width(problem: FeedbackProblem) -> int:
+    return sum(len(a) > 1 for a in problem.axes)
+
+
+def _certificate(problem: FeedbackProblem, formula: ControllerFormula, loop: LPVStateSpace, bound: float
+                 ) -> GainCertificate | None:
+    """The storage function for others to check, where it is one matrix."""
+    if problem.variations.basis is not None:
+        return None
+    system = driven(loop)
+    box, p = box_of(system.readings, loop.box), formula.storage(problem.points[:1]).matrices()
+    storage = Storage(p, Polynomial((), 0), box, system.sample_time)
+    for share in (1e-9, 1e-6, 1e-4, SLACK):
+        gamma = bound * (1 + share)
+        found = recheck_gain(system, storage, gamma)
+        if found.holds:
+            return GainCertificate(kind_of(storage), gamma, p, storage.basis, box, system.sample_time, system.digest,
+                                   system.inputs, system.outputs, found.margin, found.between_grid)
+    return None
+
+
+def _conditioning(formula: ControllerFormula, problem: FeedbackProblem) -> tuple[str, ...]:
+    x, y = problem.variations.at(problem.points, 1.0)
+    product = np.linalg.eigvals(x.at(formula.pair.x) @ y.at(formula.pair.y)).real
+    return (f"eigenvalues of XY between {product.min():.3g} and {product.max():.3g} (1 is the limit of the coupling)",)
+
+
+def _size(plant: PlantMatrices) -> float:
+    """Order of magnitude of the plant's gain from w to z, in balanced units."""
+    return float((np.linalg.norm(plant.B1, 2, axis=(1, 2)) * np.linalg.norm(plant.C1, 2, axis=(1, 2))
+                  + np.linalg.norm(plant.D11, 2, axis=(1, 2))).max())

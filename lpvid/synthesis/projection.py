@@ -1,0 +1,294 @@
+"""The two projected inequalities of output feedback: what the controls can do, and what the measurements can tell.
+
+With X for the controls and Y for the measurements (Apkarian & Gahinet 1995; equations sheet 5.4, Route A; with slopes:
+Wu 1995), at every point p and every corner ṗ of the rate bounds,
+
+    Nᵀ [ He(A X) − Ẋ   X C1ᵀ   B1  ] N ≺ 0     Mᵀ [ He(Y A) + Ẏ   Y B1   C1ᵀ  ] M ≺ 0     [ X  I ]
+       [ C1 X          −γI     D11 ]              [ B1ᵀ Y         −γI    D11ᵀ ]           [ I  Y ] ⪰ 0
+       [ B1ᵀ           D11ᵀ    −γI ]              [ C1            D11    −γI  ]
+
+where N, M leave the last signal alone and span the null spaces of [B2ᵀ D12ᵀ] and [C2 D21] in the others. X and Y are
+unknown in coordinates of their own, in which the previous answer was the identity; otherwise their sizes, which differ
+by many orders of magnitude where controls are cheap or sensors good, are beyond a solver.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvid.lmi.affine import Affine, block, he
+from lpvid.lmi.program import Program, Solution
+from lpvid.synthesis.generalized_plant import PlantMatrices
+
+
+@dataclass(frozen=True, eq=False)
+class Variation:
+    """How a Lyapunov matrix varies: Σ_j values[k, j] X_j at point k, and its derivative at corner t of the rates.
+
+    Parameters
+    ----------
+    values : (N, K) array
+    slopes : (N, T, K) array
+    """
+
+    values: np.ndarray
+    slopes: np.ndarray
+
+    @classmethod
+    def constant(cls, points: int) -> Variation:
+        """One matrix for all points."""
+        return cls(np.ones((points, 1)), np.zeros((points, 1, 1)))
+
+    @property
+    def moves(self) -> bool:
+        """The matrix depends on the scheduling."""
+        return self.values.shape[1] > 1
+
+    def at(self, matrices: np.ndarray) -> np.ndarray:
+        """(N, n, n) of (K, n, n) matrices."""
+        return np.tensordot(self.values, matrices, axes=1)
+
+    def slope(self, matrices: np.ndarray) -> np.ndarray:
+        """(N, T, n, n) derivatives."""
+        return np.tensordot(self.slopes, matrices, axes=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Lyapunov matrices X (controls) and Y (measurements) as (K, n, n) coefficients, with the bound they are for."""
+
+    x: np.ndarray
+    y: np.ndarray
+    gamma: float
+    solver: str = ""
+    status: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Projected:
+    """The inequalities of a scaled plant at N points.
+
+    Parameters
+    ----------
+    plant : PlantMatrices
+    controls, measurements : Variation
+        Of X and of Y.
+    strictly_proper : bool
+        Without feedthrough in the controller γ exceeds the norm of D11.
+    """
+
+    plant: PlantMatrices
+    controls: Variation
+    measurements: Variation
+    strictly_proper: bool = False
+
+    @property
+    def halves(self) -> tuple[Half, Half]:
+        """The side of the controls, and that of the measurements as the controls of the dual plant."""
+        p = self.plant
+
+        def t(m: np.ndarray) -> np.ndarray:
+            return m.swapaxes(1, 2)
+
+        return (Half(p.A, p.B1, p.B2, p.C1, p.D11, p.D12, self.controls, -1.0),
+                Half(t(p.A), t(p.C1), t(p.C2), t(p.B1), t(p.D11), t(p.D21), self.measurements, 1.0))
+
+    def program(self, roots: tuple[np.ndarray, np.ndarray], sizes: tuple[list, list], *, gamma: float | None
+                ) -> ProjectedProgram:
+        """The semidefinite program in coordinates X = T X' Tᵀ, Y = U Y' Uᵀ with (T, U) = `roots`.
+
+        With `gamma` left out it is minimised; given, the traces of X' and Y' are, and the coupling is kept away from
+        its limit, where the controller's matrices would be inverses of nearly singular ones.
+        """
+        program = Program()
+        unknowns, n = program.unknowns, self.plant.A.shape[1]
+        own = [[unknowns.symmetric(n) for _ in range(h.variation.values.shape[1])] for h in self.halves]
+        bound = unknowns.scalar()
+        for half, root, size, matrices in zip(self.halves, roots, sizes, own, strict=True):
+            for matrix, weight, scale in zip(*half.inequalities(root, matrices), size, strict=True):
+                program.require(_congruent(bound.times(weight) - matrix if gamma is None else gamma * weight - matrix,
+                                           scale))
+        cross, apart = np.linalg.solve(roots[0], np.linalg.inv(roots[1]).T), None
+        if gamma is not None:
+            apart = bound
+            program.require(apart - 1.0)
+            program.require(2.0 - apart)
+        # a pair of constant matrices is coupled once, not at every point
+        points = len(self.plant.A) if self.controls.moves or self.measurements.moves else 1
+        for k in range(points):
+            x, y = (_sum(v.values[k], m) for v, m in zip((self.controls, self.measurements), own, strict=True))
+            if apart is None:
+                program.require(block([[x, cross], [cross.T, y]]))
+            else:
+                pushed = _times(apart, cross)
+                program.require(block([[x, pushed], [pushed.T, y]]))
+        if self.strictly_proper and gamma is None:
+            program.require(bound - 1.0001 * float(np.linalg.norm(self.plant.D11, 2, axis=(1, 2)).max()))
+        program.minimise(bound if gamma is None else self._spread(own, bound))
+        return ProjectedProgram(program, own[0], own[1], bound, roots, gamma)
+
+    def _spread(self, own: list[list[Affine]], apart: Affine) -> Affine:
+        """Mean traces over the points, less a reward for the distance of the coupling."""
+        total = (-100.0 * len(self.plant.A[0])) * apart
+        for variation, matrices in zip((self.controls, self.measurements), own, strict=True):
+            mean = _sum(variation.values.mean(axis=0), matrices)
+            total = total + sum((mean_ii for mean_ii in _diagonal(mean)), start=0.0 * apart)
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectedProgram:
+    """A program and where its matrices are."""
+
+    program: Program
+    x: list[Affine]
+    y: list[Affine]
+    bound: Affine
+    roots: tuple[np.ndarray, np.ndarray]
+    gamma: float | None
+
+    def pair(self, solution: Solution) -> Pair:
+        """X and Y in the plant's coordinates."""
+        x, y = (np.array([root @ solution[m] @ root.T for m in matrices])
+                for root, matrices in zip(self.roots, (self.x, self.y), strict=True))
+        gamma = float(solution[self.bound][0, 0]) if self.gamma is None else self.gamma
+        return Pair(x, y, gamma, solution.solver, solution.status)
+
+
+@dataclass(frozen=True, eq=False)
+class Half:
+    """One of the two sides, as a problem of full information; `sign` is that of the Lyapunov matrix's derivative."""
+
+    A: np.ndarray
+    B1: np.ndarray
+    B2: np.ndarray
+    C1: np.ndarray
+    D11: np.ndarray
+    D12: np.ndarray
+    variation: Variation
+    sign: float
+
+    def inequalities(self, root: np.ndarray, matrices: list[Affine]) -> tuple[list[Affine], list[np.ndarray]]:
+        """F and E with γE − F ⪰ 0, for every point and corner."""
+        found, weights = [], []
+        inverse = np.linalg.inv(root)
+        n, w = self.A.shape[1], self.D11.shape[2]
+        for k in range(len(self.A)):
+            a, b, c = inverse @ self.A[k] @ root, inverse @ self.B1[k], self.C1[k] @ root
+            null = null_space(np.hstack([(inverse @ self.B2[k]).T, self.D12[k].T]))
+            x = _sum(self.variation.values[k], matrices)
+            c_x, drive = c @ x, null.T @ np.vstack([b, self.D11[k]])
+            weight = np.zeros((null.shape[1] + w,) * 2)
+            weight[: -w or None, : -w or None] = null[n:].T @ null[n:]
+            weight[-w:, -w:] = np.eye(w)
+            for slope in self.variation.slopes[k]:
+                top = he(a @ x)
+                if slope.any():
+                    top = top + _sum(self.sign * slope, matrices)
+                inner = null.T @ block([[top, c_x.T], [c_x, np.zeros((len(c), len(c)))]]) @ null
+                found.append(block([[inner, drive], [drive.T, np.zeros((w, w))]]))
+                weights.append(weight)
+        return found, weights
+
+
+def null_space(matrix: np.ndarray) -> np.ndarray:
+    """Orthonormal columns spanning the null space; directions below 1e-10 of the largest count as null."""
+    _, s, vt = np.linalg.svd(matrix)
+    rank = int((s > 1e-10 * max(s.max(initial=0.0), 1e-300)).sum())
+    return vt[rank:].T
+
+
+def sizes_at(problem: Projected, roots: tuple[np.ndarray, np.ndarray], pair: Pair) -> tuple[list, list]:
+    """Diagonals that give every inequality, at a pair, rows of size one."""
+    found = []
+    for half, root, matrices in zip(problem.halves, roots, (pair.x, pair.y), strict=True):
+        inverse = np.linalg.inv(root)
+        known = [Affine(inverse @ m @ inverse.T, _nothing(m)) for m in matrices]
+        rows = []
+        for matrix, weight in zip(*half.inequalities(root, known), strict=True):
+            size = np.linalg.norm(pair.gamma * weight - matrix.constant, axis=1)
+            rows.append(1 / np.sqrt(np.maximum(size, 1e-5 * size.max())))
+        found.append(rows)
+    return found[0], found[1]
+
+
+def initial(problem: Projected) -> tuple[Pair, tuple[np.ndarray, np.ndarray]]:
+    """Identity matrices, for scaling alone."""
+    n = problem.plant.A.shape[1]
+    parts = []
+    for v in (problem.controls, problem.measurements):
+        one = np.linalg.lstsq(v.values, np.ones(len(v.values)), rcond=None)[0]
+        parts.append(one[:, None, None] * np.eye(n))
+    return Pair(parts[0], parts[1], 1.0), (np.eye(n), np.eye(n))
+
+
+def roots_of(problem: Projected, pair: Pair) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates in which the means over the points of X and Y are the identity."""
+    means = (problem.controls.at(pair.x).mean(axis=0), problem.measurements.at(pair.y).mean(axis=0))
+    found = []
+    for mean in means:
+        values, vectors = np.linalg.eigh(0.5 * (mean + mean.T))
+        found.append(vectors * np.sqrt(np.maximum(values, 1e-13 * max(values[-1], 1e-300))))
+    return found[0], found[1]
+
+
+def singular(plant: PlantMatrices) -> bool:
+    """Some control is limited by nothing at high frequency, or some measurement is exact."""
+    return any(len(w) for w in _unlimited(plant))
+
+
+def regular(plant: PlantMatrices, size: float) -> PlantMatrices:
+    """The plant with noise of a given size in measurements that are exact, and effort of controls that are free.
+
+    What bounds its gain bounds that of the plant itself.
+    """
+    count, (effort, noise) = len(plant.A), _unlimited(plant)
+
+    def wide(m: np.ndarray, more: np.ndarray, axis: int) -> np.ndarray:
+        shape = [count, *m.shape[1:]]
+        shape[axis] = more.shape[axis - 1]
+        return np.concatenate([m, np.broadcast_to(more, shape)], axis=axis)
+
+    through = wide(wide(plant.D11, np.zeros((1, len(noise))), 2), np.zeros((len(effort), 1)), 1)
+    return replace(plant, B1=wide(plant.B1, np.zeros((1, len(noise))), 2),
+                   C1=wide(plant.C1, np.zeros((len(effort), 1)), 1), D11=through,
+                   D12=wide(plant.D12, size * effort, 1), D21=wide(plant.D21, size * noise.T, 2))
+
+
+def _unlimited(plant: PlantMatrices) -> tuple[np.ndarray, np.ndarray]:
+    """Directions, as rows, of which D12 (controls) or D21 (measurements) passes almost nothing at some point."""
+    found = []
+    for matrices in (plant.D12, plant.D21.swapaxes(1, 2)):
+        least = min((m.T @ m for m in matrices), key=lambda g: float(np.linalg.eigvalsh(g)[0]))
+        values, vectors = np.linalg.eigh(least)
+        found.append(vectors.T[values < 1e-12])
+    return found[0], found[1]
+
+
+def _sum(values: np.ndarray, matrices: list[Affine]) -> Affine:
+    total = matrices[0] * values[0]
+    for value, matrix in zip(values[1:], matrices[1:], strict=True):
+        total = total + matrix * value
+    return total
+
+
+def _congruent(matrix: Affine, scale: np.ndarray) -> Affine:
+    d = np.diag(scale)
+    return d @ matrix @ d
+
+
+def _times(scalar: Affine, matrix: np.ndarray) -> Affine:
+    return scalar.times(matrix)
+
+
+def _diagonal(matrix: Affine) -> list[Affine]:
+    n = matrix.shape[0]
+    return [Affine(matrix.constant[i : i + 1, i : i + 1], matrix.linear[i * n + i : i * n + i + 1]) for i in range(n)]
+
+
+def _nothing(matrix: np.ndarray):
+    from scipy import sparse
+
+    return sparse.csr_array((matrix.size, 0))

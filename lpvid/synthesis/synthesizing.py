@@ -1,0 +1,58 @@
+"""synthesize(plant, design): the one verb behind which every design stands."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+from lpvid.errors import InputError
+from lpvid.synthesis.generalized_plant import GeneralizedPlant
+from lpvid.synthesis.result import Synthesis
+
+
+@runtime_checkable
+class Design(Protocol):
+    """Settings that know how to find a controller: `OutputFeedback`, `StateFeedback` and whoever has `solve`."""
+
+    def solve(self, plant: GeneralizedPlant) -> Synthesis:
+        """The controller for a plant, or why there is none."""
+        ...
+
+
+def synthesize(plant: GeneralizedPlant, design: Design) -> Synthesis:
+    """A controller for a plant, its closed loop verified; or a verdict with its reason and what would mend it.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+    design : OutputFeedback, StateFeedback, MultiObjective or another design
+        What to ask of the closed loop.
+
+    Returns
+    -------
+    Synthesis
+
+    Raises
+    ------
+    InputError
+        A plant or design of the wrong kind, and whatever the design refuses.
+
+    Examples
+    --------
+    >>> from lpvid.model.signals import Signal
+    >>> from lpvid.model.state_space import LPVStateSpace
+    >>> from lpvid.scheduling import Polynomial
+    >>> from lpvid.synthesis.output_feedback import OutputFeedback
+    >>> system = LPVStateSpace([[[1.0]]], [[[1.0, 1.0]]], [[[1.0], [0.0]]], [[[0.0, 1.0], [1.0, 0.0]]],
+    ...                        Polynomial((), 0), None, inputs=(Signal("road"), Signal("force")),
+    ...                        outputs=(Signal("comfort"), Signal("sensor")))
+    >>> blind = synthesize(GeneralizedPlant(system, ["force"], ["sensor"]), OutputFeedback())
+    >>> blind.verdict, blind.mend[:12]
+    ('undetectable', 'add a sensor')
+    """
+    if not isinstance(plant, GeneralizedPlant):
+        raise InputError("synthesis needs a GeneralizedPlant", got=type(plant).__name__,
+                         mend="sort the system's signals with GeneralizedPlant(system, controls=…, measurements=…)")
+    if not isinstance(design, Design) or isinstance(design, type):
+        raise InputError("synthesis needs a design", got=getattr(design, "__name__", type(design).__name__),
+                         mend="give OutputFeedback(), StateFeedback() or another design of lpvid.synthesis")
+    return design.solve(plant)
