@@ -11,6 +11,7 @@ from lpvid.cli.identify import identify
 from lpvid.cli.inspect import inspect
 from lpvid.cli.running import new_app
 from lpvid.cli.stability import stability
+from lpvid.cli.synthesize import synthesize, verify
 from lpvid.cli.validate import validate
 
 app = new_app()
@@ -34,5 +35,5 @@ def _common(version: Annotated[bool, typer.Option("--version", callback=_version
     """
 
 
-for _command in (inspect, identify, validate, stability, diagnose):
+for _command in (inspect, identify, validate, stability, diagnose, synthesize, verify):
     app.command()(_command)

@@ -50,14 +50,18 @@ class _Channel:
             object.__setattr__(self, "bound", _checks.positive(self.bound, "the bound of a criterion"))
         object.__setattr__(self, "weight", _checks.positive(self.weight, "the weight of a criterion"))
 
-    def selection(self, plant: GeneralizedPlant) -> tuple[np.ndarray, np.ndarray]:
-        """(n_w, ·) and (·, n_z) matrices that pick the channel's signals."""
+    def indices(self, plant: GeneralizedPlant) -> tuple[list[int], list[int]]:
+        """Places of the channel's signals among the plant's disturbances and performance signals."""
         chosen = []
         for what, given, known in (("disturbance", self.disturbances, plant.disturbances),
                                    ("performance signal", self.performance, plant.performance)):
-            names = [_checks.known_name(n, known, what) for n in given] or list(known)
-            chosen.append(np.eye(len(known))[[known.index(n) for n in names]])
-        return chosen[0].T, chosen[1]
+            chosen.append([known.index(_checks.known_name(n, known, what)) for n in given or known])
+        return chosen[0], chosen[1]
+
+    def selection(self, plant: GeneralizedPlant) -> tuple[np.ndarray, np.ndarray]:
+        """(n_w, ·) and (·, n_z) matrices that pick the channel's signals."""
+        into, out = self.indices(plant)
+        return np.eye(len(plant.disturbances))[:, into], np.eye(len(plant.performance))[out]
 
     def says(self, plant: GeneralizedPlant) -> str:
         """The channel in words."""

@@ -90,8 +90,8 @@ def fitted(values: Callable[[np.ndarray], np.ndarray], box: Scheduling, axes: tu
            basis: Basis) -> tuple[Basis, np.ndarray]:
     """A matrix known at every point of a box as a combination of functions: coefficients (M, …) over a basis.
 
-    For a polynomial `basis` a polynomial of the least degree that misses by less than `MISFIT` of the largest entry
-    (or of the highest tried); else a table, linear between the points of a grid finer than `axes`.
+    For a polynomial `basis` a polynomial of the least degree that misses every entry by less than `MISFIT` of its size
+    (or of the highest degree tried); else a table, linear between the points of a grid finer than `axes`.
 
     Parameters
     ----------
@@ -104,13 +104,14 @@ def fitted(values: Callable[[np.ndarray], np.ndarray], box: Scheduling, axes: tu
     if not isinstance(basis, Polynomial):
         return interpolating(box, finest), table
     flat = table.reshape(len(points), -1)
-    size, best = float(np.abs(flat).max(initial=0.0)), None
+    sizes, best = np.abs(flat).max(axis=0, initial=0.0), None
+    sizes = sizes + 1e-6 * sizes.max(initial=1e-300)
     for degree in range(HIGHEST.get(len(box.names), 2) + 1):
         tried = Polynomial(box.names, degree).bound(box)
         phi = tried.evaluate(points)
         found = np.linalg.lstsq(phi, flat, rcond=None)[0]
         best = tried, found.reshape(tried.size, *table.shape[1:])
-        if np.abs(phi @ found - flat).max(initial=0.0) < MISFIT * size:
+        if np.all(np.abs(phi @ found - flat) <= MISFIT * sizes):
             break
     assert best is not None
     return best

@@ -67,8 +67,7 @@ def channel(loop: LPVStateSpace, into: Sequence[int], out: Sequence[int]) -> LPV
 def measure(criterion: HInfinity | H2, plant: GeneralizedPlant, loop: LPVStateSpace, promised: float,
             lyapunov: Basis | None = None) -> Figure:
     """What a closed loop, with signals in the order of a plant's, does in the channel of a criterion."""
-    w, z = criterion.disturbances or plant.disturbances, criterion.performance or plant.performance
-    part = channel(loop, [plant.disturbances.index(n) for n in w], [plant.performance.index(n) for n in z])
+    part = channel(loop, *criterion.indices(plant))
     if isinstance(criterion, H2):
         bounds = h2_bounds(part, lyapunov)
         return Figure("H2", criterion.says(plant), promised, bounds.upper, bounds.lower, bounds.between_grid)

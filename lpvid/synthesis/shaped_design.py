@@ -16,7 +16,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 from lpvid.synthesis.assumptions import Fault
 from lpvid.synthesis.criteria import H2, HInfinity, Region
-from lpvid.synthesis.figures import measure, stays_inside
+from lpvid.synthesis.figures import channel, measure, stays_inside
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_program import Shaped, ShapedProgram, Shaping
@@ -128,7 +128,7 @@ def settle(problem: ShapedProblem, fault: Fault | None = None) -> Synthesis:
     for back_off in (problem.back_off, *(f for f in SOFTER if f > problem.back_off)):
         for shaped in program.answers(back_off):
             answered = True
-            outcome = _judged(problem, shaped, started)
+            outcome = _judged(problem, shaped, back_off, started)
             if outcome is None:
                 continue
             if outcome[1]:
@@ -147,7 +147,8 @@ def settle(problem: ShapedProblem, fault: Fault | None = None) -> Synthesis:
                      seconds=seconds, method=problem.method)
 
 
-def _judged(problem: ShapedProblem, shaped: Shaped, started: float) -> tuple[Synthesis, bool] | None:
+def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: float
+            ) -> tuple[Synthesis, bool] | None:
     """A synthesis from one answer, and whether the promise is kept; None where the loop is not even stable."""
     try:
         controller = problem.controller(shaped)
@@ -159,17 +160,17 @@ def _judged(problem: ShapedProblem, shaped: Shaped, started: float) -> tuple[Syn
         return None
     figures = [measure(c, problem.plant, loop, promised, problem.lyapunov)
                for c, promised in zip(problem.criteria, shaped.promised, strict=True)]
-    if any(not np.isfinite(f.verified) for f in figures):
+    bounded = next((k for k, c in enumerate(problem.criteria) if isinstance(c, HInfinity)), None)
+    gain, main = (measure(HInfinity(), problem.plant, loop, np.inf), HInfinity()) if bounded is None else (
+        figures[bounded], problem.criteria[bounded])
+    if not all(np.isfinite(f.verified) for f in (*figures, gain)):
         return None
     kept = all(f.verified <= KEPT * f.promised for f in figures)
-    softened = kept and any(f.promised > problem.back_off * low * 1.0001
-                            for f, low in zip(figures, shaped.lowest, strict=True))
-    first = next((f for f in figures if f.criterion == "H-infinity"), figures[0] if figures else None)
+    between = all(f.between_grid for f in (*figures, gain))
     return Synthesis(
-        "solved" if kept and not softened else "backed-off", gamma=None if first is None else first.promised,
-        gamma_verified=None if first is None else first.verified, gamma_lower=None if first is None else first.lower,
-        controller=controller, closed_loop=loop, certificate=None if first is None else first.certificate,
-        between_grid=bool(figures) and all(f.between_grid for f in figures),
+        "solved" if kept and back_off == problem.back_off else "backed-off", between_grid=between,
+        gamma=None if bounded is None else gain.promised, gamma_verified=gain.verified, gamma_lower=gain.lower,
+        controller=controller, closed_loop=channel(loop, *main.indices(problem.plant)), certificate=gain.certificate,
         why="the closed loop keeps what the inequalities promised" if kept else
             "the closed loop was verified, but above the promise", notes=(*map(str, figures), *notes),
         seconds=time.perf_counter() - started, solver=shaped.solution.solver, method=problem.method), kept

@@ -19,6 +19,10 @@ PATIENT = ("CLARABEL", "MOSEK", "SDPA", "CVXOPT")
 """Interior-point methods; a first-order one takes minutes to say that it finds nothing."""
 
 
+LEAST = 1e-3
+"""Share of a channel's size below which no level is pushed: the infimum may be zero, and then costs infinite gains."""
+
+
 @dataclass(frozen=True, eq=False)
 class Shaping:
     """Unknowns of one design: the loops they shape, and a scalar that grows with their size and ill condition.
@@ -82,7 +86,8 @@ class ShapedProgram:
         for rough in program.solve(solvers=PATIENT):
             lowest = [b if b is not None else max(float(rough[level][0, 0]), 0.0) ** (1 / power)
                       for b, level, power in zip(bounds, levels, self.powers, strict=True)]
-            raised = [low if b is not None else low * back_off for b, low in zip(bounds, lowest, strict=True)]
+            raised = [low if c.bound is not None else max(low * back_off, LEAST * _size(self.plant, c))
+                      for c, low in zip(self.criteria, lowest, strict=True)]
             second, tamed, _ = self._program(raised, float(np.abs(rough.x).max(initial=1.0)))
             for solution in second.solve(solvers=PATIENT):
                 yield Shaped(solution, tamed, tuple(raised), tuple(lowest))
@@ -104,6 +109,15 @@ class ShapedProgram:
             region.require(program, shaping.loops)
         program.minimise(shaping.size if goal is None else goal)
         return program, shaping, levels
+
+
+def _size(plant: GeneralizedPlant, criterion: HInfinity | H2) -> float:
+    """How large a channel's gain is, roughly: what a level is measured against that could be brought to zero."""
+    m, (into, out) = plant.at(plant.box.centre[None]), criterion.selection(plant)
+    c = Coordinates.of(m, plant.sample_time is not None)
+    moved = float(np.linalg.norm(out @ m.C1[0] * c.states) * np.linalg.norm(m.B1[0] @ into / c.states[:, None]))
+    return float(np.linalg.norm(out @ m.D11[0] @ into)) + moved / (
+        c.pace if isinstance(criterion, HInfinity) else np.sqrt(c.pace))
 
 
 def known(value: float) -> Affine:

@@ -1,0 +1,144 @@
+"""`lpvid synthesize` and `lpvid verify`: a controller for a plant, and a certificate checked without a solver."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from lpvid.cli import options
+from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
+from lpvid.errors import InputError
+
+if TYPE_CHECKING:
+    from lpvid.synthesis.generalized_plant import GeneralizedPlant
+    from lpvid.synthesis.synthesizing import Design
+
+PlantFile = Annotated[Path | None, typer.Argument(metavar="PLANT", help="A TOML plant; --template prints one.",
+                                                  show_default=False)]
+DesignFile = Annotated[Path | None, typer.Option("--design", metavar="DESIGN", help="A TOML design; left out, the "
+                                                 "[design] table of the plant.", show_default=False)]
+
+
+@command
+def synthesize(plant: PlantFile = None, design: DesignFile = None,
+               template: Annotated[bool, typer.Option("--template", help="Print a commented plant with its design, and "
+                                                      "stop.")] = False,
+               schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of plant and design, and "
+                                                    "stop.")] = False,
+               out: options.Out = None, json: options.Json = False) -> None:
+    """A controller by linear matrix inequalities, its closed loop verified.
+
+    Writes controller.json, synthesis.json, closed_loop.json, certificate.json and report.html. Exits with 3 when there
+    is no controller, or only one with a promise relaxed; the result says why and what would mend it.
+    """
+    from lpvid.synthesis.design_file import plant_schema
+    from lpvid.synthesis.design_file import template as example
+
+    if template:
+        typer.echo(example(), nl=False)
+        return
+    if schema:
+        import json as encoder
+
+        typer.echo(encoder.dumps(plant_schema(), indent=2))
+        return
+    if plant is None:
+        raise InputError("synthesize needs a plant", mend="lpvid synthesize --template > plant.toml")
+    from lpvid.synthesis.synthesizing import synthesize as solve
+
+    results = Results(out)
+    loaded, settings, title = _read(plant, design)
+    with working("solving the matrix inequalities") as say, _quiet():
+        result = solve(loaded, settings)
+        data: dict[str, Any] = {"schema": "lpvid/synthesis/1", **result.to_dict(), "plant": str(plant),
+                                "design": repr(settings)}
+        if results.kept:
+            from lpvid.export.serialise import save
+            from lpvid.report.synthesis import synthesis_page
+
+            say("drawing")
+            results.json("synthesis.json", data)
+            for name, part in (("controller", result.controller), ("closed_loop", result.closed_loop),
+                               ("certificate", result.certificate)):
+                if part is not None:
+                    results.add(f"{name}.json", lambda path, part=part: save(part, path))
+            results.report(synthesis_page(result, loaded, title))
+    conclude(results, data, repr(result), json)
+    if result.verdict != "solved":
+        raise typer.Exit(SHORTFALL)
+
+
+@command
+def verify(certificate: Annotated[Path, typer.Argument(metavar="CERTIFICATE", help="A certificate.json, or a "
+                                                       "synthesis.json.", show_default=False)],
+           model: Annotated[Path | None, typer.Argument(metavar="MODEL", help="What it was made for: closed_loop.json; "
+                                                        "left out, the one inside synthesis.json.",
+                                                        show_default=False)] = None,
+           json: options.Json = False) -> None:
+    """Re-check a saved certificate with numpy alone; exits with 3 where it does not hold."""
+    from lpvid.analysis.certificates import verify as check
+    from lpvid.export.serialise import load
+    from lpvid.synthesis.result import Synthesis
+
+    held = load(certificate)
+    system: Any = None if model is None else load(model)
+    if isinstance(held, Synthesis):
+        system = held.closed_loop if system is None else system
+        held = held.certificate
+        if held is None:
+            raise InputError(f"'{certificate}' holds no certificate", got="a synthesis without one")
+    if system is None:
+        raise InputError("verify needs the model that the certificate was made for",
+                         mend="lpvid verify certificate.json closed_loop.json")
+    found = check(held, system)
+    data = {"schema": "lpvid/verification/1", "holds": found.holds, "margin": found.margin,
+            "between_grid": found.between_grid, "why": found.why, "claim": getattr(held, "claim", ""),
+            "certificate": str(certificate)}
+    claim = f"\n  {data['claim']}" if found.holds else ""
+    conclude(Results(None), data, f"{found}{claim}", json)
+    if not found.holds:
+        raise typer.Exit(SHORTFALL)
+
+
+def _read(plant: Path, design: Path | None) -> tuple[GeneralizedPlant, Design, str]:
+    """Plant and design of the files, with every fault named by its file."""
+    from lpvid.export.serialise import load
+    from lpvid.synthesis.design_file import design_of
+    from lpvid.synthesis.plant_file import plant_of
+    from lpvid.synthesis.toml_tables import read_toml, table_of, within
+
+    table = read_toml(plant)
+    asked = table.get("design") if design is None else read_toml(design)
+    if asked is None:
+        raise InputError(f"{plant} says nothing about the design", mend="add --design DESIGN.toml, or a [design] table")
+    loaded = within(str(plant), lambda: plant_of(table, plant.parent, load))
+    place = f"{plant} [design]" if design is None else str(design)
+    settings = within(place, lambda: design_of(table_of(asked, "the design"), loaded))
+    return loaded, settings, str(table.get("name") or plant.stem)
+
+
+def _quiet():
+    """What compiled solvers print on standard output goes to standard error, so that --json prints the result alone."""
+    import os
+    import sys
+    from contextlib import contextmanager
+
+    @contextmanager
+    def turned():
+        sys.stdout.flush()
+        try:
+            kept = os.dup(1)
+        except OSError:
+            yield
+            return
+        try:
+            os.dup2(2, 1)
+            yield
+        finally:
+            sys.stdout.flush()
+            os.dup2(kept, 1)
+            os.close(kept)
+
+    return turned()

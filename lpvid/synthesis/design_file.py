@@ -1,0 +1,227 @@
+"""DESIGN files: a TOML text that names a design and its settings; templates and schemas of both files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.scheduling import Polynomial
+from lpvid.synthesis.criteria import H2, Cone, Disc, HalfPlane, HInfinity, Region
+from lpvid.synthesis.generalized_plant import GeneralizedPlant
+from lpvid.synthesis.lft_synthesis import LFTFeedback
+from lpvid.synthesis.multiobjective import MultiObjective
+from lpvid.synthesis.observer import Filter, Observer
+from lpvid.synthesis.output_feedback import VARYING, OutputFeedback
+from lpvid.synthesis.plant_file import WEIGHTS
+from lpvid.synthesis.state_feedback import StateFeedback
+from lpvid.synthesis.synthesizing import Design
+from lpvid.synthesis.toml_tables import known_keys, number_of, switch_of, tables_of, text_of, texts_of
+
+DESIGNS: Mapping[str, tuple[type, tuple[str, ...]]] = {
+    "output-feedback": (OutputFeedback, ("lyapunov_degree", "varying", "strictly_proper", "regions", "bound",
+                                         "back_off", "points")),
+    "state-feedback": (StateFeedback, ("criteria", "regions", "lyapunov_degree", "back_off", "points")),
+    "multi-objective": (MultiObjective, ("criteria", "regions", "feedthrough", "back_off", "points")),
+    "observer": (Observer, ("criteria", "regions", "lyapunov_degree", "back_off", "points")),
+    "filter": (Filter, ("criteria", "regions", "feedthrough", "back_off", "points")),
+    "lft": (LFTFeedback, ("back_off",)),
+}
+"""Designs by their name in a file, with the settings they take."""
+CRITERIA = {"h-infinity": HInfinity, "h2": H2}
+REGIONS: Mapping[str, tuple[type, tuple[str, ...]]] = {
+    "half-plane": (HalfPlane, ("decay",)), "disc": (Disc, ("centre", "radius")), "cone": (Cone, ("damping",))}
+
+
+def design_of(table: Mapping[str, Any], plant: GeneralizedPlant) -> Design:
+    """The design that a table describes.
+
+    Parameters
+    ----------
+    table : mapping
+        As `read_toml` gives it.
+    plant : GeneralizedPlant
+        What it is for.
+
+    Raises
+    ------
+    InputError
+        An unknown design, key, signal or value.
+    """
+    if "design" not in table:
+        raise InputError("the design lacks its name", mend=f"design = \"{next(iter(DESIGNS))}\"; there are "
+                         + ", ".join(DESIGNS))
+    name = _checks.known_name(text_of(table["design"], "design"), list(DESIGNS), "design")
+    kind, allowed = DESIGNS[name]
+    settings = {k: v for k, v in table.items() if k != "design"}
+    known_keys(settings, allowed, f"the design '{name}'")
+    given: dict[str, Any] = {}
+    for key, value in settings.items():
+        if key == "lyapunov_degree":
+            given["lyapunov"] = _lyapunov(_checks.count(value, key), plant)
+        elif key == "criteria":
+            given[key] = [_criterion(entry, plant, k) for k, entry in enumerate(tables_of(value, key))]
+        elif key == "regions":
+            given[key] = [_region(entry, k) for k, entry in enumerate(tables_of(value, key))]
+        elif key == "points":
+            given[key] = _checks.count(value, key, at_least=2)
+        elif key == "varying":
+            given[key] = _checks.one_of(text_of(value, key), VARYING, key)
+        elif key in ("strictly_proper", "feedthrough"):
+            given[key] = switch_of(value, key)
+        else:
+            given[key] = number_of(value, key)
+    return kind(**given)
+
+
+def _lyapunov(degree: int, plant: GeneralizedPlant) -> Polynomial | None:
+    """Polynomials in the variables whose rate is bounded; all of them in discrete time."""
+    box, discrete = plant.box, plant.sample_time is not None
+    names = tuple(n for n, r in zip(box.names, box.rate, strict=True) if discrete or r is not None)
+    if degree and not names:
+        raise InputError("a Lyapunov matrix that moves needs a scheduling variable with a rate bound",
+                         got=", ".join(box.names) or "no scheduling variable",
+                         mend="give scheduling.NAME.rate, or leave lyapunov_degree out")
+    return Polynomial(names, degree) if degree else None
+
+
+def _criterion(entry: Mapping[str, Any], plant: GeneralizedPlant, k: int) -> HInfinity | H2:
+    where = f"criteria[{k}]"
+    known_keys(entry, ("kind", "disturbances", "performance", "bound", "weight"), where)
+    kind = _checks.known_name(text_of(entry.get("kind", ""), f"{where}.kind"), list(CRITERIA), "kind of criterion")
+    names = {key: texts_of(entry.get(key, []), f"{where}.{key}") for key in ("disturbances", "performance")}
+    numbers = {key: number_of(entry[key], f"{where}.{key}") for key in ("bound", "weight") if key in entry}
+    criterion = CRITERIA[kind](**names, **numbers)
+    criterion.selection(plant)
+    return criterion
+
+
+def _region(entry: Mapping[str, Any], k: int) -> Region:
+    where = f"regions[{k}]"
+    name = _checks.known_name(text_of(entry.get("kind", ""), f"{where}.kind"), list(REGIONS), "kind of region")
+    kind, settings = REGIONS[name]
+    known_keys(entry, ("kind", *settings), where)
+    for key in settings:
+        if key not in entry:
+            raise InputError(f"{where} lacks '{key}'")
+    return kind(**{key: number_of(entry[key], f"{where}.{key}") for key in settings})
+
+
+TEMPLATE = """\
+# Plant and design for `lpvid synthesize`. Numbers are SI; text with a unit ("5 mm") is converted.
+
+# Signals, in the order of the columns of B and D and of the rows of C and D: "name [unit]".
+inputs = ["road [m/s]", "force [N]"]
+outputs = ["comfort [m/s^2]", "stroke [m]", "sensor [m]"]
+controls = ["force"]           # what the controller drives; the other inputs are disturbances
+measurements = ["sensor"]      # what it sees; the other outputs are performance signals, to be kept small
+# sample_time = 0.002          # s; left out: continuous time
+# model = "model.json"         # a saved state-space model in place of inputs, outputs and matrices
+
+[scheduling.damping]           # one table for each scheduling variable; none for a fixed plant
+range = [1.0, 3.0]
+rate = 20.0                    # units per second; left out: it may jump
+unit = "1/s"
+
+# Matrices by powers of the scheduling: [matrices.1], [matrices.p], [matrices."p^2*q"]. Blocks left out are zero.
+[matrices.1]                   # states: stroke [m], body speed [m/s]
+A = [[0.0, 1.0], [-80.0, 0.0]]
+B = [[-1.0, 0.0], [0.0, 1.0]]
+C = [[-80.0, 0.0], [1.0, 0.0], [1.0, 0.0]]
+D = [[0.0, 1.0], [0.0, 0.0], [0.0, 0.0]]
+
+[matrices.damping]
+A = [[0.0, 0.0], [0.0, -1.0]]
+C = [[0.0, -1.0], [0.0, 0.0], [0.0, 0.0]]
+
+# Weights, by the signal they stand at: a gain, or kind = KINDS
+# (frequencies in rad/s). `of` makes a new performance signal of another one.
+[weights.comfort]
+kind = "lowpass"
+gain = 0.2
+corner = 60.0
+
+[weights.stroke]
+gain = 10.0
+
+[weights.effort]
+of = "force"
+gain = 0.02
+
+# The design may stand here or in a file of its own (--design DESIGN.toml, the same keys without [design]).
+[design]
+design = "output-feedback"     # NAMES
+back_off = 0.02                # how far above the least gain to stop, for a tame controller
+# lyapunov_degree = 1          # a Lyapunov matrix that moves with the scheduling; needs rates
+# strictly_proper = true       # no direct path from measurement to control
+# [[design.regions]]           # where frozen poles must lie: half-plane, disc, cone
+# kind = "half-plane"
+# decay = 1.0                  # 1/s
+# [[design.criteria]]          # for state-feedback, multi-objective, observer and filter: h-infinity, h2
+# kind = "h-infinity"
+# performance = ["comfort"]
+# bound = 2.0                  # left out: as low as possible
+"""
+
+
+def template() -> str:
+    """A commented file that loads as it stands, as plant and as design."""
+    return TEMPLATE.replace("KINDS", ", ".join(WEIGHTS)).replace("NAMES", ", ".join(DESIGNS))
+
+
+def plant_schema() -> dict[str, Any]:
+    """JSON schema (2020-12) of a PLANT file, as a plain dict.
+
+    Examples
+    --------
+    >>> plant_schema()["required"]
+    ['controls', 'measurements']
+    """
+    number = {"type": ["number", "string"], "description": "SI, or text with a unit"}
+    names = {"type": "array", "items": {"type": "string"}}
+    matrix = {"type": "array", "items": {"type": "array", "items": number}}
+    blocks = {"type": "object", "additionalProperties": False, "properties": dict.fromkeys("ABCD", matrix)}
+    variable = {"type": "object", "additionalProperties": False, "properties": {
+        "range": {"type": "array", "items": number, "minItems": 2, "maxItems": 2}, "rate": number,
+        "unit": {"type": "string"}}}
+    weight = {"type": "object", "additionalProperties": False, "properties": {
+        "kind": {"enum": list(WEIGHTS)}, "of": {"type": "string"},
+        **{key: number for _, keys in WEIGHTS.values() for key in keys}}}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema", "title": "plant of lpvid synthesize",
+        "type": "object", "additionalProperties": False, "required": ["controls", "measurements"],
+        "anyOf": [{"required": ["model"]}, {"required": ["inputs", "outputs", "matrices"]}],
+        "properties": {
+            "name": {"type": "string"}, "model": {"type": "string"}, "inputs": names, "outputs": names,
+            "controls": names, "measurements": names, "sample_time": number,
+            "scheduling": {"type": "object", "additionalProperties": variable},
+            "matrices": {"type": "object", "additionalProperties": blocks},
+            "weights": {"type": "object", "additionalProperties": weight}, "design": design_schema()}}
+
+
+def design_schema() -> dict[str, Any]:
+    """JSON schema (2020-12) of a DESIGN file, as a plain dict.
+
+    Examples
+    --------
+    >>> len(design_schema()["oneOf"])
+    6
+    """
+    number = {"type": ["number", "string"], "description": "SI, or text with a unit"}
+    names = {"type": ["array", "string"], "items": {"type": "string"}}
+    criterion = {"type": "object", "additionalProperties": False, "required": ["kind"], "properties": {
+        "kind": {"enum": list(CRITERIA)}, "disturbances": names, "performance": names, "bound": number,
+        "weight": number}}
+    region = {"oneOf": [{"type": "object", "additionalProperties": False, "required": ["kind", *keys],
+                         "properties": {"kind": {"const": name}, **dict.fromkeys(keys, number)}}
+                        for name, (_, keys) in REGIONS.items()]}
+    settings: dict[str, Any] = {
+        "lyapunov_degree": {"type": "integer", "minimum": 0}, "points": {"type": "integer", "minimum": 2},
+        "varying": {"enum": list(VARYING)}, "strictly_proper": {"type": "boolean"}, "feedthrough": {"type": "boolean"},
+        "criteria": {"type": "array", "items": criterion}, "regions": {"type": "array", "items": region},
+        "bound": number, "back_off": number}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "design of lpvid synthesize",
+            "oneOf": [{"type": "object", "additionalProperties": False, "required": ["design"], "properties": {
+                "design": {"const": name}, **{key: settings[key] for key in keys}}}
+                for name, (_, keys) in DESIGNS.items()]}
