@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from lpvid.lmi.bound_certificate import BoundCertificate
     from lpvid.lmi.gain_certificate import GainCertificate, certify_gain
     from lpvid.model.input_stage import TanhStage, ThreeZoneStage
+    from lpvid.model.lft import LFTModel
     from lpvid.model.signals import Signal
     from lpvid.model.state_space import LPVStateSpace
     from lpvid.model.transfer_function import LPVTransferFunction
@@ -64,15 +65,23 @@ if TYPE_CHECKING:
     from lpvid.scheduling import Fourier, Polynomial, Product, Scheduling, Shifted, Spline, Stacked
     from lpvid.simulation import Simulation, predict, simulate
     from lpvid.synthesis.criteria import H2, Cone, Disc, HalfPlane, HInfinity
+    from lpvid.synthesis.discretising import discretise, to_continuous
+    from lpvid.synthesis.forms import from_lft, to_affine, to_gridded, to_lft, to_polynomial, to_polytopic
     from lpvid.synthesis.generalized_plant import GeneralizedPlant
+    from lpvid.synthesis.interconnection import close_loop, connect
+    from lpvid.synthesis.joining import append, parallel, series, summing_junction
     from lpvid.synthesis.lft_synthesis import LFTFeedback
+    from lpvid.synthesis.lifting import lift
     from lpvid.synthesis.multiobjective import MultiObjective
     from lpvid.synthesis.observer import Filter, Observer
     from lpvid.synthesis.output_feedback import OutputFeedback
+    from lpvid.synthesis.reduction import balanced_realization, reduce_order
     from lpvid.synthesis.result import Synthesis
+    from lpvid.synthesis.sampling_rules import Euler, Taylor, Tustin, ZeroOrderHold
     from lpvid.synthesis.scaled_gain import ScaledGain, scaled_gain
     from lpvid.synthesis.state_feedback import StateFeedback
     from lpvid.synthesis.synthesizing import synthesize
+    from lpvid.synthesis.weighing import weigh
     from lpvid.validation import Validation, validate
 
 _EXPORTS = {
@@ -117,6 +126,7 @@ _EXPORTS = {
     "lpvid.lmi.bound_certificate": ("BoundCertificate",),
     "lpvid.lmi.gain_certificate": ("GainCertificate", "certify_gain"),
     "lpvid.model.input_stage": ("TanhStage", "ThreeZoneStage"),
+    "lpvid.model.lft": ("LFTModel",),
     "lpvid.model.signals": ("Signal",),
     "lpvid.model.state_space": ("LPVStateSpace",),
     "lpvid.model.transfer_function": ("LPVTransferFunction",),
@@ -125,32 +135,43 @@ _EXPORTS = {
     "lpvid.scheduling": ("Fourier", "Polynomial", "Product", "Scheduling", "Shifted", "Spline", "Stacked"),
     "lpvid.simulation": ("Simulation", "predict", "simulate"),
     "lpvid.synthesis.criteria": ("Cone", "Disc", "H2", "HInfinity", "HalfPlane"),
+    "lpvid.synthesis.discretising": ("discretise", "to_continuous"),
+    "lpvid.synthesis.forms": ("from_lft", "to_affine", "to_gridded", "to_lft", "to_polynomial", "to_polytopic"),
     "lpvid.synthesis.generalized_plant": ("GeneralizedPlant",),
+    "lpvid.synthesis.interconnection": ("close_loop", "connect"),
+    "lpvid.synthesis.joining": ("append", "parallel", "series", "summing_junction"),
     "lpvid.synthesis.lft_synthesis": ("LFTFeedback",),
+    "lpvid.synthesis.lifting": ("lift",),
     "lpvid.synthesis.multiobjective": ("MultiObjective",),
     "lpvid.synthesis.observer": ("Filter", "Observer"),
     "lpvid.synthesis.output_feedback": ("OutputFeedback",),
+    "lpvid.synthesis.reduction": ("balanced_realization", "reduce_order"),
     "lpvid.synthesis.result": ("Synthesis",),
+    "lpvid.synthesis.sampling_rules": ("Euler", "Taylor", "Tustin", "ZeroOrderHold"),
     "lpvid.synthesis.scaled_gain": ("ScaledGain", "scaled_gain"),
     "lpvid.synthesis.state_feedback": ("StateFeedback",),
     "lpvid.synthesis.synthesizing": ("synthesize",),
+    "lpvid.synthesis.weighing": ("weigh",),
     "lpvid.validation": ("Validation", "validate"),
 }
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
     "ARMAX", "ARX", "H2", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "Channel", "Compliance",
-    "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "Effect", "ExtendedModel", "Filter", "Fourier", "Gain",
+    "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "Effect", "Euler", "ExtendedModel", "Filter", "Fourier", "Gain",
     "GainCertificate", "Gap", "GeneralizedPlant", "HInfinity", "HalfPlane", "Identification", "InputError",
-    "LFTFeedback", "LPVStateSpace", "LPVTransferFunction", "LpvError", "MultiObjective", "NumericalError", "Observer",
-    "OutputError", "OutputFeedback", "Polynomial", "Product", "QuasiLPV", "Realization", "Record", "Recursive",
-    "RefinedIV", "Ridge", "RightCoprime", "ScaledGain", "Scheduling", "Selection", "Shifted", "Signal", "Simulation",
-    "Spline", "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError", "Subspace", "Synthesis",
-    "TanhStage", "ThreeZoneStage", "Validation", "Verification", "audit", "certify_gain", "certify_region",
-    "certify_stability", "critical_scheduling", "decay_rate", "diagnose", "free_run_band", "frequency_band",
-    "from_control", "frozen_stability", "h2_norm", "identify", "identify_stream", "l2_gain", "l2_gains", "load",
-    "model_hash", "pole_band", "pole_locus", "predict", "read", "realize", "save", "scaled_gain", "select", "simulate",
-    "sparsify", "stability_probability", "synthesize", "to_grid", "validate", "verify",
+    "LFTFeedback", "LFTModel", "LPVStateSpace", "LPVTransferFunction", "LpvError", "MultiObjective", "NumericalError",
+    "Observer", "OutputError", "OutputFeedback", "Polynomial", "Product", "QuasiLPV", "Realization", "Record",
+    "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain", "Scheduling", "Selection", "Shifted", "Signal",
+    "Simulation", "Spline", "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError", "Subspace",
+    "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin", "Validation", "Verification", "ZeroOrderHold",
+    "append", "audit", "balanced_realization", "certify_gain", "certify_region", "certify_stability", "close_loop",
+    "connect", "critical_scheduling", "decay_rate", "diagnose", "discretise", "free_run_band", "frequency_band",
+    "from_control", "from_lft", "frozen_stability", "h2_norm", "identify", "identify_stream", "l2_gain", "l2_gains",
+    "lift", "load", "model_hash", "parallel", "pole_band", "pole_locus", "predict", "read", "realize", "reduce_order",
+    "save", "scaled_gain", "select", "series", "simulate", "sparsify", "stability_probability", "summing_junction",
+    "synthesize", "to_affine", "to_continuous", "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic",
+    "validate", "verify", "weigh",
 ]
 
 

@@ -55,14 +55,14 @@ class Discretisation:
 
     def __str__(self) -> str:
         order = "exact for held u and p" if self.rule.accuracy is None else f"O(T^{self.rule.accuracy}) per sample"
-        bound = "" if self.bound is None else f", bound {self.bound:.2e}"
+        bound = f", bound {self.bound:.2e}" if self.bound else ""
         return (f"{self.rule.label} at {1 / self.sample_time:.6g} Hz ({order}): output off by {self.error:.2e}\n"
                 f"one sample off by {self.local_error:.2e}{bound}; basis off by {self.misfit:.2e} "
                 f"({len(self.model.basis.labels)} functions)")
 
 
 def discretise(system: LPVStateSpace, sample_time: float, rule: Rule | None = None, *, basis: Basis | None = None,
-               tolerance: float = 1e-6, highest: int = 4) -> Discretisation:
+               tolerance: float = 1e-8, highest: int = 4) -> Discretisation:
     """A continuous LPV system sampled with period T, input and scheduling held over the sample.
 
     `Taylor` and `Euler` stay inside the products of the basis and are carried out exactly. `ZeroOrderHold` and `Tustin`
@@ -111,7 +111,7 @@ def discretise(system: LPVStateSpace, sample_time: float, rule: Rule | None = No
 
 
 def to_continuous(system: LPVStateSpace, rule: Rule | None = None, *, basis: Basis | None = None,
-                  tolerance: float = 1e-6, highest: int = 4) -> Discretisation:
+                  tolerance: float = 1e-8, highest: int = 4) -> Discretisation:
     """The continuous LPV system whose samples, by the same rule, are the discrete one.
 
     Raises
