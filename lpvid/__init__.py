@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from lpvid.analysis.pole_locus import pole_locus
     from lpvid.analysis.pole_regions import certify_region
     from lpvid.analysis.stability_certificate import StabilityCertificate, Verification
+    from lpvid.analysis.switching import certify_switching, joint_spectral_radius
     from lpvid.analysis.uncertainty import pole_band, stability_probability
     from lpvid.auditing import Audit, audit
     from lpvid.diagnosis.asking import diagnose
@@ -95,6 +96,7 @@ _EXPORTS = {
     "lpvid.analysis.pole_locus": ("pole_locus",),
     "lpvid.analysis.pole_regions": ("certify_region",),
     "lpvid.analysis.stability_certificate": ("StabilityCertificate", "Verification"),
+    "lpvid.analysis.switching": ("certify_switching", "joint_spectral_radius"),
     "lpvid.analysis.uncertainty": ("pole_band", "stability_probability"),
     "lpvid.auditing": ("Audit", "audit"),
     "lpvid.diagnosis.asking": ("diagnose",),
@@ -165,13 +167,13 @@ __all__ = [
     "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain", "Scheduling", "Selection", "Shifted", "Signal",
     "Simulation", "Spline", "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError", "Subspace",
     "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin", "Validation", "Verification", "ZeroOrderHold",
-    "append", "audit", "balanced_realization", "certify_gain", "certify_region", "certify_stability", "close_loop",
-    "connect", "critical_scheduling", "decay_rate", "diagnose", "discretise", "free_run_band", "frequency_band",
-    "from_control", "from_lft", "frozen_stability", "h2_norm", "identify", "identify_stream", "l2_gain", "l2_gains",
-    "lift", "load", "model_hash", "parallel", "pole_band", "pole_locus", "predict", "read", "realize", "reduce_order",
-    "save", "scaled_gain", "select", "series", "simulate", "sparsify", "stability_probability", "summing_junction",
-    "synthesize", "to_affine", "to_continuous", "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic",
-    "validate", "verify", "weigh",
+    "append", "audit", "balanced_realization", "certify_gain", "certify_region", "certify_stability",
+    "certify_switching", "close_loop", "connect", "critical_scheduling", "decay_rate", "diagnose", "discretise",
+    "free_run_band", "frequency_band", "from_control", "from_lft", "frozen_stability", "h2_norm", "identify",
+    "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains", "lift", "load", "model_hash", "parallel",
+    "pole_band", "pole_locus", "predict", "read", "realize", "reduce_order", "save", "scaled_gain", "select", "series",
+    "simulate", "sparsify", "stability_probability", "summing_junction", "synthesize", "to_affine", "to_continuous",
+    "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
 ]
 
 

@@ -66,6 +66,7 @@ KINDS: tuple[Kind, ...] = (
                                       for kind in ("quadratic", "poly-quadratic", "parameter-dependent"))),
     Kind("bound-certificate", 1, tuple((kind, "lpvid.lmi.bound_certificate", "BoundCertificate")
                                        for kind in ("quadratic", "poly-quadratic", "parameter-dependent"))),
+    Kind("polytopic-certificate", 1, (("polytopic", "lpvid.analysis.switching", "PolytopicCertificate"),)),
     Kind("stability-certificate", 1, tuple(
         (kind, "lpvid.analysis.stability_certificate", "StabilityCertificate")
         for kind in ("quadratic", "poly-quadratic", "parameter-dependent", "none"))),
