@@ -17,8 +17,9 @@ from lpvid.scheduling.variables import Scheduling
 class Fourier(Basis):
     """1, cos kωz, sin kωz for k = 1 … harmonics, with ω = 2π/period and z = p − origin.
 
-    It is no polynomial in p: between the points of a grid the stability and gain certificates that rest on Bernstein
-    coefficients do not apply. What holds instead is `overshoot`.
+    It is no polynomial in p: between the points of a grid Bernstein coefficients alone decide nothing
+    (`certify_stability` refuses it, `l2_gain` and `decay_rate` interpolate). `overshoot` says what samples of a full
+    period promise.
 
     Parameters
     ----------
