@@ -6,7 +6,7 @@ Neither the rig nor the effects know of it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from lpvid.diagnosis.diagnosis import Diagnosis
@@ -29,6 +29,8 @@ class Part:
         [s].
     replicates : int
         Runs; with a constant current one for each level.
+    redraw : bool
+        Whether each run draws a motion of its own.
     """
 
     name: str
@@ -37,12 +39,15 @@ class Part:
     current: str
     duration: float = 30.0
     replicates: int = 1
+    redraw: bool = True
 
     def toml(self, causes: tuple[str, ...]) -> str:
         """Its lines in a plan."""
         lines = [f"# {self.says}: {', '.join(causes)}", "[[experiments]]", f'name = "{self.name}"',
                  f"displacement = {{ {self.displacement} }}", f"current = {{ {self.current} }}",
                  f"duration = {self.duration:g}", f"replicates = {self.replicates}"]
+        if not self.redraw:
+            lines.append("redraw = false")
         return "\n".join(lines)
 
 
@@ -69,6 +74,8 @@ LARGE_SWEEP = Part("large-sweep", "frequency sweep of large amplitude at three c
                    'f_start = 0.5, f_end = 15.0, amplitude = "20 mm", peak_velocity = 0.5', _THREE, 20.0, 3)
 HEATING = Part("heating", "one motion repeated for minutes, so that the damper heats up", 'kind = "sine", '
                'amplitude = "20 mm", frequency = "3 Hz"', 'kind = "stepped", levels = [1.5, 0.2, 1.5, 0.2, 1.5]', 150.0)
+REPEATED = Part("repeated", "one motion with one current three times: what does not come back is noise", _ROAD, _RANDOM,
+                20.0, 3, redraw=False)
 
 PLANS: Mapping[str, tuple[Part, ...]] = {
     "coulomb-friction": (CREEP,), "stribeck-friction": (CREEP, SPEEDS), "gas-preload": (CREEP,),
@@ -84,9 +91,60 @@ PLANS: Mapping[str, tuple[Part, ...]] = {
     "displacement-delay": (RANDOM, SWEEP), "force-delay": (RANDOM, SWEEP), "one-sided-filter": (SWEEP, RANDOM),
     "force-clipping": (FAST,), "quantisation": (CREEP,),
     "scheduling-degree": (FULL_RANGE,), "model-order": (SWEEP,), "input-nonlinearity": (SPEEDS, FAST),
+    "force-offset": (CREEP,), "missing-scheduling": (HEATING, REPEATED), "coloured-noise": (REPEATED,),
 }
-"""What makes a cause visible. A constant offset of the load cell is the same as a gas preload in every run: for those
-two, for what was not logged and for a car there is no plan here."""
+"""What makes a cause visible."""
+
+ON_THE_CAR: Mapping[str, str] = {
+    "strut-friction": "move the road in slow, small steps; the body stays where friction leaves it",
+    "payload": "weigh the body, or drive the same road with a known further mass",
+    "tyre-stiffness": "sweep the road through the wheel hop, or load the tyre statically",
+    "tyre-damping": "sweep the road through the wheel hop at small amplitude",
+    "actuator-delay": "step the actuator on a level road",
+}
+"""Causes in a car, which a rig that holds the damper alone cannot show, and what shows them on the car."""
+
+NO_PLAN: Mapping[str, str] = {
+    "sensor-scale": "no motion and no current tell the scale of a sensor from the size of what it drives: calibrate "
+                    "the channel against a known displacement or current",
+    "channel-sign": "a sensor turned round and a law turned round are one: move the rod by hand and read the sign, "
+                    "pass a known current",
+    **{name: f"a rig that holds the damper alone has no wheel and no body. On the car: {what}"
+       for name, what in ON_THE_CAR.items()},
+}
+"""Causes that no experiment on the rig of a damper reveals, and what does."""
+
+PAIRS: Mapping[frozenset[str], tuple[Part, ...] | str] = {frozenset(names): what for names, what in (
+    (("coil-lag", "command-delay"), (STEPS,)), (("coil-lag", "force-delay"), (STEPS,)),
+    (("command-delay", "force-delay"), (STEPS, RANDOM)), (("rise-fall-lag", "coil-lag"), (STEPS,)),
+    (("rise-fall-lag", "current-saturation"), (STEPS,)),
+    (("displacement-delay", "force-delay"), (RANDOM,)), (("displacement-delay", "coil-lag"), (RANDOM,)),
+    (("displacement-delay", "series-compliance"), (SWEEP, LARGE_SWEEP)),
+    (("force-delay", "series-compliance"), (SWEEP, LARGE_SWEEP)),
+    (("gas-stiffness", "fixture-inertia"), (SWEEP,)), (("gas-stiffness", "displacement-delay"), (SWEEP,)),
+    (("thermal-fade", "viscous-fade"), (HEATING, SPEEDS)), (("thermal-fade", "missing-scheduling"), (HEATING,)),
+    (("thermal-fade", "scheduling-degree"), (HEATING, FULL_RANGE)),
+    (("thermal-fade", "current-saturation"), (HEATING, FULL_RANGE)),
+    (("viscous-fade", "scheduling-degree"), (HEATING, FULL_RANGE)),
+    (("coulomb-friction", "quadratic-loss"), (CREEP, SPEEDS)), (("coulomb-friction", "gas-preload"), (CREEP,)),
+    (("coulomb-friction", "force-offset"), (CREEP,)), (("coulomb-friction", "gas-stiffness"), (CREEP, SPEEDS)),
+    (("gas-preload", "quadratic-loss"), (CREEP, SPEEDS)), (("asymmetry", "gas-preload"), (SPEEDS, FULL_RANGE)),
+    (("asymmetry", "force-offset"), (SPEEDS, FULL_RANGE)),
+    (("current-saturation", "scheduling-degree"), (FULL_RANGE,)),
+    (("gas-preload", "force-offset"),
+     "at one gas pressure and one temperature no motion tells them apart: read the load cell with the rod "
+     "disconnected, or repeat the run warm or at another gas pressure; the offset stays"),
+    (("series-compliance", "entrained-air"), (SWEEP, LARGE_SWEEP)),
+)}
+"""What tells two causes apart, or why no experiment on the rig can."""
+
+NOT_BY_FORCE: Mapping[str, str] = {
+    "series-compliance": "whether it is the oil or a bush, force and displacement at the ends cannot tell: a second "
+                         "displacement across the bush, or a run at another gas pressure, would",
+    "entrained-air": "whether it is air in the oil or a soft mount, force and displacement at the ends cannot tell: a "
+                     "run at another gas pressure, or after bleeding, would",
+}
+"""What remains open about a cause that is found, and the measurement that is missing."""
 
 
 def plan_for(found: Diagnosis) -> Proposal | None:
@@ -97,18 +155,47 @@ def plan_for(found: Diagnosis) -> Proposal | None:
     >>> sorted(PLANS["coil-lag"][0].toml(("coil-lag",)).splitlines())[0]
     '# current steps of many heights, up and down, while the piston moves: coil-lag'
     """
-    rivals = tuple(dict.fromkeys(n for r in found.rivals for n in r.names))
-    wanted = [n for n in (rivals or open_questions(found)) if n in PLANS]
-    by_part: dict[Part, list[str]] = {}
-    for name in wanted:
-        for part in PLANS[name]:
-            by_part.setdefault(part, []).append(name)
+    groups = [tuple(r.names) for r in found.rivals]
+    car = found.baseline.get("name") == "quarter-car"
+    asked = [n for n in open_questions(found) if car or n not in ON_THE_CAR]
+    by_part, advice = _of_rivals(groups) if groups else _of_candidates(asked)
+    advice += [NOT_BY_FORCE[c.name] for c in found.causes if c.name in NOT_BY_FORCE]
     parts = list(by_part)[:MOST_PARTS]
     if not parts:
-        return None
+        return Proposal("", "", (), tuple(dict.fromkeys(advice))) if advice else None
     served = tuple(dict.fromkeys(n for p in parts for n in by_part[p]))
-    purpose = f"tell {' from '.join(rivals)}" if len(rivals) > 1 else f"reveal {', '.join(served)}"
+    told = [g for g in groups if set(g) & set(served)]
+    purpose = f"tell {'; '.join(' from '.join(g) for g in told)}" if told else f"reveal {', '.join(served)}"
     head = [f"# To {purpose}.", "# Run on the virtual rig by `quartercar rig experiment.toml --out DIR`; on a real rig "
-            "impose the same motion and current.", "seed = 1", ""]
+            "impose the same motion and current.", *(f"# {a}" for a in dict.fromkeys(advice)), "seed = 1", ""]
     text = "\n".join(head) + "\n\n".join(p.toml(tuple(by_part[p])) for p in parts) + "\n"
-    return Proposal(text, "; ".join(p.says for p in parts) + f": to {purpose}", served)
+    return Proposal(text, "; ".join(p.says for p in parts) + f": to {purpose}", served, tuple(dict.fromkeys(advice)))
+
+
+def _of_rivals(groups: list[tuple[str, ...]]) -> tuple[dict[Part, list[str]], list[str]]:
+    """Parts that tell the members of each group apart, and what no part can tell.
+
+    The first of a group is the chosen one, which each of the others is to be told from.
+    """
+    by_part: dict[Part, list[str]] = {}
+    advice: list[str] = []
+    for first, *others in groups:
+        for other in others:
+            known = PAIRS.get(frozenset((first, other)))
+            if isinstance(known, str):
+                advice.append(f"{first} or {other}: {known}")
+                continue
+            parts = known or tuple(dict.fromkeys(p for n in (first, other) for p in PLANS.get(n, ())))
+            for part in parts:
+                by_part.setdefault(part, []).extend(n for n in (first, other) if n not in by_part.get(part, ()))
+            advice += [f"{n}: {NO_PLAN[n]}" for n in (first, other) if n in NO_PLAN]
+    return by_part, advice
+
+
+def _of_candidates(names: Sequence[str]) -> tuple[dict[Part, list[str]], list[str]]:
+    """Parts that make causes visible; what no part can."""
+    by_part: dict[Part, list[str]] = {}
+    for name in names:
+        for part in PLANS.get(name, ()):
+            by_part.setdefault(part, []).append(name)
+    return by_part, [f"{n}: {NO_PLAN[n]}" for n in names if n in NO_PLAN]

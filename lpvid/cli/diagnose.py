@@ -135,11 +135,14 @@ def _deliver(results: Results, found: Diagnosis, question: Question, lpv: LpvExt
     if found.extended is not None:
         results.add("extended_model.json", lambda path: save(found.extended, path))
     proposal = proposed(found) if plan else None
-    if proposal is not None:
+    if proposal is not None and proposal.text:
         results.add(PLAN, lambda path: path.write_text(proposal.text, encoding="utf-8"))
         told.append(f"  experiment: {proposal.says}\n  quartercar rig {results.folder}/{PLAN} --out DIR runs it on the "
                     "virtual rig")
     elif plan:
         told.append("  no experiment is needed, or none is known: nothing was left open that one could tell")
-    results.report(diagnosis_page(found, question, lpv, None if proposal is None else proposal.says))
+    advice = () if proposal is None else proposal.advice
+    told += [f"  not told by any run of the rig: {a}" for a in advice]
+    said = "; ".join(t for t in (() if proposal is None else (proposal.says, *advice)) if t)
+    results.report(diagnosis_page(found, question, lpv, said or None))
     return told

@@ -18,16 +18,19 @@ class Proposal:
     Attributes
     ----------
     text : str
-        A plan file.
+        A plan file; empty where there is nothing to run.
     says : str
         In one sentence.
     names : tuple of str
         Effects that it is meant for.
+    advice : tuple of str
+        What no plan of the rig can tell, with the measurement that would.
     """
 
     text: str
     says: str
     names: tuple[str, ...]
+    advice: tuple[str, ...] = ()
 
 
 Planner = Callable[[Diagnosis], Proposal | None]
