@@ -12,10 +12,14 @@ from lpvid.diagnosis.signals import Core, Signals
 from lpvid.record import Record
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import LawDamper, StaticDamper
+from quartercar.dampers.fitting.settings import FitSettings
+from quartercar.dampers.relief_valve import LagDamper
 
 STARTS = 6
 """points from which a search over a law's parameters may begin"""
 ROLES = ("displacement", "velocity", "current", "temperature")
+ROUGH = FitSettings(starts=4, polished=1, evaluations=15, tasting_evaluations=6, tolerance=1e-4)
+"""search for a damper whose stiff run takes long: the diagnosis moves its parameters on from there"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +82,8 @@ class DamperBaseline(Baseline):
         return list(self.damper.starts([_drive(s) for s in signals], STARTS, np.random.default_rng(0)))
 
     def fit(self, records: Sequence[Record]) -> DamperBaseline:
-        return DamperBaseline(self.damper.fit(records).damper)  # type: ignore[arg-type]
+        settings = ROUGH if isinstance(self.damper, LagDamper) else None
+        return DamperBaseline(self.damper.fit(records, settings=settings).damper)  # type: ignore[arg-type]
 
     def sensitivities(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
         return self.damper.jacobian(_drive(signals), vector)
