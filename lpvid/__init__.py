@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from lpvid.analysis.frozen_stability import frozen_stability
     from lpvid.analysis.gain import Gain, l2_gain, l2_gains
     from lpvid.analysis.h2 import h2_norm
+    from lpvid.analysis.largest import certified_share, largest_range, largest_rate
     from lpvid.analysis.pole_locus import pole_locus
     from lpvid.analysis.pole_regions import certify_region
     from lpvid.analysis.stability_certificate import StabilityCertificate, Verification
@@ -93,6 +94,7 @@ _EXPORTS = {
     "lpvid.analysis.frozen_stability": ("frozen_stability",),
     "lpvid.analysis.gain": ("Gain", "l2_gain", "l2_gains"),
     "lpvid.analysis.h2": ("h2_norm",),
+    "lpvid.analysis.largest": ("certified_share", "largest_range", "largest_rate"),
     "lpvid.analysis.pole_locus": ("pole_locus",),
     "lpvid.analysis.pole_regions": ("certify_region",),
     "lpvid.analysis.stability_certificate": ("StabilityCertificate", "Verification"),
@@ -167,13 +169,14 @@ __all__ = [
     "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain", "Scheduling", "Selection", "Shifted", "Signal",
     "Simulation", "Spline", "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError", "Subspace",
     "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin", "Validation", "Verification", "ZeroOrderHold",
-    "append", "audit", "balanced_realization", "certify_gain", "certify_region", "certify_stability",
+    "append", "audit", "balanced_realization", "certified_share", "certify_gain", "certify_region", "certify_stability",
     "certify_switching", "close_loop", "connect", "critical_scheduling", "decay_rate", "diagnose", "discretise",
     "free_run_band", "frequency_band", "from_control", "from_lft", "frozen_stability", "h2_norm", "identify",
-    "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains", "lift", "load", "model_hash", "parallel",
-    "pole_band", "pole_locus", "predict", "read", "realize", "reduce_order", "save", "scaled_gain", "select", "series",
-    "simulate", "sparsify", "stability_probability", "summing_junction", "synthesize", "to_affine", "to_continuous",
-    "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
+    "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains", "largest_range", "largest_rate", "lift", "load",
+    "model_hash", "parallel", "pole_band", "pole_locus", "predict", "read", "realize", "reduce_order", "save",
+    "scaled_gain", "select", "series", "simulate", "sparsify", "stability_probability", "summing_junction",
+    "synthesize", "to_affine", "to_continuous", "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic",
+    "validate", "verify", "weigh",
 ]
 
 

@@ -75,26 +75,36 @@ def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> S
     >>> certify_stability(model).verdict
     'certified'
     """
-    system = autonomous(model)
     scheduling = asked(model.box, rate, range)
+    found = certificate_for(model, scheduling)
+    if found is not None:
+        return found
+    system, scheduling = autonomous(model), behind_filter(model, scheduling)
+    n, box = system.order, reading_box(system, scheduling)
+    return StabilityCertificate("none", np.zeros((0, n, n)), Polynomial((), 0), box, system.sample_time,
+                                system.digest, False, math.nan, False, 0.0, diverging_trajectory(system, scheduling))
+
+
+def certificate_for(model: Model, scheduling: Scheduling) -> StabilityCertificate | None:
+    """The certificate of `certify_stability` for a box with rates, or None; trajectories are not searched for."""
+    system = autonomous(model)
     box = reading_box(system, scheduling)
     frozen = frozen_rates(system, grid(box, {0: 1, 1: 201, 2: 31, 3: 11}.get(len(box.names), 3)))
-    best = None if frozen.max() >= 0 else _best(system, box, float(frozen.max()))
-    filtered = _behind_filter(model, scheduling)
-    if best is None and frozen.max() < 0 and filtered != scheduling:
-        scheduling, box = filtered, reading_box(system, filtered)
+    if frozen.max() >= 0:
+        return None
+    best = _best(system, box, float(frozen.max()))
+    filtered = behind_filter(model, scheduling)
+    if best is None and filtered != scheduling:
+        box = reading_box(system, filtered)
         best = _best(system, box, float(frozen.max()))
     if best is None:
-        n = system.order
-        return StabilityCertificate("none", np.zeros((0, n, n)), Polynomial((), 0), box, system.sample_time,
-                                    system.digest, False, math.nan, False, 0.0,
-                                    diverging_trajectory(system, scheduling))
+        return None
     lyapunov, outcome, solver, decay = best
     return StabilityCertificate(_kind(lyapunov, box), lyapunov.matrices, lyapunov.basis, box, system.sample_time,
                                 system.digest, outcome.holds, outcome.margin, outcome.between_grid, decay, None, solver)
 
 
-def _behind_filter(model: Model, scheduling: Scheduling) -> Scheduling:
+def behind_filter(model: Model, scheduling: Scheduling) -> Scheduling:
     """The scheduling with the rate bounds that the model's own filter imposes, whatever the command does."""
     stage = model.scheduling_stage
     if stage is None or model.sample_time is None:

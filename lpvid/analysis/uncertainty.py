@@ -180,7 +180,7 @@ def stability_probability(models: Iterable[Model], box: Scheduling | None = None
             decided = _stable_between(model, lines(model)[0])
             exact = exact and decided is not None
         hits += decided is not False
-    return _wilson(int(hits), len(drawn), level, exact)
+    return share_of(int(hits), len(drawn), level, exact)
 
 
 def _listed(models: Iterable[Model]) -> list[Model]:
@@ -240,7 +240,7 @@ def _stable_between(model: Model, line: Line) -> bool | None:
     return True
 
 
-def _wilson(hits: int, n: int, level: float, exact: bool) -> StabilityProbability:
+def share_of(hits: int, n: int, level: float, exact: bool) -> StabilityProbability:
     """Wilson 1927: interval of a share, sensible at 0 and 1 too."""
     z = NormalDist().inv_cdf(0.5 + level / 2)
     share = hits / n
