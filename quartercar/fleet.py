@@ -46,6 +46,7 @@ class Fleet(ABC):
         self.current = car.coil.limited(np.asarray(current, dtype=float))
         self.road, self.road_rate = np.array(road, dtype=float), zero.copy()
         self._part = car.linear_part
+        self._inverse_mass = self._part.inverse_mass
 
     @abstractmethod
     def _advance(self, road: np.ndarray, command: np.ndarray) -> None:
@@ -72,7 +73,7 @@ class Fleet(ABC):
         zs, vs, zu, vu = self.motion.T
         tyre = p.tyre_stiffness * (zu - self.road) + p.tyre_damping * (vu - self.road_rate) + self.tyre
         strut = part.stiffness * (zs - zu) + part.damping * (vs - vu) + self.strut
-        (a, b), (c, d) = part.inverse_mass
+        (a, b), (c, d) = self._inverse_mass
         return b * (strut - tyre) - a * strut, d * (strut - tyre) - c * strut
 
 

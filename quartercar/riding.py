@@ -23,7 +23,7 @@ from quartercar.storage import RidePassivity, ride_passivity
 
 RATE = 500.0
 """rate of the loop where the damper has none of its own [Hz]"""
-MOST = 128
+MOST = 192
 """cars side by side at most; more take more memory and no less time"""
 
 

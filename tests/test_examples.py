@@ -109,3 +109,12 @@ def test_own_effect() -> None:
     assert [c.name for c in found.causes] == ["scoring"] and found.verdict == "explained"
     drag, place = found.causes[0].parameters
     assert abs(drag.value - 60.0) < 4 * drag.std < 4.0 and abs(place.value - 0.003) < 5e-5
+
+
+def test_ride_comparison(tmp_path: Path) -> None:
+    from quartercar.ride_roads import IsoRoad
+
+    found = load("ride_comparison").main(2, 4, [IsoRoad("C", 20.0, 1.0)], ["passive", "sh-add"],
+                                         str(tmp_path / "front.png"))
+    assert "sh-add" in found.front["ISO C, 20 m/s"]
+    assert (tmp_path / "front.png").stat().st_size > 10_000
