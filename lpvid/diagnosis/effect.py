@@ -125,6 +125,8 @@ class Effect(ABC):
     """roles without which it cannot be tested"""
     strengths: ClassVar[int] = 1
     """how many of the leading parameters are strengths; the others are shapes"""
+    memoryless: ClassVar[bool] = False
+    """whether what it does at an instant depends on the signals at that instant alone"""
     smooth: ClassVar[bool] = True
     """False where the output is not differentiable in the strength: scanned, never linearised"""
     partners: ClassVar[tuple[str, ...]] = ()

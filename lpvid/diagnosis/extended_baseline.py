@@ -19,7 +19,7 @@ from lpvid.record import Record
 class ExtendedBaseline(Baseline):
     """Baseline and found effects as one, all of their parameters free; further effects stand around it.
 
-    It counts as static where the baseline is and every effect adds to the force at the same instant.
+    It counts as static where the baseline is and no effect has a memory.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class ExtendedBaseline(Baseline):
         base = self.composition.baseline
         values = {"name": "+".join((base.name, *self.model.effects)), "output": base.output,
                   "output_unit": base.output_unit, "polarity": base.polarity, "schedule": base.schedule,
-                  "static": base.static and not self.composition.effects}
+                  "static": base.static and all(e.memoryless for e in self.composition.effects)}
         for name, value in values.items():
             object.__setattr__(self, name, value)
 

@@ -18,6 +18,7 @@ class ParallelForce(GridEffect):
     """A force that adds to that of the law."""
 
     family: ClassVar[str] = "friction and gas"
+    memoryless: ClassVar[bool] = True
     stage: ClassVar[str] = "force"
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:

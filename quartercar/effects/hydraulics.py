@@ -24,6 +24,7 @@ class HydraulicEffect(Effect):
     """A cause in the hydraulic path, which sees the speed and knows the viscous share of the law."""
 
     family: ClassVar[str] = "hydraulics"
+    memoryless: ClassVar[bool] = True
     stage: ClassVar[str] = "core"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
 
@@ -249,6 +250,7 @@ class ValveDynamics(HydraulicEffect):
     """The valve has a mass: its share of the force follows as a second-order element (equation sheet 3.10)."""
 
     name: ClassVar[str] = "valve-dynamics"
+    memoryless: ClassVar[bool] = False
     title: ClassVar[str] = "the valve follows with a mass and a spring of its own"
     stage: ClassVar[str] = "force"
     equation: ClassVar[str] = "F += s (q - f), f = c(i) v, q'' + 2 zeta w q' + w^2 q = w^2 f"

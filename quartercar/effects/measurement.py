@@ -148,6 +148,7 @@ class ForceOffset(ChainEffect):
     """Zero of the load cell (equation sheet 3.20)."""
 
     name: ClassVar[str] = "force-offset"
+    memoryless: ClassVar[bool] = True
     title: ClassVar[str] = "zero of the load cell"
     stage: ClassVar[str] = "measurement"
     equation: ClassVar[str] = "F_recorded = F + F_0"
@@ -170,6 +171,7 @@ class ForceClipping(Effect):
     """The amplifier saturates (equation sheet 3.20)."""
 
     name: ClassVar[str] = "force-clipping"
+    memoryless: ClassVar[bool] = True
     title: ClassVar[str] = "the force is clipped by its amplifier"
     family: ClassVar[str] = "measurement"
     stage: ClassVar[str] = "measurement"

@@ -23,6 +23,7 @@ class SchedulingDegree(CurrentEffect):
     """
 
     name: ClassVar[str] = "scheduling-degree"
+    memoryless: ClassVar[bool] = True
     catch_all: ClassVar[bool] = True
     of_changes: ClassVar[bool] = False
     title: ClassVar[str] = "the law depends on the current to a higher degree than the model"

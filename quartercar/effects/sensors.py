@@ -25,6 +25,7 @@ class SensorEffect(Effect):
     """A sensor whose signal is multiplied by a wrong number."""
 
     family: ClassVar[str] = "measurement"
+    memoryless: ClassVar[bool] = True
     stage: ClassVar[str] = "channel"
     reference: ClassVar[str] = "equation sheet 3.20"
 

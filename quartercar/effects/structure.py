@@ -16,6 +16,7 @@ class EndStop(Effect):
     """A stop that engages beyond a position on either side (equation sheet 3.18)."""
 
     name: ClassVar[str] = "end-stop"
+    memoryless: ClassVar[bool] = True
     title: ClassVar[str] = "an end stop engages near the end of the stroke"
     family: ClassVar[str] = "structure"
     stage: ClassVar[str] = "force"
