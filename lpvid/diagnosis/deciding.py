@@ -30,6 +30,8 @@ EXPLAINED = 0.95
 SHADOW, DEEP_SHADOW = 0.005, 0.05
 """share of what the strongest cause wins in BIC below which another may be no more than that one's imperfect law; the
 second number for a catch-all"""
+FORM = 0.05
+"""share of what a component wins by which a catch-all must do better to be its rival"""
 UNSTEADY = 0.13
 """share by which the strength of a cause may differ, beyond three standard errors, between strata of the inputs"""
 
@@ -209,6 +211,8 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
         fit = refit(problem, composition, fit.vector, near=rest)
         spared = min(fit.vector.size - now.vector.size, 0) * np.log(problem.n_samples)
         apart = (fit.cost - now.cost) / now.variance + spared
+        if e.effect.catch_all and not effect.catch_all:  # a form takes the place of a component only if far better
+            apart += FORM * (rest.cost - now.cost) / now.variance
         values = fit.vector[composition.places[composition.effects.index(e.effect)]]
         if not e.effect.implausible(values):
             out.append(Alternative(e.effect, fit, abs(similarity(own.best, e.best)), float(apart)))

@@ -155,7 +155,7 @@ class _Case:
         plain = problem.errors(fit.composition, fit.vector)
         share, spread = predictable_share(problem, plain, self._inputs)
         predictable = share if share - 2 * spread > PREDICTABLE else 0.0
-        phi = explained_share(problem, before, after, self.level.variance, predictable) if judged else None
+        phi = explained_share(problem, before, after, self.level.variance, predictable) if named or contested else None
         left = float(np.sqrt(predictable * np.mean(after.plain**2))) / problem.spread
         verdict, reason = self._verdict(named, contested, dropped, phi, predictable, left)
         kept = [j for j in judged if j in named or j in contested] if verdict != "unexplained" else []

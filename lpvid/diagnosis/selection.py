@@ -30,6 +30,10 @@ BIC_GAIN = 10.0
 """whitened BIC that a cause must win"""
 SHORTLIST = 6
 """candidates refitted at every step"""
+LARGEST = 3
+"""of those that promise to change most in the output, refitted as well"""
+LENIENT = 100.0
+"""BIC that a plausible special case may lose to an implausible general one"""
 MOST_EFFECTS = 4
 WORTH = 0.3
 """share of the negligible contribution that a candidate must promise by proportion to be refitted"""
@@ -41,6 +45,8 @@ PALE = 0.6
 CRUDE = 0.02
 """squared error of the fitted baseline, relative to the output's, above which its parameters are not to be trusted as
 a start"""
+COMPONENT = 0.5
+"""share of what a catch-all wins for which a component is taken before it"""
 TRIED, ENOUGH = 8, 0.02
 """further starts tried for a candidate where they are not; share of the present cost at which one is good enough"""
 NEAR, NEAR_SHARE = 20.0, 0.2
@@ -115,6 +121,7 @@ class Search:
             for e in added:
                 self.p_values[e.name] = min((x.p_value for x in evidence if x.effect.name == e.name), default=least)
             self.fit = fit
+            self.simplify()
             if faint and len(added) == 1:
                 size = len(fit.composition.effects)
                 self.prune()
@@ -129,8 +136,10 @@ class Search:
         """The single effect whose joint refit wins most, if it wins enough."""
         threshold = DETECT + np.log(self.problem.n_samples)
         listed = [e for e in evidence if e.best is not None and e.likelihood_ratio > 0.5 * threshold]
-        weighty = [e for e in listed if self.weighty(e.effect, found)]
-        listed = (weighty or listed[:1])[:SHORTLIST]
+        worth = {e.effect.name: self.worth(e.effect, found) for e in listed}
+        weighty = [e for e in listed if worth[e.effect.name] > WORTH * e.effect.negligible * self.problem.spread]
+        largest = sorted(weighty, key=lambda e: -worth[e.effect.name])[:LARGEST]
+        listed = [e for k, e in enumerate(weighty) if k < SHORTLIST or e in largest] or listed[:1]
         self.say(f"tasting {', '.join(e.effect.name for e in listed)}")
         fits = in_parallel(lambda e: self.taste((e.effect,), found), listed)
         tasted = [(e.effect, f) for e, f in zip(listed, fits, strict=True)]
@@ -145,15 +154,26 @@ class Search:
         tried = [(e, f) for e, f in tried if f.bic() < self.fit.bic() - BIC_GAIN]
         if not tried:
             return None
-        effect, fit = min(tried, key=lambda t: (bool(t[0].implausible(own_values(t[1], t[0]))), t[1].bic()))
+        tried = [(e, f) for e, f in tried if not self.negligible((e,), f)] or tried
+        effect, fit = min(tried, key=self._rank)
+        if effect.catch_all:  # a component that wins a good part of it comes first: the form may then be superfluous
+            wanted = self.fit.bic() - COMPONENT * (self.fit.bic() - fit.bic())
+            components = [(e, f) for e, f in tried if not e.catch_all and f.bic() < wanted
+                          and not e.implausible(own_values(f, e))]
+            effect, fit = min(components, key=self._rank, default=(effect, fit))
         for special, other in tried:  # what one number fewer explains as well is the better name
             if special.name in effect.contains and other.bic() < fit.bic() + BIC_GAIN:
                 effect, fit = special, other
         return (effect,), fit
 
-    def weighty(self, effect: Effect, found: Sequence[Direction]) -> bool:
-        """Whether, by proportion and with room, it may change the output by more than is negligible."""
-        return any(d.worth > WORTH * effect.negligible * self.problem.spread for d in found if d.effect is effect)
+    @staticmethod
+    def _rank(tried: tuple[Effect, Refit]) -> tuple[bool, float]:
+        effect, fit = tried
+        return bool(effect.implausible(own_values(fit, effect))), fit.bic()
+
+    def worth(self, effect: Effect, found: Sequence[Direction]) -> float:
+        """What an effect may change in the output, by proportion and with room: root mean square, in its unit."""
+        return max((d.worth for d in found if d.effect is effect), default=0.0)
 
     def negligible(self, added: Sequence[Effect], fit: Refit) -> bool:
         """Whether what a refit adds to the simulation is too small to be worth naming."""
@@ -179,7 +199,8 @@ class Search:
         if best is None:
             return None
         self.say(f"refitting with {' and '.join(e.name for e in best[0])} together")
-        return best[0], refit(self.problem, best[1].composition, best[1].vector, near=self.fit)
+        fit = refit(self.problem, best[1].composition, best[1].vector, near=self.fit)
+        return None if self.negligible(best[0], fit) else (best[0], fit)
 
     def promising(self, pair: tuple[Effect, Effect], found: Sequence[Direction]) -> bool:
         """Whether both together, each at its best grid points, lie along what is left: a look before a costly refit.
@@ -230,6 +251,27 @@ class Search:
         rest = tuple(e for e in self.fit.composition.effects if e.name != effect.name)
         composition = Composition(self.fit.composition.baseline, rest)
         return refit(self.problem, composition, placed(composition, self.fit, {}), near=self.fit)
+
+    def simplify(self) -> None:
+        """Put special cases in the place of effects that do no better than they, or only beyond what is plausible."""
+        for e in self.fit.composition.effects:
+            have = {x.name for x in self.fit.composition.effects}
+            for special in (c for c in self.candidates if c.name in e.contains and c.name not in have):
+                rest = tuple(x for x in self.fit.composition.effects if x is not e)
+                composition = Composition(self.fit.composition.baseline, (*rest, special))
+                begun = [placed(composition, self.fit, {special.name: v})
+                         for v in special.points(self.problem.signals)[:STARTS]]
+                fit = min((refit(self.problem, composition, start, near=self.fit) for start in begun),
+                          key=lambda f: f.cost)
+                allowed = BIC_GAIN
+                if e.implausible(own_values(self.fit, e)) and not special.implausible(own_values(fit, special)):
+                    allowed += LENIENT
+                if fit.bic() < self.fit.bic() + allowed:
+                    self.say(f"{special.name} does as well as {e.name}")
+                    self.p_values[special.name] = self.p_values.get(e.name, 1.0)
+                    self.fit = fit
+                    return self.simplify()
+        return None
 
     def prune(self) -> None:
         """Drop effects that the others have made superfluous."""

@@ -47,8 +47,8 @@ class ThermalFade(ThermalEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("fade", "1/J", "a, share of the force lost per joule of heat", 0.0, (0.0, 2e-4),
-                                (0.0, 2e-3), (5e-6, 5e-5)),
+        return (EffectParameter("fade", "1/J", "a, share of the force lost per joule of heat", 0.0, (0.0, 1e-3),
+                                (0.0, 1e-2), (5e-6, 5e-5, 5e-4)),
                 EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (2.0, 1e4), COOLING))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
@@ -79,8 +79,8 @@ class ViscousFade(ThermalEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("fade", "s/m^2", "b, damping lost per joule of heat, N*s/m/J", 0.0, (0.0, 1.0),
-                                (0.0, 20.0), (0.01, 0.1)),
+        return (EffectParameter("fade", "s/m^2", "b, damping lost per joule of heat, N*s/m/J", 0.0, (0.0, 3.0),
+                                (0.0, 20.0), (0.01, 0.1, 1.0)),
                 EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (2.0, 1e4), COOLING))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
