@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from lpvid.report import Page
     from lpvid.report.self_scheduled import SelfScheduledStudy
     from lpvid.report.stability import StabilityStudy
+    from lpvid.report.stability_reach import Questions
 
     Study = StabilityStudy | SelfScheduledStudy
 
@@ -26,6 +27,14 @@ def stability(model: options.ModelFile,
                               "fast.")] = None,
               range: Annotated[list[str] | None, typer.Option("--range", metavar="A:B", help="Range to judge instead "
                                "of the training range: A:B, or NAME=A:B for each variable.")] = None,
+              largest_range: Annotated[bool, typer.Option("--largest-range", help="Also scale the range about its "
+                               "centre until stability can no longer be certified.")] = False,
+              largest_rate: Annotated[bool, typer.Option("--largest-rate", help="Also find the fastest motion within "
+                              "the range that is certified.")] = False,
+              draws: Annotated[int, typer.Option("--draws", min=0, metavar="N", help="Draw N models from the "
+                               "parameters' covariance: for which share does the same certificate hold?")] = 0,
+              gain: Annotated[bool, typer.Option("--gain", help="Also bound the induced L2 gain from inputs to "
+                              "outputs.")] = False,
               seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws from the parameters' "
                               "covariance.")] = 0,
               out: options.Out = None, json: options.Json = False) -> None:
@@ -35,11 +44,13 @@ def stability(model: options.ModelFile,
     schedules itself is judged by what holds for every course of its own output.
     """
     from lpvid.export.serialise import load
+    from lpvid.report.stability_reach import Questions
 
     results = Results(out)
     loaded = load(model)
     with working("looking for a certificate") as say:
-        found, render = _studied(loaded, model, rate, range, seed, say)
+        asked = Questions(largest_range, largest_rate, gain, draws)
+        found, render = _studied(loaded, model, (rate, range), seed, asked, say)
         data = {**found.to_dict(), "model": str(model)}
         if results.kept:
             say("drawing")
@@ -51,8 +62,8 @@ def stability(model: options.ModelFile,
         raise typer.Exit(SHORTFALL)
 
 
-def _studied(loaded: object, path: Path, rate: list[str] | None, range: list[str] | None, seed: int,
-             say: Callable[[str], None]) -> tuple[Study, Callable[[], Page]]:
+def _studied(loaded: object, path: Path, motion: tuple[list[str] | None, list[str] | None], seed: int,
+             asked: Questions, say: Callable[[str], None]) -> tuple[Study, Callable[[], Page]]:
     """What can be said of a model of any kind, and what makes its page."""
     from lpvid.cli.data import rates
     from lpvid.errors import InputError
@@ -70,11 +81,16 @@ def _studied(loaded: object, path: Path, rate: list[str] | None, range: list[str
     if not isinstance(loaded, (LPVTransferFunction, LPVStateSpace, QuasiLPVModel, ComplianceModel)):
         raise InputError(f"'{path}' holds a {named}", mend="give a transfer function, a state-space "
                          "model, or a model that schedules itself")
-    speeds, ranges = rates(rate, loaded.box.names), _ranges(range, loaded.box.names)
+    speeds, ranges = rates(motion[0], loaded.box.names), _ranges(motion[1], loaded.box.names)
     if isinstance(loaded, SelfScheduled):
+        if asked != type(asked)():
+            raise InputError(f"'{path}' holds a model that schedules itself",
+                             got="--largest-range, --largest-rate, --draws or --gain",
+                             why="its scheduling follows from its own output, within a range that is fixed",
+                             mend="leave these options out")
         own = study_self_scheduled(loaded, rate=speeds, range=ranges, seed=seed, say=say)
         return own, lambda: self_scheduled_page(own, path.name)
-    found = study_stability(loaded, rate=speeds, range=ranges, seed=seed, say=say)
+    found = study_stability(loaded, rate=speeds, range=ranges, seed=seed, asked=asked, say=say)
     return found, lambda: stability_page(found, path.name)
 
 

@@ -17,6 +17,7 @@ from lpvid.analysis.uncertainty import PoleBand, StabilityProbability, pole_band
 from lpvid.identification.layout import ParameterCloud
 from lpvid.model.quasi import SelfScheduled
 from lpvid.report.page import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number, percent
+from lpvid.report.stability_reach import NOTHING, Questions, Reach, reach
 from lpvid.scheduling import Scheduling
 
 DRAWS = 300
@@ -40,6 +41,8 @@ class StabilityStudy:
         None when the parameters' covariance is not known.
     loci : tuple of (PoleLocus, PoleBand or None)
         One for each scheduling variable, at most four.
+    reach : Reach
+        How far the statement reaches, as far as that was asked.
     """
 
     model: Model
@@ -47,6 +50,7 @@ class StabilityStudy:
     certificate: StabilityCertificate
     probability: StabilityProbability | None
     loci: tuple[tuple[PoleLocus, PoleBand | None], ...]
+    reach: Reach = NOTHING
 
     @property
     def certified(self) -> bool:
@@ -85,7 +89,7 @@ class StabilityStudy:
                 "frozen": self.frozen.to_dict(), "critical": [v.to_dict() for v in critical.values],
                 "stable_intervals": critical.to_dict()["stable_intervals"], "critical_exact": critical.exact,
                 "probability": None if self.probability is None else self.probability.to_dict(),
-                "certificate": self.certificate.to_dict(), "caveat": CAVEAT,
+                "certificate": self.certificate.to_dict(), **self.reach.to_dict(), "caveat": CAVEAT,
                 "notes": [*critical.notes, *(n for found, _ in self.loci for n in found.notes)]}
 
     def __str__(self) -> str:
@@ -104,13 +108,15 @@ class StabilityStudy:
             lines.append("  " + str(self.probability).splitlines()[0])
         if self.certificate.verified:
             lines += [f"  certificate: {line.strip()}" for line in repr(self.certificate).splitlines()[1:]]
+        lines += [f"  {line}" for line in self.reach.lines()]
         if self.model.box.names:
             lines.append(f"  {WARNING}")
         return "\n".join(lines)
 
 
 def study_stability(model: Model, *, rate: Rate = None, range: Mapping[str, tuple[float, float]] | None = None,
-                    seed: int = 0, say: Callable[[str], None] = lambda text: None) -> StabilityStudy:
+                    seed: int = 0, asked: Questions | None = None,
+                    say: Callable[[str], None] = lambda text: None) -> StabilityStudy:
     """Frozen stability, critical values, probability and certificate of one model.
 
     Parameters
@@ -122,6 +128,8 @@ def study_stability(model: Model, *, rate: Rate = None, range: Mapping[str, tupl
         Range of each scheduling variable, instead of the model's box.
     seed : int
         Seed of the draws from the parameter covariance.
+    asked : Questions, optional
+        What else to look for.
     say : callable
         Told what is being done.
 
@@ -137,7 +145,8 @@ def study_stability(model: Model, *, rate: Rate = None, range: Mapping[str, tupl
     drawn = _drawn(ranged, seed)
     say("poles of models drawn from the parameters' covariance")
     probability = stability_probability(drawn) if drawn else None
-    return StabilityStudy(ranged, frozen, certificate, probability, loci(ranged, drawn))
+    further = reach(ranged, certificate, rate, asked, seed, say) if asked is not None else NOTHING
+    return StabilityStudy(ranged, frozen, certificate, probability, loci(ranged, drawn), further)
 
 
 def loci(model: Model, drawn: list[Model] | None) -> tuple[tuple[PoleLocus, PoleBand | None], ...]:
@@ -180,6 +189,8 @@ def stability_page(study: StabilityStudy, name: str) -> Page:
                 Section("The model", (Paragraph(repr(study.model)),))]
     if not study.model.box.names:
         sections = [sections[0], sections[3]]
+    if study.reach.items():
+        sections.insert(-1, Section("How far it reaches", tuple(study.reach.items())))
     return Page(f"Stability of {name}", study.verdict, study.mark, _facts(study),
                 (WARNING,) if study.model.box.names else (), tuple(sections))
 

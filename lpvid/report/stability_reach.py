@@ -1,0 +1,147 @@
+"""How far a stability statement reaches: the parts of the stability report that are made when asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.analysis.certificates import Rate
+from lpvid.analysis.frozen import Model
+from lpvid.analysis.gain import Gain, l2_gain
+from lpvid.analysis.largest import LargestRange, LargestRate, certified_share, largest_range, largest_rate
+from lpvid.analysis.stability_certificate import StabilityCertificate
+from lpvid.analysis.uncertainty import StabilityProbability
+from lpvid.identification.layout import ParameterCloud
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.realization import realize
+from lpvid.report.page import Item, Notes, Table, number, percent
+
+
+@dataclass(frozen=True)
+class Questions:
+    """What to add to the report.
+
+    Attributes
+    ----------
+    range, rate, gain : bool
+    draws : int
+        Models to draw from the parameters' covariance; 0 for none.
+    """
+
+    range: bool = False
+    rate: bool = False
+    gain: bool = False
+    draws: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """Answers to `Questions`; None where nothing was asked, or cannot be answered (see `notes`)."""
+
+    largest_range: LargestRange | None = None
+    largest_rate: LargestRate | None = None
+    draws: StabilityProbability | None = None
+    l2_gain: Gain | None = None
+    notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict:
+        """Their keys in stability.json."""
+        return {name: None if (found := getattr(self, name)) is None else found.to_dict()
+                for name in ("largest_range", "largest_rate", "draws", "l2_gain")}
+
+    def lines(self) -> list[str]:
+        """One line for each answer."""
+        found: list[str] = [str(x) for x in (self.largest_range, self.largest_rate) if x is not None]
+        if self.draws is not None:
+            found.append(share_in_words(self.draws))
+        if self.l2_gain is not None:
+            found.append("induced gain: " + str(self.l2_gain).splitlines()[0])
+            found += [line.strip() for line in str(self.l2_gain).splitlines()[1:2]]
+        return [*found, *self.notes]
+
+    def items(self) -> list[Item]:
+        """For the page."""
+        rows: list[tuple[str, str]] = []
+        if self.largest_range is not None:
+            rows.append(("largest certified range", str(self.largest_range).removeprefix("largest certified range: ")))
+        if self.largest_rate is not None:
+            rows.append(("largest certified rate", str(self.largest_rate).removeprefix("largest certified rate: ")))
+        if self.draws is not None:
+            rows.append(("certificate under the parameters' uncertainty", share_in_words(self.draws)))
+        if self.l2_gain is not None:
+            gain = self.l2_gain
+            rows += [("induced gain, certified", f"{number(gain.upper, 6)} ({gain.verdict})"),
+                     ("induced gain, reached", f"{number(gain.lower, 6)}" + (f": {gain.worst}" if gain.worst else ""))]
+        items: list[Item] = [Table((), tuple(rows), "Every bound was re-checked with numpy.")] if rows else []
+        return items + ([Notes(self.notes)] if self.notes else [])
+
+
+NOTHING = Reach()
+"""Nothing was asked."""
+
+
+def share_in_words(draws: StabilityProbability) -> str:
+    """The share with its interval."""
+    return (f"the same matrices prove stability for {percent(draws.probability, 4)} of {draws.draws} drawn models "
+            f"({draws.level:.0%} interval {percent(draws.interval[0], 4)} … {percent(draws.interval[1], 4)})")
+
+
+def reach(model: Model, certificate: StabilityCertificate, rate: Rate, asked: Questions, seed: int,
+          say: Callable[[str], None]) -> Reach:
+    """Answer what was asked about one model and its certificate.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        With the range asked for as its box.
+    certificate : StabilityCertificate
+    rate
+        As for `certify_stability`.
+    asked : Questions
+    seed : int
+        Of the draws.
+    say : callable
+        Told what is being done.
+    """
+    notes: list[str] = []
+    moves = any(up > low for low, up in zip(model.box.lower, model.box.upper, strict=True))
+    if (asked.range or asked.rate) and not moves:
+        notes.append("no scheduling variable moves: there is no largest range or rate")
+    wide = speed = None
+    if asked.range and moves:
+        say("the largest certified range")
+        wide = largest_range(model, rate)
+    if asked.rate and moves:
+        say("the largest certified rate")
+        speed = largest_rate(model)
+    share = None
+    if asked.draws:
+        say("the certificate for drawn models")
+        share, why = _share(model, certificate, asked.draws, seed)
+        notes += [why] if why else []
+    gain = None
+    if asked.gain:
+        say("the induced gain")
+        gain = _gain(model, rate)
+    return Reach(wide, speed, share, gain, tuple(notes))
+
+
+def _share(model: Model, certificate: StabilityCertificate, count: int, seed: int
+           ) -> tuple[StabilityProbability | None, str]:
+    cloud = ParameterCloud.of(model)
+    if cloud is None:
+        return None, "the covariance of the parameters is not known: no models can be drawn"
+    if not certificate.verified:
+        return None, "without a certificate there is no share of draws that it covers"
+    return certified_share(certificate, cloud.draw(np.random.default_rng(seed), count)), ""
+
+
+def _gain(model: Model, rate: Rate) -> Gain:
+    """The induced gain of the linear part, in a form that is exact while the scheduling moves."""
+    if isinstance(model, LPVTransferFunction):
+        model = realize(model, "observable" if model.lagged else "augmented").model
+    assert isinstance(model, LPVStateSpace)
+    return l2_gain(model, rate=np.inf if rate is None else rate)
