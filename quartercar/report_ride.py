@@ -17,7 +17,8 @@ def ride_figures(found: RideComparison) -> tuple[Drawn, ...]:
     seeds = "one seed" if len(found.seeds) == 1 else f"{len(found.seeds)} seeds, bars: 95 % intervals, paired by seed"
     drawn = [Drawn("pareto", plot.trade_offs(found), "Weighted acceleration against tyre load and against stroke, "
                    f"as a difference to {found.reference} on the same roads and noise; {seeds}; dashed: laws that no "
-                   "other beats in both. Down and left is better.")]
+                   f"other beats in both. Down and left is better; a law more than {plot.FRAME:g} % above the "
+                   "best is outside the frame, and in the table.")]
     for k, road in enumerate(found.roads, start=1):
         drawn.append(Drawn(f"time_{k}", plot.over_time(found, road), f"The liveliest {plot.EXCERPT:g} s of {road}, "
                            "first seed."))
@@ -82,8 +83,8 @@ def _caveats(found: RideComparison) -> tuple[str, ...]:
 def _figures(found: RideComparison, road: str) -> Table:
     rows = tuple((r.name, told(r.interval("comfort")), told(r.interval("tyre_load")),
                   told(r.interval("stroke"), 1e3, 3), number(1e3 * r.interval("largest_stroke").mean, 3),
-                  number(r.interval("transient").mean, 4), percent(r.interval("off_road").mean, 2),
-                  percent(r.interval("at_limits").mean, 2), percent(r.interval("out_of_reach").mean, 2))
+                  number(r.interval("transient").mean, 4), percent(r.interval("off_road").mean),
+                  percent(r.interval("at_limits").mean), percent(r.interval("out_of_reach").mean))
                  for r in found.on(road))
     marks: tuple[Mark, ...] = tuple("good" if r.name in found.front[road] else "plain" for r in found.on(road))
     return Table(("law", "comfort [m/s²]", "tyre load [N]", "stroke [mm]", "largest [mm]", "MTVV [m/s²]", "off road",

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 MARKERS = "osD^vP"
 EXCERPT = 2.0
 """length of the excerpt [s]"""
+FRAME = 15.0
+"""per cent above the best law, or the reference, at which the frame ends"""
 SHOWN = 3
 """laws drawn over time"""
 LABELS = {"comfort": ("weighted acceleration", "m/s²", 1.0), "tyre_load": ("tyre load, rms", "N", 1.0),
@@ -51,8 +53,9 @@ def _points(ax: Axes, found: RideComparison, road: str, other: str) -> None:
                     alpha=0.95, markeredgecolor="white", markeredgewidth=0.6)
         reach += [(x - wide, y - tall), (x + wide, y + tall)]
     ends = np.array(reach)
-    ax.set_xlim(*robust_limits(ends[:, 0]))
-    ax.set_ylim(*robust_limits(ends[:, 1]))
+    for set_limits, values in ((ax.set_xlim, ends[:, 0]), (ax.set_ylim, ends[:, 1])):
+        low, high = robust_limits(values)
+        set_limits(low, min(high, max(float(values.min()), 0.0) + FRAME))
     ax.axhline(0.0, color=MUTED, linewidth=0.6, zorder=0)
     ax.axvline(0.0, color=MUTED, linewidth=0.6, zorder=0)
     for axis, name in ((ax.set_xlabel, "comfort"), (ax.set_ylabel, other)):

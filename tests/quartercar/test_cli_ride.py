@@ -70,6 +70,19 @@ def test_it_writes_the_comparison_the_laws_the_figures_and_a_report(written):
     assert "Ride comparison" in page and "mixed" in page and "http" not in page
 
 
+def test_the_report_opens_in_a_browser(written):
+    import shutil
+    import subprocess
+
+    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no browser here")
+    page = written[0] / "report.html"
+    done = subprocess.run([browser, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom", page.as_uri()],
+                          capture_output=True, text=True, timeout=120, check=False)
+    assert "Ride comparison" in done.stdout and done.stdout.count("<figure>") == 2
+
+
 def test_laws_come_back_as_they_rode(written):
     out, _ = written
     law = lpv.load(out / "mixed.json")
