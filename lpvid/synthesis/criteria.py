@@ -116,21 +116,25 @@ class H2(_Channel):
 
     def require(self, program: Program, loops: Sequence[ShapedLoop], level: Affine,
                 chosen: tuple[np.ndarray, np.ndarray], *, squared: bool = True) -> None:
-        """The square of the channel's norm is at most `level` (1, 1) in every loop."""
+        """The channel's norm is at most `level` (1, 1) in every loop, or its square is.
+
+        Not squared, 𝐗 and Z are those of the squared form times and over ν, which keeps them of like size.
+        """
         for loop in loops:
             b, c, d = loop.entry @ chosen[0], chosen[1] @ loop.exit, chosen[1] @ loop.through @ chosen[0]
             nz, nw, n = chosen[1].shape[0], chosen[0].shape[1], loop.order
+            w: Matrix = np.eye(nw) if squared else level.times(np.eye(nw))
             z = program.unknowns.symmetric(nz)
             program.require(level - _trace(z))
             if loop.discrete:
                 program.require(block([[loop.later(), loop.dynamics, b],
                                        [loop.dynamics.T, loop.lyapunov, np.zeros((n, nw))],
-                                       [b.T, np.zeros((nw, n)), np.eye(nw)]]), margin=STRICT)
+                                       [b.T, np.zeros((nw, n)), w]]), margin=STRICT)
                 program.require(block([[z, c, d], [c.T, loop.lyapunov, np.zeros((n, nw))],
-                                       [d.T, np.zeros((nw, n)), np.eye(nw)]]), margin=STRICT)
+                                       [d.T, np.zeros((nw, n)), w]]), margin=STRICT)
                 continue
             b = (-1 / math.sqrt(loop.pace)) * b
-            program.require(block([[-loop.flow(), b], [b.T, np.eye(nw)]]), margin=STRICT)
+            program.require(block([[-loop.flow(), b], [b.T, w]]), margin=STRICT)
             program.require(block([[z, c], [c.T, loop.lyapunov]]), margin=STRICT)
 
 

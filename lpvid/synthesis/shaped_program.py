@@ -19,8 +19,8 @@ PATIENT = ("CLARABEL", "MOSEK", "SDPA", "CVXOPT")
 """Interior-point methods; a first-order one takes minutes to say that it finds nothing."""
 
 
-LEAST = 1e-3
-"""Share of a channel's size below which no level is pushed: the infimum may be zero, and then costs infinite gains."""
+NOTHING = 1e-6
+"""Share of a channel's size below which an infimum counts as zero: to come close to it would take infinite gains."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +75,8 @@ class ShapedProgram:
 
     @property
     def powers(self) -> tuple[int, ...]:
-        """Level = figure ** power: γ, or γ² beside an H2 criterion, whose level is ν²."""
-        mixed = any(isinstance(c, H2) for c in self.criteria)
+        """Level = figure ** power: γ and ν, but γ² and ν² where the two kinds share a Lyapunov matrix."""
+        mixed = len({type(c) for c in self.criteria}) > 1
         return (2 if mixed else 1,) * len(self.criteria)
 
     def answers(self, back_off: float) -> Iterator[Shaped]:
@@ -86,12 +86,16 @@ class ShapedProgram:
         for rough in program.solve(solvers=PATIENT):
             lowest = [b if b is not None else max(float(rough[level][0, 0]), 0.0) ** (1 / power)
                       for b, level, power in zip(bounds, levels, self.powers, strict=True)]
-            raised = [low if c.bound is not None else max(low * back_off, LEAST * _size(self.plant, c))
+            raised = [low if c.bound is not None else self._raised(c, low, back_off)
                       for c, low in zip(self.criteria, lowest, strict=True)]
             second, tamed, _ = self._program(raised, float(np.abs(rough.x).max(initial=1.0)))
             for solution in second.solve(solvers=PATIENT):
                 yield Shaped(solution, tamed, tuple(raised), tuple(lowest))
             yield Shaped(rough, shaping, tuple(lowest), tuple(lowest))
+
+    def _raised(self, criterion: HInfinity | H2, low: float, back_off: float) -> float:
+        size = _size(self.plant, criterion)
+        return low * back_off if low > NOTHING * size else max(low, 10 * NOTHING * size)
 
     def _program(self, fixed: Sequence[float | None], scale: float = 1.0) -> tuple[Program, Shaping, list[Affine]]:
         program = Program()
@@ -160,8 +164,7 @@ class Coordinates:
         n, nw, nz = m.A.shape[1], m.B1.shape[2], m.C1.shape[1]
         mean = np.zeros((n + nw + nz,) * 2)
         mean[:n, :n], mean[:n, n : n + nw], mean[n + nw :, :n] = (np.abs(x).mean(axis=0) for x in (m.A, m.B1, m.C1))
-        poles = np.abs(np.linalg.eigvals(m.A)).ravel() if n else np.ones(1)
-        pace = 1.0 if discrete else float(np.sqrt(max(poles.max(), 1e-6) * max(np.median(poles), 1e-6)))
+        pace = 1.0 if discrete else _pace(m.A)
         mean[:n, :n] /= pace
         mean[:n, n:] /= np.sqrt(pace)
         mean[n:, :n] /= np.sqrt(pace)
@@ -175,6 +178,14 @@ class Coordinates:
         t, u, y = self.states, self.controls, self.measurements
         return PlantMatrices(m.A * t / t[:, None], m.B1 / t[:, None], m.B2 * u / t[:, None], m.C1 * t, m.D11,
                              m.D12 * u, m.C2 * t / y[:, None], m.D21 / y[:, None], m.D22 * u / y[:, None])
+
+
+def _pace(a: np.ndarray) -> float:
+    """Geometric mean of the fastest and the median mode [1/s]; of the size of A where no mode moves."""
+    speeds = np.abs(np.linalg.eigvals(a)).ravel() if a.shape[1] else np.zeros(1)
+    size = float(np.abs(a).max(initial=0.0)) or 1.0
+    fast = float(speeds.max()) if speeds.max() > 1e-6 * size else size
+    return float(np.sqrt(fast * max(float(np.median(speeds)), 1e-3 * fast)))
 
 
 def _lengths(stack: np.ndarray, axis: int) -> np.ndarray:

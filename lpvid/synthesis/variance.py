@@ -77,7 +77,8 @@ def _at(system: LPVStateSpace, points: np.ndarray) -> list[np.ndarray]:
 def _frozen(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, discrete: bool) -> float:
     """H2 norm of one frozen system; infinite if it is unstable."""
     poles = np.linalg.eigvals(a) if len(a) else np.empty(0)
-    if np.any(np.abs(poles) >= 1) if discrete else np.any(poles.real >= 0):
+    fastest = float(np.abs(poles).max(initial=0.0))
+    if fastest >= 1 - 1e-9 if discrete else np.any(poles.real >= -1e-9 * fastest):
         return math.inf
     x = solve_discrete_lyapunov(a, b @ b.T) if discrete else solve_continuous_lyapunov(a, -b @ b.T)
     return math.sqrt(max(float(np.trace(c @ x @ c.T)), 0.0) + float(np.sum(d**2)))
