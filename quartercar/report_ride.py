@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from lpvid.report import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number
 from lpvid.report.page import percent
 from quartercar.plot import riding as plot
@@ -71,6 +73,12 @@ def _caveats(found: RideComparison) -> tuple[str, ...]:
     lines = []
     if len(found.seeds) < 2:
         lines.append("One seed only: nothing here has an interval.")
+    for name in found.names:
+        left = max(float(np.mean([x.counts.get("scheduling_outside", 0.0) for x in r.rides]))
+                   for r in found.rows if r.name == name)
+        if left:
+            lines.append(f"{name}: its scheduling left the box of its design in {percent(left)} of the samples and was "
+                         "held at the edge; what the design promises does not hold there.")
     bad = sorted({r.name for r in found.rows if r.passive is False})
     if bad:
         lines.append(f"The damper gave energy it never had under {', '.join(bad)}.")

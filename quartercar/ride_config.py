@@ -31,8 +31,8 @@ UNITS: Mapping[str, str] = {"speed": "m/s", "duration": "s", "height": "m", "len
                             "lowest": "Hz", "highest": "Hz", "stiffness": "N/m", "compression": "m", "rebound": "m",
                             "rise_time": "s", "fall_time": "s"}
 ROADS: Mapping[str, type] = {"iso": IsoRoad, "bump": Bump, "sweep": SineSweep}
-KEYS = ("car", "damper", "measurements", "seeds", "first_seed", "tune", "tune_seed", "stops", "coil", "roads",
-        "controllers")
+KEYS = ("car", "damper", "known_damper", "measurements", "seeds", "first_seed", "tune", "tune_seed", "stops", "coil",
+        "roads", "controllers")
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +107,9 @@ def read_config(table: Mapping[str, Any], folder: Path) -> RideConfig:
     first = _checks.count(table.get("first_seed", 0), "first_seed")
     if "seeds" in table or first:
         given["seeds"] = tuple(range(first, first + _checks.count(table.get("seeds", 5), "seeds", at_least=1)))
-    if "measurements" in table:
-        given["settings"] = measuring(table["measurements"])
+    if "measurements" in table or "known_damper" in table:
+        known = read_damper(table["known_damper"], folder) if "known_damper" in table else None
+        given["settings"] = replace(measuring(table.get("measurements", "stroke-body")), model=known)
     for key in ("tune", "tune_seed"):
         if key in table:
             given[key] = _checks.count(table[key], key)
@@ -269,6 +270,7 @@ TEMPLATE = '''\
 
 car = "megane"                 # a set (megane, savaresi, sh-add, motorcycle), or a table [car] of set and changes
 # damper = "lpv-arx.json"      # a file that `quartercar fit` wrote; left out: the embedded identified damper
+# known_damper = "guo.json"    # the damper as inverse and observer know it; left out: as it is
 measurements = "stroke-body"   # stroke-body, stroke-body-wheel or ideal
 seeds = 5                      # roads and noise of the comparison: the same for every law
 tune = 0                       # evaluations for each law before the comparison, on other seeds; 0: values as given

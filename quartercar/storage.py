@@ -9,6 +9,7 @@ import numpy as np
 
 from quartercar.dampers.families import StaticDamper
 from quartercar.dampers.linear import Linear
+from quartercar.dampers.sampled import SampledDamper
 
 if TYPE_CHECKING:
     from quartercar.car_run import CarRun
@@ -32,7 +33,8 @@ class RidePassivity:
     storage : {"known", "unknown"}
         Whether the damper's model has a storage function (gas, spring, moved mass).
     lowest : float or None
-        Least of delivered − stored + initial storage over the run [J]; None where the storage is unknown.
+        Least of delivered − stored + initial storage over the run, the force of displacement left out of all three
+        [J]; None where the storage is unknown.
     holds : bool or None
         Whether that never fell below zero but for rounding.
     negative_share : float
@@ -81,7 +83,8 @@ def ride_passivity(run: CarRun, currents: tuple[float, float] = (0.0, 2.5)) -> R
     -----
     E(t) = ∫F v dt, by the trapezoidal rule. A damper with storage S ≥ 0 has E(t) − S(t) ≥ −S(0) for every t (Willems
     1972, Arch. Rational Mech. Anal. 45, 321-351). A law without memory F = F_gas(z) + F_d(z, v, i) with F_d·v ≥ 0 on a
-    grid has S = ∫F_gas dz, and a moved mass ½ m v² beside it; other models have none that is known.
+    grid has S = ∫F_gas dz, and a moved mass ½ m v² beside it; a rising law in series with a spring (`Compliance` of one
+    velocity lag) has F_s²/2k_h beside it; other models have none that is known.
     """
     damper = run.car.damper
     z, v, force = (run[n] for n in ("suspension_deflection", "suspension_velocity", "damper_force"))
@@ -94,12 +97,37 @@ def ride_passivity(run: CarRun, currents: tuple[float, float] = (0.0, 2.5)) -> R
     exchanged = float(np.sum(np.abs(power)) * run.sample_time)
     common = {"negative_share": float(given.mean()), "returned": returned,
               "negative_energy": float(-np.sum(power[given]) * run.sample_time)}
-    if not has_storage(damper, currents):
+    stored = _stored(damper, free, v, currents)
+    if stored is None:
         return RidePassivity(float(delivered[-1]), "unknown", None, None, **common)
-    mass = damper.values["mass"] if isinstance(damper, Linear) else 0.0
-    balance = delivered - 0.5 * mass * (v**2 - v[0] ** 2)
+    balance = delivered - (stored - stored[0])
     lowest = float(balance.min())
     return RidePassivity(float(balance[-1]), "known", lowest, lowest >= -1e-3 * max(exchanged, 1e-12), **common)
+
+
+def _stored(damper: Damper | None, free: np.ndarray, v: np.ndarray,
+            currents: tuple[float, float]) -> np.ndarray | None:
+    """(n,) energy stored beside that of the force of displacement [J]; None where it is not known."""
+    if isinstance(damper, Linear):
+        return 0.5 * damper.values["mass"] * v**2
+    series = series_spring(damper)
+    if series is not None:
+        stiffness, parallel = series
+        return (free - parallel * v) ** 2 / (2 * stiffness)
+    return np.zeros(v.size) if has_storage(damper, currents) else None
+
+
+def series_spring(damper: Damper | None) -> tuple[float, float] | None:
+    """(k_h [N/m], viscous damping in parallel [N·s/m]) of a rising law in series with a spring; None for any other."""
+    from lpvid.model.compliance import ComplianceModel
+
+    if not isinstance(damper, SampledDamper) or damper.stored is None:
+        return None
+    model = damper.held.at(damper.vector)
+    if not isinstance(model, ComplianceModel) or len(model.elements) > 1 or model.direct.size > 1:
+        return None
+    parallel = float(model.direct.sum())
+    return (model.elements[0].stiffness, parallel) if parallel >= 0 else None
 
 
 def has_storage(damper: Damper | None, currents: tuple[float, float]) -> bool:
