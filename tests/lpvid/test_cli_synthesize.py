@@ -1,0 +1,180 @@
+"""`lpvid synthesize` and `lpvid verify`, from the files to the exit codes."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import lpvid as lpv
+from lpvid.cli.app import app
+from lpvid.synthesis.design_file import DESIGNS, design_of, design_schema, plant_schema, template
+from lpvid.synthesis.interconnection import close_loop
+from lpvid.synthesis.plant_file import plant_of
+
+SCHERER = """
+name = "example 7 of Scherer, Gahinet & Chilali 1997"
+inputs = ["noise", "push [N]"]
+outputs = ["offset [m]", "effort", "sensor"]
+controls = ["push"]
+measurements = ["sensor"]
+[matrices.1]
+A = [[0, 10, 2], [-1, 1, 0], [0, 2, -5]]
+B = [[1, 0], [0, 1], [1, 0]]
+C = [[1, 0, 0], [0, 0, 0], [0, 1, 0]]
+D = [[0, 0], [0, 1], [2, 0]]
+"""
+HINF = '[design]\ndesign = "output-feedback"\n'
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+def written(folder: Path, text: str, name: str = "plant.toml") -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def no_model(path: Path) -> object:
+    raise AssertionError(path)
+
+
+def test_published_optimum_from_files_to_a_certificate_that_verifies(tmp_path):
+    plant, out = written(tmp_path, SCHERER + HINF), tmp_path / "out"
+    found = run("synthesize", plant, "--out", out)
+    assert found.exit_code == 0, found.output
+    assert {p.name for p in out.iterdir()} == {"controller.json", "synthesis.json", "closed_loop.json",
+                                               "certificate.json", "report.html"}
+    data = json.loads((out / "synthesis.json").read_text())
+    assert data["schema"] == "lpvid/synthesis/1" and data["verdict"] == "solved"
+    assert 9.508 <= data["gamma_verified"] <= 9.508 * 1.03 and data["gamma_lower"] <= data["gamma_verified"]
+    controller = lpv.load(out / "controller.json")
+    table = tomllib.loads(SCHERER)
+    loop = close_loop(plant_of(table, tmp_path, no_model), controller)
+    w = 1j * np.geomspace(1e-3, 1e3, 400)
+    peak = max(np.linalg.svd(loop.to_control([])(s, squeeze=False))[1][0] for s in w)
+    assert 9.0 < peak <= data["gamma_verified"]
+    assert run("verify", out / "certificate.json", out / "closed_loop.json").exit_code == 0
+    assert run("verify", out / "synthesis.json").exit_code == 0
+    wrong = run("verify", out / "certificate.json", out / "controller.json")
+    assert wrong.exit_code == 3 and "another model" in wrong.output
+    assert "http" not in (out / "report.html").read_text().replace("http://www.w3.org", "")
+
+
+def test_json_on_standard_output_is_json_alone(tmp_path):
+    found = run("synthesize", written(tmp_path, SCHERER + HINF), "--json")
+    assert json.loads(found.stdout)["verdict"] == "solved"
+
+
+def test_a_bound_that_cannot_be_had_ends_with_three_and_its_mend(tmp_path):
+    out = tmp_path / "out"
+    found = run("synthesize", written(tmp_path, SCHERER + HINF + "bound = 9.0\n"), "--out", out)
+    assert found.exit_code == 3 and "infeasible" in found.output
+    data = json.loads((out / "synthesis.json").read_text())
+    assert data["controller"] is None and data["mend"] and not (out / "controller.json").exists()
+    assert (out / "report.html").exists()
+
+
+@pytest.mark.parametrize(("change", "says"), [
+    (('controls = ["push"]', 'controls = ["pusch"]'), "no control 'pusch'"),
+    (("[0, 2, -5]]", "[0, 2]]"), "rows of equal length"),
+    (("C = [[1, 0, 0], [0, 0, 0], [0, 1, 0]]", "C = [[1, 0, 0], [0, 0, 0]]"), "must have shape (3, 3)"),
+    (("[matrices.1]", "[matrices.speed]"), "no scheduling variable 'speed'"),
+    (("[matrices.1]", '[matrices."1 + x"]'), "product of scheduling variables"),
+    (("A = ", "Ax = "), "lacks the constant part of A"),
+    (('measurements = ["sensor"]', "measurements = 3"), "list of names"),
+    (("name =", "nam ="), "did you mean 'name'"),
+    (('design = "output-feedback"', 'design = "h-infinity"'), "no design 'h-infinity'"),
+    (('design = "output-feedback"', 'design = "output-feedback"\nstates = 3'), "no key of the design"),
+    (('design = "output-feedback"', 'design = "output-feedback"\nlyapunov_degree = 1'), "rate bound"),
+    (('design = "output-feedback"', 'design = "observer"\ncriteria = [{kind = "h-infinity", performance = "x"}]'),
+     "no performance signal 'x'"),
+    (('design = "output-feedback"', 'design = "multi-objective"\nregions = [{kind = "cone"}]'), "lacks 'damping'"),
+    (('"sensor"]\ncontrols', '"sensor"]\nmodel = "m.json"\ncontrols'), "not both"),
+    (("inputs = [\"noise\"", "inputs = [\"noise [\""), "unit in brackets"),
+    (("[matrices.1]", "[weights.offset]\ngain = 2\nkind = \"lowpass\"\n[matrices.1]"), "lacks 'corner'"),
+    (("[matrices.1]", "[weights.ofset]\ngain = 2\n[matrices.1]"), "no signal to weigh 'ofset'"),
+])
+def test_faults_are_one_line_and_write_nothing(tmp_path, change, says):
+    text = (SCHERER + HINF).replace(*change)
+    assert text != SCHERER + HINF
+    found = run("synthesize", written(tmp_path, text), "--out", tmp_path / "out")
+    assert found.exit_code == 2 and not (tmp_path / "out").exists()
+    assert says in found.stderr and found.stderr.startswith("error: ") and found.stderr.count("\n") == 1
+    assert "plant.toml" in found.stderr
+
+
+def test_missing_and_broken_files(tmp_path):
+    assert "cannot read" in run("synthesize", tmp_path / "none.toml").stderr
+    assert "is not TOML" in run("synthesize", written(tmp_path, "a = [")).stderr
+    assert "says nothing about the design" in run("synthesize", written(tmp_path, SCHERER)).stderr
+    assert "needs a plant" in run("synthesize").stderr
+    assert run("verify", tmp_path / "none.json").exit_code == 2
+
+
+def test_a_design_file_takes_the_place_of_the_table_and_a_saved_model_that_of_matrices(tmp_path):
+    plant = plant_of(tomllib.loads(SCHERER), tmp_path, no_model)
+    lpv.save(plant.system, tmp_path / "model.json")
+    text = 'model = "model.json"\ncontrols = ["push"]\nmeasurements = ["sensor"]\n[weights.offset]\ngain = 0.5\n'
+    design = written(tmp_path, 'design = "multi-objective"\ncriteria = [{kind = "h2"}]\n', "design.toml")
+    found = run("synthesize", written(tmp_path, text), "--design", design, "--json")
+    assert found.exit_code == 0, found.stderr
+    data = json.loads(found.stdout)
+    assert any(n.startswith("H2 from noise to offset, effort: at most") for n in data["notes"])
+
+
+def test_powers_and_products_of_the_scheduling_are_what_they_say(tmp_path):
+    text = """
+inputs = ["w", "u"]
+outputs = ["z", "y"]
+controls = ["u"]
+measurements = ["y"]
+sample_time = "10 ms"
+[scheduling.p]
+range = [0, 2]
+rate = 3
+unit = "A"
+[scheduling.q]
+range = [-1, 1]
+[matrices.1]
+A = [[0.1]]
+B = [[1, 1]]
+C = [[1], [1]]
+[matrices."p*q"]
+A = [[0.2]]
+[matrices."q^2"]
+A = [[0.05]]
+"""
+    plant = plant_of(tomllib.loads(text), tmp_path, no_model)
+    assert plant.system.frozen([2.0, 0.5])[0][0, 0] == pytest.approx(0.1 + 0.2 * 2 * 0.5 + 0.05 * 0.25)
+    assert plant.sample_time == 0.01 and plant.box.rate == (3.0, None) and plant.box.units == ("A", "")
+
+
+def test_the_template_loads_and_names_what_the_schema_knows(tmp_path):
+    table = tomllib.loads(template())
+    assert isinstance(design_of(table["design"], plant_of(table, tmp_path, no_model)), lpv.OutputFeedback)
+    assert run("synthesize", "--template").stdout == template()
+    assert json.loads(run("synthesize", "--schema").stdout) == plant_schema()
+    assert set(table) <= set(plant_schema()["properties"])
+    assert {d["properties"]["design"]["const"] for d in design_schema()["oneOf"]} == set(DESIGNS)
+
+
+def test_the_schema_accepts_the_template_and_refuses_what_it_does_not_know():
+    jsonschema = pytest.importorskip("jsonschema")
+    table = tomllib.loads(template())
+    jsonschema.validate(table, plant_schema())
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate({**table, "extra": 1}, plant_schema())
+
+
+@pytest.mark.parametrize("name", list(DESIGNS))
+def test_every_design_is_reached_by_its_name(name, tmp_path):
+    table = tomllib.loads(template())
+    design = design_of({"design": name, "back_off": 1.0}, plant_of(table, tmp_path, no_model))
+    assert type(design) is DESIGNS[name][0]
