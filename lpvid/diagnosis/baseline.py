@@ -34,6 +34,8 @@ class Baseline(ABC):
     static: bool
     """whether the output at an instant depends on the signals at that instant alone, so that a series element can be
     solved sample by sample"""
+    adaptive: bool = False
+    """whether it chooses its own steps, so that differences of it are noise and only `sensitivities` counts"""
     polarity: int = 1
     """−1 where the records' output has the other sign than the simulation's: `signals` turns it"""
     schedule: tuple[str, ...] = ()

@@ -75,17 +75,17 @@ class Composition:
         return np.array([False] * self.baseline.vector.size + [bool(p.choices) for e in self.effects
                                                                for p in e.parameters])
 
-    def core(self, vector: np.ndarray) -> Core:
-        """The whole simulation at a parameter vector.
+    def core(self, vector: np.ndarray, given: Core | None = None) -> Core:
+        """The whole simulation at a parameter vector; `given` stands for the baseline's own.
 
         What the baseline and its series elements give along the same signals with the same parameters is remembered:
         effects beside and around them then cost no further run.
         """
         first = self.baseline.vector.size
-        core = self.baseline.core(vector[:first])
+        core = self.baseline.core(vector[:first]) if given is None else given
         for k, (effect, place) in enumerate(zip(self.effects, self.places, strict=True)):
             before = self.effects[k - 1].stage if k else "inside"
-            if before == "series" or (before == "inside" and effect.stage != "inside"):
+            if given is None and (before == "series" or (before == "inside" and effect.stage != "inside")):
                 core = Remembered(core, (self.baseline, self.effects[:k], vector[: place.start].tobytes()))
             core = effect.compose(core, vector[place], self.baseline)
         return core
@@ -98,7 +98,8 @@ class Composition:
                       at: np.ndarray | None = None) -> np.ndarray:
         """(n, len(free)) derivative of `predict` in the free parameters, by differences; inwards from a bound.
 
-        Zero for a choice. Without effects, the baseline's own (exact) derivative.
+        Zero for a choice. Without effects, the baseline's own (exact) derivative; with effects, differences of these
+        around it where the baseline's simulation has steps of its own.
         """
         wanted = range(vector.size) if free is None else free
         if not self.effects:
@@ -113,5 +114,23 @@ class Composition:
             step = STEP * self.scales[j]
             moved = vector.copy()
             moved[j] += step if vector[j] + step <= high[j] else -step
-            out[:, column] = (self.predict(signals, moved) - here) / (moved[j] - vector[j])
+            if self.baseline.adaptive and j < self.baseline.vector.size:
+                there = self.core(vector, self._tangent(signals, vector, moved, j))(signals)
+            else:
+                there = self.predict(signals, moved)
+            out[:, column] = (there - here) / (moved[j] - vector[j])
         return out
+
+    def _tangent(self, signals: Signals, vector: np.ndarray, moved: np.ndarray, j: int) -> Core:
+        """The baseline with one parameter moved: along its derivative on these signals, run anew on any others."""
+        own = slice(0, self.baseline.vector.size)
+        core = Remembered(self.baseline.core(vector[own]), (self.baseline, (), vector[own].tobytes()))
+        slopes = Remembered(lambda s: self.baseline.sensitivities(s, vector[own]),
+                            (self.baseline, "sensitivities", vector[own].tobytes()))
+
+        def run(s: Signals) -> np.ndarray:
+            if s is not signals:
+                return self.baseline.core(moved[own])(s)
+            return core(s) + (moved[j] - vector[j]) * slopes(s)[:, j]
+
+        return run

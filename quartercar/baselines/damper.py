@@ -13,6 +13,7 @@ from lpvid.record import Record
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import LawDamper, StaticDamper
 from quartercar.dampers.fitting.settings import FitSettings
+from quartercar.dampers.parameter import Parameter
 from quartercar.dampers.relief_valve import LagDamper
 
 STARTS = 6
@@ -20,6 +21,10 @@ STARTS = 6
 ROLES = ("displacement", "velocity", "current", "temperature")
 ROUGH = FitSettings(starts=4, polished=1, evaluations=15, tasting_evaluations=6, tolerance=1e-4)
 """search for a damper whose stiff run takes long: the diagnosis moves its parameters on from there"""
+AFFORDABLE = {"valve_frequency": (5.0, 1000.0), "valve_damping": (0.1, 100.0)}
+"""a poppet that rings faster, or without damping, takes a stiff run minutes and no record shows it"""
+REACH = 30.0
+"""factor by which a diagnosis moves a parameter of such a law: a valve without loss chatters for minutes"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +41,14 @@ class DamperBaseline(Baseline):
     output: str = field(default="force", init=False)
     output_unit: str = field(default="N", init=False)
     static: bool = field(init=False)
+    adaptive: bool = field(init=False)
     polarity: int = field(init=False)
     schedule: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", self.damper.name)
         object.__setattr__(self, "static", isinstance(self.damper, StaticDamper))
+        object.__setattr__(self, "adaptive", isinstance(self.damper, LagDamper))
         object.__setattr__(self, "polarity", self.damper.polarity)
         object.__setattr__(self, "schedule", tuple(r for r in ("current",) if r in self.damper.reads))
 
@@ -51,7 +58,8 @@ class DamperBaseline(Baseline):
 
     @property
     def coefficients(self) -> tuple[Coefficient, ...]:
-        return tuple(Coefficient(p.name, p.unit, p.lower, p.upper, _scale(p.default, v)) for p, v in
+        bounds = _within_reach if self.adaptive else _own_bounds
+        return tuple(Coefficient(p.name, p.unit, *bounds(p, v), _scale(p.default, v)) for p, v in
                      zip(self.damper.parameters, self.damper.vector, strict=True))
 
     @property
@@ -96,6 +104,17 @@ def _drive(s: Signals) -> Drive:
     zeros = np.zeros(s.n_samples)
     return Drive(s.sample_time, s["velocity"], s["displacement"] if s.has("displacement") else zeros,
                  s["current"] if s.has("current") else zeros, s.output)
+
+
+def _own_bounds(parameter: Parameter, value: float) -> tuple[float, float]:
+    return parameter.lower, parameter.upper
+
+
+def _within_reach(parameter: Parameter, value: float) -> tuple[float, float]:
+    """Bounds of a parameter of a stiff law: about its value, and where a run does not take minutes."""
+    low, high = (value / REACH, value * REACH) if parameter.log else (parameter.lower, parameter.upper)
+    least, most = AFFORDABLE.get(parameter.name, (low, high))
+    return max(parameter.lower, low, least), max(min(parameter.upper, high, most), least)
 
 
 def _scale(default: float, value: float) -> float:
