@@ -1,0 +1,68 @@
+"""Time of output feedback: Wu 1996 from end to end, and the whole against the solver alone (ratios are printed).
+
+    pytest tests/benchmarks/test_synthesis_speed.py --benchmark-enable --benchmark-only -n 0 -s
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from random_plants import _dynamics
+from synthesis_plants import missile, plant, scherer, wu
+
+import lpvid as lpv
+
+
+def _large(order: int, parameters: int = 1) -> lpv.GeneralizedPlant:
+    """Two controls, two measurements, `order` states."""
+    rng = np.random.default_rng(order)
+    s, n = parameters, order
+    first = [1.0] + [0.0] * s
+
+    def fixed(rows: int, columns: int, size: float = 1.0) -> np.ndarray:
+        return np.array(first)[:, None, None] * size * rng.normal(size=(rows, columns))
+
+    d12, d21 = fixed(4, 2, 0.0), fixed(2, 4, 0.0)
+    d12[0, 2:], d21[0, :, 2:] = np.eye(2), np.eye(2)
+    c1, b1 = fixed(4, n), fixed(n, 4)
+    c1[:, 2:], b1[:, :, 2:] = 0.0, 0.0
+    names = tuple("pqr"[:s])
+    return plant(_dynamics(rng, n, False, s), b1, fixed(n, 2), c1, np.zeros((s + 1, 4, 4)), d12, fixed(2, n), d21,
+                 lpv.Polynomial(names, 1), lpv.Scheduling(names, (-1.0,) * s, (1.0,) * s))
+
+
+CASES = {"scherer": (scherer, lpv.OutputFeedback()), "missile": (missile, lpv.OutputFeedback()),
+         "wu-1996": (lambda: wu(5.0), lpv.OutputFeedback(lpv.Fourier("rho", 1))),
+         "n12": (lambda: _large(12), lpv.OutputFeedback()), "n16": (lambda: _large(16), lpv.OutputFeedback()),
+         "n12-two-parameters": (lambda: _large(12, 2), lpv.OutputFeedback())}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_synthesis(benchmark, monkeypatch, name):
+    """Synthesis with verification; the solver's share is Clarabel's setup and solve, from cvxpy's call of it."""
+    from cvxpy.reductions.solvers.conic_solvers.clarabel_conif import CLARABEL
+
+    solve, inside = CLARABEL.solve_via_data, [0.0]
+
+    def timed(self, *args, **kwargs):
+        begun = time.perf_counter()
+        answer = solve(self, *args, **kwargs)
+        inside[0] += time.perf_counter() - begun
+        return answer
+
+    monkeypatch.setattr(CLARABEL, "solve_via_data", timed)
+    made, design = CASES[name][0](), CASES[name][1]
+    totals = []
+
+    def run():
+        inside[0], begun = 0.0, time.perf_counter()
+        found = lpv.synthesize(made, design)
+        totals.append((time.perf_counter() - begun, inside[0]))
+        return found
+
+    result = benchmark.pedantic(run, rounds=2, warmup_rounds=1)
+    assert result.solved
+    whole, solver = min(totals)
+    print(f"\n{name}: {whole:.2f} s, of which the solver {solver:.2f} s: ratio {whole / solver:.2f}")
