@@ -118,3 +118,9 @@ def test_ride_comparison(tmp_path: Path) -> None:
                                          str(tmp_path / "front.png"))
     assert "sh-add" in found.front["ISO C, 20 m/s"]
     assert (tmp_path / "front.png").stat().st_size > 10_000
+
+
+def test_synthesize_lpv() -> None:
+    gains = load("synthesize_lpv").main()
+    assert gains["slow"] < 0.85 * gains["any speed"] < gains["any speed"] < gains["scaled small gain"] < 1.0
+    assert gains["calm poles"] < 1.1 * gains["any speed"]
