@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from lpvid.scheduling._families import Family, FourierFamily, PolynomialFamily
@@ -43,7 +45,7 @@ def common(first: Basis, second: Basis) -> tuple[Basis, np.ndarray, np.ndarray]:
     kept: list[Basis] = []
     places: list[list[tuple[int, np.ndarray]]] = [[], []]  # for each side: (atom in kept, map into it)
     for side, basis in enumerate((first, second)):
-        for atom in _atoms(basis):
+        for atom in atoms(basis):
             i, merged = next(((i, m) for i, k in enumerate(kept) if (m := _joined(k, atom)) is not None),
                              (len(kept), None))
             if merged is None:
@@ -85,9 +87,9 @@ def products(first: Basis, second: Basis) -> tuple[Basis, np.ndarray]:
     """
     whole: Basis | None = None
     tables: list[list[np.ndarray]] = []
-    for a in _atoms(first):
+    for a in atoms(first):
         tables.append([])
-        for b in _atoms(second):
+        for b in atoms(second):
             basis, table = _atom_product(a, b)
             if whole is None:
                 whole = basis
@@ -100,8 +102,9 @@ def products(first: Basis, second: Basis) -> tuple[Basis, np.ndarray]:
     return whole, np.concatenate([np.concatenate(row, axis=1) for row in tables], axis=0)
 
 
-def _atoms(basis: Basis) -> list[Basis]:
-    return [a for f in basis.factors for a in _atoms(f)] if isinstance(basis, Stacked) else [basis]
+def atoms(basis: Basis) -> list[Basis]:
+    """The bases that are stacked in one, in order; the basis itself if it is no stack."""
+    return [a for f in basis.factors for a in atoms(f)] if isinstance(basis, Stacked) else [basis]
 
 
 def _factors(atom: Basis) -> list[Basis]:
@@ -109,9 +112,26 @@ def _factors(atom: Basis) -> list[Basis]:
 
 
 def _joined(a: Basis, b: Basis) -> tuple[Basis, np.ndarray, np.ndarray] | None:
+    """A basis without stacks that spans both; products are joined factor by factor."""
     if a == b:
         return a, np.eye(a.size), np.eye(a.size)
-    return next((m for f in FAMILIES if (m := f.joined(a, b)) is not None), None)
+    whole = next((m for f in FAMILIES if (m := f.joined(a, b)) is not None), None)
+    if whole is not None or not (isinstance(a, Product) and isinstance(b, Product)):
+        return whole
+    first, second = _joined(a.first, b.first), _joined(a.second, b.second)
+    if first is None or second is None:
+        return None
+    return Product(first[0], second[0]), np.kron(first[1], second[1]), np.kron(first[2], second[2])
+
+
+@dataclass(frozen=True, eq=False)
+class _Factor:
+    """A factor of a product with its (M_a, M_b, M) table, and its places among the factors of both sides."""
+
+    basis: Basis
+    table: np.ndarray
+    left: int | None
+    right: int | None
 
 
 def _multiplied(a: Basis, b: Basis) -> tuple[Basis, np.ndarray] | None:
@@ -127,25 +147,24 @@ def _atom_product(a: Basis, b: Basis) -> tuple[Basis, np.ndarray]:
     whole = _multiplied(a, b)
     if whole is not None:
         return whole
-    kept: list[tuple[Basis, np.ndarray, int | None]] = [(f, np.eye(f.size)[:, None, :], None) for f in _factors(a)]
+    kept = [_Factor(f, np.eye(f.size)[:, None, :], k, None) for k, f in enumerate(_factors(a))]
     for k, factor in enumerate(_factors(b)):
-        found = next(((i, m) for i, (f, _, used) in enumerate(kept)
-                      if used is None and (m := _multiplied(f, factor)) is not None), None)
+        found = next(((i, m) for i, f in enumerate(kept)
+                      if f.right is None and (m := _multiplied(f.basis, factor)) is not None), None)
         if found is None:
-            kept.append((factor, np.eye(factor.size)[None], k))
+            kept.append(_Factor(factor, np.eye(factor.size)[None], None, k))
         else:
-            kept[found[0]] = (*found[1], k)
-    return _tensor(kept, a.size, b.size)
+            kept[found[0]] = _Factor(*found[1], kept[found[0]].left, k)
+    return _tensor(sorted(kept, key=lambda f: (type(f.basis).__name__, f.basis.names)), a.size, b.size)
 
 
-def _tensor(kept: list[tuple[Basis, np.ndarray, int | None]], rows: int, columns: int) -> tuple[Basis, np.ndarray]:
-    """One `Product` of factors, each with its table and the place it takes among the second basis's factors."""
-    basis, table, _ = kept[0]
-    for other, t, _ in kept[1:]:
-        basis = Product(basis, other)
-        table = np.einsum("...m,cdn->...cdmn", table, t).reshape(*table.shape[:-1], *t.shape[:2], -1)
+def _tensor(kept: list[_Factor], rows: int, columns: int) -> tuple[Basis, np.ndarray]:
+    """One `Product` of factors in a fixed order, whichever side they came from."""
+    basis, table = kept[0].basis, kept[0].table
+    for f in kept[1:]:
+        basis = Product(basis, f.basis)
+        table = np.einsum("...m,cdn->...cdmn", table, f.table).reshape(*table.shape[:-1], *f.table.shape[:2], -1)
     n = len(kept)
-    live = sorted((k, i) for i, (_, _, k) in enumerate(kept) if k is not None)
-    rest = [i for i, (_, _, k) in enumerate(kept) if k is None]
-    axes = [*(2 * i for i in range(n)), *(2 * i + 1 for _, i in live), *(2 * i + 1 for i in rest), 2 * n]
-    return basis, table.transpose(axes).reshape(rows, columns, -1)
+    left = [2 * i for _, i in sorted((-1 if f.left is None else f.left, i) for i, f in enumerate(kept))]
+    right = [2 * i + 1 for _, i in sorted((-1 if f.right is None else f.right, i) for i, f in enumerate(kept))]
+    return basis, table.transpose([*left, *right, 2 * n]).reshape(rows, columns, -1)

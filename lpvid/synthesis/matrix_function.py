@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -9,8 +10,8 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.scheduling import Basis, Polynomial, Stacked
-from lpvid.scheduling.algebra import ONE, common, products
+from lpvid.scheduling import Basis, Fourier, Polynomial, Product, Stacked
+from lpvid.scheduling.algebra import ONE, atoms, common, products
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +101,25 @@ class MatrixFunction:
             return self @ still_right
         if still_left is not None:
             return still_left @ right
+        total = MatrixFunction(self.basis, np.zeros((self.basis.size, self.shape[0], right.shape[1])))
+        for left in self._parts():
+            for other in right._parts():
+                if (left.pattern.astype(int) @ other.pattern.astype(int)).any():
+                    total = total + left._times_part(other)
+        return total.trimmed()
+
+    def _parts(self) -> list[MatrixFunction]:
+        """The function split along a stack of bases, what is zero left out."""
+        ends = np.cumsum([0, *(a.size for a in atoms(self.basis))])
+        parts = [MatrixFunction(a, self.coefficients[i:j])
+                 for a, (i, j) in zip(atoms(self.basis), itertools.pairwise(ends), strict=True)]
+        return [p.trimmed() for p in parts if p.coefficients.any()]
+
+    def _times_part(self, right: MatrixFunction) -> MatrixFunction:
         basis, table = products(self.basis, right.basis)
         pairs = np.einsum("aij,bjk->abik", self.coefficients, right.coefficients)
-        return MatrixFunction(basis, np.einsum("abm,abik->mik", table, pairs)).trimmed()
+        flat = table.reshape(-1, basis.size).T @ pairs.reshape(table.shape[0] * table.shape[1], -1)
+        return MatrixFunction(basis, flat.reshape(basis.size, self.shape[0], right.shape[1]))
 
     def __rmatmul__(self, left: np.ndarray) -> MatrixFunction:
         return MatrixFunction(self.basis, np.asarray(left, dtype=float) @ self.coefficients)
@@ -113,19 +130,31 @@ class MatrixFunction:
 
     def trimmed(self) -> MatrixFunction:
         """The same function over no higher degree, and no more stacked bases, than it needs; variables stay named."""
-        basis, c = self.basis, self.coefficients
-        if isinstance(basis, Polynomial):
-            used = basis.exponents[c.any(axis=(1, 2))].sum(axis=1).max(initial=min(basis.degree, 1))
-            return MatrixFunction(replace(basis, degree=int(used)), c[: replace(basis, degree=int(used)).size])
-        if isinstance(basis, Stacked):
-            starts = np.concatenate([[0], np.cumsum([f.size for f in basis.factors])])
-            parts = [MatrixFunction(f, c[a:b]) for f, a, b in zip(basis.factors, starts[:-1], starts[1:], strict=True)]
-            kept = [p.trimmed() for p in parts if p.coefficients.any()]
-            if kept and {n for p in kept for n in p.basis.names} == set(basis.names):
-                joined = Stacked(tuple(p.basis for p in kept)) if len(kept) > 1 else kept[0].basis
-                if joined.names == basis.names:
-                    return MatrixFunction(joined, np.concatenate([p.coefficients for p in kept]))
-        return self
+        basis, coefficients = _trimmed(self.basis, self.coefficients)
+        return MatrixFunction(basis, coefficients)
+
+
+def _trimmed(basis: Basis, c: np.ndarray) -> tuple[Basis, np.ndarray]:
+    """Basis and coefficients (M, …) without what is zero: high degrees, also inside products, and parts of a stack."""
+    if isinstance(basis, Polynomial):
+        used = basis.exponents[c.reshape(basis.size, -1).any(axis=1)].sum(axis=1).max(initial=min(basis.degree, 1))
+        narrow = replace(basis, degree=int(used))
+        return narrow, c[: narrow.size]
+    if isinstance(basis, Fourier):
+        used = np.flatnonzero(c.reshape(basis.size, -1).any(axis=1)).max(initial=1)
+        return replace(basis, harmonics=int(used + 1) // 2), c[: 2 * (int(used + 1) // 2) + 1]
+    if isinstance(basis, Product):
+        first, c = _trimmed(basis.first, c.reshape(basis.first.size, basis.second.size, *c.shape[1:]))
+        second, c = _trimmed(basis.second, c.swapaxes(0, 1))
+        return Product(first, second), c.swapaxes(0, 1).reshape(first.size * second.size, *c.shape[2:])
+    if isinstance(basis, Stacked):
+        ends = np.cumsum([0, *(f.size for f in basis.factors)])
+        kept = [_trimmed(f, c[i:j]) for f, (i, j) in zip(basis.factors, itertools.pairwise(ends), strict=True)
+                if c[i:j].any()]
+        joined = Stacked(tuple(b for b, _ in kept)) if len(kept) > 1 else kept[0][0] if kept else basis
+        if kept and joined.names == basis.names:
+            return joined, np.concatenate([x for _, x in kept])
+    return basis, c
 
 
 def block(rows: Sequence[Sequence[MatrixFunction | np.ndarray]]) -> MatrixFunction:

@@ -9,7 +9,7 @@ import pytest
 from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Polynomial, Scheduling, Spline
+from lpvid.scheduling import Fourier, Polynomial, Product, Scheduling, Spline
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop, close_loop_at, connect
 
@@ -65,6 +65,33 @@ def test_the_closed_loop_and_the_pointwise_one_agree(basis):
     for got, name in zip(close_loop_at(plant.at(points), *k), "ABCD", strict=True):
         expected = np.tensordot(loop.basis.evaluate(points), getattr(loop, name), axes=1)
         np.testing.assert_allclose(got, expected, atol=1e-10)
+
+
+def hats(name: str, count: int) -> Spline:
+    return Spline(name, count, 1, tuple(np.linspace(-1, 1, count + 1)))
+
+
+@pytest.mark.parametrize(("plant_basis", "controller_basis", "largest"), [
+    (Polynomial(("p", "q"), 1), Product(hats("p", 6), hats("q", 6)), 3 + 49 + 6 * 49),  # none of them squared
+    (Product(hats("p", 2), Polynomial("q", 1)), Product(Polynomial("q", 2), hats("p", 2)), 250),
+    (Fourier("q", 1), Product(hats("q", 3), Polynomial("p", 1)), 60),
+])
+def test_two_parameter_grids_give_no_more_functions_than_their_products(plant_basis, controller_basis, largest):
+    rng = np.random.default_rng(8)
+    system = random_system(rng, plant_basis, 3, ["w", "u"], ["z", "y"])
+    system = system.replace(D=system.D * np.array([[1, 1], [1, 0]]))
+    controller = random_system(rng, controller_basis, 2, ["y"], ["u"])
+    plant = GeneralizedPlant(system, ["u"], ["y"])
+    loop = close_loop(plant, controller)
+    assert loop.basis.size <= largest and loop.box.names[: len(plant.box.names)] == plant.box.names
+    points = rng.uniform(-1, 1, (6, len(loop.box.names)))
+    where = {n: points[:, i] for i, n in enumerate(loop.box.names)}
+    k = [np.tensordot(controller_basis.evaluate(np.column_stack([where[n] for n in controller_basis.names])),
+                      getattr(controller, x), axes=1) for x in "ABCD"]
+    blocks = plant.at(np.column_stack([where[n] for n in plant.box.names]))
+    for got, name in zip(close_loop_at(blocks, *k), "ABCD", strict=True):
+        expected = np.tensordot(loop.basis.evaluate(points), getattr(loop, name), axes=1)
+        np.testing.assert_allclose(got, expected, atol=1e-9)
 
 
 def test_pointwise_closing_handles_feedthrough_on_both_sides():
