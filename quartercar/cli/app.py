@@ -8,6 +8,7 @@ import typer
 
 from lpvid.cli.running import new_app
 from quartercar.cli.demo import demo
+from quartercar.cli.design import design
 from quartercar.cli.fit import fit
 from quartercar.cli.ride import ride
 from quartercar.cli.rig import rig
@@ -33,5 +34,5 @@ def _common(version: Annotated[bool, typer.Option("--version", callback=_version
     """
 
 
-for _command in (rig, fit, ride, demo):
+for _command in (rig, fit, design, ride, demo):
     app.command()(_command)

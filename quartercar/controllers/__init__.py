@@ -21,13 +21,15 @@ LAWS: tuple[tuple[str, str, str], ...] = (
     ("sh-add-1s", "quartercar.controllers.sh_add_one_sensor", "SkyhookAccelerationDrivenOneSensor"),
     ("pdd", "quartercar.controllers.pdd", "PowerDriven"),
     ("clipped-optimal", "quartercar.controllers.clipped_optimal", "ClippedOptimal"),
+    ("lpv-hinf-clipped", "quartercar.controllers.lpv_hinf_clipped", "LpvHinfClipped"),
+    ("lpv-hinf", "quartercar.controllers.lpv_hinf", "LpvHinf"),
     ("scheduled", "quartercar.controllers.scheduled", "ScheduledController"),
 )
 """Every law by its name on the command line: name, module, class. A new law adds its line here."""
 
 _EXPORTS = {
     "quartercar.controllers.contract": ("Controller", "Law", "Setting"),
-    "quartercar.controllers.schedule_rules": ("Excess", "Measured", "Rule", "SaturationRatio", "Yield"),
+    "quartercar.controllers.schedule_rules": ("Excess", "GivenShare", "Measured", "Rule", "SaturationRatio", "Yield"),
     **{module: (cls,) for _, module, cls in LAWS},
 }
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}

@@ -13,6 +13,9 @@ from lpvid import _checks
 from lpvid.errors import InputError
 from quartercar.controllers.contract import SIGNALS, Setting, Signals
 
+SMALL = 1.0
+"""Demand beside the nominal damping below which it counts as met [N]."""
+
 
 class Rule(ABC):
     """A scheduling variable from what a law sees. A rule with a memory keeps it in what `start` returns."""
@@ -164,7 +167,53 @@ class Excess(Rule):
         return {"kind": self.kind, **asdict(self)}
 
 
-RULES: tuple[type[Rule], ...] = (Measured, Yield, SaturationRatio, Excess)
+@dataclass(frozen=True)
+class GivenShare(Rule):
+    """ρ = (attained − c_nom v_d)/(demanded − c_nom v_d) of the last sample, between `lowest` and 1 (E2 on E5).
+
+    Attributes
+    ----------
+    nominal_damping : float
+        c_nom [N·s/m].
+    lowest : float
+    """
+
+    nominal_damping: float
+    lowest: float = 0.0
+    kind: ClassVar[str] = "given-share"
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        return "demanded", "attained", "suspension_velocity"
+
+    def start(self, setting: Setting) -> Callable[[Signals], np.ndarray]:
+        base = np.zeros(setting.cars)
+
+        def value(seen: Signals) -> np.ndarray:
+            nonlocal base
+            found = share(seen["demanded"] - base, seen["attained"] - base, self.lowest)
+            base = self.nominal_damping * seen["suspension_velocity"]
+            return found
+
+        return value
+
+    def to_dict(self) -> dict:
+        return {"kind": self.kind, **asdict(self)}
+
+
+def share(asked: np.ndarray, given: np.ndarray, lowest: np.ndarray | float) -> np.ndarray:
+    """(cars,) given/asked within [lowest, 1]; 1 where next to nothing is asked for.
+
+    Examples
+    --------
+    >>> share(np.array([500.0, 500.0, 500.0, 0.0]), np.array([250.0, -100.0, 600.0, 3.0]), 0.1).tolist()
+    [0.5, 0.1, 1.0, 1.0]
+    """
+    idle = np.abs(asked) <= SMALL
+    return np.where(idle, 1.0, np.clip(given / np.where(idle, 1.0, asked), lowest, 1.0))
+
+
+RULES: tuple[type[Rule], ...] = (Measured, Yield, SaturationRatio, Excess, GivenShare)
 """Every rule that a file can name; a new one adds itself here."""
 
 

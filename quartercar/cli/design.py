@@ -1,0 +1,87 @@
+"""`quartercar design`: a suspension controller from weights."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lpvid.cli import options
+from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
+
+if TYPE_CHECKING:
+    from quartercar.controllers.lpv_hinf import LpvHinf
+    from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
+    from quartercar.design_config import DesignConfig
+    from quartercar.designing import Design
+
+ConfigFile = Annotated[Path | None, typer.Argument(metavar="CONFIG", help="A TOML file; --template prints one. Options "
+                                                   "count before it.", show_default=False)]
+
+
+@command
+def design(
+    config: ConfigFile = None,
+    template: Annotated[bool, typer.Option("--template", help="Print a commented configuration and stop.")] = False,
+    schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of a CONFIG and stop.")] = False,
+    tune: Annotated[int | None, typer.Option("--tune", min=0, metavar="N", help="Tune the weights first, with N "
+                                             "evaluations.")] = None,
+    out: options.Out = None,
+    json: options.Json = False,
+) -> None:
+    """An LPV H-infinity controller for a semi-active damper, from weights; its gain verified.
+
+    Writes controller.json, which `quartercar ride --controller` takes, synthesis.json, report.html and its figures.
+    Without CONFIG: the embedded damper in the default car with the default weights.
+    """
+    from quartercar.design_config import design_schema, design_template, load_design, read_design
+    from quartercar.designing import design as designed
+
+    if template or schema:
+        import json as writer
+
+        typer.echo(design_template() if template else writer.dumps(design_schema(), indent=2) + "\n", nl=False)
+        return
+    results = Results(out)
+    with working("reading") as say:
+        chosen = read_design({}) if config is None else load_design(config)
+        law = _tuned(chosen, chosen.tune if tune is None else tune, say)
+        say("looking for a controller")
+        found = designed(chosen.car, law)
+        _deliver(results, found, say)
+    conclude(results, found.to_dict(), str(found), json)
+    if not found.synthesis.solved:
+        raise typer.Exit(SHORTFALL)
+
+
+def _tuned(chosen: DesignConfig, budget: int, say: Callable[[str], None]) -> LpvHinf | LpvHinfClipped:
+    """The law, tuned where that was asked for."""
+    if not budget:
+        return chosen.law
+    from quartercar.ride_roads import Bump, IsoRoad
+    from quartercar.tuning import Trial, tune
+
+    trial = Trial(chosen.car, (IsoRoad(duration=8.0), Bump()), seeds=(100_000, 100_001))
+    return chosen.law.with_vector(tune(chosen.law, trial, max(budget, 4), say=say).controller.vector)
+
+
+def _deliver(results: Results, found: Design, say: Callable[[str], None]) -> None:
+    """Queue the controller, the synthesis, the figures and the report."""
+    if not results.kept:
+        return
+    from lpvid.export.serialise import save
+    from lpvid.plot import png
+    from quartercar.report_design import design_figures, design_page
+
+    say("riding over a bump")
+    rides = found.bump() if found.synthesis.solved else None
+    say("drawing")
+    if found.synthesis.solved:
+        results.add("controller.json", lambda path: save(found.controller, path))
+    results.json("synthesis.json", found.to_dict())
+    figures = design_figures(found, rides)
+    for drawn in figures:
+        results.bytes(f"{drawn.name}.png", png(drawn.figure))
+    results.report(design_page(found, figures, rides))

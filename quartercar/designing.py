@@ -1,0 +1,149 @@
+"""design: a suspension controller from weights, with what its closed loop was shown to do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from lpvid.synthesis.result import Synthesis
+from quartercar.car import QuarterCar
+from quartercar.controllers.contract import Controller, Setting
+from quartercar.controllers.lpv_hinf import LpvHinf
+from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
+from quartercar.controllers.scheduled import ScheduledController
+from quartercar.controllers.suspension_design import Task, nodes_of, synthesized
+from quartercar.linear_car import LinearCar
+from quartercar.plant.car_part import passive_sense
+from quartercar.ride_roads import Bump
+from quartercar.riding import Ride, RideSettings, ride
+
+SHOWN = ("body_acceleration", "tyre_force", "suspension_deflection")
+"""Signals whose frozen gains are drawn."""
+FREQUENCIES = np.geomspace(0.3, 30.0, 160)
+"""[Hz]"""
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A designed controller, or why there is none.
+
+    Attributes
+    ----------
+    car : QuarterCar
+    law : LpvHinf or LpvHinfClipped
+        With the weights.
+    task : Task
+    synthesis : Synthesis
+    setting : Setting
+    """
+
+    car: QuarterCar
+    law: LpvHinf | LpvHinfClipped
+    task: Task
+    synthesis: Synthesis
+    setting: Setting
+
+    @cached_property
+    def controller(self) -> ScheduledController:
+        """As it runs, at the loop's rate; NumericalError where the synthesis failed."""
+        return self.law.designed(self.setting)
+
+    @cached_property
+    def gains(self) -> tuple[tuple[float, dict[str, np.ndarray]], ...]:
+        """(ρ, gains from the road's elevation to `SHOWN` at `FREQUENCIES`) over the scheduling range, ρ frozen."""
+        nodes, system = nodes_of(self.task), self.task.weighted.system
+        outputs = [s.name for s in system.outputs]
+        rows = [outputs.index(n) for n in SHOWN]
+        names = [s.name for s in nodes.inputs]
+        seen = [outputs.index(n) for n in names]
+        s = 2j * np.pi * FREQUENCIES[:, None, None]
+        found = []
+        for k, point in enumerate(nodes.points):
+            a, b, c, d = system.frozen(point[:len(system.box.names)])
+            plant = c @ np.linalg.solve(s * np.eye(len(a)) - a, b + 0j) + d
+            ka, kb, kc, kd = (m[k] for m in nodes.matrices)
+            law = kc @ np.linalg.solve(s * np.eye(len(ka)) - ka, kb + 0j) + kd
+            road, own = plant[:, :, :1], plant[:, :, 1:]
+            demand = np.linalg.solve(np.eye(1) - law @ own[:, seen], law @ road[:, seen])
+            whole = np.abs(s[:, :, 0] * (road[:, rows] + own[:, rows] @ demand)[:, :, 0])
+            share = float(point[0]) if point.size else 1.0
+            found.append((share, dict(zip(SHOWN, whole.T, strict=True))))
+        return tuple(found)
+
+    @property
+    def passive_gains(self) -> dict[str, np.ndarray]:
+        """The same of the car with c_nom alone."""
+        system = LinearCar(self.car.parameters.replace(damping=self.task.nominal_damping)).relative()
+        s = 2j * np.pi * FREQUENCIES[:, None, None]
+        found = np.abs(s * (system.C @ np.linalg.solve(s * np.eye(4) - system.A, system.B[:, :1] + 0j)
+                            + system.D[:, :1]))[:, :, 0]
+        return {n: found[:, system.outputs.index(n)] for n in SHOWN}
+
+    def bump(self, settings: RideSettings | None = None, road: Bump | None = None) -> tuple[Ride, Ride]:
+        """The nonlinear car over a bump: under the controller, and passive at the lowest current."""
+        from quartercar.controllers.passive import Passive
+
+        road = road or Bump(duration=2.5)
+        laws: list[Controller] = [self.controller, Passive(values={"fixed_current": self.car.coil.lowest})]
+        with_law, passive = (ride(self.car, road, law, 0, settings) for law in laws)
+        return with_law, passive
+
+    @property
+    def verdict(self) -> str:
+        """In a sentence."""
+        s = self.synthesis
+        if not s.solved:
+            return f"No controller: {s.why}. Mend: {s.mend}."
+        where = "on the whole scheduling box" if s.between_grid else "at grid points only"
+        return (f"{self.law.title}: gain from {', '.join(_names(s, 'inputs'))} to {', '.join(_names(s, 'outputs'))} at "
+                f"most {s.gamma_verified:.4g}, verified {where}; c_nom {self.task.nominal_damping:.0f} N*s/m.")
+
+    def to_dict(self) -> dict[str, Any]:
+        """synthesis.json."""
+        data = self.synthesis.to_dict()
+        return {"schema": "quartercar/design/1", "summary": self.verdict, **data, "law": self.law.to_dict(),
+                "nominal_damping": self.task.nominal_damping, "sample_time": self.setting.sample_time,
+                "measured": self.law.measured, "criterion": self.law.criterion}
+
+    def __str__(self) -> str:
+        return f"{self.verdict}\n{self.synthesis!r}\n{self.law!r}"
+
+
+def design(car: QuarterCar, law: LpvHinf | LpvHinfClipped | None = None,
+           settings: RideSettings | None = None) -> Design:
+    """Design a controller for a car with a semi-active damper.
+
+    Parameters
+    ----------
+    car : QuarterCar
+        With a damper model and a coil whose limits are finite.
+    law : LpvHinf or LpvHinfClipped, optional
+        Its parameters are the weights; `LpvHinf()` if left out.
+    settings : RideSettings, optional
+        For the loop's rate and the designer's models.
+
+    Returns
+    -------
+    Design
+        A synthesis that fails comes back with its verdict.
+
+    Raises
+    ------
+    InputError
+        A damper of reversed polarity, a car without a damper model.
+    """
+    law, settings = law or LpvHinf(), settings or RideSettings()
+    damper = settings.model or car.damper
+    if damper is not None:
+        passive_sense(damper)
+    setting = Setting(settings.period(car), 1, settings.parameters or car.parameters, damper,
+                      (car.coil.lowest, car.coil.highest))
+    task = law.task(law.values, setting)
+    return Design(car, law, task, synthesized(task), setting)
+
+
+def _names(synthesis: Synthesis, which: str) -> tuple[str, ...]:
+    return tuple(s.name for s in getattr(synthesis.closed_loop, which))

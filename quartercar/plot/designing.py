@@ -1,0 +1,68 @@
+"""Figures of a designed suspension controller: its weights, its frozen gains, its way over a bump."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lpvid.plot.style import CYCLE, INK, SCALE, label, look, panels
+from quartercar.designing import FREQUENCIES, SHOWN, Design
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from quartercar.riding import Ride
+
+TITLES = {"body_acceleration": ("body acceleration", "1/s²"), "tyre_force": ("tyre force", "N/m"),
+          "suspension_deflection": ("stroke", "1")}
+
+
+def weights(found: Design) -> Figure:
+    """Modulus of the weights on acceleration and tyre force over frequency."""
+    with look():
+        figure, axes = panels(1, 2, height=2.4)
+        chosen = found.task.weights
+        for ax, gain, name, unit in ((axes[0, 0], chosen.comfort_gain, "body acceleration", "s²/m"),
+                                     (axes[0, 1], chosen.wheel_gain, "tyre force", "1/N")):
+            ax.loglog(FREQUENCIES, gain(FREQUENCIES), color=CYCLE[0])
+            ax.set_title(f"weight on {name}")
+            ax.set_ylabel(label("gain", unit))
+            ax.set_xlabel(label("frequency", "Hz"))
+    return figure
+
+
+def gains(found: Design) -> Figure:
+    """Gains from the road with the scheduling frozen at values over its range, against c_nom alone."""
+    from matplotlib import colormaps
+
+    with look():
+        figure, axes = panels(1, 3, height=3.0)
+        colours = colormaps[SCALE](np.linspace(0.05, 0.85, len(found.gains)))
+        for ax, signal in zip(axes[0], SHOWN, strict=True):
+            ax.loglog(FREQUENCIES, found.passive_gains[signal], color=INK, linestyle="--", label="c_nom alone")
+            for colour, (share, curves) in zip(colours, found.gains, strict=True):
+                ax.loglog(FREQUENCIES, curves[signal], color=colour, label=f"ρ = {share:.2g}")
+            name, unit = TITLES[signal]
+            ax.set_title(f"road to {name}")
+            ax.set_ylabel(label("gain", unit))
+            ax.set_xlabel(label("frequency", "Hz"))
+        handles, names = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 7))
+    return figure
+
+
+def bump(rides: tuple[Ride, Ride]) -> Figure:
+    """Acceleration, tyre load, stroke and current over a bump, controlled and passive."""
+    signals = (("body_acceleration", "body", "m/s²", 1.0), ("tyre_load", "tyre load", "kN", 1e-3),
+               ("suspension_deflection", "stroke", "mm", 1e3), ("current", "current", "A", 1.0))
+    with look():
+        figure, axes = panels(len(signals), heights=[1.9, 1.6, 1.6, 1.4], sharex=True)
+        for found, name, colour in zip(rides, ("controlled", "passive, lowest current"), (CYCLE[1], INK), strict=True):
+            inside = found.run.time >= 0.9
+            for ax, (signal, title, unit, scale) in zip(axes[:, 0], signals, strict=True):
+                ax.plot(found.run.time[inside], scale * found.run[signal][inside], color=colour, label=name)
+                ax.set_ylabel(label(title, unit))
+        axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=2, borderaxespad=0.0)
+        axes[-1, 0].set_xlabel(label("time", "s"))
+    return figure
