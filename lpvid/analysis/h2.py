@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling
 
 BACK_OFF = (1e-6, 1e-5, 1e-4, 1e-3, 5e-3)
+RELAXED = (0.01, 0.05)
 ENOUGH = 0.005
 
 
@@ -80,21 +82,26 @@ def _with(plant: Driven, box: Scheduling, basis: Basis, typical: float) -> Bound
         inner = StorageSearch(unit, box, basis, search.frame(), density)
         if not inner.affordable:
             return None
-        least = next(inner.least(lambda level: inequality_of("h2-norm", level, None)), None)
-        if least is None:
-            return on_grid
-        proposals = [(least[0], least[1] * (1 + share), least[2]) for share in BACK_OFF]
-        for share in (0.01, 0.05):
-            level = least[1] * (1 + share)
-            roomy = next(inner.roomiest(inequality_of("h2-norm", level, None), capped=False), None)
-            if roomy is not None:
-                proposals.append((roomy[0], level, roomy[2]))
-        for matrices, level, solver in proposals:
+        for matrices, level, solver in _proposals(inner):
             found = search.checked(matrices * typical**2, basis, level * typical, solver)
             if found is not None and found.between_grid:
                 return found
             on_grid = on_grid or found
     return on_grid
+
+
+def _proposals(search: StorageSearch) -> Iterator[tuple[np.ndarray, float, str]]:
+    """The least level, backed off a little; then levels with room to spare."""
+    least = next(search.least(lambda level: inequality_of("h2-norm", level, None)), None)
+    if least is None:
+        return
+    for share in BACK_OFF:
+        yield least[0], least[1] * (1 + share), least[2]
+    for share in RELAXED:
+        level = least[1] * (1 + share)
+        roomy = next(search.roomiest(inequality_of("h2-norm", level, None), capped=False), None)
+        if roomy is not None:
+            yield roomy[0], level, roomy[2]
 
 
 def largest_frozen_h2(plant: Driven, box: Scheduling) -> float:

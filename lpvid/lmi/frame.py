@@ -90,9 +90,14 @@ def gramian(a: np.ndarray, w: np.ndarray, discrete: bool) -> np.ndarray:
     >>> gramian(np.array([[-2.0]]), np.array([[1.0]]), False)
     array([[0.25]])
     """
-    from scipy.linalg import solve_continuous_lyapunov, solve_discrete_lyapunov
+    from scipy.linalg import matrix_balance, solve_continuous_lyapunov, solve_discrete_lyapunov
 
-    x = solve_discrete_lyapunov(a, w) if discrete else solve_continuous_lyapunov(a, -w)
+    if not len(a):
+        return np.zeros((0, 0))
+    balanced, (scale, _) = matrix_balance(a, permute=False, separate=True)
+    w = w / np.outer(scale, scale)
+    x = (solve_discrete_lyapunov(balanced, w, method="bilinear") if discrete
+         else solve_continuous_lyapunov(balanced, -w)) * np.outer(scale, scale)
     return 0.5 * (x + x.T)
 
 

@@ -110,7 +110,7 @@ class StorageSearch:
     def _storage(self, storage: Storage) -> Iterator[Affine]:
         points, _ = sample(self.system, storage, self.density)
         units = symmetric_units(self.system.order)
-        for psi in np.unique(storage.psi(points).round(12), axis=0):
+        for psi in np.unique(storage.psi(points), axis=0):
             yield _affine(np.zeros(units.shape[1:]), np.einsum("j,qab->jqab", psi, units))
 
     def _pieces(self, problem: Inequality, storage: Storage) -> Iterator[tuple[np.ndarray, Any, np.ndarray]]:
