@@ -11,6 +11,7 @@ from lpvid import _checks
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
 from lpvid.model.adaptable import Adaptable, acting
+from lpvid.model.lft import LFTModel
 from lpvid.model.quasi import SelfScheduled
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
@@ -395,6 +396,9 @@ def _estimate_self(model: SelfScheduled, u: np.ndarray, p: np.ndarray, y: np.nda
 # -- shared ----------------------------------------------------------------------------------------------------------
 def _acting(model: Model | Adaptable, record: Record) -> Model:
     """What runs along this record."""
+    if isinstance(model, LFTModel):
+        raise InputError("a linear fractional form does not run along a record", got=repr(model),
+                         mend="use model.simulate(inputs, scheduling), or lpvid.to_gridded(model).model")
     if isinstance(model, Adaptable) and record.sample_time is None:
         raise InputError(f"record '{record.name}' is not uniformly sampled", mend="resample it first")
     return acting(model, record.sample_time or 0.0)

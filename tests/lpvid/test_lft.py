@@ -97,6 +97,12 @@ def test_a_continuous_run_with_held_signals_is_the_integrated_one():
         model.simulate(u, p)
 
 
+def test_a_record_is_refused_with_what_to_do_instead():
+    record = lpv.Record({n: lpv.Channel(np.ones(20)) for n in ("u1", "u2", "y", "speed", "load")}, sample_time=0.1)
+    with pytest.raises(InputError, match=r"model\.simulate"):
+        lpv.simulate(random_model(5, sample_time=0.1), record)
+
+
 def test_a_file_brings_the_model_back(tmp_path):
     model = random_model(7, sample_time=0.01)
     again = lpv.load(lpv.save(model, tmp_path / "lft.json"))
