@@ -217,11 +217,11 @@ def _road(table: Mapping[str, Any], where: str, folder: Path) -> RideRoad:
     rest = {k: v for k, v in table.items() if k != "kind"}
     if kind == "file":
         for key in rest:
-            _checks.known_name(key, ("path", "speed", "track"), f"key of {where}")
+            _checks.known_name(key, ("path", "speed", "track", "laps"), f"key of {where}")
         if "path" not in rest:
             raise InputError(f"{where} needs a path", mend='path = "profiles.csv"')
         return MeasuredRoad.read(folder / str(rest["path"]), to_si(rest.get("speed", 10.0), "m/s", f"{where}.speed"),
-                                 rest.get("track", 0))
+                                 rest.get("track", 0), rest.get("laps"))
     if "class" in rest:
         rest["road_class"] = str(rest.pop("class"))
     known = [f.name for f in fields(ROADS[kind])]
@@ -300,6 +300,8 @@ speed = 8.0
 # kind = "file"                # a distance and one or more heights
 # path = "profiles.csv"
 # speed = "30 km/h"
+# track = 0                    # which height column
+# laps = 3                     # left out: for at least 5 s
 
 [[controllers]]
 law = "passive"

@@ -12,6 +12,8 @@ from lpvid import _checks
 from lpvid.errors import InputError
 from quartercar import roads
 
+SHORTEST = 5.0
+"""for which a measured track is driven where nothing else is said [s]"""
 LEAD = 1.0
 """time before a bump that is left out of the figures [s]"""
 
@@ -176,36 +178,44 @@ class SineSweep(RideRoad):
 
 @dataclass(frozen=True, eq=False)
 class MeasuredRoad(RideRoad):
-    """A measured track at a constant speed, once; the seed only draws the sensors' noise.
+    """A measured track at a constant speed; the seed only draws the sensors' noise.
 
     Attributes
     ----------
     track : Track
     speed : float
         [m/s].
+    laps : int
+        How often it is driven, forwards and backwards in turn.
     """
 
     track: roads.Track
     speed: float = 10.0
+    laps: int = 1
 
     def __post_init__(self) -> None:
         _checks.positive(self.speed, "speed", "m/s")
+        _checks.count(self.laps, "laps", at_least=1)
 
     @classmethod
-    def read(cls, path: str | Path, speed: float, track: int | str = 0) -> MeasuredRoad:
-        """A profile from a file with distance and height columns; see `roads.measured`."""
-        return cls(roads.measured(path, track), speed)
+    def read(cls, path: str | Path, speed: float, track: int | str = 0, laps: int | None = None) -> MeasuredRoad:
+        """A profile from a file with distance and height columns (`roads.measured`), by default driven for 5 s."""
+        found = roads.measured(path, track)
+        needed = int(np.ceil(SHORTEST * _checks.positive(speed, "speed", "m/s") / found.length))
+        return cls(found, speed, needed if laps is None else laps)
 
     @property
     def name(self) -> str:
-        return f"{self.track.name or 'measured road'}, {self.speed:g} m/s"
+        often = f", {self.laps} times" if self.laps > 1 else ""
+        return f"{self.track.name or 'measured road'}, {self.speed:g} m/s{often}"
 
     @property
     def settle(self) -> float:
         return 0.0
 
     def profile(self, sample_time: float, seed: int) -> np.ndarray:
-        return self.track.over_time(self.speed, sample_time)
+        return self.track.over_time(self.speed, sample_time, self.laps)
 
     def to_dict(self) -> dict:
-        return {"kind": "measured", "track": self.track.name, "length": self.track.length, "speed": self.speed}
+        return {"kind": "measured", "track": self.track.name, "length": self.track.length, "speed": self.speed,
+                "laps": self.laps}

@@ -106,9 +106,19 @@ def test_a_measured_road_and_a_damper_of_ones_own(tmp_path: Path):
     damper = lpv.save(Guo(degree=1, span=(0.0, 2.5), current_range=(0.0, 2.5)), tmp_path / "guo.json")
     told = json.loads(run("--road", f"{track}@5", "--damper", damper, "--car", "savaresi", "--seeds", 1, "--controller",
                           "skyhook", "--json").stdout)
-    assert told["roads"][0] == {"kind": "measured", "track": "height", "length": pytest.approx(11.9), "speed": 5.0}
+    assert told["roads"][0] == {"kind": "measured", "track": "height", "length": pytest.approx(11.9), "speed": 5.0,
+                                "laps": 3}
     assert told["damper"] == "guo" and told["car"]["sprung_mass"] == SAVARESI.sprung_mass
     assert told["coil"]["rise_time"] == 0.005 and told["sample_time"] == 0.002
+
+
+def test_the_belgian_block_road(shared_data: Path):
+    """A measured track of 10 m, there and back: the stones are far rougher than ISO C."""
+    file = shared_data / "belgian_block_road" / "profiles.csv"
+    told = json.loads(run("--road", f"{file}@8", "--controller", "passive,sh-add", "--seeds", 2, "--json").stdout)
+    assert told["roads"][0]["laps"] == 4 and told["roads"][0]["length"] == pytest.approx(10.0, abs=0.1)
+    rows = {r["controller"]: r["figures"] for r in told["rides"]}
+    assert rows["sh-add"]["comfort"]["mean"] < rows["passive"]["comfort"]["mean"]
 
 
 def test_the_template_is_a_configuration(tmp_path: Path):
