@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -72,6 +74,13 @@ def asked(records: Sequence[Record], rig: Rig, candidates: tuple[Effect, ...], s
 @pytest.mark.parametrize("cause", CATALOGUE, ids=str)
 def test_every_cause_has_a_plan_or_a_sentence(cause: Effect) -> None:
     assert (cause.name in PLANS) != (cause.name in NO_PLAN)
+
+
+def test_the_documentation_lists_every_cause() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "diagnosis.md").read_text(encoding="utf-8")
+    rows = "".join(line for line in page.splitlines() if line.startswith("| `"))
+    assert {e.name for e in CATALOGUE} == set(re.findall(r"`([a-z-]+)`", rows.split("| `coulomb-friction`")[1])) | {
+        "coulomb-friction"}
 
 
 def test_every_plan_and_pair_is_of_causes_that_exist() -> None:
