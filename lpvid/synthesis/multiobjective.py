@@ -80,7 +80,7 @@ class MultiObjective:
         raw = plant.at(tensor(axes))
         coordinates = Coordinates.of(raw, plant.sample_time is not None)
         direct = self.feedthrough and (plant.sample_time is not None or not any(isinstance(c, H2) for c in criteria))
-        return settle(_Problem(plant, criteria, regions, self.back_off, None, axes, direct, coordinates,
+        return settle(_Problem(plant, criteria, regions, self.back_off, axes, direct, coordinates,
                                coordinates.scaled(raw)), fault_of(plant, raw, tensor(axes)))
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Basis
 from lpvid.synthesis.assumptions import Fault
 from lpvid.synthesis.criteria import H2, HInfinity, Region
 from lpvid.synthesis.figures import channel, measure, stays_inside
@@ -39,15 +38,12 @@ class ShapedProblem(ABC):
     criteria : tuple of HInfinity or H2
     regions : tuple of Region
     back_off : float
-    lyapunov : Basis or None
-        Functions of the Lyapunov matrix; None for one matrix.
     """
 
     plant: GeneralizedPlant
     criteria: tuple[Criterion, ...]
     regions: tuple[Region, ...]
     back_off: float
-    lyapunov: Basis | None
 
     @property
     @abstractmethod
@@ -158,7 +154,7 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
     inside, notes = stays_inside(problem.regions, loop)
     if not inside:
         return None
-    figures = [measure(c, problem.plant, loop, promised, problem.lyapunov)
+    figures = [measure(c, problem.plant, loop, promised)
                for c, promised in zip(problem.criteria, shaped.promised, strict=True)]
     bounded = next((k for k, c in enumerate(problem.criteria) if isinstance(c, HInfinity)), None)
     gain, main = (measure(HInfinity(), problem.plant, loop, np.inf), HInfinity()) if bounded is None else (
