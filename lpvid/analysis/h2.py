@@ -78,7 +78,7 @@ def _with(plant: Driven, box: Scheduling, basis: Basis, typical: float) -> Bound
     search = BoundSearch(plant, box, "h2-norm")
     unit = scaled_outputs(plant, 1 / typical)
     on_grid: BoundCertificate | None = None
-    for density in (2.0, 5.0):
+    for density in (2.0, 5.0) if plant.order <= 6 else (2.0,):
         inner = StorageSearch(unit, box, basis, search.frame(), density)
         if not inner.affordable:
             return None
