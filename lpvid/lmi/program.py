@@ -1,4 +1,4 @@
-"""Semidefinite programs, solved by whatever is installed: the only module that imports cvxpy.
+"""Semidefinite programs, solved by whatever is installed: Clarabel directly, others through cvxpy (only here).
 
 What comes back is a candidate. The status of a solver proves nothing; `lpvid.lmi.certificate` decides.
 """
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from lpvid.lmi import native
 from lpvid.lmi.affine import Affine, Unknowns
 
 SOLVERS = ("CLARABEL", "MOSEK", "SDPA", "CVXOPT", "SCS")
@@ -128,15 +129,16 @@ class Program:
         self._required: list[tuple[Affine, dict[str, Affine]]] = []
         self._objective: Affine | None = None
         self._compiled: tuple[Any, Any, dict[str, Any]] | None = None
+        self._conic: native.Conic | None = None
 
     def require(self, matrix: Affine, *, margin: float = 0.0, scaled: Mapping[str, Affine] | None = None) -> None:
         """matrix + Σ θ_name · scaled[name] ⪰ margin·I (all symmetric)."""
         self._required.append((matrix - margin * np.eye(matrix.shape[0]) if margin else matrix, dict(scaled or {})))
-        self._compiled = None
+        self._compiled = self._conic = None
 
     def minimise(self, objective: Affine) -> None:
         """Set the (1, 1) objective."""
-        self._objective, self._compiled = objective, None
+        self._objective, self._compiled, self._conic = objective, None, None
 
     def solve(self, values: Mapping[str, float] | None = None, *, solvers: Sequence[str] = SOLVERS,
               settings: Mapping[str, Mapping[str, Any]] | None = None) -> Iterator[Solution]:
@@ -150,27 +152,38 @@ class Program:
             In this order, where installed.
         settings : mapping of solver to its options, optional
         """
+        known = {name: float((values or {})[name]) for _, scaled in self._required for name in scaled}
+        for solver in solvers:
+            options = dict((settings or {}).get(solver, {}))
+            if solver == native.NAME and native.installed():
+                if self._conic is None:
+                    self._conic = native.Conic.of(self._required, self._objective, self.unknowns.size)
+                x, status = self._conic.solve(known, options)
+            else:
+                x, status = self._modelled(solver, known, options)
+            if x is not None and np.all(np.isfinite(x)):
+                value = float(self._objective.value(x)[0, 0]) if self._objective is not None else 0.0
+                yield Solution(x, value, solver, status)
+
+    def _modelled(self, solver: str, values: Mapping[str, float], options: Mapping[str, Any]
+                  ) -> tuple[np.ndarray | None, str]:
+        """An answer by way of cvxpy, and its status; None where the solver is not there or gives none."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             import cvxpy as cp
 
+            if solver not in cp.installed_solvers():
+                return None, ""
             if self._compiled is None:
                 self._compiled = self._compile(cp)
-            available = cp.installed_solvers()
-        problem, x, parameters = self._compiled
-        for name, parameter in parameters.items():
-            parameter.value = float((values or {})[name])
-        for solver in (s for s in solvers if s in available):
+            problem, x, parameters = self._compiled
+            for name, parameter in parameters.items():
+                parameter.value = values[name]
             try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")
-                    problem.solve(solver=solver, **dict((settings or {}).get(solver, {})))
+                problem.solve(solver=solver, **options)
             except (cp.SolverError, ArithmeticError, ValueError):
-                continue
-            if x.value is not None and np.all(np.isfinite(x.value)):
-                found = np.array(x.value, dtype=float)
-                value = float(self._objective.value(found)[0, 0]) if self._objective is not None else 0.0
-                yield Solution(found, value, solver, str(problem.status))
+                return None, ""
+        return (None if x.value is None else np.array(x.value, dtype=float)), str(problem.status)
 
     def _compile(self, cp: Any) -> tuple[Any, Any, dict[str, Any]]:
         size = self.unknowns.size

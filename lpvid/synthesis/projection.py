@@ -14,9 +14,11 @@ by many orders of magnitude where controls are cheap or sensors good, are beyond
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import sparse
 
 from lpvid.lmi.affine import Affine, block, he
 from lpvid.lmi.program import Program, Solution
@@ -107,9 +109,9 @@ class Projected:
         own = [[unknowns.symmetric(n) for _ in range(h.variation.values.shape[1])] for h in self.halves]
         bound = unknowns.scalar()
         for half, root, size, matrices in zip(self.halves, roots, sizes, own, strict=True):
-            for matrix, weight, scale in zip(*half.inequalities(root, matrices), size, strict=True):
-                program.require(_congruent(bound.times(weight) - matrix if gamma is None else gamma * weight - matrix,
-                                           scale))
+            for (matrix, weight), scale in zip(half.inequalities(root, matrices), size, strict=True):
+                level = bound.times(weight) if gamma is None else gamma * weight
+                program.require(_congruent(level - matrix, scale))
         cross, apart = np.linalg.solve(roots[0], np.linalg.inv(roots[1]).T), None
         if gamma is not None:
             apart = bound
@@ -122,7 +124,7 @@ class Projected:
             if apart is None:
                 program.require(block([[x, cross], [cross.T, y]]))
             else:
-                pushed = _times(apart, cross)
+                pushed = apart.times(cross)
                 program.require(block([[x, pushed], [pushed.T, y]]))
         if self.strictly_proper and gamma is None:
             program.require(bound - 1.0001 * float(np.linalg.norm(self.plant.D11, 2, axis=(1, 2)).max()))
@@ -170,27 +172,54 @@ class Half:
     variation: Variation
     sign: float
 
-    def inequalities(self, root: np.ndarray, matrices: list[Affine]) -> tuple[list[Affine], list[np.ndarray]]:
-        """F and E with γE − F ⪰ 0, for every point and corner."""
-        found, weights = [], []
+    def pieces(self, root: np.ndarray, k: int) -> HalfPoint:
+        """What the inequalities at point k are made of, in coordinates x = `root`·x'."""
         inverse = np.linalg.inv(root)
         n, w = self.A.shape[1], self.D11.shape[2]
+        a, b, c = inverse @ self.A[k] @ root, inverse @ self.B1[k], self.C1[k] @ root
+        null = null_space(np.hstack([(inverse @ self.B2[k]).T, self.D12[k].T]))
+        weight = np.zeros((null.shape[1] + w,) * 2)
+        weight[: null.shape[1], : null.shape[1]] = null[n:].T @ null[n:]
+        weight[null.shape[1] :, null.shape[1] :] = np.eye(w)
+        return HalfPoint(null[:n].T @ a + null[n:].T @ c, null[:n], null.T @ np.vstack([b, self.D11[k]]), weight)
+
+    def inequalities(self, root: np.ndarray, matrices: list[Affine]) -> Iterator[tuple[Affine, np.ndarray]]:
+        """F and E with γE − F ⪰ 0, for every point and corner."""
         for k in range(len(self.A)):
-            a, b, c = inverse @ self.A[k] @ root, inverse @ self.B1[k], self.C1[k] @ root
-            null = null_space(np.hstack([(inverse @ self.B2[k]).T, self.D12[k].T]))
-            x = _sum(self.variation.values[k], matrices)
-            c_x, drive = c @ x, null.T @ np.vstack([b, self.D11[k]])
-            weight = np.zeros((null.shape[1] + w,) * 2)
-            weight[: -w or None, : -w or None] = null[n:].T @ null[n:]
-            weight[-w:, -w:] = np.eye(w)
+            p = self.pieces(root, k)
+            inner = he(p.left @ _sum(self.variation.values[k], matrices) @ p.null)
+            zero = np.zeros((p.drive.shape[1],) * 2)
             for slope in self.variation.slopes[k]:
-                top = he(a @ x)
+                top = inner
                 if slope.any():
-                    top = top + _sum(self.sign * slope, matrices)
-                inner = null.T @ block([[top, c_x.T], [c_x, np.zeros((len(c), len(c)))]]) @ null
-                found.append(block([[inner, drive], [drive.T, np.zeros((w, w))]]))
-                weights.append(weight)
-        return found, weights
+                    top = inner + p.null.T @ _sum(self.sign * slope, matrices) @ p.null
+                yield block([[top, p.drive], [p.drive.T, zero]]), p.weight
+
+    def sizes(self, root: np.ndarray, matrices: np.ndarray, gamma: float) -> list[np.ndarray]:
+        """Norms of the rows of γE − F for known matrices (K, n, n) in the plant's own coordinates."""
+        inverse, found = np.linalg.inv(root), []
+        own = inverse @ matrices @ inverse.T
+        for k in range(len(self.A)):
+            p = self.pieces(root, k)
+            half = p.left @ np.tensordot(self.variation.values[k], own, axes=1) @ p.null
+            for slope in self.variation.slopes[k]:
+                drift = self.sign * (p.null.T @ np.tensordot(slope, own, axes=1) @ p.null)
+                m, value = len(half), gamma * p.weight
+                value[:m, :m] -= half + half.T + drift
+                value[:m, m:] -= p.drive
+                value[m:, :m] -= p.drive.T
+                found.append(np.linalg.norm(value, axis=1))
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class HalfPoint:
+    """One point of a side: F = [He(left·X·null) + nullᵀẊnull, drive; ⋆, 0] and its weight E."""
+
+    left: np.ndarray
+    null: np.ndarray
+    drive: np.ndarray
+    weight: np.ndarray
 
 
 def null_space(matrix: np.ndarray) -> np.ndarray:
@@ -202,16 +231,9 @@ def null_space(matrix: np.ndarray) -> np.ndarray:
 
 def sizes_at(problem: Projected, roots: tuple[np.ndarray, np.ndarray], pair: Pair) -> tuple[list, list]:
     """Diagonals that give every inequality, at a pair, rows of size one."""
-    found = []
-    for half, root, matrices in zip(problem.halves, roots, (pair.x, pair.y), strict=True):
-        inverse = np.linalg.inv(root)
-        known = [Affine(inverse @ m @ inverse.T, _nothing(m)) for m in matrices]
-        rows = []
-        for matrix, weight in zip(*half.inequalities(root, known), strict=True):
-            size = np.linalg.norm(pair.gamma * weight - matrix.constant, axis=1)
-            rows.append(1 / np.sqrt(np.maximum(size, 1e-5 * size.max())))
-        found.append(rows)
-    return found[0], found[1]
+    x, y = ([1 / np.sqrt(np.maximum(size, 1e-5 * size.max())) for size in half.sizes(root, matrices, pair.gamma)]
+            for half, root, matrices in zip(problem.halves, roots, (pair.x, pair.y), strict=True))
+    return x, y
 
 
 def initial(problem: Projected) -> tuple[Pair, tuple[np.ndarray, np.ndarray]]:
@@ -275,20 +297,10 @@ def _sum(values: np.ndarray, matrices: list[Affine]) -> Affine:
 
 
 def _congruent(matrix: Affine, scale: np.ndarray) -> Affine:
-    d = np.diag(scale)
-    return d @ matrix @ d
-
-
-def _times(scalar: Affine, matrix: np.ndarray) -> Affine:
-    return scalar.times(matrix)
+    both = np.outer(scale, scale)
+    return Affine(both * matrix.constant, sparse.csr_array(sparse.diags_array(both.ravel()) @ matrix.linear))
 
 
 def _diagonal(matrix: Affine) -> list[Affine]:
     n = matrix.shape[0]
     return [Affine(matrix.constant[i : i + 1, i : i + 1], matrix.linear[i * n + i : i * n + i + 1]) for i in range(n)]
-
-
-def _nothing(matrix: np.ndarray):
-    from scipy import sparse
-
-    return sparse.csr_array((matrix.size, 0))

@@ -1,0 +1,102 @@
+"""Clarabel called directly: a matrix inequality is already in the solver's form, and a modelling layer takes as long
+to find that out as the solver takes to solve it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from lpvid.lmi.affine import Affine
+
+NAME = "CLARABEL"
+STATUS = {"Solved": "optimal", "AlmostSolved": "optimal_inaccurate"}
+"""What the solver's own words are called elsewhere; every other word means no answer."""
+
+
+def installed() -> bool:
+    """Clarabel can be imported."""
+    return find_spec("clarabel") is not None
+
+
+@dataclass(frozen=True, eq=False)
+class Conic:
+    """Minimise cᵀx subject to b − Ax in a product of cones, with A = A_0 + Σ θ_k A_k and b alike.
+
+    Parameters
+    ----------
+    parts : mapping of name to (A, b)
+        "" stands for A_0, b_0.
+    sizes : sequence of int
+        Orders of the symmetric matrices, one cone each.
+    c : (K,) array
+    """
+
+    parts: Mapping[str, tuple[Any, np.ndarray]]
+    sizes: Sequence[int]
+    c: np.ndarray
+
+    @classmethod
+    def of(cls, required: Sequence[tuple[Affine, Mapping[str, Affine]]], objective: Affine | None, size: int) -> Conic:
+        """From F(x) + Σ θ_k G_k(x) ⪰ 0 for each of `required`.
+
+        Examples
+        --------
+        >>> from lpvid.lmi.affine import Unknowns
+        >>> unknowns = Unknowns()
+        >>> t = unknowns.scalar()
+        >>> problem = Conic.of([(t.times(np.eye(2)) - np.diag([1.0, 3.0]), {})], t, unknowns.size)
+        >>> x, status = problem.solve({}, {})
+        >>> x.round(4), status
+        (array([3.]), 'optimal')
+        """
+        sizes = [matrix.shape[0] for matrix, _ in required]
+        rows = sum(n * (n + 1) // 2 for n in sizes)
+        names = dict.fromkeys(["", *(name for _, scaled in required for name in scaled)])
+        parts = {}
+        for name in names:
+            matrices = [matrix if name == "" else scaled.get(name) for matrix, scaled in required]
+            pairs = [_vector(m, n, size) for m, n in zip(matrices, sizes, strict=True)]
+            stacked: Any = sparse.vstack([p[0] for p in pairs], format="csc") if rows else sparse.csc_array((0, size))
+            parts[name] = (-stacked, np.concatenate([p[1] for p in pairs]) if rows else np.zeros(0))
+        goal = np.zeros(size)
+        if objective is not None:
+            goal[: objective.linear.shape[1]] = objective.linear.toarray().ravel()
+        return cls(parts, sizes, goal)
+
+    def solve(self, values: Mapping[str, float], options: Mapping[str, Any]) -> tuple[np.ndarray | None, str]:
+        """x, or None, and the status."""
+        clarabel: Any = import_module("clarabel")
+        a, b = self.parts[""]
+        for name, (more, extra) in self.parts.items():
+            if name:
+                a, b = a + values[name] * more, b + values[name] * extra
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        for name, value in options.items():
+            setattr(settings, name, value)
+        cones = [clarabel.PSDTriangleConeT(n) if n > 1 else clarabel.NonnegativeConeT(1) for n in self.sizes if n]
+        size = len(self.c)
+        matrix = sparse.csc_matrix(a)
+        matrix.sort_indices()
+        found = clarabel.DefaultSolver(sparse.csc_matrix((size, size)), self.c, matrix, b, cones, settings).solve()
+        status = STATUS.get(str(found.status), "")
+        return (np.array(found.x, dtype=float) if status else None), status
+
+
+def _vector(matrix: Affine | None, n: int, size: int) -> tuple[Any, np.ndarray]:
+    """The upper triangle, column by column, off-diagonal entries times √2: linear part and constant."""
+    columns, rows = np.tril_indices(n)
+    if matrix is None:
+        return sparse.csr_array((len(rows), size)), np.zeros(len(rows))
+    weight = np.where(rows == columns, 1.0, np.sqrt(2.0)) / 2
+    m = matrix.linear
+    linear = sparse.csr_array((m.data, m.indices, m.indptr), shape=(m.shape[0], size))
+    both: Any = linear[rows * n + columns] + linear[columns * n + rows]
+    constant = matrix.constant[rows, columns] + matrix.constant[columns, rows]
+    return sparse.csr_array(sparse.diags_array(weight) @ both), weight * constant
