@@ -17,11 +17,13 @@ from lpvid.diagnosis.steadiness import steadiness
 
 BLOCKS_BETTER = 0.8
 """share of held-out blocks in which a cause must help"""
+ACTING = 0.1
+"""share of the mean change over the blocks from which on a cause acts in a block"""
 LARGEST_BLOCK = 0.5
 """share of the gain that one block may carry"""
 SEPARATED = 10.0
 """whitened log-likelihood that must lie between a cause and a rival"""
-RIVALS = 4
+RIVALS = 3
 """rivals refitted for each cause"""
 CLOSE, CLOSE_SHARE = 100.0, 0.3
 """log-likelihood by which a first rough refit of a rival may trail, flat and as a share of what the cause wins"""
@@ -138,7 +140,8 @@ def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str])
     before = out_of_fold(problem, rest)
     gains = problem.block_sums(before.errors**2 - whole.errors**2)
     total = float(gains.sum())
-    better = float(np.mean(gains > 0))
+    acting = _acting(problem, fit, rest)
+    better = float(np.mean(gains[acting] > 0))
     largest = float(gains.max() / total) if total > 0 else 1.0
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
     contribution = _contribution(problem, fit, rest)
@@ -146,7 +149,7 @@ def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str])
     if delta > -BIC_GAIN:
         objections.append(f"BIC falls by {-delta:.1f} only")
     if total <= 0 or better < BLOCKS_BETTER:
-        objections.append(f"it helps in {better:.0%} of the held-out blocks only")
+        objections.append(f"it helps in {better:.0%} of the held-out blocks only in which it acts")
     if largest > LARGEST_BLOCK:
         objections.append(f"one block carries {largest:.0%} of the gain")
     objections += effect.implausible(values)
@@ -245,6 +248,12 @@ def explained_share(problem: Problem, before: Folds, after: Folds, floor: float 
     leave = np.array([share(np.delete(every, k)) for k in every])
     error = float(np.sqrt((b.size - 1) / b.size * np.sum((leave - leave.mean()) ** 2)))
     return share(every), error
+
+
+def _acting(problem: Problem, fit: Refit, rest: Refit) -> np.ndarray:
+    """(blocks,) bool: blocks that hold their share of what an effect changes, or a tenth of it."""
+    energy = problem.block_sums((rest.errors - fit.errors) ** 2)
+    return energy >= ACTING * energy.mean()
 
 
 def _contribution(problem: Problem, fit: Refit, rest: Refit) -> float:

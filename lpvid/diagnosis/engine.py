@@ -41,7 +41,7 @@ LEFT = 0.05
 nothing counts as explained in full"""
 PARTLY = 0.75
 """share of the excess error below which causes, however steady, are not named"""
-MOST_TURNS = 8
+MOST_TURNS = 5
 """times that one of the set may give way to another"""
 PREDICTABLE = 0.02
 """share of the remaining error, beyond two standard errors, that a regression must predict to count as structure"""
@@ -248,6 +248,9 @@ class _Case:
         if predictable > 0.1:
             return "unexplained", (f"a regression on the inputs predicts {predictable:.0%} of the error, "
                                    "but no candidate does")
+        there = [j.effect.name for j in dropped if j.minor and j.p_value < SIGNIFICANT]
+        if there and small:
+            return "nothing-to-explain", f"{', '.join(there)} may be present, but too small to be worth naming"
         kind = "coloured noise" if coloured else "white noise"
         return "nothing-to-explain", f"what is left looks like {kind}: no candidate stands out over the blocks"
 

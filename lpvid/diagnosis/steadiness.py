@@ -37,9 +37,12 @@ class Steadiness:
 def steadiness(problem: Problem, fit: Refit, effect: Effect, channels: Sequence[str]) -> Steadiness:
     """Least-squares strength of a fitted cause within strata of the inputs, of their sizes and of time.
 
-    With d the whitened change that the cause makes beyond what all other parameters can, and e what the fit leaves,
-    δ_k = d_kᵀe_k/d_kᵀd_k is by how much, relative to the fit, its strength is wrong in stratum k. It is zero within
-    √(σ_k²/d_kᵀd_k) for the true cause; a sum of wrong ones is too strong here and too weak there.
+    With d the change that the cause makes beyond what all other parameters can, and e what the fit leaves,
+    δ_k = d_kᵀe_k/d_kᵀd_k is by how much, relative to the fit, its strength is wrong in stratum k. For the true cause it
+    is the same everywhere, within √(Σ_b u_b²)/d_kᵀd_k with u_b the block sums of d (e − δd), which holds for coloured
+    errors too; a sum of wrong causes is too strong here and too weak there. Asked of the whitened signals and of those
+    in the output's unit, of which the better counts: whitening weighs bands in which a little error of the measurement
+    chain is all that there is.
 
     Parameters
     ----------
@@ -50,18 +53,32 @@ def steadiness(problem: Problem, fit: Refit, effect: Effect, channels: Sequence[
     channels : sequence of str
         Inputs by which strata are formed.
     """
-    place = fit.composition.places[fit.composition.effects.index(effect)]
-    absent = fit.vector.copy()
+    composition, vector = fit.composition, fit.vector
+    place = composition.places[composition.effects.index(effect)]
+    absent = vector.copy()
     absent[place] = effect.neutral
-    others = np.ones(absent.size, dtype=bool)
-    others[place] = False
-    change = problem.stack([fit.composition.predict(s, fit.vector) - fit.composition.predict(s, absent)
-                            for s in problem.signals])
-    change = without(projector(fit.jacobian[:, others]), change)
+    others = [k for k in range(vector.size) if not place.start <= k < place.stop]
+    now = [composition.predict(s, vector) for s in problem.signals]
+    change = [f - composition.predict(s, absent) for s, f in zip(problem.signals, now, strict=True)]
+    whitened = _worst(problem, without(projector(fit.jacobian[:, others]), problem.stack(change)), fit.errors, channels)
+    if not whitened.excess:
+        return whitened
+    jacobian = problem.stack([composition.sensitivities(s, vector, free=others, at=f)
+                              for s, f in zip(problem.signals, now, strict=True)], whiten=False)
+    errors = problem.stack([s.output - f for s, f in zip(problem.signals, now, strict=True)], whiten=False)
+    plain = _worst(problem, without(projector(np.nan_to_num(jacobian)), problem.stack(change, whiten=False)), errors,
+                   channels)
+    return min(whitened, plain, key=lambda found: found.excess)
+
+
+def _worst(problem: Problem, change: np.ndarray, errors: np.ndarray, channels: Sequence[str]) -> Steadiness:
+    """The stratum that differs most, for stacked changes and errors."""
     total = float(change @ change)
     worst = Steadiness(0.0, "")
     if not total > 0:
         return worst
+    overall = float(change @ errors) / total
+    product = change * (errors - overall * change)
     for name, values in _scales(problem, channels):
         edges = np.quantile(values, np.arange(1, PARTS) / PARTS)
         number = np.searchsorted(edges, values, side="right")
@@ -70,9 +87,8 @@ def steadiness(problem: Problem, fit: Refit, effect: Effect, channels: Sequence[
             weight = float(change[inside] @ change[inside])
             if weight < WEIGHT * total:
                 continue
-            errors = fit.errors[inside]
-            off = abs(float(change[inside] @ errors)) / weight
-            excess = off - CERTAIN * float(np.sqrt(np.mean(errors**2) / weight))
+            sums = problem.block_sums(np.where(inside, product, 0.0))
+            excess = (abs(float(sums.sum())) - CERTAIN * float(np.sqrt(sums @ sums))) / weight
             if excess > worst.excess:
                 worst = Steadiness(excess, f"{('low', 'middle', 'high')[k]} {name}")
     return worst
