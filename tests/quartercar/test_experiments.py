@@ -130,3 +130,17 @@ def test_a_spring_is_found_and_where_it_sits_is_said_to_be_open() -> None:
     proposal = plan_for(found)
     assert [c.name for c in found.causes] == ["series-compliance"] and proposal is not None
     assert any("second displacement" in a for a in proposal.advice)
+
+
+@pytest.mark.parametrize(("cause", "other"), [("gas-stiffness", "fixture-inertia"),
+                                              ("fixture-inertia", "gas-stiffness"),
+                                              ("displacement-delay", "force-delay"),
+                                              ("force-delay", "displacement-delay"), ("force-delay", "command-delay"),
+                                              ("current-saturation", "scheduling-degree")])
+def test_what_is_planned_for_a_pair_names_the_one_that_it_is(cause: str, other: str) -> None:
+    parts = PAIRS[frozenset((cause, other))]
+    assert not isinstance(parts, str)
+    plan = parse_plan("\n".join(p.toml((cause, other)) for p in parts))
+    short = tuple(replace(e, duration=min(e.duration, 12.0)) for e in plan.experiments)
+    found = lpv.diagnose(run_plan(replace(plan, rig=bench(cause), experiments=short)), "guo", some(cause, other))
+    assert [c.name for c in found.causes] == [cause] and not found.rivals
