@@ -15,49 +15,62 @@ from quartercar.criteria import Ride as Figures
 from quartercar.ride_roads import RideRoad
 from quartercar.riding import RideSettings, drive
 
+CAP = 4.0
+"""of the penalty, for the tyre load beyond its cap"""
 ROUNDS = ((0.5, 1.0), (0.25, 0.3), (0.25, 0.1))
 """(share of the budget, width of the box as a share of the ranges): all of it first, then about the best so far."""
 
 
 @dataclass(frozen=True)
 class Objective:
-    """What a tuning makes small: Σ weight·figure/reference over comfort, tyre load and stroke, averaged over rides.
+    """What a tuning makes small on a road: Σ weight·figure/reference over comfort, tyre load and stroke.
 
     ::
 
-        J = w_c a_w/a_w0 + w_t σ(F_t)/σ_0(F_t) + w_z σ(z_d)/σ_0(z_d) + penalty·(largest use of the room − 1)_+
+        J = w_c a_w/a_w0 + w_t σ(F_t)/σ_0(F_t) + w_z σ(z_d)/σ_0(z_d)
+            + penalty·[(largest use of the room − 1)_+ + 4 (σ(F_t)/σ_0(F_t) − cap)_+]
+
+    Means over the seeds of ratios to a reference law on the same road and seed.
 
     Attributes
     ----------
     comfort, tyre_load, stroke : float
-        Weights; the references are those of the passive car under the lowest current, on the same road and seed.
+        Weights.
     penalty : float
         For every further room's length beyond a bump stop.
+    tyre_cap : float or None
+        Share of the reference's tyre load beyond which it counts against a law: best comfort at no more than that.
     """
 
     comfort: float = 0.5
     tyre_load: float = 0.5
     stroke: float = 0.0
     penalty: float = 5.0
+    tyre_cap: float | None = None
 
     def __post_init__(self) -> None:
         weights = (self.comfort, self.tyre_load, self.stroke, self.penalty)
         if min(weights) < 0 or max(weights[:3]) <= 0:
             raise InputError("weights of an objective are not negative, and not all zero", got=str(weights))
+        if self.tyre_cap is not None:
+            _checks.positive(self.tyre_cap, "tyre_cap")
 
     @property
     def says(self) -> str:
         """In words."""
         parts = [f"{w:g}·{n}" for w, n in ((self.comfort, "comfort"), (self.tyre_load, "tyre load"),
                                            (self.stroke, "stroke")) if w]
-        return " + ".join(parts) + ", each over that of the passive car under the lowest current, mean over the rides"
+        cap = "" if self.tyre_cap is None else f", at a tyre load of at most {self.tyre_cap:g}"
+        return " + ".join(parts) + cap + ", each over that of the reference law, mean over the rides"
 
-    def of(self, figures: Figures, reference: Figures) -> float:
-        """J of one ride."""
-        over = 0.0 if figures.space_used is None else max(0.0, figures.space_used - 1)
-        return (self.comfort * figures.comfort / reference.comfort
-                + self.tyre_load * figures.tyre_load / reference.tyre_load
-                + self.stroke * figures.stroke / reference.stroke + self.penalty * over)
+    def of(self, figures: Sequence[Figures], references: Sequence[Figures]) -> float:
+        """J of the rides on one road, seed by seed."""
+        comfort, tyre, stroke = (float(np.mean([getattr(f, n) / getattr(r, n) for f, r in
+                                                zip(figures, references, strict=True)]))
+                                 for n in ("comfort", "tyre_load", "stroke"))
+        over = float(np.mean([0.0 if f.space_used is None else max(0.0, f.space_used - 1) for f in figures]))
+        over += 0.0 if self.tyre_cap is None else CAP * max(0.0, tyre - self.tyre_cap)
+        return self.comfort * comfort + self.tyre_load * tyre + self.stroke * stroke + self.penalty * over
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +118,8 @@ class Trial:
         Others than those of the comparison.
     settings : RideSettings
     objective : Objective
+    reference : Controller or None
+        Law whose figures are the unit; None for the passive car under the lowest current.
     """
 
     car: QuarterCar
@@ -112,12 +127,13 @@ class Trial:
     seeds: tuple[int, ...] = (1000, 1001, 1002)
     settings: RideSettings = field(default_factory=RideSettings)
     objective: Objective = Objective()
+    reference: Controller | None = None
 
     def references(self) -> Mapping[tuple[str, int], Figures]:
-        """Figures of the passive car under the lowest current, by road and seed."""
+        """Figures of the reference law, by road and seed."""
         from quartercar.controllers.passive import Passive
 
-        law = Passive(values={"fixed_current": self.car.coil.lowest})
+        law = self.reference or Passive(values={"fixed_current": self.car.coil.lowest})
         return {(road.name, r.seed): r.figures for road in self.roads
                 for r in drive(self.car, road, [law] * len(self.seeds), self.seeds, self.settings)}
 
@@ -136,8 +152,9 @@ class Trial:
                references: Mapping[tuple[str, int], Figures]) -> np.ndarray:
         rides = drive(self.car, road, [c for c in laws for _ in self.seeds], list(self.seeds) * len(laws),
                       self.settings)
-        cost = [self.objective.of(r.figures, references[road.name, r.seed]) for r in rides]
-        return np.reshape(cost, (-1, len(self.seeds))).mean(axis=1)
+        unit, count = [references[road.name, s] for s in self.seeds], len(self.seeds)
+        return np.array([self.objective.of([r.figures for r in rides[k * count:(k + 1) * count]], unit)
+                         for k in range(len(laws))])
 
     def _alone(self, road: RideRoad, law: Controller, references: Mapping[tuple[str, int], Figures]) -> float:
         try:

@@ -317,15 +317,30 @@ def test_tuning_keeps_its_budget_and_never_gets_worse():
 def test_tuning_is_repeatable_and_its_figure_is_that_of_its_rides():
     one, two = (tune(Skyhook(), trial(), 6, seed=3) for _ in range(2))
     assert dict(one.controller.values) == dict(two.controller.values)
-    objective, references = Objective(), trial().references()
+    references = trial().references()
     rides = drive(car(), trial().roads[0], [one.controller] * 2, (50, 51), COARSE)
-    cost = [objective.of(r.figures, references[r.road, r.seed]) for r in rides]
+    cost = [0.5 * r.figures.comfort / unit.comfort + 0.5 * r.figures.tyre_load / unit.tyre_load
+            for r in rides for unit in [references[r.road, r.seed]]]
     assert one.objective == pytest.approx(np.mean(cost), rel=1e-12)
+    assert all(r.figures.space_used is not None and r.figures.space_used < 1 for r in rides)
 
 
 def test_the_passive_car_at_its_lowest_current_is_the_unit():
     found = trial().costs([Passive(values={"fixed_current": 0.0})], trial().references())
     assert found[0] == pytest.approx(1.0)
+
+
+def test_a_cap_keeps_the_tyre_load_below_that_of_another_law():
+    law = SkyhookAccelerationDriven()
+    capped = trial(objective=Objective(1.0, 0.0, tyre_cap=1.0), reference=law)
+    unit = capped.references()
+    assert capped.costs([law], unit)[0] == pytest.approx(1.0)
+    stiff, soft = (Passive(values={"fixed_current": i}) for i in (2.0, 0.0))
+    for other in (stiff, soft):
+        rides = drive(car(), capped.roads[0], [other] * 2, capped.seeds, COARSE)
+        comfort, tyre = (np.mean([getattr(r.figures, n) / getattr(unit[r.road, r.seed], n) for r in rides])
+                         for n in ("comfort", "tyre_load"))
+        assert capped.costs([other], unit)[0] == pytest.approx(comfort + 20 * max(0.0, tyre - 1))
 
 
 def test_a_comfort_objective_finds_a_softer_passive_car_than_a_tyre_objective():
