@@ -13,10 +13,10 @@ from lpvid.lmi.bound_certificate import BoundCertificate, inequality_of
 from lpvid.lmi.certificate import grid
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame, frame_of
-from lpvid.lmi.gain_certificate import kind_of
 from lpvid.lmi.inequality import recheck_inequality
 from lpvid.lmi.storage import Storage
 from lpvid.lmi.storage_search import StorageSearch
+from lpvid.lmi.stored import kind_of
 from lpvid.scheduling import Basis, Scheduling
 
 Region = tuple[np.ndarray, np.ndarray]
