@@ -60,6 +60,9 @@ class QuadraticLoss(HydraulicEffect):
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         if baseline.name.startswith("network-"):
             return "a network has turbulent losses of its own; 'network-topology' puts them elsewhere"
+        if baseline.name.startswith("relief-valve"):
+            return ("its main orifice is turbulent, so that a further one shows beyond the opening of the valve only: "
+                    "'series-orifice'")
         return super().applies(baseline, signals)
 
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:

@@ -57,3 +57,28 @@ def test_a_motion_filtered_by_itself_is_named_as_that() -> None:
     assert found.verdict == "explained" and [c.name for c in found.causes] == ["one-sided-filter"]
     assert found.causes[0].parameters[0].value == pytest.approx(1 / (2 * math.pi * 20), rel=0.05)
     assert found.causes[0].parameters[1].value == pytest.approx(math.sqrt(0.5), rel=0.05)
+
+
+def growing(seconds: float = 10.0, rate: float = 512.0) -> Record:
+    """Four sines together, from rest to 0.5 m/s and back, twice."""
+    t = np.arange(round(seconds * rate)) / rate
+    phases = np.random.default_rng(0).uniform(0, 2 * math.pi, 4)
+    shape = sum(np.cos(2 * math.pi * f * t + p) for f, p in zip((0.7, 1.9, 3.1, 4.7), phases, strict=True)) / 4
+    velocity = (0.05 + 0.55 * (0.5 - 0.5 * np.cos(4 * math.pi * t / seconds))) * shape
+    position = np.cumsum(velocity) / rate
+    return Record({"displacement": Channel(position - position.mean(), "m"), "velocity": Channel(velocity, "m/s")},
+                  1 / rate, name="growing")
+
+
+@pytest.mark.slow
+def test_a_relief_valve_that_grows_concave_against_holes_behind_it_names_the_orifice() -> None:
+    """Seed 001: the baseline (7)-(8) against data of the extended model (9)-(11), A_P³/(N_O K_O)² = 27,000 N·s²/m²."""
+    motion = growing()
+    force = np.asarray(dampers.model_class("relief-valve-orifice")().simulate(motion).output).ravel()
+    found = lpv.diagnose(with_force(motion, force), "relief-valve", CATALOGUE)
+    assert found.verdict == "explained" and [c.name for c in found.causes] == ["series-orifice"]
+    coefficient, onset = (p.value for p in found.causes[0].parameters)
+    assert coefficient == pytest.approx(27000.0, rel=0.2)
+    opening = math.sqrt(7000.0 / 4e6)
+    assert onset == pytest.approx(opening, abs=0.05)
+    assert found.gain_percent > 85

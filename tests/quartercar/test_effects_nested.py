@@ -152,3 +152,28 @@ def check(effect: Effect, names: set[str]) -> None:
     assert all((effect.title, effect.equation, effect.reference, effect.experiment, effect.__doc__))
     for p in effect.parameters:
         assert not p.choices or p.bounds == (0.0, len(p.choices) - 1.0)
+
+
+@pytest.mark.parametrize(("names", "static"), [((), True), (("coulomb-friction",), True),
+                                               (("asymmetry", "gas-stiffness"), True), (("coil-lag",), False),
+                                               (("coulomb-friction", "series-compliance"), False),
+                                               (("valve-dynamics",), False)])
+def test_an_extended_model_has_a_memory_where_a_part_has(names: tuple[str, ...], static: bool) -> None:
+    table = by_name(CATALOGUE)
+    inner = DamperBaseline(model_class("guo")())
+    composition = Composition(inner, tuple(table[n] for n in names))
+    vector = composition.neutral
+    model = ExtendedModel(composition, vector, np.full((vector.size, vector.size), np.nan))
+    assert ExtendedBaseline(model).static is static
+
+
+@pytest.mark.parametrize("effect", [e for e in CATALOGUE if e.memoryless], ids=str)
+def test_what_has_no_memory_gives_the_same_in_any_order(effect: Effect) -> None:
+    baseline = DamperBaseline(model_class("guo")())
+    s = baseline.signals(record())
+    if effect.missing((s,)) or effect.applies(baseline, (s,)):
+        pytest.skip("it does not apply to a damper on these signals")
+    core = effect.compose(baseline.core(baseline.vector), effect.points((s,))[0], baseline)
+    order = np.random.default_rng(1).permutation(s.n_samples)
+    turned = Signals(s.sample_time, {c: v[order] for c, v in s.channels.items()}, s.output[order])
+    assert np.allclose(core(turned), core(s)[order], rtol=1e-12, atol=1e-9)
