@@ -78,7 +78,7 @@ def read_design(table: Mapping[str, Any], folder: Path = Path()) -> DesignConfig
     words = {k: _checks.one_of(str(table.get(k, known[0] if k != "measured" else "observed")), known, k)
              for k, known in WORDS.items()}
     law = LAWS[words["law"]](measured=words["measured"], criterion=words["criterion"],
-                             lag=to_si(table.get("lag", 0.008), "s", "lag"))
+                             lag=to_si(table.get("lag", 0.004), "s", "lag"))
     units = {p.name: p.unit for p in law.parameters}
     weights = expect_table(table.get("weights", {}), "weights")
     for key in weights:
@@ -105,7 +105,7 @@ def design_schema() -> dict[str, Any]:
             "properties": {"car": {"oneOf": [{"enum": list(CARS)}, {"type": "object"}], "default": "megane"},
                            "damper": {"type": "string", "description": "a model file that quartercar fit wrote"},
                            "stops": numbers, "coil": numbers, **words,
-                           "lag": {**quantity_schema("from demand to force [s]"), "default": 0.008},
+                           "lag": {**quantity_schema("from demand to force [s]"), "default": 0.004},
                            "tune": {"type": "integer", "minimum": 0, "default": 0},
                            "weights": {"type": "object", "additionalProperties": False, "properties": weights}}}
 
@@ -120,7 +120,7 @@ def design_template() -> str:
              "measured = \"observed\"       # states of the observer, or " + ", ".join(
                  n for n in MEASUREMENTS if n != "observed") + ": sensors alone",
              "criterion = \"hinf\"          # least worst gain; h2: least rms on a random road",
-             "lag = \"8 ms\"                # from demand to force: the coil",
+             "lag = \"4 ms\"                # from demand to force: the coil",
              "tune = 0                    # evaluations by which the weights are tuned; 0: as given", "",
              "[weights]                   # each says what counts as much as 1 m/s^2 of the body"]
     lines += [f"{p.name} = {law.values[p.name]!r:<20}# {f'{p.unit}, ' if p.unit else ''}{p.says}"

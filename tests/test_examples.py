@@ -124,3 +124,13 @@ def test_synthesize_lpv() -> None:
     gains = load("synthesize_lpv").main()
     assert gains["slow"] < 0.85 * gains["any speed"] < gains["any speed"] < gains["scaled small gain"] < 1.0
     assert gains["calm poles"] < 1.1 * gains["any speed"]
+
+
+def test_design_lpv_suspension(tmp_path: Path) -> None:
+    from quartercar.ride_roads import Bump
+
+    found = load("design_lpv_suspension").main(str(tmp_path / "gains.png"), Bump(duration=0.5))
+    assert (tmp_path / "gains.png").stat().st_size > 10_000
+    for design in found.values():
+        assert design.synthesis.solved and design.synthesis.gamma_lower <= design.synthesis.gamma_verified
+        assert "verified on the whole scheduling box" in design.verdict

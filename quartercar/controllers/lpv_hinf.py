@@ -26,6 +26,7 @@ WEIGHTS = (
     Parameter("stroke", "m", "suspension deflection that counts as that", 0.2, 0.02, 1.0, log=True),
     Parameter("demand", "N", "demand that counts as that", 600.0, 100.0, 30000.0, log=True),
     Parameter("comfort_high", "Hz", "upper corner of the comfort band", 12.0, 4.0, 60.0, log=True),
+    Parameter("wheel_low", "Hz", "lower corner of the wheel band", 4.0, 0.5, 10.0, log=True),
     Parameter("nominal_share", "", "c_nom, between the damper's weakest and strongest", -0.14, -0.2, 0.3),
 )
 LIMITS = (
@@ -57,7 +58,7 @@ class LpvHinf(Controller):
 
     measured: str = "observed"
     criterion: str = "hinf"
-    lag: float = 0.008
+    lag: float = 0.004
 
     def check_settings(self) -> None:
         _checks.one_of(self.measured, tuple(MEASUREMENTS), "measured")
@@ -95,7 +96,7 @@ def task_of(values: Mapping[str, float], setting: Setting, law: LpvHinf | LpvHin
     if setting.damper is None:
         raise InputError("an H-infinity suspension law needs to know the damper", got="a viscous car",
                          mend="give the car a damper model")
-    given = {n: values[n] for n in ("tyre_force", "stroke", "demand", "comfort_high", "relief") if n in values}
+    given = {n: values[n] for n in ("tyre_force", "stroke", "demand", "comfort_high", "wheel_low", "relief") if n in values}
     damping = admissible(setting.damper, setting.currents).nominal(values["nominal_share"])
     return Task(setting.parameters, damping, SuspensionWeights(**given), least_share, law.measured, law.lag,
                 criterion=law.criterion)

@@ -38,7 +38,7 @@ class LpvHinfClipped(Controller):
 
     measured: str = "observed"
     criterion: str = "hinf"
-    lag: float = 0.008
+    lag: float = 0.004
 
     def check_settings(self) -> None:
         _checks.one_of(self.measured, tuple(MEASUREMENTS), "measured")

@@ -1,0 +1,42 @@
+"""What does an LPV H-infinity suspension promise, and what does it do on a bump, with the damper's limits inside?"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+
+import quartercar as qc
+from quartercar.car import BumpStops, Coil
+from quartercar.controllers.lpv_hinf import LpvHinf
+from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
+from quartercar.designing import FREQUENCIES, Design, design
+from quartercar.embedded import identified_damper
+from quartercar.plot.designing import gains
+from quartercar.ride_roads import Bump
+
+
+def main(figure: str | None = None, road: Bump | None = None) -> dict[str, Design]:
+    """Design with the limits inside and outside, print what each promises, drive both over a bump."""
+    car = qc.QuarterCar(qc.parameters.MEGANE, identified_damper(), BumpStops(), Coil(highest=2.5))
+    laws = {"limits inside": LpvHinf(), "clipped outside": LpvHinfClipped()}
+    found = {name: design(car, law) for name, law in laws.items()}
+    for name, one in found.items():
+        print(f"\n{name}\n{one.verdict}")
+        # the damper can do nothing about the body at the wheel's own frequency: k_t/m_s, in every design
+        f0 = np.sqrt(car.parameters.tyre_stiffness / car.parameters.unsprung_mass) / 2 / np.pi
+        share, curves = one.gains[-1]
+        at = float(np.interp(f0, FREQUENCIES, curves["body_acceleration"]))
+        print(f"at {f0:.2f} Hz and share {share:g}: {at:.0f} 1/s^2 of body per road, k_t/m_s is "
+              f"{car.parameters.tyre_stiffness / car.parameters.sprung_mass:.0f}")
+        controlled, passive = one.bump(road=road)
+        for what, ride in (("controlled", controlled), ("passive", passive)):
+            print(f"{what:>11}: comfort {ride.figures.comfort:.3f} m/s^2, tyre load {ride.figures.tyre_load:.0f} N, "
+                  f"largest stroke {1e3 * ride.figures.largest_stroke:.1f} mm")
+    if figure:
+        gains(found["limits inside"]).savefig(figure)
+    return found
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:2])
