@@ -7,18 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lpvid.lmi.autonomous import box_of
-from lpvid.lmi.driven import driven
-from lpvid.lmi.gain_certificate import GainCertificate, kind_of, recheck_gain
-from lpvid.lmi.storage import Storage
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Polynomial
 from lpvid.synthesis.balanced_plant import BalancedPlant
 from lpvid.synthesis.controller_formula import ControllerFormula, Variations
 from lpvid.synthesis.controller_table import bound_at, dense, loop_at, smooth, table
 from lpvid.synthesis.design_grid import tensor
 from lpvid.synthesis.generalized_plant import PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
+from lpvid.synthesis.loop_certificate import certificate_of
 from lpvid.synthesis.loop_check import frozen_gain
 from lpvid.synthesis.obstacle import obstacle
 from lpvid.synthesis.projected_search import Clock, conditioned, least_bound
@@ -148,9 +144,13 @@ def _written(problem: FeedbackProblem, formula: ControllerFormula) -> Synthesis 
     loop = close_loop(plant, controller)
     poles = np.abs(np.linalg.eigvals(formula.at(problem.points)[0][0])).max(initial=0.0)
     note = f"the fastest pole of the controller is {poles:.3g}" + (" 1/s" if plant.sample_time is None else "")
+    certificate = certificate_of(formula, loop, bound)
+    proven = certificate is not None and certificate.between_grid
+    if certificate is not None and proven and not problem.corners:
+        bound = certificate.gamma
     return Synthesis("solved", gamma=max(formula.gamma, bound), gamma_verified=bound, gamma_lower=reached,
-                     controller=controller, closed_loop=loop, certificate=_certificate(problem, formula, loop, bound),
-                     between_grid=problem.corners, notes=(note, *_conditioning(formula, problem)))
+                     controller=controller, closed_loop=loop, certificate=certificate,
+                     between_grid=problem.corners or proven, notes=(note, *_conditioning(formula, problem)))
 
 
 def _kept(problem: FeedbackProblem, formula: ControllerFormula) -> tuple[LPVStateSpace, float] | None:
@@ -173,23 +173,6 @@ def _kept(problem: FeedbackProblem, formula: ControllerFormula) -> tuple[LPVStat
 
 def _width(problem: FeedbackProblem) -> int:
     return sum(len(a) > 1 for a in problem.axes)
-
-
-def _certificate(problem: FeedbackProblem, formula: ControllerFormula, loop: LPVStateSpace, bound: float
-                 ) -> GainCertificate | None:
-    """The storage function for others to check, where it is one matrix."""
-    if problem.variations.basis is not None:
-        return None
-    system = driven(loop)
-    box, p = box_of(system.readings, loop.box), formula.storage(problem.points[:1]).matrices()
-    storage = Storage(p, Polynomial((), 0), box, system.sample_time)
-    for share in (1e-9, 1e-6, 1e-4, SLACK):
-        gamma = bound * (1 + share)
-        found = recheck_gain(system, storage, gamma)
-        if found.holds:
-            return GainCertificate(kind_of(storage), gamma, p, storage.basis, box, system.sample_time, system.digest,
-                                   system.inputs, system.outputs, found.margin, found.between_grid)
-    return None
 
 
 def _conditioning(formula: ControllerFormula, problem: FeedbackProblem) -> tuple[str, ...]:
