@@ -16,7 +16,7 @@ MOST_POINTS = 400
 """Points of a tensor grid above which a design is refused rather than begun."""
 CELLS = 3
 """Parts into which cells of the design grid are divided where a matrix is tabulated or fitted."""
-HIGHEST = {1: 8, 2: 4, 3: 3}
+HIGHEST = {1: 5, 2: 3}
 """Highest degree of a fitted polynomial by the number of variables; 2 for more."""
 MISFIT = 1e-3
 
@@ -123,6 +123,13 @@ def richer(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.ndarray, ...
     if isinstance(lyapunov, Polynomial) and isinstance(own, Polynomial):
         return Polynomial(plant.box.names, max(own.degree, lyapunov.degree) + 1).bound(plant.box)
     return interpolating(plant.box, axes)
+
+
+def storage_for(lyapunov: Basis) -> Basis:
+    """Functions in which the inverse of a Lyapunov matrix over others is looked for: two degrees more."""
+    if isinstance(lyapunov, Polynomial) and lyapunov.names:
+        return Polynomial(lyapunov.names, lyapunov.degree + (2 if len(lyapunov.names) == 1 else 1))
+    return lyapunov
 
 
 def over(box: Scheduling, names: tuple[str, ...]) -> Scheduling:

@@ -13,6 +13,7 @@ from lpvid.analysis.gain import l2_gain
 from lpvid.analysis.h2 import h2_norm
 from lpvid.analysis.pole_regions import certify_region
 from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.criteria import H2, HInfinity, Region
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 
@@ -64,18 +65,32 @@ def channel(loop: LPVStateSpace, into: Sequence[int], out: Sequence[int]) -> LPV
                    inputs=tuple(loop.inputs[k] for k in j), outputs=tuple(loop.outputs[k] for k in i))
 
 
-def measure(criterion: HInfinity | H2, plant: GeneralizedPlant, loop: LPVStateSpace, promised: float) -> Figure:
-    """What a closed loop, with signals in the order of a plant's, does in the channel of a criterion."""
+def measure(criterion: HInfinity | H2, plant: GeneralizedPlant, loop: LPVStateSpace, promised: float,
+            storage: Basis | None = None) -> Figure:
+    """What a closed loop, with signals in the order of a plant's, does in the channel of a criterion.
+
+    `storage` are the functions of the storage function that is looked for; None leaves them to the analysis.
+    """
     part = channel(loop, *criterion.indices(plant))
     if isinstance(criterion, H2):
-        bounds = h2_norm(part)
+        still = Polynomial((), 0)
+        bounds = h2_norm(_transposed(part), basis=still if part.is_discrete else storage)
         if not part.box.names:  # the Lyapunov equation has the norm itself
-            return Figure("H2", criterion.says(plant), promised, bounds.lower, bounds.lower, True, bounds.certificate)
-        return Figure("H2", criterion.says(plant), promised, _finite(bounds.upper), bounds.lower, bounds.between_grid,
-                      bounds.certificate)
-    found = l2_gain(part, trajectories=False)
+            return Figure("H2", criterion.says(plant), promised, bounds.lower, bounds.lower, True)
+        return Figure("H2", criterion.says(plant), promised, _finite(bounds.upper), bounds.lower, bounds.between_grid)
+    found = l2_gain(part, basis=storage, trajectories=False)
     return Figure("H-infinity", criterion.says(plant), promised, _finite(found.upper), found.lower,
                   found.between_grid, found.certificate)
+
+
+def _transposed(loop: LPVStateSpace) -> LPVStateSpace:
+    """The dual system: its bound from impulses at the outputs is one of the covariance, at every instant, of the loop.
+
+    He(AX) − Ẋ + BBᵀ ≼ 0 with trace CXCᵀ in place of He(PA) + Ṗ + CᵀC ≼ 0 with trace BᵀPB: rates are symmetric, and X is
+    constant in discrete time.
+    """
+    a, b, c, d = (m.swapaxes(1, 2) for m in (loop.A, loop.C, loop.B, loop.D))
+    return LPVStateSpace(a, b, c, d, loop.basis, loop.sample_time, loop.box, inputs=loop.outputs, outputs=loop.inputs)
 
 
 def stays_inside(regions: Sequence[Region], loop: LPVStateSpace) -> tuple[bool, tuple[str, ...]]:

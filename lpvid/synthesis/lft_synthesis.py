@@ -102,7 +102,7 @@ class LFTFeedback:
                 for law, solver in _tried(fractional, gamma * 1.001, found):
                     controller = _written(plant, c, law)
                     loop = close_loop(plant, controller)
-                    seen = measure(HInfinity(), plant, loop, gamma)
+                    seen = measure(HInfinity(), plant, loop, gamma, Polynomial((), 0))
                     if not np.isfinite(seen.verified):
                         continue
                     kept = seen.verified <= 1.005 * gamma

@@ -12,7 +12,7 @@ from lpvid.errors import InputError
 from lpvid.lmi.affine import Affine, block
 from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.scheduling import Basis
+from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.assumptions import fault_of
 from lpvid.synthesis.criteria import H2, HInfinity, Region
 from lpvid.synthesis.design_grid import columns, design_axes, is_affine, tensor
@@ -106,6 +106,10 @@ class _Problem(ShapedProblem):
     def basis(self) -> Basis:
         """Functions of the hatted unknowns."""
         return self.plant.system.basis
+
+    @property
+    def storage(self) -> Basis | None:
+        return Polynomial((), 0)
 
     def build(self, program: Program, scale: float) -> Shaping:
         n, nu, ny = self.plant.order, len(self.plant.controls), len(self.plant.measurements)

@@ -110,7 +110,11 @@ class Filter:
                             disturbances=(*c.disturbances, *plant.controls) if c.disturbances else ())
                     for c in listed(self.criteria, (HInfinity, H2), "the criteria")]
         design = MultiObjective(criteria, self.regions, self.feedthrough, self.points, self.back_off)
-        return design.solve(estimation_plant(plant))
+        found = design.solve(estimation_plant(plant))
+        if found.verdict != "unstabilisable":
+            return found
+        return replace(found, why="the plant is unstable on its own, and a filter moves nothing",
+                       mend="use Observer, whose gain stabilises the error")
 
 
 def estimation_plant(plant: GeneralizedPlant) -> GeneralizedPlant:
@@ -155,6 +159,10 @@ class _Problem(ShapedProblem):
     @property
     def remedy(self) -> str:
         return (f"measure more than {', '.join(self.plant.measurements)}, raise the bounds or widen the regions")
+
+    @property
+    def storage(self) -> Basis | None:
+        return self.lyapunov
 
     def build(self, program: Program, scale: float) -> Shaping:
         plant, n, discrete = self.plant, self.plant.order, self.plant.sample_time is not None

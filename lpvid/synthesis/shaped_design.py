@@ -13,6 +13,7 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Basis
 from lpvid.synthesis.assumptions import Fault
 from lpvid.synthesis.criteria import H2, HInfinity, Region
 from lpvid.synthesis.figures import channel, measure, stays_inside
@@ -54,6 +55,11 @@ class ShapedProblem(ABC):
     @abstractmethod
     def remedy(self) -> str:
         """What to do where the inequalities have no solution."""
+
+    @property
+    @abstractmethod
+    def storage(self) -> Basis | None:
+        """Functions of the storage function that shows what the closed loop does; None leaves them to the analysis."""
 
     @abstractmethod
     def build(self, program: Program, scale: float) -> Shaping:
@@ -154,11 +160,11 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
     inside, notes = stays_inside(problem.regions, loop)
     if not inside:
         return None
-    figures = [measure(c, problem.plant, loop, promised)
+    figures = [measure(c, problem.plant, loop, promised, problem.storage)
                for c, promised in zip(problem.criteria, shaped.promised, strict=True)]
     bounded = next((k for k, c in enumerate(problem.criteria) if isinstance(c, HInfinity)), None)
-    gain, main = (measure(HInfinity(), problem.plant, loop, np.inf), HInfinity()) if bounded is None else (
-        figures[bounded], problem.criteria[bounded])
+    main = HInfinity() if bounded is None else problem.criteria[bounded]
+    gain = measure(main, problem.plant, loop, np.inf, problem.storage) if bounded is None else figures[bounded]
     if not all(np.isfinite(f.verified) for f in (*figures, gain)):
         return None
     kept = all(f.verified <= KEPT * f.promised for f in figures)

@@ -15,7 +15,17 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.assumptions import fault_of
 from lpvid.synthesis.criteria import H2, HInfinity, Region
-from lpvid.synthesis.design_grid import check_rates, columns, design_axes, fitted, is_affine, over, richer, tensor
+from lpvid.synthesis.design_grid import (
+    check_rates,
+    columns,
+    design_axes,
+    fitted,
+    is_affine,
+    over,
+    richer,
+    storage_for,
+    tensor,
+)
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.plant_functions import named
@@ -127,6 +137,10 @@ class _Problem(ShapedProblem):
         slow = "" if self.lyapunov.names or not self.plant.box.names else (
             ", or let the Lyapunov matrix depend on the scheduling (lyapunov=...) with rate bounds")
         return f"raise the bounds or widen the regions, lower the weights on {', '.join(self.plant.performance)}{slow}"
+
+    @property
+    def storage(self) -> Basis | None:
+        return storage_for(self.lyapunov)
 
     def build(self, program: Program, scale: float) -> Shaping:
         plant, n, discrete = self.plant, self.plant.order, self.plant.sample_time is not None
