@@ -66,8 +66,10 @@ if TYPE_CHECKING:
     from lpvid.record import Channel, Record
     from lpvid.scheduling import Fourier, Polynomial, Product, Scheduling, Shifted, Spline, Stacked
     from lpvid.simulation import Simulation, predict, simulate
+    from lpvid.synthesis.anti_windup import anti_windup, back_calculation
     from lpvid.synthesis.criteria import H2, Cone, Disc, HalfPlane, HInfinity
     from lpvid.synthesis.discretising import discretise, to_continuous
+    from lpvid.synthesis.filters import steadied
     from lpvid.synthesis.forms import from_lft, to_affine, to_gridded, to_lft, to_polynomial, to_polytopic
     from lpvid.synthesis.generalized_plant import GeneralizedPlant
     from lpvid.synthesis.interconnection import close_loop, connect
@@ -80,6 +82,7 @@ if TYPE_CHECKING:
     from lpvid.synthesis.reduction import balanced_realization, reduce_order
     from lpvid.synthesis.result import Synthesis
     from lpvid.synthesis.sampling_rules import Euler, Taylor, Tustin, ZeroOrderHold
+    from lpvid.synthesis.saturated import saturate
     from lpvid.synthesis.scaled_gain import ScaledGain, scaled_gain
     from lpvid.synthesis.state_feedback import StateFeedback
     from lpvid.synthesis.synthesizing import synthesize
@@ -138,8 +141,10 @@ _EXPORTS = {
     "lpvid.record": ("Channel", "Record"),
     "lpvid.scheduling": ("Fourier", "Polynomial", "Product", "Scheduling", "Shifted", "Spline", "Stacked"),
     "lpvid.simulation": ("Simulation", "predict", "simulate"),
+    "lpvid.synthesis.anti_windup": ("anti_windup", "back_calculation"),
     "lpvid.synthesis.criteria": ("Cone", "Disc", "H2", "HInfinity", "HalfPlane"),
     "lpvid.synthesis.discretising": ("discretise", "to_continuous"),
+    "lpvid.synthesis.filters": ("steadied",),
     "lpvid.synthesis.forms": ("from_lft", "to_affine", "to_gridded", "to_lft", "to_polynomial", "to_polytopic"),
     "lpvid.synthesis.generalized_plant": ("GeneralizedPlant",),
     "lpvid.synthesis.interconnection": ("close_loop", "connect"),
@@ -152,6 +157,7 @@ _EXPORTS = {
     "lpvid.synthesis.reduction": ("balanced_realization", "reduce_order"),
     "lpvid.synthesis.result": ("Synthesis",),
     "lpvid.synthesis.sampling_rules": ("Euler", "Taylor", "Tustin", "ZeroOrderHold"),
+    "lpvid.synthesis.saturated": ("saturate",),
     "lpvid.synthesis.scaled_gain": ("ScaledGain", "scaled_gain"),
     "lpvid.synthesis.state_feedback": ("StateFeedback",),
     "lpvid.synthesis.synthesizing": ("synthesize",),
@@ -169,14 +175,14 @@ __all__ = [
     "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain", "Scheduling", "Selection", "Shifted", "Signal",
     "Simulation", "Spline", "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError", "Subspace",
     "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin", "Validation", "Verification", "ZeroOrderHold",
-    "append", "audit", "balanced_realization", "certified_share", "certify_gain", "certify_region", "certify_stability",
-    "certify_switching", "close_loop", "connect", "critical_scheduling", "decay_rate", "diagnose", "discretise",
-    "free_run_band", "frequency_band", "from_control", "from_lft", "frozen_stability", "h2_norm", "identify",
-    "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains", "largest_range", "largest_rate", "lift", "load",
-    "model_hash", "parallel", "pole_band", "pole_locus", "predict", "read", "realize", "reduce_order", "save",
-    "scaled_gain", "select", "series", "simulate", "sparsify", "stability_probability", "summing_junction",
-    "synthesize", "to_affine", "to_continuous", "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic",
-    "validate", "verify", "weigh",
+    "anti_windup", "append", "audit", "back_calculation", "balanced_realization", "certified_share", "certify_gain",
+    "certify_region", "certify_stability", "certify_switching", "close_loop", "connect", "critical_scheduling",
+    "decay_rate", "diagnose", "discretise", "free_run_band", "frequency_band", "from_control", "from_lft",
+    "frozen_stability", "h2_norm", "identify", "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains",
+    "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel", "pole_band", "pole_locus", "predict",
+    "read", "realize", "reduce_order", "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify",
+    "stability_probability", "steadied", "summing_junction", "synthesize", "to_affine", "to_continuous", "to_grid",
+    "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
 ]
 
 
