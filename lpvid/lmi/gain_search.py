@@ -151,9 +151,9 @@ def _spread(axes: list[Axis], system: Driven, template: Storage, share: float, m
                 found.append(np.array([axis.low]))
                 continue
             affine = system.readings[i].degree <= 1 and i not in template.readings and not axis.frequency
-            count = 1 if affine else max(2, round(share * (3 * axis.degree + 2)))
             knots = axis.breaks if len(axes) == 1 else system.readings[i].breaks
             pieces = Axis(axis.low, axis.high, axis.degree, knots).cells()
+            count = 1 if affine else max(2, round(share * (3 * axis.degree + 2) / len(pieces)))
             if axis.frequency:
                 count = max(4, math.ceil(share * 1.5 * axis.frequency * (axis.high - axis.low) / len(pieces)))
             found.append(np.unique(np.concatenate([low + nodes(count) * (high - low) for low, high in pieces])))
