@@ -21,17 +21,17 @@ if TYPE_CHECKING:
     from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
 
 WEIGHTS = (
-    Parameter("tyre_force", "N", "dynamic tyre force that counts as 1 m/s^2 of the body", 12000.0, 500.0, 50000.0,
+    Parameter("tyre_force", "N", "dynamic tyre force that counts as 1 m/s^2 of the body", 8000.0, 500.0, 50000.0,
               log=True),
-    Parameter("stroke", "m", "suspension deflection that counts as that", 0.2, 0.02, 1.0, log=True),
-    Parameter("demand", "N", "demand that counts as that", 600.0, 100.0, 30000.0, log=True),
-    Parameter("comfort_high", "Hz", "upper corner of the comfort band", 12.0, 4.0, 60.0, log=True),
-    Parameter("wheel_low", "Hz", "lower corner of the wheel band", 4.0, 0.5, 10.0, log=True),
-    Parameter("nominal_share", "", "c_nom, between the damper's weakest and strongest", -0.14, -0.2, 0.3),
+    Parameter("stroke", "m", "suspension deflection that counts as that", 0.35, 0.02, 1.0, log=True),
+    Parameter("demand", "N", "demand that counts as that", 400.0, 100.0, 30000.0, log=True),
+    Parameter("comfort_high", "Hz", "upper corner of the comfort band", 15.0, 4.0, 60.0, log=True),
+    Parameter("wheel_low", "Hz", "lower corner of the wheel band", 1.6, 0.5, 10.0, log=True),
+    Parameter("nominal_share", "", "c_nom, between the damper's weakest and strongest", -0.02, -0.2, 0.3),
 )
 LIMITS = (
-    Parameter("relief", "", "share of the weights where the damper gives nothing", 0.4, 0.05, 1.0),
-    Parameter("least_share", "", "smallest share of a demand in the design", 0.65, 0.0, 0.95),
+    Parameter("relief", "", "share of the weights where the damper gives nothing", 0.7, 0.05, 1.0),
+    Parameter("least_share", "", "smallest share of a demand in the design", 0.87, 0.0, 0.95),
 )
 
 
