@@ -25,6 +25,8 @@ Criterion = HInfinity | H2
 T = TypeVar("T")
 SOFTER = (1.1, 1.4)
 """Factors tried where the controller of the design's own back-off does not keep its promise."""
+MOST = 5
+"""Controllers that are examined before the best of them is taken."""
 KEPT = 1.005
 """A promise is kept when the verified figure is at most this factor above it."""
 
@@ -136,7 +138,9 @@ def settle(problem: ShapedProblem, fault: Fault | None = None) -> Synthesis:
             if outcome[1]:
                 return outcome[0]
             found.append(outcome[0])
-        if not answered:
+            if len(found) >= MOST:
+                break
+        if not answered or len(found) >= MOST:
             break
     if found:
         return min(found, key=lambda s: s.gamma_verified if s.gamma_verified is not None else np.inf)
