@@ -71,15 +71,15 @@ def matrices_at(controller: LPVStateSpace, box: Scheduling, points: np.ndarray) 
     return a, b, c, d
 
 
-def bound_at(formula: ControllerFormula, points: np.ndarray, controller: LPVStateSpace | None = None) -> float:
-    """Bound of the closed loop's gain at points and all corners of the rates; infinite where there is none.
+def bounds_at(formula: ControllerFormula, points: np.ndarray, controller: LPVStateSpace | None = None) -> np.ndarray:
+    """(N,) bounds of the closed loop's gain at points, over all corners of the rates; infinite where there is none.
 
     With the controller as written down; left out, as the formula has it at every point.
     """
     plant, v = formula.plant.plant, formula.storage(points)
     at, discrete = plant.at(points), plant.sample_time is not None
     exact = formula.at(points) if controller is None else None
-    bound = 0.0
+    bound = np.zeros(len(points))
     for t, rate in enumerate(formula.variations.corners):
         if exact is not None:
             (a, b, c, d), slopes = exact
@@ -87,7 +87,7 @@ def bound_at(formula: ControllerFormula, points: np.ndarray, controller: LPVStat
         else:
             assert controller is not None
             k = _rated_matrices(formula, controller, points, rate)
-        bound = max(bound, float(gain_bounds(close_loop_at(at, *k), v, t, discrete=discrete).max()))
+        bound = np.maximum(bound, gain_bounds(close_loop_at(at, *k), v, t, discrete=discrete))
     return bound
 
 

@@ -114,7 +114,7 @@ class OutputFeedback:
             return self._shaped(plant, notes, started)
         basis = None if self.lyapunov is None else self.lyapunov.bound(plant.box)
         problem = FeedbackProblem(BalancedPlant.of(plant, points), Variations(basis, self.varying, plant.box), axes,
-                                  corners, self.strictly_proper)
+                                  corners, self.strictly_proper, points[:0])
         found = search(problem, self.bound, self.back_off)
         return replace(found, notes=(*notes, *found.notes), seconds=time.perf_counter() - started)
 

@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.balanced_plant import BalancedPlant
 from lpvid.synthesis.controller_formula import ControllerFormula, Variations
-from lpvid.synthesis.controller_table import bound_at, dense, loop_at, smooth, table
+from lpvid.synthesis.controller_table import bounds_at, dense, loop_at, smooth, table
 from lpvid.synthesis.design_grid import tensor
 from lpvid.synthesis.generalized_plant import PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
@@ -31,6 +31,8 @@ NOISE = (1e-2, 1e-3, 1e-4)
 """noise, and effort, added for moderate gains where nothing else limits them: shares of what the sensors show."""
 FLOOR = 1e-4
 """a bound below this share of the plant's own gains is not worth pursuing."""
+MORE, AT_ONCE, APART = 30, 6, 0.15
+"""design points that may be added, how many at a time, and how far from each other in half widths of the box."""
 SEGMENTS = {1: (12, 24, 48, 96), 2: (4, 8, 14), 3: (3, 5)}
 """Of the splines in each variable with which a controller is written down, by the number of variables."""
 
@@ -49,6 +51,8 @@ class FeedbackProblem:
     corners : bool
         They then hold on the whole box, for the controller that is linear in between.
     strictly_proper : bool
+    extra : (·, n_scheduling) array
+        Further points at which the inequalities are imposed.
     solvers : tuple of str
     """
 
@@ -57,12 +61,13 @@ class FeedbackProblem:
     axes: tuple[np.ndarray, ...]
     corners: bool
     strictly_proper: bool
+    extra: np.ndarray
     solvers: tuple[str, ...] = SOLVERS
 
     @property
     def points(self) -> np.ndarray:
         """(N, n_scheduling) design points."""
-        return tensor(self.axes)
+        return np.vstack([tensor(self.axes), self.extra])
 
     @property
     def projected(self) -> Projected:
@@ -79,7 +84,19 @@ class FeedbackProblem:
 
 
 def search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> Synthesis:
-    """The controller of the least back-off whose closed loop keeps its bound at every point looked at."""
+    """The controller of the least back-off whose closed loop keeps its bound at every point looked at.
+
+    Where X(p), Y(p) lose the bound between the points of the grid, points are added there.
+    """
+    while True:
+        found = _search(problem, wanted, back_off)
+        if isinstance(found, Synthesis):
+            return found
+        problem = replace(problem, extra=np.vstack([problem.extra, found]))
+
+
+def _search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> Synthesis | np.ndarray:
+    """A synthesis, or (·, n_scheduling) points at which the inequalities are wanted too."""
     clock = Clock()
     projected = problem.projected
     best = least_bound(projected, clock, solvers=problem.solvers)
@@ -95,6 +112,9 @@ def search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> S
     for share in [step * back_off for step in STEPS] if wanted is None else [wanted / best.gamma - 1 - SLACK]:
         gamma = max(best.gamma, floor) * (1 + max(share, 0.0))
         for formula in _formulas(problem, projected, best, gamma, clock):
+            missed = _missed(problem, formula)
+            if len(missed):
+                return missed
             found = _written(problem, formula)
             if found is not None:
                 kept = share <= SOLVED or wanted is not None
@@ -153,19 +173,35 @@ def _written(problem: FeedbackProblem, formula: ControllerFormula) -> Synthesis 
                      between_grid=problem.corners or proven, notes=(note, *_conditioning(formula, problem)))
 
 
+def _missed(problem: FeedbackProblem, formula: ControllerFormula) -> np.ndarray:
+    """Where the formula loses its bound between the design points: a few of the worst, apart from each other."""
+    if problem.corners or len(problem.extra) >= MORE:
+        return problem.extra[:0]
+    box = problem.plant.plant.box
+    points = dense(box, 4 * SEGMENTS[min(_width(problem), 3)][0])
+    bounds = bounds_at(formula, points)
+    scale, chosen = np.where(box.half_width > 0, box.half_width, 1.0), np.empty((0, len(box.names)))
+    for k in np.argsort(-bounds, kind="stable"):
+        if bounds[k] <= formula.gamma * (1 + SLACK) or len(chosen) >= AT_ONCE:
+            break
+        if np.all(np.abs((chosen - points[k]) / scale).max(axis=1, initial=0.0) > APART):
+            chosen = np.vstack([chosen, points[k]])
+    return chosen
+
+
 def _kept(problem: FeedbackProblem, formula: ControllerFormula) -> tuple[LPVStateSpace, float] | None:
     """The controller written down finely enough that the closed loop keeps the bound, and the bound it keeps."""
     target, box = formula.gamma * (1 + SLACK), problem.plant.plant.box
     if problem.corners:
         controller = table(formula, problem.axes, True)
-        bound = bound_at(formula, problem.points, controller)
+        bound = float(bounds_at(formula, problem.points, controller).max())
         return (controller, bound) if bound <= target else None
     for segments in SEGMENTS[min(_width(problem), 3)]:
         points = np.vstack([problem.points, dense(box, 4 * segments)])
-        if not bound_at(formula, points) <= target:
+        if not bounds_at(formula, points).max() <= target:
             return None
         controller = smooth(formula, segments)
-        bound = bound_at(formula, points, controller)
+        bound = float(bounds_at(formula, points, controller).max())
         if bound <= target:
             return controller, bound
     return None

@@ -51,7 +51,8 @@ def by_sdpa(case: RandomPlant) -> float:
     lyapunov = case.design.lyapunov
     variations = Variations(None if lyapunov is None else lyapunov.bound(case.plant.box), case.design.varying,
                             case.plant.box)
-    problem = FeedbackProblem(BalancedPlant.of(case.plant, tensor(axes)), variations, axes, corners, False)
+    points = tensor(axes)
+    problem = FeedbackProblem(BalancedPlant.of(case.plant, points), variations, axes, corners, False, points[:0])
     clock, rounds = projected_search.Clock(), projected_search.ROUNDS
     try:
         projected_search.ROUNDS = 1
