@@ -25,7 +25,7 @@ Criterion = HInfinity | H2
 T = TypeVar("T")
 SOFTER = (1.1, 1.4)
 """Factors tried where the controller of the design's own back-off does not keep its promise."""
-MOST = 5
+MOST = 6
 """Controllers that are examined before the best of them is taken."""
 KEPT = 1.005
 """A promise is kept when the verified figure is at most this factor above it."""
@@ -128,24 +128,23 @@ def settle(problem: ShapedProblem, fault: Fault | None = None) -> Synthesis:
     started = time.perf_counter()
     program = ShapedProgram(problem.plant, problem.criteria, problem.regions, problem.build)
     found: list[Synthesis] = []
-    answered = False
+    examined = 0
     for back_off in (problem.back_off, *(f for f in SOFTER if f > problem.back_off)):
         for shaped in program.answers(back_off):
-            answered = True
+            examined += 1
             outcome = _judged(problem, shaped, back_off, started)
-            if outcome is None:
-                continue
-            if outcome[1]:
-                return outcome[0]
-            found.append(outcome[0])
-            if len(found) >= MOST:
+            if outcome is not None:
+                if outcome[1]:
+                    return outcome[0]
+                found.append(outcome[0])
+            if examined >= MOST:
                 break
-        if not answered or len(found) >= MOST:
+        if not examined or examined >= MOST:
             break
     if found:
         return min(found, key=lambda s: s.gamma_verified if s.gamma_verified is not None else np.inf)
     seconds = time.perf_counter() - started
-    if answered:
+    if examined:
         return Synthesis("numerical", why="no controller recovered from the solvers' answers keeps the loop stable",
                          mend="scale the signals to similar size, or raise back_off", seconds=seconds,
                          method=problem.method)
