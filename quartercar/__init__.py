@@ -13,19 +13,19 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from quartercar import controllers, criteria, dampers, effects, parameters, rig, roads
+    from quartercar import controllers, criteria, dampers, effects, parameters, plant, rig, roads
     from quartercar.car import QuarterCar
     from quartercar.dampers.fitting import fit
     from quartercar.parameters import CarParameters
     from quartercar.riding import ride
 
-_MODULES = ("controllers", "criteria", "dampers", "effects", "parameters", "rig", "roads")
+_MODULES = ("controllers", "criteria", "dampers", "effects", "parameters", "plant", "rig", "roads")
 _EXPORTS = {"quartercar.car": ("QuarterCar",), "quartercar.dampers.fitting": ("fit",),
             "quartercar.parameters": ("CarParameters",), "quartercar.riding": ("ride",)}
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
-__all__ = ["CarParameters", "QuarterCar", "controllers", "criteria", "dampers", "effects", "fit", "parameters", "ride",
-           "rig", "roads"]
+__all__ = ["CarParameters", "QuarterCar", "controllers", "criteria", "dampers", "effects", "fit", "parameters", "plant",
+           "ride", "rig", "roads"]
 
 
 def __getattr__(name: str) -> Any:
