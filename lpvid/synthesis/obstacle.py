@@ -26,7 +26,8 @@ def obstacle(plant: GeneralizedPlant, problem: Projected) -> tuple[str, str, str
             f"even with full command of the state, {', '.join(plant.measurements)} cannot be shown to observe it"),
             ("add an actuator", "add a sensor"), strict=True):
         if _margin(half) > -NEAR:
-            why = f"{text} while {scheduled} moves as it may" if scheduled else text
+            moving = "moves as it may" if len(plant.box.names) == 1 else "move as they may"
+            why = f"{text} while {scheduled} {moving}" if scheduled else text
             return "infeasible", why, mend + (slow if scheduled else "")
     return ("numerical", "no solver found a usable answer, though both the controls and the measurements can stabilise "
             "the plant", "scale the signals to similar size, or install another solver (pip install sdpa-python)")

@@ -1,0 +1,61 @@
+"""Clarabel called directly against cvxpy's call of it, closed forms, and numbers that change between solves."""
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_continuous_lyapunov
+
+from lpvid.lmi.affine import block, he
+from lpvid.lmi.program import Program
+
+
+def _lyapunov(rng, n=5):
+    """Least trace of P ⪰ 0 with AᵀP + PA + Q ⪯ 0: the solution of Lyapunov's equation."""
+    a = rng.normal(size=(n, n))
+    a -= (np.linalg.eigvals(a).real.max() + 0.5) * np.eye(n)
+    root = rng.normal(size=(n, n))
+    program = Program()
+    p = program.unknowns.symmetric(n)
+    program.require(p)
+    program.require(-(he(p @ a) + root @ root.T))
+    total = np.eye(n)[:1] @ p @ np.eye(n)[:, :1]
+    for i in range(1, n):
+        total = total + np.eye(n)[i : i + 1] @ p @ np.eye(n)[:, i : i + 1]
+    program.minimise(total)
+    return program, p, solve_continuous_lyapunov(a.T, -root @ root.T)
+
+
+def test_lyapunov_equation():
+    program, p, exact = _lyapunov(np.random.default_rng(0))
+    found = next(program.solve(solvers=("CLARABEL",)))
+    assert found.status == "optimal"
+    assert found[p] == pytest.approx(exact, rel=1e-5, abs=1e-6 * np.abs(exact).max())
+
+
+def test_the_same_answer_by_way_of_cvxpy():
+    program, _, exact = _lyapunov(np.random.default_rng(1))
+    x, status = program._modelled("CLARABEL", {}, {})
+    assert status == "optimal" and x is not None
+    direct = next(program.solve(solvers=("CLARABEL",)))
+    assert direct.objective == pytest.approx(float(np.trace(exact)), rel=1e-6)
+    assert direct.x == pytest.approx(x, rel=1e-4, abs=1e-5 * np.abs(x).max())
+
+
+def test_numbers_change_between_solves():
+    """min t, [t θ; θ 1] ⪰ 0 is θ²."""
+    program = Program()
+    t = program.unknowns.scalar()
+    one = np.array([[1.0]])
+    program.require(block([[t, 0 * one], [0 * one, one]]),
+                    scaled={"theta": block([[0.0 * t, one], [one, 0 * one]])})
+    program.minimise(t)
+    for theta in (1.0, 3.0, 0.5):
+        assert next(program.solve({"theta": theta})).objective == pytest.approx(theta**2, rel=1e-5)
+
+
+def test_what_has_no_answer_gives_none():
+    program = Program()
+    t = program.unknowns.scalar()
+    program.require(t - 1.0)
+    program.require(-t)
+    program.minimise(t)
+    assert next(program.solve(solvers=("CLARABEL",)), None) is None
