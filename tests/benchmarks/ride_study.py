@@ -1,7 +1,7 @@
 """Every control law on ISO C at 20 m/s and over a bump: tuned with one budget on other seeds, compared on twenty.
 
     python tests/benchmarks/ride_study.py --out FOLDER [--budget 64] [--seeds 20] [--weights 0.5] [--laws add,sh-add]
-                                          [--capped] [--sensors stroke-body]
+                                          [--capped] [--sensors stroke-body] [--roads iso,bump]
 
 Resumable: what is in FOLDER is not done again. Sensors are those of a production car (stroke and body acceleration,
 with noise), the coil's lag is that of the identified damper; the roads of the tuning are others than those of the
@@ -28,8 +28,8 @@ from quartercar.ride_roads import Bump, IsoRoad
 from quartercar.riding import RideSettings
 from quartercar.tuning import Objective, Trial, tune
 
-TUNING = (IsoRoad("C", 20.0, 8.0), Bump())
-COMPARED = (IsoRoad("C", 20.0, 20.0), Bump())
+TUNING = {"iso": IsoRoad("C", 20.0, 8.0), "bump": Bump()}
+COMPARED = {"iso": IsoRoad("C", 20.0, 20.0), "bump": Bump()}
 SEEDS = (100_000, 100_001, 100_002)
 REFERENCE = "sh-add"
 MARGIN = 0.999
@@ -47,13 +47,13 @@ def tuned(law: Controller, trial: Trial, budget: int, path: Path) -> Controller:
     return found.controller
 
 
-def compared(laws: dict[str, Controller], settings: RideSettings, seeds: int, path: Path) -> dict:
+def compared(laws: dict[str, Controller], roads: list[str], settings: RideSettings, seeds: int, path: Path) -> dict:
     """ride.json of all laws."""
     if path.exists():
         kept = json.loads(path.read_text())
         if kept["controllers"] == json.loads(json.dumps({n: law.to_dict() for n, law in laws.items()})):
             return kept
-    found: RideComparison = compare_rides(build_car(), COMPARED, laws, range(seeds), settings)
+    found: RideComparison = compare_rides(build_car(), [COMPARED[r] for r in roads], laws, range(seeds), settings)
     data = found.to_dict()
     path.write_text(json.dumps(data, indent=1))
     return data
@@ -93,22 +93,24 @@ def main() -> None:
     parser.add_argument("--laws", default=",".join(n for n, _, _ in LAWS if n != "scheduled"))
     parser.add_argument("--sensors", default="stroke-body", choices=list(SETS))
     parser.add_argument("--capped", action="store_true", help="and once more, tyre load capped at that of SH-ADD")
+    parser.add_argument("--roads", default="iso,bump", help="on which laws are tuned and compared, with commas")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     names, settings = given.laws.split(","), RideSettings(ChainSettings(sensors=SETS[given.sensors]))
-    mark = f"{given.budget}-{given.sensors}"
+    roads = given.roads.split(",")
+    mark = "-".join([str(given.budget), given.sensors, *([] if len(roads) > 1 else roads)])
     for weight in map(float, given.weights.split(",")):
-        trial = Trial(build_car(), TUNING, SEEDS, settings, Objective(weight, 1 - weight))
+        trial = Trial(build_car(), tuple(TUNING[r] for r in roads), SEEDS, settings, Objective(weight, 1 - weight))
         laws = {n: tuned(law_class(n)(), trial, given.budget, given.out / f"{n}-{weight:g}-{mark}.json") for n in names}
         print(f"\n=== {trial.objective.says}; {given.budget} evaluations each")
-        table(compared(laws, settings, given.seeds, given.out / f"ride-{weight:g}-{mark}-{given.seeds}.json"))
+        table(compared(laws, roads, settings, given.seeds, given.out / f"ride-{weight:g}-{mark}-{given.seeds}.json"))
         if not given.capped:
             continue
         trial = replace(trial, objective=Objective(1.0, 0.0, tyre_cap=MARGIN), reference=laws[REFERENCE])
         best = {n: tuned(law, trial, given.budget, given.out / f"{n}-{weight:g}-capped-{mark}.json")
                 for n, law in laws.items() if n != REFERENCE}
         print(f"\n=== {trial.objective.says} ({REFERENCE} as above); {given.budget} further evaluations each")
-        table(compared({REFERENCE: laws[REFERENCE], **best}, settings, given.seeds,
+        table(compared({REFERENCE: laws[REFERENCE], **best}, roads, settings, given.seeds,
                        given.out / f"ride-{weight:g}-capped-{mark}-{given.seeds}.json"))
 
 
