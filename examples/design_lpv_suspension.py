@@ -39,4 +39,4 @@ def main(figure: str | None = None, road: Bump | None = None) -> dict[str, Desig
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:2])
+    main(sys.argv[1] if len(sys.argv) > 1 else None)

@@ -96,7 +96,8 @@ def task_of(values: Mapping[str, float], setting: Setting, law: LpvHinf | LpvHin
     if setting.damper is None:
         raise InputError("an H-infinity suspension law needs to know the damper", got="a viscous car",
                          mend="give the car a damper model")
-    given = {n: values[n] for n in ("tyre_force", "stroke", "demand", "comfort_high", "wheel_low", "relief") if n in values}
+    names = ("tyre_force", "stroke", "demand", "comfort_high", "wheel_low", "relief")
+    given = {n: values[n] for n in names if n in values}
     damping = admissible(setting.damper, setting.currents).nominal(values["nominal_share"])
     return Task(setting.parameters, damping, SuspensionWeights(**given), least_share, law.measured, law.lag,
                 criterion=law.criterion)
