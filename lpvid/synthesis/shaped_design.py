@@ -177,8 +177,16 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
         gamma=None if bounded is None else gain.promised, gamma_verified=gain.verified, gamma_lower=gain.lower,
         controller=controller, closed_loop=channel(loop, *main.indices(problem.plant)), certificate=gain.certificate,
         why="the closed loop keeps what the inequalities promised" if kept else
-            "the closed loop was verified, but above the promise", notes=(*map(str, figures), *notes),
+            "the closed loop was verified, but above the promise", notes=(*map(str, figures), *notes, *_speed(controller)),
         seconds=time.perf_counter() - started, solver=shaped.solution.solver, method=problem.method), kept
+
+
+def _speed(controller: LPVStateSpace) -> tuple[str, ...]:
+    """A remark on the fastest pole of a continuous controller, which somebody has to sample."""
+    if controller.is_discrete or not controller.order:
+        return ()
+    fastest = max(float(np.abs(controller.frozen_poles(p)).max()) for p in controller.box.grid(3))
+    return (f"the fastest pole of the controller is {fastest:.3g} 1/s",)
 
 
 def _asked(problem: ShapedProblem) -> str:
