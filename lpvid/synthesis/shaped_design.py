@@ -177,7 +177,8 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
         gamma=None if bounded is None else gain.promised, gamma_verified=gain.verified, gamma_lower=gain.lower,
         controller=controller, closed_loop=channel(loop, *main.indices(problem.plant)), certificate=gain.certificate,
         why="the closed loop keeps what the inequalities promised" if kept else
-            "the closed loop was verified, but above the promise", notes=(*map(str, figures), *notes, *_speed(controller)),
+            "the closed loop was verified, but above the promise",
+        notes=(*map(str, figures), *notes, *_speed(controller)),
         seconds=time.perf_counter() - started, solver=shaped.solution.solver, method=problem.method), kept
 
 
