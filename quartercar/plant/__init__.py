@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from quartercar.plant.admissible import AdmissibleForce
     from quartercar.plant.embedding import Embedding, replay
     from quartercar.plant.identified import IdentifiedDamper
+    from quartercar.plant.identified_ramp import RampedDamper
     from quartercar.plant.limited_pair import LimitedPair
     from quartercar.plant.nominal_force import LimitedForce, NominalForce
     from quartercar.plant.prefilter import Prefiltered, prefiltered
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from quartercar.plant.yielding import Reach, YieldingLaw
 
 _EXPORTS = {"admissible": ("AdmissibleForce",), "embedding": ("Embedding", "replay"),
-            "identified": ("IdentifiedDamper",), "limited_pair": ("LimitedPair",),
+            "identified": ("IdentifiedDamper",), "identified_ramp": ("RampedDamper",), "limited_pair": ("LimitedPair",),
             "nominal_force": ("LimitedForce", "NominalForce"), "prefilter": ("Prefiltered", "prefiltered"),
             "region": ("Region",), "saturation_pair": ("SaturationPair",), "speed_scheduled": ("SpeedScheduled",),
             "strip": ("pair_box", "pair_hull"), "variable_damping": ("VariableDamping",),
@@ -35,8 +36,8 @@ _EXPORTS = {"admissible": ("AdmissibleForce",), "embedding": ("Embedding", "repl
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = ["AdmissibleForce", "Embedding", "IdentifiedDamper", "LimitedForce", "LimitedPair", "NominalForce",
-           "Prefiltered", "Reach", "Region", "SaturationPair", "SpeedScheduled", "VariableDamping", "YieldingLaw",
-           "pair_box", "pair_hull", "prefiltered", "replay"]
+           "Prefiltered", "RampedDamper", "Reach", "Region", "SaturationPair", "SpeedScheduled", "VariableDamping",
+           "YieldingLaw", "pair_box", "pair_hull", "prefiltered", "replay"]
 
 
 def __getattr__(name: str) -> Any:

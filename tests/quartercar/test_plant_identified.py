@@ -18,9 +18,10 @@ from lpvid.scheduling import Polynomial, Scheduling
 from quartercar.car import QuarterCar
 from quartercar.dampers import Guo6, LpvArx
 from quartercar.dampers.held import Held
+from quartercar.embedded import identified_damper
 from quartercar.linear_car import LinearCar
 from quartercar.parameters import MEGANE
-from quartercar.plant import IdentifiedDamper, Prefiltered, replay
+from quartercar.plant import IdentifiedDamper, Prefiltered, RampedDamper, replay
 from quartercar.plant.prefilter import prefiltered
 
 STEP = 1 / 512
@@ -193,3 +194,31 @@ def test_what_E9_refuses() -> None:
         IdentifiedDamper(MEGANE, LpvArx(order=1, stored=Held(zones, ONE).to_dict()))
     with pytest.raises(InputError, match="read the present current"):
         IdentifiedDamper(MEGANE, LpvArx(order=1, stored=Held(bent.replace(lagged=True), ONE).to_dict()))
+
+
+@pytest.mark.parametrize("which, centre", [("plain", 1.25), ("moving knee", 1.25), ("embedded", 0.3),
+                                           ("embedded", 1.25)])
+def test_a_ramped_force_is_the_nonlinear_car(which: str, centre: float) -> None:
+    # no gap left but the tolerance of the car's implicit solution, 1e-8 of the force at every step; the embedded damper
+    # frozen at 1.25 A is unstable in the car, so that rounding grows over a replay
+    laws = {"plain": damper(2), "moving knee": damper(1, slope=0.008, affine=-15.0), "embedded": identified_damper()}
+    run = QuarterCar(MEGANE, laws[which], lift_off=False).run(*_long(800))
+    embedding = RampedDamper(MEGANE, laws[which], centre).around(run)
+    path, model = embedding.along(run), embedding.system
+    phi = model.basis.evaluate(path.scheduling)
+    ahead, out = (np.einsum("km,mij,kj->ki", phi, x, path.states) + np.einsum("km,mij,kj->ki", phi, y, path.inputs)
+                  for x, y in ((model.A, model.B), (model.C, model.D)))
+    scale = np.abs(path.states).max(axis=0)
+    assert (np.abs(ahead[:-1] - path.states[1:]).max(axis=0) / scale).max() < 1e-7
+    np.testing.assert_allclose(out[:, 0], run["body_acceleration"], atol=1e-6 * np.abs(run["body_acceleration"]).max())
+    assert embedding.region.contains(path.scheduling).all()
+    if (which, centre) != ("embedded", 1.25):
+        assert (np.abs(replay(embedding, run) - path.states).max(axis=0) / scale).max() < 1e-5
+
+
+def test_a_damper_that_does_not_act_at_once_needs_no_ramp() -> None:
+    late = damper(1).at_clock(STEP)
+    b = late.b.copy()
+    b[0] = 0.0
+    with pytest.raises(InputError, match="acts at once"):
+        RampedDamper(MEGANE, LpvArx(order=1, stored=Held(late.replace(b=b), ONE).to_dict()))
