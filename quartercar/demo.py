@@ -1,4 +1,4 @@
-"""The whole road on the embedded data: rig, audit, identification, state-space forms, stability, a hidden cause."""
+"""The whole road on the embedded data: rig, identification, stability, a hidden cause, a controller and its ride."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from lpvid.report.stability import StabilityStudy
     from lpvid.validation import RecordFigures, Validation
     from quartercar.demo_diagnosis import HiddenCause
+    from quartercar.demo_ride import DemoRide
 
 TARGET = 0.04
 """Mean ESR over the eight experiments that Díaz Salas (2011) claims for this model class."""
@@ -77,6 +78,7 @@ class Demo:
     gaps : tuple of FormGap
     study : StabilityStudy
     diagnosis : HiddenCause
+    ride : DemoRide
     """
 
     training: tuple[Record, ...]
@@ -87,6 +89,7 @@ class Demo:
     gaps: tuple[FormGap, ...]
     study: StabilityStudy
     diagnosis: HiddenCause
+    ride: DemoRide
 
     @property
     def mean_esr(self) -> float | None:
@@ -114,7 +117,7 @@ class Demo:
                 "plain_mean_esr": self.plain_mean_esr, "target": TARGET,
                 "experiments": [e.to_dict() for e in self.experiments], "identification": self.found.to_dict(),
                 "realizations": [g.to_dict() for g in self.gaps], "stability": self.study.to_dict(),
-                "diagnosis": self.diagnosis.to_dict()}
+                "diagnosis": self.diagnosis.to_dict(), **self.ride.to_dict()}
 
 
 def structure() -> ARX:
@@ -222,6 +225,7 @@ def demo_page(demo: Demo, shown: Sequence[Comparison]) -> Page:
         Section("Stability", (Paragraph(demo.study.verdict, strong=True),)),
         *(s for s in stability.sections if s.title != "The model"),
         demo.diagnosis.section(),
+        demo.ride.section(),
         *parameters,
         Section("The data", (Paragraph(f"{len(demo.training)} training and {len(demo.held_out)} held-out records from "
                                        "the virtual rig: compliance in series, a yield force that saturates with the "
@@ -308,6 +312,7 @@ def run_demo(seed: int = 0, say: Callable[[str], None] = lambda text: None,
     from lpvid.report.forms import form_gaps
     from lpvid.report.stability import study_stability
     from quartercar.demo_diagnosis import hide_and_find
+    from quartercar.demo_ride import design_and_ride
 
     say("running the eight experiments on the virtual rig")
     training, held_out = rig_data(seed)
@@ -333,4 +338,6 @@ def run_demo(seed: int = 0, say: Callable[[str], None] = lambda text: None,
     say("looking for a hidden cause")
     diagnosis = hide_and_find(seed, say)
     tell("diagnosis", diagnosis)
-    return Demo(tuple(training), tuple(held_out), heard, found, figures, gaps, study, diagnosis)
+    rides = design_and_ride(seed, say)
+    tell("ride", rides)
+    return Demo(tuple(training), tuple(held_out), heard, found, figures, gaps, study, diagnosis, rides)

@@ -214,7 +214,9 @@ class _Case:
 
     @property
     def _inputs(self) -> list[str]:
-        return [c for c in self.baseline.channels if c != self.baseline.output]
+        """Every channel that all records have, read by the baseline or not, but the output."""
+        signals = self.problem.signals
+        return [c for c in signals[0].channels if c != self.baseline.output and all(s.has(c) for s in signals)]
 
     def _verdict(self, named: list[Judged], contested: list[Judged], dropped: list[Judged],
                  phi: tuple[float, float] | None, predictable: float, left: float) -> tuple[str, str]:

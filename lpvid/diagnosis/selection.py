@@ -42,12 +42,12 @@ TASTE = 6
 STARTS = 3
 PALE = 0.6
 """share of the best grid point's gain below which another is no start"""
-CRUDE = 0.02
+CRUDE = 0.03
 """squared error of the fitted baseline, relative to the output's, above which its parameters are not to be trusted as
 a start"""
 COMPONENT = 0.5
 """share of what a catch-all wins for which a component is taken before it"""
-TRIED, ENOUGH = 8, 0.02
+TRIED, ENOUGH = 6, 0.02
 """further starts tried for a candidate where they are not; share of the present cost at which one is good enough"""
 NEAR, NEAR_SHARE = 20.0, 0.2
 """BIC by which a first refit may trail the best one, flat and as a share of what that wins, to be followed further"""
@@ -84,11 +84,15 @@ class Search:
               say: Callable[[str], None]) -> tuple[Search, list[Evidence], list[Direction]]:
         """Whiten by what no candidate can explain, refit, and screen."""
         search = cls(problem, baseline_fit, candidates, rng, say)
-        plain = problem.stack(problem.errors(baseline_fit.composition, baseline_fit.vector), whiten=False)
-        if float(plain @ plain) > CRUDE * problem.n_samples * problem.spread**2:
+        if search.far_off():
             search.others = tuple(baseline_fit.composition.baseline.starts(problem.signals))
         evidence, found = search.rewhiten()
         return search, evidence, found
+
+    def far_off(self) -> bool:
+        """Whether the present fit leaves so much that its parameters are not to be trusted as a start."""
+        plain = self.problem.stack(self.problem.errors(self.fit.composition, self.fit.vector), whiten=False)
+        return float(plain @ plain) > CRUDE * self.problem.n_samples * self.problem.spread**2
 
     def rewhiten(self) -> tuple[list[Evidence], list[Direction]]:
         """Estimate the noise's colour anew around the present set, refit it, and screen the candidates outside it."""
@@ -121,6 +125,8 @@ class Search:
             for e in added:
                 self.p_values[e.name] = min((x.p_value for x in evidence if x.effect.name == e.name), default=least)
             self.fit = fit
+            if self.others and not self.far_off():
+                self.others = ()
             self.simplify()
             if faint and len(added) == 1:
                 size = len(fit.composition.effects)

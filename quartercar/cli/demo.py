@@ -24,7 +24,7 @@ DEMO_FOLDER = Path("quartercar-demo")
 def demo(out: options.Out = DEMO_FOLDER,
          seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the virtual rig.")] = 0,
          json: options.Json = False) -> None:
-    """The whole road on embedded data: rig, audit, identification, state-space forms, stability, diagnosis, report."""
+    """The whole road on embedded data: rig, identification, stability, diagnosis, a controller and its ride, report."""
     from quartercar.demo import run_demo
 
     results = Results(out)
@@ -49,6 +49,9 @@ def _deliver(results: Results, found: Demo) -> None:
     results.json("demo.json", found.to_dict())
     if found.diagnosis.found.extended is not None:
         results.add("extended_model.json", lambda path: save(found.diagnosis.found.extended, path))
+    if found.ride.design.synthesis.solved:
+        results.add("controller.json", lambda path: save(found.ride.design.controller, path))
+    results.json("ride.json", found.ride.rides.to_dict())
     sample = next(r for r in found.held_out if r.name.startswith("test-1-"))
     results.add(f"{sample.name}.csv", writer(write_csv, sample))
     figures = {"experiments.png": plot.experiments([(e.name, e.esr, e.plain_esr) for e in found.experiments], TARGET),
@@ -134,4 +137,5 @@ _STAGES: dict[str, tuple[str, Callable]] = {
     "forms": ("5 State-space forms", lambda gaps: [str(g) for g in gaps]),
     "stability": ("6 Stability", lambda study: str(study).splitlines()[:10]),
     "diagnosis": ("7 A hidden cause", lambda found: found.lines()),
+    "ride": ("8 A controller, and its ride", lambda found: found.lines()),
 }

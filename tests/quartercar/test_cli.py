@@ -128,13 +128,13 @@ def test_demo_writes_everything(short_demo):
     folder, _ = short_demo
     assert {p.name for p in folder.iterdir()} == {
         "model.json", "identification.json", "stability.json", "demo.json", "report.html", "overview.png",
-        "experiments.png", "locus.png", "test-1-r3.csv", "extended_model.json"}
+        "experiments.png", "locus.png", "test-1-r3.csv", "extended_model.json", "controller.json", "ride.json"}
 
 
 def test_demo_tells_every_stage(short_demo):
     _, shown = short_demo
     for heading in ("1 Virtual rig", "2 Audit", "3 LPV-ARX", "4 Every experiment", "5 State-space", "6 Stability",
-                    "7 A hidden cause"):
+                    "7 A hidden cause", "8 A controller, and its ride"):
         assert heading in shown
     assert "does not cover a moving scheduling variable" in shown
     for name in EXPERIMENTS:
@@ -157,6 +157,19 @@ def test_demo_finds_what_the_rig_hides(short_demo):
     error = force - lpv.simulate(lpv.load(folder / "extended_model.json"), record).output[:, 0]
     esr = told["diagnosis"]["extended"]["esr"]["held_out"]
     assert error @ error / np.sum((force - force.mean()) ** 2) == pytest.approx(esr, rel=1e-9)
+
+
+def test_demo_controller_keeps_its_promise(short_demo):
+    """The gain that is told against the certificate's own; every law on both roads, and the controller as saved."""
+    folder, _ = short_demo
+    told = json.loads((folder / "demo.json").read_text())
+    assert told["design"]["verdict"] in ("solved", "backed-off")
+    assert told["design"]["gamma_lower"] <= told["design"]["gamma_verified"]
+    rides = json.loads((folder / "ride.json").read_text())
+    assert {(r["controller"], r["road"].split(",")[0]) for r in rides["rides"]} >= {
+        (name, road) for name in ("passive", "skyhook-linear", "sh-add", "lpv-hinf")
+        for road in ("ISO C", "bump 50 mm x 2 m")}
+    assert lpv.load(folder / "controller.json").to_dict() == rides["controllers"]["lpv-hinf"]
 
 
 def test_demo_figures_are_those_of_the_model(short_demo):

@@ -1,0 +1,90 @@
+"""The last step of the demo: a scheduled controller is designed, verified, and driven against what practice uses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from lpvid.report import Section
+
+if TYPE_CHECKING:
+    from quartercar.designing import Design
+    from quartercar.ride_comparison import RideComparison
+
+RATE = 20.0
+"""speed on the rough road [m/s]"""
+DURATION = 8.0
+"""of the rough road [s]"""
+SEEDS = 4
+"""roads and noises"""
+
+
+@dataclass(frozen=True, eq=False)
+class DemoRide:
+    """A design, and the rides of its controller beside other laws.
+
+    Attributes
+    ----------
+    design : Design
+    rides : RideComparison
+    """
+
+    design: Design
+    rides: RideComparison
+
+    @property
+    def verdict(self) -> str:
+        """Two sentences."""
+        return f"{self.design.verdict} {self.rides.verdict}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Part of demo.json."""
+        return {"design": self.design.to_dict(), "ride": self.rides.to_dict()}
+
+    def lines(self) -> list[str]:
+        """For the terminal."""
+        return [self.design.verdict, *str(self.rides).splitlines()[:14]]
+
+    def section(self) -> Section:
+        """For the report."""
+        from lpvid.report import Item, Paragraph
+        from quartercar.report_ride import ride_figures, ride_page
+
+        items: list[Item] = [
+            Paragraph(self.design.verdict, strong=True),
+            Paragraph("A nonlinear quarter car with the identified damper, its coil, noisy stroke and acceleration "
+                      "sensors, an observer and the inverse damper model; laws with their default parameters, not "
+                      "tuned. Tuning and more seeds: quartercar ride --tune."),
+            Paragraph(self.rides.verdict)]
+        for section in ride_page(self.rides, ride_figures(self.rides)).sections[: 1 + len(self.rides.roads)]:
+            items += section.items
+        return Section("A controller, and its ride", tuple(items))
+
+
+def design_and_ride(seed: int = 0, say: Callable[[str], None] = lambda text: None) -> DemoRide:
+    """Design an LPV controller for the identified damper and drive it over a rough road and a bump.
+
+    Parameters
+    ----------
+    seed : int
+        Of roads and noise.
+    say : callable
+        Told what is being done.
+    """
+    from quartercar.car import BumpStops, Coil, QuarterCar
+    from quartercar.controllers import law_class
+    from quartercar.designing import design
+    from quartercar.embedded import identified_damper
+    from quartercar.parameters import MEGANE
+    from quartercar.ride_comparison import compare_rides
+    from quartercar.ride_roads import Bump, IsoRoad
+
+    car = QuarterCar(MEGANE, identified_damper(), BumpStops(), Coil(highest=2.5))
+    say("designing a scheduled controller")
+    found = design(car)
+    laws = {name: law_class(name)() for name in ("passive", "skyhook-linear", "sh-add")}
+    if found.synthesis.solved:
+        laws["lpv-hinf"] = found.controller
+    rides = compare_rides(car, (IsoRoad("C", RATE, DURATION), Bump()), laws, range(seed, seed + SEEDS), say=say)
+    return DemoRide(found, rides)
