@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from lpvid import _checks
-from lpvid.errors import InputError, NumericalError
+from lpvid.errors import InputError, LpvError, NumericalError
 from quartercar.car import QuarterCar
 from quartercar.controllers.contract import Controller
 from quartercar.criteria import Ride as Figures
@@ -19,6 +20,8 @@ CAP = 4.0
 """of the penalty, for the tyre load beyond its cap"""
 ROUNDS = ((0.5, 1.0), (0.25, 0.3), (0.25, 0.1))
 """(share of the budget, width of the box as a share of the ranges): all of it first, then about the best so far."""
+FAILURES = (LpvError, ArithmeticError, np.linalg.LinAlgError)
+"""What a design may raise for some values of its parameters."""
 
 
 @dataclass(frozen=True)
@@ -140,13 +143,13 @@ class Trial:
     def costs(self, controllers: Sequence[Controller], references: Mapping[tuple[str, int], Figures]) -> np.ndarray:
         """(n,) J of each controller over all roads and seeds; infinite for one that cannot be had or that diverges."""
         total = np.array([0.0 if self._starts(c) else np.inf for c in controllers])
-        places = np.flatnonzero(np.isfinite(total))
+        places = np.flatnonzero(np.isfinite(total)).tolist()
         for road in self.roads:
             try:
                 total[places] += self._costs(road, [controllers[k] for k in places], references)
             except NumericalError:  # one of them throws the car off all bounds: which?
                 total[places] += [self._alone(road, controllers[k], references) for k in places]
-        return total / len(self.roads)
+        return np.where(np.isnan(total), np.inf, total) / len(self.roads)
 
     def _costs(self, road: RideRoad, laws: Sequence[Controller],
                references: Mapping[tuple[str, int], Figures]) -> np.ndarray:
@@ -162,11 +165,15 @@ class Trial:
         except NumericalError:
             return np.inf
 
+    def begin(self, law: Controller) -> None:
+        """Start a law on one car; raises what its design raises."""
+        law.start(self.settings.setting(self.car, 1))
+
     def _starts(self, law: Controller) -> bool:
         """Whether it can be had at all: a design may fail."""
         try:
-            law.start(self.settings.setting(self.car, 1))
-        except NumericalError:
+            self.begin(law)
+        except FAILURES:
             return False
         return True
 
@@ -196,11 +203,18 @@ def tune(law: Controller, trial: Trial, budget: int = 64, seed: int = 0,
     Returns
     -------
     Tuned
+
+    Raises
+    ------
+    InputError
+        A law that cannot work in this setting with its own values; other values that make no law cost infinitely much.
     """
     budget = _checks.count(budget, "budget", at_least=4)
     references = references or trial.references()
     rng = np.random.default_rng([seed, 13])
     scale = _Scale(law)
+    with suppress(ArithmeticError, np.linalg.LinAlgError):
+        trial.begin(law)
     places = scale.to_unit(law.vector)[None] if law.names else np.zeros((1, 0))
     costs = trial.costs([law], references)
     for share, width in ROUNDS:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from scipy import stats
 
-from lpvid.errors import InputError
+from lpvid.errors import InputError, NumericalError
 from lpvid.identification.free_run_search import VectorLayout
 from lpvid.model.compliance import ComplianceModel, Element
 from lpvid.model.signals import Signal
@@ -15,6 +17,7 @@ from quartercar.car import BumpStops, Coil, QuarterCar
 from quartercar.car_run import CarRun
 from quartercar.controllers import ClippedOptimal, Groundhook, Passive, Skyhook, SkyhookAccelerationDriven
 from quartercar.controllers.chain import ChainSettings
+from quartercar.controllers.contract import Law, Setting, Values
 from quartercar.controllers.sensing import BODY, SETS, MeasurementSet, Sensor
 from quartercar.criteria import judge
 from quartercar.dampers import Compliance, Guo, Linear, PowerLawFrictionGas
@@ -348,6 +351,38 @@ def test_a_comfort_objective_finds_a_softer_passive_car_than_a_tyre_objective():
     soft, firm = (tune(law, trial(objective=o), 8).controller.values["fixed_current"]
                   for o in (Objective(1.0, 0.0), Objective(0.0, 0.0, 1.0)))
     assert soft < firm
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Brittle(Passive):
+    """A law whose design fails above half an ampere."""
+
+    failure: type[Exception] = NumericalError
+
+    def begin(self, values: Values, setting: Setting) -> Law:
+        if values["fixed_current"].max() > 0.5:
+            raise self.failure("no design for these values")
+        return super().begin(values, setting)
+
+
+@pytest.mark.parametrize("failure", [NumericalError, InputError, np.linalg.LinAlgError, ZeroDivisionError])
+def test_a_design_that_fails_costs_infinitely_much_and_ends_no_tuning(failure):
+    one = trial()
+    unit = one.references()
+    laws = [Brittle(values={"fixed_current": i}, failure=failure) for i in (0.0, 1.0, 0.25)]
+    costs = one.costs(laws, unit)
+    assert costs[0] == pytest.approx(1.0) and costs[1] == np.inf
+    assert costs[2] == one.costs([Passive(values={"fixed_current": 0.25})], unit)[0]
+    found = tune(laws[2], one, 8, references=unit)
+    failed = found.tried[:, 0] > 0.5
+    assert failed.any() and np.array_equal(np.isinf(found.costs), failed) and np.isfinite(found.objective)
+
+
+def test_a_law_that_cannot_work_with_its_own_values_is_said_before_tuning():
+    with pytest.raises(InputError, match="no design"):
+        tune(Brittle(values={"fixed_current": 1.0}, failure=InputError), trial(), 4)
+    lost = tune(Brittle(values={"fixed_current": 1.0}), trial(), 8)
+    assert lost.before == np.inf and np.isfinite(lost.objective)
 
 
 def test_objectives_that_are_none():
