@@ -16,7 +16,9 @@ from lpvid.errors import InputError
 from lpvid.synthesis.result import Synthesis
 from quartercar.car import BumpStops, Coil, QuarterCar
 from quartercar.cli.app import app
+from quartercar.controllers.chain import ChainSettings
 from quartercar.controllers.contract import Setting
+from quartercar.controllers.inverse import InverseSettings
 from quartercar.controllers.lpv_hinf import BankedLaw, LpvHinf
 from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
 from quartercar.controllers.schedule_rules import GivenShare
@@ -25,13 +27,14 @@ from quartercar.controllers.suspension_design import Nodes, Task, held, nodes_of
 from quartercar.dampers import Guo
 from quartercar.design_config import design_schema, design_template, read_design
 from quartercar.designing import FREQUENCIES, design
+from quartercar.embedded import identified_damper
 from quartercar.linear_car import LinearCar
 from quartercar.parameters import MEGANE
 from quartercar.plant import LimitedForce
 from quartercar.plant.prefilter import prefiltered
 from quartercar.plant.weighted import MEASUREMENTS, SensorNoise, SuspensionWeights, WeightedCar
 from quartercar.ride_roads import Bump
-from quartercar.riding import ride
+from quartercar.riding import RideSettings, ride
 
 DAMPER = Guo(degree=1, span=(0.0, 2.5), current_range=(0.0, 2.5), hysteresis=False,
              values={"yield_force_at_low": 60.0, "yield_force_at_high": 1500.0, "sharpness": 25.0,
@@ -171,6 +174,18 @@ def test_a_stored_controller_rides_like_the_law(tmp_path: Path) -> None:
     runs = [ride(CAR, road, c).run for c in (law, stored)]
     for signal in ("body_acceleration", "command"):
         np.testing.assert_allclose(runs[0][signal], runs[1][signal], atol=1e-6 * np.abs(runs[0][signal]).max())
+
+
+def test_the_settings_of_the_inverse_reach_the_loop_of_a_designed_law() -> None:
+    car = QuarterCar(MEGANE, identified_damper(), stops=BumpStops(), coil=Coil(0.005, 0.010, highest=2.5))
+    assert InverseSettings() == InverseSettings(steps=0, lag_compensated=False)
+
+    def command(inverse: InverseSettings) -> np.ndarray:
+        return ride(car, Bump(duration=1.0), LpvHinf(), 0, RideSettings(ChainSettings(inverse=inverse))).run["command"]
+
+    plain = command(InverseSettings(steps=0, lag_compensated=False))
+    for other in (InverseSettings(steps=1), InverseSettings(lag_compensated=True), InverseSettings(deadband=0.1)):
+        assert np.abs(command(other) - plain).max() > 0.1
 
 
 def test_given_share_follows_the_last_sample() -> None:
