@@ -167,6 +167,8 @@ def l2_gains(system: LPVStateSpace, rates: Sequence[Rate], basis: Basis | None =
         if pattern not in bounds:
             fitted = None if basis is None else usable(basis, box, plant.sample_time is not None)
             bounds[pattern] = GainBounds(plant, box, fitted, norm)
+            if len(boxes) > 1 and plant.sample_time is None:
+                bounds[pattern].prepare(box.rate)
         worst = worst_trajectory(plant, box, frozen) if trajectories else frozen
         certificate = bounds[pattern].certify(box.rate)
         found.append(_judged(plant, worst, certificate, time.perf_counter() - started))

@@ -20,7 +20,10 @@ from lpvid.lmi.stored import kind_of
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 
 BACK_OFF = (1e-6, 1e-5, 1e-4, 5e-4, 2e-3, 5e-3)
-RELAXED = (2e-3, 1e-2, 2.5e-2, 6e-2, 0.2)
+RELAXED = (1e-2, 6e-2, 0.2)
+BLENDS = (0.1, 0.25, 0.5, 0.75, 1.0)
+"""Shares of the way from the least bound's storage function to one with room to spare: the inequality is linear in P
+and γ together, so that all of them are candidates and cost no solver."""
 HIGHEST = {1: 3, 2: 2}
 """Degree of the richest storage function tried, by the number of variables it depends on; 1 for more."""
 ATTEMPT = 15_000
@@ -54,6 +57,14 @@ class GainBounds:
     floor: float = 0.0
     _searches: dict[tuple, GainSearch] = field(default_factory=dict)
     _frame: Frame | None = None
+
+    def prepare(self, rate: tuple[float | None, ...]) -> None:
+        """State and compile ahead whatever a sweep over rates may ask for."""
+        box = Scheduling(self.box.names, self.box.lower, self.box.upper, rate, self.box.units)
+        for basis in self._bases(box):
+            search = self._search(basis, box, DENSITIES[0])
+            if search.affordable:
+                search.prepare(box)
 
     def certify(self, rate: tuple[float | None, ...]) -> GainCertificate | None:
         """The least bound that passes the re-check for these rates; one between grid points goes before one on it."""
@@ -121,7 +132,8 @@ class GainBounds:
             for share in RELAXED:
                 inner = next(search.interior(box, proposal.gamma * (1 + share)), None)
                 if inner is not None:
-                    yield from self._relaxed(search, box, inner, (0.0,))
+                    for between in _blended(proposal, inner):
+                        yield from self._relaxed(search, box, between, (0.0,))
             return
 
     def _relaxed(self, search: GainSearch, box: Scheduling, proposal: Proposal, shares: tuple[float, ...]
@@ -132,6 +144,12 @@ class GainBounds:
             outcome = recheck_gain(self.system, storage, gamma, budget=ATTEMPT)
             if outcome.holds:
                 yield storage, gamma, outcome, proposal.solver
+
+
+def _blended(least: Proposal, inner: Proposal) -> Iterator[Proposal]:
+    for part in BLENDS:
+        yield Proposal((1 - part) * least.matrices + part * inner.matrices,
+                       (1 - part) * least.gamma + part * inner.gamma, inner.solver)
 
 
 def storage_bases(system: Driven, box: Scheduling) -> Iterator[Basis]:

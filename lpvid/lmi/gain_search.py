@@ -28,6 +28,8 @@ MOST_UNKNOWNS = 2_500
 INTERIOR = 1e-6
 """Margin kept by the first stage, in the frame."""
 SOLVERS = ("CLARABEL", "MOSEK", "SDPA", "CVXOPT")
+ROUGHLY = {"CLARABEL": {"tol_gap_abs": 1e-4, "tol_gap_rel": 1e-2, "tol_feas": 1e-6}}
+"""For a margin of which any large share will do: a third of the iterations less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +72,11 @@ class GainSearch:
         n = self.system.order
         return self.basis.size * n * (n + 1) // 2 <= MOST_UNKNOWNS
 
+    def prepare(self, box: Scheduling) -> None:
+        """State and compile the programs of both stages; in discrete time they depend on the rates of the box."""
+        for stage in ("least", "interior"):
+            self._program(stage, box)[0].prepare()
+
     def best(self, box: Scheduling) -> Iterator[Proposal]:
         """Least γ, one proposal for each solver."""
         yield from self._solved("least", box, None)
@@ -79,18 +86,20 @@ class GainSearch:
         yield from self._solved("interior", box, gamma)
 
     def _solved(self, stage: str, box: Scheduling, gamma: float | None) -> Iterator[Proposal]:
-        continuous = self.system.sample_time is None
-        key = stage if continuous else f"{stage} {box.rate}"
-        if key not in self._programs:
-            self._programs[key] = self._stated(stage, box)
-        program, matrices = self._programs[key]
+        program, matrices = self._program(stage, box)
         values = {f"rate {i}": (box.rate[i] or 0.0) * self.frame.time for i in self._template(box).readings}
         if gamma is not None:
             values["gamma"] = gamma / self.frame.gain
-        for solution in program.solve(values, solvers=SOLVERS):
+        for solution in program.solve(values, solvers=SOLVERS, settings=None if gamma is None else ROUGHLY):
             found = np.stack([solution[m] for m in matrices])
             bound = gamma if gamma is not None else solution.objective * self.frame.gain
             yield Proposal(self.frame.outside(found), bound, solution.solver)
+
+    def _program(self, stage: str, box: Scheduling) -> tuple[Program, list[Affine]]:
+        key = stage if self.system.sample_time is None else f"{stage} {box.rate}"
+        if key not in self._programs:
+            self._programs[key] = self._stated(stage, box)
+        return self._programs[key]
 
     # -- stating -----------------------------------------------------------------------------------------------------
     def _template(self, box: Scheduling) -> Storage:

@@ -156,14 +156,22 @@ class Program:
         for solver in solvers:
             options = dict((settings or {}).get(solver, {}))
             if solver == native.NAME and native.installed():
-                if self._conic is None:
-                    self._conic = native.Conic.of(self._required, self._objective, self.unknowns.size)
-                x, status = self._conic.solve(known, options)
+                x, status = self._direct().solve(known, options)
             else:
                 x, status = self._modelled(solver, known, options)
             if x is not None and np.all(np.isfinite(x)):
                 value = float(self._objective.value(x)[0, 0]) if self._objective is not None else 0.0
                 yield Solution(x, value, solver, status)
+
+    def prepare(self) -> None:
+        """Compile now rather than at the first `solve`, where Clarabel is there."""
+        if native.installed():
+            self._direct()
+
+    def _direct(self) -> native.Conic:
+        if self._conic is None:
+            self._conic = native.Conic.of(self._required, self._objective, self.unknowns.size)
+        return self._conic
 
     def _modelled(self, solver: str, values: Mapping[str, float], options: Mapping[str, Any]
                   ) -> tuple[np.ndarray | None, str]:

@@ -15,7 +15,9 @@ from gain_systems import random_stable, rotating, time_invariant, vanishing
 
 import lpvid as lpv
 from lpvid.analysis.gain import Gain, l2_gain, l2_gains
+from lpvid.analysis.gain_bounds import GainBounds
 from lpvid.errors import InputError
+from lpvid.lmi.native import Conic
 from lpvid.lmi.program import SOLVERS
 from lpvid.scheduling import Fourier, Polynomial, Spline
 
@@ -95,6 +97,27 @@ def test_a_sweep_over_rates_is_what_single_calls_give():
     single = [l2_gain(vanishing(), r, Polynomial("d", degree=3), trajectories=False).upper for r in rates]
     assert [g.upper for g in sweep] == pytest.approx(single, rel=1e-6)
     assert sweep[0].upper < sweep[1].upper < sweep[2].upper
+
+
+def test_a_sweep_compiles_everything_in_its_first_call(monkeypatch):
+    """Whatever a later rate needs, the programs of both stages are there."""
+    compiled, stated = [], Conic.of
+
+    def counted(*given):
+        compiled.append(len(calls))
+        return stated(*given)
+
+    calls, certify = [], GainBounds.certify
+
+    def called(*given):
+        calls.append(given)
+        return certify(*given)
+
+    monkeypatch.setattr(Conic, "of", counted)
+    monkeypatch.setattr(GainBounds, "certify", called)
+    sweep = l2_gains(vanishing(), [0.1, 0.5, 1.0, 2.0, 3.0], Polynomial("d", degree=2))
+    assert all(g.between_grid for g in sweep) and len(calls) == 5
+    assert len(compiled) >= 2 and max(compiled) == 0
 
 
 def test_changing_units_changes_the_gain_by_their_ratio(rng):
