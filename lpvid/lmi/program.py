@@ -15,6 +15,7 @@ from scipy import sparse
 
 from lpvid.lmi import native
 from lpvid.lmi.affine import Affine, Unknowns
+from lpvid.lmi.quiet import quiet
 
 SOLVERS = ("CLARABEL", "MOSEK", "SDPA", "CVXOPT", "SCS")
 
@@ -78,7 +79,7 @@ def largest_margin(inequalities: Sequence[Inequality], *, solvers: Sequence[str]
         available = cp.installed_solvers()
     for solver in (s for s in solvers if s in available):
         try:
-            with warnings.catch_warnings():
+            with warnings.catch_warnings(), quiet():
                 warnings.simplefilter("ignore")
                 problem.solve(solver=solver)
         except (cp.SolverError, ArithmeticError, ValueError):
@@ -188,7 +189,8 @@ class Program:
             for name, parameter in parameters.items():
                 parameter.value = values[name]
             try:
-                problem.solve(solver=solver, **options)
+                with quiet():
+                    problem.solve(solver=solver, **options)
             except (cp.SolverError, ArithmeticError, ValueError):
                 return None, ""
         return (None if x.value is None else np.array(x.value, dtype=float)), str(problem.status)
