@@ -101,7 +101,8 @@ def known_name(wanted: str, available: Sequence[str], what: str, mend: str = "")
     """`wanted` if it is in `available`; otherwise an error that lists what there is."""
     if wanted not in available:
         hint = " Or ".join(part for part in (_near(wanted, available), mend) if part)
-        raise InputError(f"no {what} '{wanted}'", got=", ".join(available) or "none", mend=hint or None)
+        known = f"there {'is' if len(available) == 1 else 'are'} {', '.join(available) or 'none'}"
+        raise InputError(f"no {what} '{wanted}'", why=known, mend=hint or None)
     return wanted
 
 

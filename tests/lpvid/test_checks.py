@@ -92,7 +92,7 @@ def test_a_near_miss_is_pointed_out() -> None:
         _checks.known_name("velocty", ["velocity", "force"], "channel", "map it with --role v=CHANNEL")
     with pytest.raises(InputError, match=r"Mend: did you mean 'velocity'\?$"):
         _checks.known_name("velocty", ["velocity", "force"], "channel")
-    with pytest.raises(InputError, match="got none"):
+    with pytest.raises(InputError, match="there are none"):
         _checks.known_name("x", [], "channel")
     with pytest.raises(InputError, match=r"form must be one of a, bcd: got 'bc'\. Mend: did you mean 'bcd'"):
         _checks.one_of("bc", ("a", "bcd"), "form")
