@@ -25,13 +25,17 @@ class Fault:
 
 
 def refuse_dead_signals(plant: GeneralizedPlant, at: PlantMatrices) -> None:
-    """Raise for a control without effect, a measurement that sees nothing, or a control whose polarity turns over.
+    """Raise for no control, one without effect, one whose polarity turns over, and measurements alike.
 
     Raises
     ------
     InputError
         Naming the signal.
     """
+    for field, chosen in (("control", plant.controls), ("measurement", plant.measurements)):
+        if not chosen:
+            raise InputError(f"output feedback needs a {field}", got=f"a plant without {field}s",
+                             mend=f"name one in {field}s")
     push = np.concatenate([at.B2, at.D12], axis=1)
     seen = np.concatenate([at.C2, at.D21], axis=2).swapaxes(1, 2)
     for j, name in enumerate(plant.controls):

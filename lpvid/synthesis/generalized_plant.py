@@ -79,6 +79,9 @@ class GeneralizedPlant:
 
     def __post_init__(self) -> None:
         inputs, outputs = self._names(self.system.inputs), self._names(self.system.outputs)
+        for field, known in (("inputs", inputs), ("outputs", outputs)):
+            if len(set(known)) != len(known):
+                raise InputError(f"two {field} of a plant bear one name", got=", ".join(known), mend="rename one")
         for field, known in (("controls", inputs), ("measurements", outputs)):
             chosen: Sequence[str] = getattr(self, field)
             chosen = (chosen,) if isinstance(chosen, str) else tuple(chosen)
