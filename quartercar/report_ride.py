@@ -66,7 +66,8 @@ def told(interval: Interval, scale: float = 1.0, digits: int = 4) -> str:
     """
     if interval.high is None:
         return number(scale * interval.mean, digits)
-    return f"{scale * interval.mean:#.{digits}g} ± {scale * (interval.high - interval.mean):.2g}"
+    mean = f"{scale * interval.mean:#.{digits}g}".rstrip(".")
+    return f"{mean} ± {number(scale * (interval.high - interval.mean), 2)}"
 
 
 def _caveats(found: RideComparison) -> tuple[str, ...]:
@@ -110,7 +111,7 @@ def _against(found: RideComparison, road: str) -> Table:
 
 
 def _share(interval: Interval) -> str:
-    half = "" if interval.high is None else f" ± {100 * (interval.high - interval.mean):.2g}"
+    half = "" if interval.high is None else f" ± {number(100 * (interval.high - interval.mean), 2)}"
     return f"{100 * interval.mean:+.2f}{half} %"
 
 

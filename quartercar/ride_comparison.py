@@ -10,6 +10,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.report import number
 from quartercar.car import QuarterCar
 from quartercar.controllers.contract import Controller
 from quartercar.ride_roads import RideRoad
@@ -214,7 +215,7 @@ def _line(row: Row) -> str:
     def told(figure: str, scale: float = 1.0) -> str:
         i = row.interval(figure)
         half = 0.0 if i.high is None else scale * (i.high - i.mean)
-        return f"{scale * i.mean:8.4g} ± {half:<7.2g}"
+        return f"{scale * i.mean:8.4g} ± {number(half, 2):<7}"
 
     return (f"  {row.name:<18}comfort {told('comfort')} m/s^2  tyre {told('tyre_load')} N  stroke "
             f"{told('stroke', 1e3)} mm  at limits {row.interval('at_limits').mean:4.0%}")

@@ -163,7 +163,8 @@ class Verification:
     why: str
 
     def __str__(self) -> str:
-        return f"{'holds' if self.holds else 'does not hold'}: {self.why} (margin {self.margin:.3g})"
+        margin = f" (margin {self.margin:.3g})" if np.isfinite(self.margin) else ""
+        return f"{'holds' if self.holds else 'does not hold'}: {self.why}{margin}"
 
 
 def _interval(name: str, low: float, high: float, unit: str) -> str:

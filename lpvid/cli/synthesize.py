@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 PlantFile = Annotated[Path | None, typer.Argument(metavar="PLANT", help="A TOML plant; --template prints one.",
                                                   show_default=False)]
 DesignFile = Annotated[Path | None, typer.Option("--design", metavar="DESIGN", help="A TOML design; left out, the "
-                                                 "[design] table of the plant.", show_default=False)]
+                                                 "design table of the plant.", show_default=False)]
 
 
 @command

@@ -133,10 +133,15 @@ def number(value: float | None, digits: int = 4, unit: str = "") -> str:
     --------
     >>> number(0.0123456), number(None), number(float("nan")), number(1234567.0), number(3.0, unit="A")
     ('0.01235', '–', '–', '1.235e+06', '3 A')
+    >>> number(99.7, 2)  # a power of ten that hides no more digits than asked for is written out
+    '100'
     """
     if value is None or not math.isfinite(value):
         return "–"
-    return f"{value:.{digits}g} {unit}".rstrip()
+    text = f"{value:.{digits}g}"
+    if "e+" in text and abs(value) < 1e4:
+        text = f"{float(text):.0f}"
+    return f"{text} {unit}".rstrip()
 
 
 def percent(share: float | None, digits: int = 3) -> str:
