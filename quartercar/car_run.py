@@ -123,7 +123,7 @@ class CarRun:
     def after(self, time: float) -> CarRun:
         """The run from a time on [s], its start left out of every figure."""
         first = int(np.ceil(_checks.real(time, "time") / self.sample_time - 1e-9))
-        _checks.count(self.n_samples - first, "samples that are left", at_least=2)
+        _checks.count(self.n_samples - first, "the number of samples after the start of a run", at_least=2)
         return CarRun(self.sample_time, {n: _checks.frozen_array(a[first:], n) for n, a in self.signals.items()},
                       self.units, self.static_load, self.car)
 

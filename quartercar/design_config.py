@@ -54,7 +54,7 @@ def load_design(path: str | Path) -> DesignConfig:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise InputError(f"cannot read '{path}'", why=str(why)) from None
+        raise InputError(f"cannot read '{path}'", why=str(why), mend="check the path") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path.name} is not TOML", why=str(error)) from None
     try:
@@ -122,6 +122,7 @@ def design_template() -> str:
              "criterion = \"hinf\"          # least worst gain; h2: least rms on a random road",
              "lag = \"4 ms\"                # from demand to force: the coil",
              "tune = 0                    # evaluations by which the weights are tuned; 0: as given", "",
+             "# relief and least_share: of lpv-hinf alone; leave them out for lpv-hinf-clipped",
              "[weights]                   # each says what counts as much as 1 m/s^2 of the body"]
     lines += [f"{p.name} = {law.values[p.name]!r:<20}# {f'{p.unit}, ' if p.unit else ''}{p.says}"
               for p in law.parameters]

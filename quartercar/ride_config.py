@@ -84,7 +84,7 @@ def load_config(path: str | Path) -> RideConfig:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise InputError(f"cannot read '{path}'", why=str(why)) from None
+        raise InputError(f"cannot read '{path}'", why=str(why), mend="check the path") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path.name} is not TOML", why=str(error)) from None
     try:

@@ -224,9 +224,14 @@ class Track:
         for field in ("distance", "elevation"):
             array = _checks.frozen_array(getattr(self, field), field, ndim=1)
             object.__setattr__(self, field, _checks.finite(array, field))
-        if self.distance.shape != self.elevation.shape or self.distance.size < 2 or np.any(np.diff(self.distance) <= 0):
-            raise InputError("a measured road needs rising distances with one elevation each",
+        if self.distance.shape != self.elevation.shape or self.distance.size < 2:
+            raise InputError("a measured road needs two or more distances with one elevation each",
                              got=f"{self.distance.size} distances, {self.elevation.size} elevations")
+        back = np.flatnonzero(np.diff(self.distance) <= 0)
+        if back.size:
+            before, after = self.distance[back[0]:back[0] + 2]
+            raise InputError("a measured road needs rising distances", got=f"{after:.6g} m after {before:.6g} m",
+                             mend="sort the rows by distance and leave repeated ones out")
 
     @property
     def length(self) -> float:

@@ -68,7 +68,8 @@ class LFTFeedback:
 
     def __post_init__(self) -> None:
         if not _checks.real(self.back_off, "back_off") >= 1:
-            raise InputError("back_off must be at least 1", got=self.back_off)
+            raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain",
+                             mend="1.02 stops 2 % above it")
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The controller for a plant with a polynomial basis, its closed loop verified."""

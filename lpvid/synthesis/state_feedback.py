@@ -87,7 +87,8 @@ class StateFeedback:
         object.__setattr__(self, "criteria", listed(self.criteria, (HInfinity, H2), "the criteria"))
         object.__setattr__(self, "regions", listed(self.regions, Region, "the regions"))
         if not _checks.real(self.back_off, "back_off") >= 1:
-            raise InputError("back_off must be at least 1", got=self.back_off)
+            raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain",
+                             mend="1.02 stops 2 % above it")
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The gain for a plant, with the figures of its closed loop."""
