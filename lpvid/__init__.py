@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from lpvid.diagnosis.effect import Effect
     from lpvid.diagnosis.engine import DiagnosisSettings
     from lpvid.diagnosis.extended import ExtendedModel
-    from lpvid.errors import InputError, LpvError, NumericalError
+    from lpvid.errors import ExtrapolationWarning, InputError, LpvError, NumericalError
     from lpvid.export.python_control import from_control, to_grid
     from lpvid.export.serialise import load, model_hash, save
     from lpvid.files import read
@@ -110,7 +110,7 @@ _EXPORTS = {
     "lpvid.diagnosis.effect": ("Effect",),
     "lpvid.diagnosis.engine": ("DiagnosisSettings",),
     "lpvid.diagnosis.extended": ("ExtendedModel",),
-    "lpvid.errors": ("InputError", "LpvError", "NumericalError"),
+    "lpvid.errors": ("ExtrapolationWarning", "InputError", "LpvError", "NumericalError"),
     "lpvid.export.python_control": ("from_control", "to_grid"),
     "lpvid.export.serialise": ("load", "model_hash", "save"),
     "lpvid.files": ("read",),
@@ -168,8 +168,9 @@ _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
     "ARMAX", "ARX", "H2", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "Channel", "Compliance",
-    "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "Effect", "Euler", "ExtendedModel", "Filter", "Fourier", "Gain",
-    "GainCertificate", "Gap", "GeneralizedPlant", "HInfinity", "HalfPlane", "Identification", "InputError",
+    "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "Effect", "Euler", "ExtendedModel",
+    "ExtrapolationWarning", "Filter", "Fourier", "Gain", "GainCertificate", "Gap",
+    "GeneralizedPlant", "HInfinity", "HalfPlane", "Identification", "InputError",
     "LFTFeedback", "LFTModel", "LPVStateSpace", "LPVTransferFunction", "LpvError", "MultiObjective", "NumericalError",
     "Observer", "OutputError", "OutputFeedback", "Polynomial", "Product", "QuasiLPV", "Realization", "Record",
     "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain", "Scheduling", "Selection", "Shifted", "Signal",

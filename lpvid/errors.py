@@ -44,6 +44,10 @@ class InputError(LpvError, ValueError):
         super().__init__(" ".join(text.split()))
 
 
+class ExtrapolationWarning(UserWarning):
+    """A model or a controller is asked for something outside the range that it was fitted on, or designed for."""
+
+
 class NumericalError(LpvError, ArithmeticError):
     """A numerical outcome short of what the caller asked for (exit code 3)."""
 

@@ -11,6 +11,7 @@ from lpvid import _checks
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
 from lpvid.model.adaptable import Adaptable, acting
+from lpvid.model.designed import warn_outside
 from lpvid.model.lft import LFTModel
 from lpvid.model.quasi import SelfScheduled
 from lpvid.model.signals import Signal
@@ -92,6 +93,11 @@ def simulate(model: Model | Adaptable, record: Record, initial: str | np.ndarray
     InputError
         Missing or non-finite channels, another sampling rate, a continuous-time model.
 
+    Warns
+    -----
+    ExtrapolationWarning
+        A designed controller or closed loop along scheduling outside the box that it was designed for.
+
     Examples
     --------
     >>> from lpvid.scheduling import Polynomial
@@ -102,6 +108,7 @@ def simulate(model: Model | Adaptable, record: Record, initial: str | np.ndarray
     """
     model = _acting(model, record)
     u, p = _signals(model, record)
+    warn_outside(model, p, record.name)
     needs_output = isinstance(initial, str) and initial != "zero"
     y = _outputs(model, record) if needs_output else np.zeros((record.n_samples, model.n_outputs))
     if isinstance(model, LPVTransferFunction):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.errors import InputError, NumericalError
+from lpvid.model.designed import KEY, role_of
 from lpvid.model.lft import LFTModel
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Spline
@@ -115,7 +116,7 @@ def rebuilt(function: MatrixFunction, model: Model) -> LPVStateSpace:
     kept = Scheduling(*(tuple(getattr(box, f)[i] for i in index) for f in ("names", "lower", "upper", "rate", "units")))
     return LPVStateSpace(x[:, :n, :n], x[:, :n, n : n + m], x[:, n:, :n], x[:, n:, n : n + m], function.basis,
                          model.sample_time, kept, x[:, :n, -1], x[:, n:, -1], inputs=model.inputs,
-                         outputs=model.outputs)
+                         outputs=model.outputs, metadata={KEY: role} if (role := role_of(model)) else {})
 
 
 def as_polynomial(system: LPVStateSpace) -> MatrixFunction | None:

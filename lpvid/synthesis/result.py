@@ -10,6 +10,7 @@ from typing import Any
 
 from lpvid import _checks
 from lpvid.errors import InputError, NumericalError
+from lpvid.model.designed import designed
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 
@@ -87,6 +88,9 @@ class Synthesis:
     def __post_init__(self) -> None:
         _checks.one_of(self.verdict, VERDICTS, "the verdict of a synthesis")
         object.__setattr__(self, "notes", tuple(self.notes))
+        for name, role in (("controller", "controller"), ("closed_loop", "closed loop")):
+            part = getattr(self, name)
+            object.__setattr__(self, name, None if part is None else designed(part, role))
         if self.solved != (self.controller is not None):
             raise InputError("a synthesis has a controller exactly if it succeeded", got=self.verdict)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from lpvid import _checks
-from lpvid.errors import InputError
+from lpvid.errors import ExtrapolationWarning, InputError
 from lpvid.model.adaptable import Adaptable
 from lpvid.record import Record
 from lpvid.simulation import Simulation
@@ -24,10 +24,6 @@ if TYPE_CHECKING:
     from quartercar.dampers.facts import Facts
     from quartercar.dampers.fitting import DamperFit, Estimate, FitSettings
     from quartercar.dampers.passivity import Passivity
-
-
-class ExtrapolationWarning(UserWarning):
-    """A model is asked for currents outside the range it was fitted on."""
 
 
 @dataclass(frozen=True, eq=False)

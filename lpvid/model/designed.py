@@ -1,0 +1,50 @@
+"""Controllers and closed loops that were designed for a scheduling box: what was shown of them holds inside it only."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+
+from lpvid.errors import ExtrapolationWarning
+from lpvid.model.state_space import LPVStateSpace
+
+KEY = "designed"
+"""Entry of a model's metadata that says what it was designed as."""
+
+
+def designed(model: LPVStateSpace, role: str) -> LPVStateSpace:
+    """The same model, known to have been designed as "controller" or "closed loop"."""
+    return model if role_of(model) else model.replace(metadata={**model.metadata, KEY: role})
+
+
+def role_of(model: Any) -> str:
+    """What a model was designed as; empty for one that was identified or written down."""
+    return str(getattr(model, "metadata", {}).get(KEY, ""))
+
+
+def warn_outside(model: Any, p: np.ndarray, record: str, stacklevel: int = 3) -> None:
+    """Say which scheduling variables leave the box that a model was designed for, how far, and for how long.
+
+    Warns
+    -----
+    ExtrapolationWarning
+        A designed model along (n, variables) scheduling outside its box.
+    """
+    role, box = role_of(model), model.box
+    if not role or not len(p):
+        return
+    told = []
+    for i, name in enumerate(box.names):
+        low, high, unit = box.lower[i], box.upper[i], box.units[i]
+        slack = 1e-9 * (1 + high - low)
+        share = float(np.mean((p[:, i] < low - slack) | (p[:, i] > high + slack)))
+        if share:
+            tail = f" {unit}" if unit else ""
+            told.append(f"'{name}' runs from {p[:, i].min():.4g} to {p[:, i].max():.4g}{tail} and lies outside its "
+                        f"{low:.4g} to {high:.4g}{tail} at {100 * share:.3g} % of the samples")
+    if told:
+        warnings.warn(f"the {role} was designed for a scheduling box that record '{record}' leaves: "
+                      f"{'; '.join(told)}. There, no bound and no stability was shown. Mend: hold the scheduling at "
+                      "the ends of its range, or design for a wider one", ExtrapolationWarning, stacklevel=stacklevel)
