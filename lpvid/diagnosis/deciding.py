@@ -17,13 +17,13 @@ from lpvid.diagnosis.steadiness import steadiness
 
 BLOCKS_BETTER = 0.8
 """share of held-out blocks in which a cause must help"""
-ACTING = 0.1
+ACTING = 0.25
 """share of the mean change over the blocks from which on a cause acts in a block"""
 LARGEST_BLOCK = 0.5
 """share of the gain that one block may carry"""
 SEPARATED = 10.0
 """whitened log-likelihood that must lie between a cause and a rival"""
-RIVALS = 3
+RIVALS = 5
 """rivals refitted for each cause"""
 CLOSE, CLOSE_SHARE = 100.0, 0.3
 """log-likelihood by which a first rough refit of a rival may trail, flat and as a share of what the cause wins"""
@@ -32,7 +32,7 @@ EXPLAINED = 0.95
 SHADOW, DEEP_SHADOW = 0.005, 0.05
 """share of what the strongest cause wins in BIC below which another may be no more than that one's imperfect law; the
 second number for a catch-all"""
-FORM = 0.05
+FORM = 0.25
 """share of what a component wins by which a catch-all must do better to be its rival"""
 UNSTEADY = 0.13
 """share by which the strength of a cause may differ, beyond three standard errors, between strata of the inputs"""
@@ -206,7 +206,8 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
         assert e.best is not None and own.best is not None
         composition = Composition(rest.composition.baseline, (*rest.composition.effects, e.effect))
         begun = [placed(composition, rest, {e.effect.name: v}) for v in starts(e.effect, found)[:2]]
-        begun.append(placed(composition, now, {e.effect.name: e.best.values}))
+        beside = [placed(composition, now, {e.effect.name: v}) for v in e.effect.points(problem.signals)]
+        begun += sorted(beside, key=lambda v: _cost(problem, composition, v))[:2]
         fit = min((refit(problem, composition, start, iterations=TASTE, near=rest, rough=True) for start in begun),
                   key=lambda f: f.cost)
         if fit.cost - now.cost > max(CLOSE * now.variance, CLOSE_SHARE * (rest.cost - now.cost)):
@@ -220,6 +221,12 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
         if not e.effect.implausible(values):
             out.append(Alternative(e.effect, fit, abs(similarity(own.best, e.best)), float(apart)))
     return tuple(sorted(out, key=lambda a: a.apart))
+
+
+def _cost(problem: Problem, composition: Composition, vector: np.ndarray) -> float:
+    """Squared whitened error as it stands."""
+    errors = problem.stack(problem.errors(composition, vector))
+    return float(errors @ errors)
 
 
 def explained_share(problem: Problem, before: Folds, after: Folds, floor: float | None, predictable: float

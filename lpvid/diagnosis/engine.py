@@ -41,6 +41,8 @@ LEFT = 0.05
 nothing counts as explained in full"""
 PARTLY = 0.75
 """share of the excess error below which causes, however steady, are not named"""
+MOST_REGROWN = 2
+"""times that the set may grow anew after one of it has gone"""
 MOST_TURNS = 5
 """times that one of the set may give way to another"""
 PREDICTABLE = 0.02
@@ -111,7 +113,6 @@ class _Case:
 
     records: tuple[Record, ...]
     baseline: Baseline
-    problem: Problem
     first: Refit
     level: NoiseLevel
     usable: tuple[Effect, ...]
@@ -140,16 +141,21 @@ class _Case:
         screened = tuple(evidence)
         whitened_first = search.fit
         search.grow(evidence, found)
-        return cls(tuple(records), baseline, search.problem, whitened_first, level, usable, unusable, search, screened,
+        return cls(tuple(records), baseline, whitened_first, level, usable, unusable, search, screened,
                    given, say)
+
+    @property
+    def problem(self) -> Problem:
+        """Data, blocks, and the filter that whitens what the present set leaves."""
+        return self.search.problem
 
     # -- deciding ----------------------------------------------------------------------------------------------------
     def decide(self, held_out: Sequence[Record]) -> Diagnosis:
+        bare = refit(self.problem, Composition(self.baseline), self.first.vector)
+        before = out_of_fold(self.problem, bare)
+        judged, dropped, after = self._judged(before)
         problem, fit = self.problem, self.search.fit
         bare = refit(problem, Composition(self.baseline), self.first.vector)
-        before = out_of_fold(problem, bare)
-        judged, dropped, after = self._judged(before)
-        fit = self.search.fit
         named = [j for j in judged if not j.objections and not j.rivals]
         contested = [j for j in judged if not j.objections and j.rivals]
         plain = problem.errors(fit.composition, fit.vector)
@@ -171,7 +177,7 @@ class _Case:
         explain is then told once more: it must not lend them its share.
         """
         gone: list[Judged] = []
-        turn = 0
+        turn = regrown = 0
         while True:
             turn += 1
             fit = self.search.fit
@@ -192,6 +198,9 @@ class _Case:
             worst = min((j for j in bad if not j.minor), key=lambda j: j.contribution)
             gone.append(worst)
             self.search.fit = self._final(fit, [j for j in judged if j is not worst])
+            if regrown < MOST_REGROWN:  # in its absence another may come forward
+                regrown += 1
+                self.search.grow(*self.search.rewhiten(), avoid=worst.effect.name)
 
     def _give_way(self, judged: list[Judged], gone: list[Judged]) -> bool:
         """Put a better name in the place of one of the set; whether there was one."""

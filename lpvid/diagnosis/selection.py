@@ -106,13 +106,24 @@ class Search:
         return screen(self.problem, self.fit, found, self.rng), found
 
     def outside(self) -> tuple[Effect, ...]:
-        """Candidates that are not in the set."""
-        names = {e.name for e in self.fit.composition.effects}
+        """Candidates that are not in the set, nor special cases of one that is."""
+        names = {name for e in self.fit.composition.effects for name in (e.name, *e.contains)}
         return tuple(e for e in self.candidates if e.name not in names)
 
+    def enlarged(self, added: Sequence[Effect]) -> Composition:
+        """The set with further effects, which take the place of their special cases."""
+        gone = {name for e in added for name in e.contains}
+        kept = [e for e in self.fit.composition.effects if e.name not in gone]
+        return Composition(self.fit.composition.baseline, (*kept, *added))
+
     # -- growing -----------------------------------------------------------------------------------------------------
-    def grow(self, evidence: list[Evidence], found: list[Direction]) -> tuple[list[Evidence], list[Direction]]:
-        """Add effects while one of them passes the block test and wins BIC; re-rank all after each."""
+    def grow(self, evidence: list[Evidence], found: list[Direction], avoid: str = ""
+             ) -> tuple[list[Evidence], list[Direction]]:
+        """Add effects while one of them passes the block test and wins BIC; re-rank all after each.
+
+        The effect to be avoided is not the first to be added.
+        """
+        evidence = [e for e in evidence if e.effect.name != avoid]
         while len(self.fit.composition.effects) < MOST_EFFECTS:
             least = min((e.p_value for e in evidence), default=1.0)
             best = self.best_addition(evidence, found) if least < SIGNIFICANT else None
@@ -232,7 +243,7 @@ class Search:
 
     def taste(self, added: Sequence[Effect], found: Sequence[Direction]) -> Refit:
         """The set with further effects after a few rough steps from the most promising grid points."""
-        composition = Composition(self.fit.composition.baseline, (*self.fit.composition.effects, *added))
+        composition = self.enlarged(added)
         points = [starts(e, found) for e in added]
         names = [e.name for e in added]
         pairs = [(p,) for p in points[0]] if len(added) == 1 else [(a, b) for a in points[0] for b in points[-1]][:3]

@@ -11,7 +11,8 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.problem import Problem, projector, without
 from lpvid.diagnosis.refitting import Refit
 
-PARTS = 3
+LEVELS = ("least", "low", "middle", "high", "largest")
+PARTS = len(LEVELS)
 """strata for each input, for its size and for time"""
 WEIGHT = 0.05
 """share of a cause's squared change that a stratum must hold to be asked"""
@@ -90,7 +91,7 @@ def _worst(problem: Problem, change: np.ndarray, errors: np.ndarray, channels: S
             sums = problem.block_sums(np.where(inside, product, 0.0))
             excess = (abs(float(sums.sum())) - CERTAIN * float(np.sqrt(sums @ sums))) / weight
             if excess > worst.excess:
-                worst = Steadiness(excess, f"{('low', 'middle', 'high')[k]} {name}")
+                worst = Steadiness(excess, f"{LEVELS[k]} {name}")
     return worst
 
 
