@@ -40,10 +40,13 @@ def stability(model: options.ModelFile,
               out: options.Out = None, json: options.Json = False) -> None:
     """Pole locus, exact critical scheduling values, certificate; writes stability.json, locus.png and report.html.
 
+    Where there is a certificate, certificate.json too, which lpvid verify checks against the model.
+
     Exits with 0 when the model is stable frozen and certified while its scheduling moves, with 3 when not. A model that
     schedules itself is judged by what holds for every course of its own output.
     """
-    from lpvid.export.serialise import load
+    from lpvid.export.serialise import load, save
+    from lpvid.report.stability import StabilityStudy
     from lpvid.report.stability_reach import Questions
 
     results = Results(out)
@@ -55,6 +58,8 @@ def stability(model: options.ModelFile,
         if results.kept:
             say("drawing")
             results.json("stability.json", data)
+            if isinstance(found, StabilityStudy) and found.certificate.verified:
+                results.add("certificate.json", lambda path: save(found.certificate, path))
             _draw(results, found)
             results.report(render())
     conclude(results, data, str(found), json)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -78,21 +79,29 @@ def verify(certificate: Annotated[Path, typer.Argument(metavar="CERTIFICATE", he
                                                         show_default=False)] = None,
            json: options.Json = False) -> None:
     """Re-check a saved certificate with numpy alone; exits with 3 where it does not hold."""
+    from lpvid.analysis.certificates import Checkable, StabilityCertificate
     from lpvid.analysis.certificates import verify as check
     from lpvid.export.serialise import load
     from lpvid.synthesis.result import Synthesis
 
     held = load(certificate)
     system: Any = None if model is None else load(model)
+    quoted: float | None = None
     if isinstance(held, Synthesis):
         system = held.closed_loop if system is None else system
-        held = held.certificate
+        held, quoted = held.certificate, held.gamma_verified
         if held is None:
             raise InputError(f"'{certificate}' holds no certificate", got="a synthesis without one")
+    if not isinstance(held, (StabilityCertificate, Checkable)):
+        raise InputError(f"'{certificate}' holds no certificate", got=type(held).__name__,
+                         mend="lpvid verify certificate.json closed_loop.json")
     if system is None:
         raise InputError("verify needs the model that the certificate was made for",
                          mend="lpvid verify certificate.json closed_loop.json")
     found = check(held, system)
+    proven = getattr(held, "gamma", None)
+    if found.holds and quoted is not None and proven is not None and quoted < proven * (1 - 1e-9):
+        found = replace(found, holds=False, why=f"a gain of {quoted:.6g} is quoted, {proven:.6g} is certified")
     data = {"schema": "lpvid/verification/1", "holds": found.holds, "margin": found.margin,
             "between_grid": found.between_grid, "why": found.why, "claim": getattr(held, "claim", ""),
             "certificate": str(certificate)}
