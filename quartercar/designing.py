@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from lpvid.errors import InputError
 from lpvid.synthesis.result import Synthesis
 from quartercar.car import QuarterCar
 from quartercar.controllers.contract import Controller, Setting
 from quartercar.controllers.lpv_hinf import LpvHinf
 from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
 from quartercar.controllers.scheduled import ScheduledController
-from quartercar.controllers.suspension_design import Task, nodes_of, synthesized
+from quartercar.controllers.suspension_design import Task, admissible, nodes_of, synthesized
+from quartercar.dampers.contract import Damper
 from quartercar.linear_car import LinearCar
 from quartercar.plant.car_part import passive_sense
 from quartercar.ride_roads import Bump
@@ -133,16 +135,30 @@ def design(car: QuarterCar, law: LpvHinf | LpvHinfClipped | None = None,
     Raises
     ------
     InputError
-        A damper of reversed polarity, a car without a damper model.
+        A damper of reversed polarity, one whose force does not follow the current, a car without a damper model, a
+        coil without a highest current.
     """
     law, settings = law or LpvHinf(), settings or RideSettings()
     damper = settings.model or car.damper
+    currents = (car.coil.lowest, car.coil.highest)
     if damper is not None:
         passive_sense(damper)
-    setting = Setting(settings.period(car), 1, settings.parameters or car.parameters, damper,
-                      (car.coil.lowest, car.coil.highest))
+        _commanded(damper, currents)
+    setting = Setting(settings.period(car), 1, settings.parameters or car.parameters, damper, currents)
     task = law.task(law.values, setting)
     return Design(car, law, task, synthesized(task), setting)
+
+
+def _commanded(damper: Damper, currents: tuple[float, float]) -> None:
+    """Refuse a coil without limits and a damper on which the current has no effect."""
+    if not np.isfinite(currents[1]):
+        raise InputError("a design needs limits of the current", got=f"{currents[0]:g} to {currents[1]:g} A",
+                         mend="give the car a coil with a highest current")
+    band = admissible(damper, currents)
+    if np.ptp([band.least, band.most], axis=0).max() <= 1e-6 * np.abs(band.most).max():
+        raise InputError(f"the damper '{damper.name}' has the same force at every current, so that there is nothing to "
+                         "command", got=f"currents from {currents[0]:g} to {currents[1]:g} A",
+                         mend="fit a model that depends on the current")
 
 
 def _names(synthesis: Synthesis, which: str) -> tuple[str, ...]:

@@ -200,7 +200,9 @@ class RideComparison:
     def __str__(self) -> str:
         lines = [self.verdict]
         for road in self.roads:
-            lines.append(f"{road}, {len(self.seeds)} seeds, mean ± half of the 95 % interval")
+            several = len(self.seeds) > 1
+            lines.append(f"{road}, {len(self.seeds)} seeds, mean ± half of the 95 % interval" if several else
+                         f"{road}, one seed: no interval")
             lines += [_line(r) for r in self.on(road)]
         return "\n".join([*lines, *self.notes])
 
@@ -214,8 +216,8 @@ def _tied(names: Sequence[str]) -> str:
 def _line(row: Row) -> str:
     def told(figure: str, scale: float = 1.0) -> str:
         i = row.interval(figure)
-        half = 0.0 if i.high is None else scale * (i.high - i.mean)
-        return f"{scale * i.mean:8.4g} ± {number(half, 2):<7}"
+        half = "" if i.high is None else f" ± {number(scale * (i.high - i.mean), 2):<7}"
+        return f"{scale * i.mean:8.4g}{half}"
 
     return (f"  {row.name:<18}comfort {told('comfort')} m/s^2  tyre {told('tyre_load')} N  stroke "
             f"{told('stroke', 1e3)} mm  at limits {row.interval('at_limits').mean:4.0%}")
