@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lpvid.cli import options
-from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
+from lpvid.cli.running import SHORTFALL, Results, command, conclude, solvers_unheard, working
 
 if TYPE_CHECKING:
     from lpvid.report import Page
@@ -51,7 +51,7 @@ def stability(model: options.ModelFile,
 
     results = Results(out)
     loaded = load(model)
-    with working("looking for a certificate") as say:
+    with working("looking for a certificate") as say, solvers_unheard():
         asked = Questions(largest_range, largest_rate, gain, draws)
         found, render = _studied(loaded, model, (rate, range), seed, asked, say)
         data = {**found.to_dict(), "model": str(model)}

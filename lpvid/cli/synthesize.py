@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lpvid.cli import options
-from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
+from lpvid.cli.running import SHORTFALL, Results, command, conclude, solvers_unheard, working
 from lpvid.errors import InputError
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
 
     results = Results(out)
     loaded, settings, title = _read(plant, design)
-    with working("solving the matrix inequalities") as say, _quiet():
+    with working("solving the matrix inequalities") as say, solvers_unheard():
         result = solve(loaded, settings)
         data: dict[str, Any] = {"schema": "lpvid/synthesis/1", **result.to_dict(), "plant": str(plant),
                                 "design": repr(settings)}
@@ -126,28 +126,3 @@ def _read(plant: Path, design: Path | None) -> tuple[GeneralizedPlant, Design, s
     place = f"{plant} [design]" if design is None else str(design)
     settings = within(place, lambda: design_of(table_of(asked, "the design"), loaded))
     return loaded, settings, str(table.get("name") or plant.stem)
-
-
-def _quiet():
-    """What compiled solvers print on standard output goes to standard error, so that --json prints the result alone."""
-    import os
-    import sys
-    from contextlib import contextmanager
-
-    @contextmanager
-    def turned():
-        sys.stdout.flush()
-        try:
-            kept = os.dup(1)
-        except OSError:
-            yield
-            return
-        try:
-            os.dup2(2, 1)
-            yield
-        finally:
-            sys.stdout.flush()
-            os.dup2(kept, 1)
-            os.close(kept)
-
-    return turned()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lpvid.cli import options
-from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
+from lpvid.cli.running import SHORTFALL, Results, command, conclude, solvers_unheard, working
 
 if TYPE_CHECKING:
     from quartercar.controllers.lpv_hinf import LpvHinf
@@ -45,7 +45,7 @@ def design(
         typer.echo(design_template() if template else writer.dumps(design_schema(), indent=2) + "\n", nl=False)
         return
     results = Results(out)
-    with working("reading") as say:
+    with working("reading") as say, solvers_unheard():
         chosen = read_design({}) if config is None else load_design(config)
         law = _tuned(chosen, chosen.tune if tune is None else tune, say)
         say("looking for a controller")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lpvid.cli import options
-from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
+from lpvid.cli.running import SHORTFALL, Results, command, conclude, solvers_unheard, working
 from lpvid.errors import InputError, NumericalError
 
 if TYPE_CHECKING:
@@ -55,8 +55,9 @@ def ride(
     with working("reading") as say:
         chosen = _chosen(config, car, damper, road, controller, measurements, seeds, tune)
         try:
-            laws, tuned = _tuned(chosen, say)
-            found = compare_rides(chosen.car, chosen.roads, laws, chosen.seeds, chosen.settings, say=say)
+            with solvers_unheard():
+                laws, tuned = _tuned(chosen, say)
+                found = compare_rides(chosen.car, chosen.roads, laws, chosen.seeds, chosen.settings, say=say)
         except NumericalError as error:
             data = {"schema": "quartercar/ride/1", "verdict": f"No comparison: {error}", "rides": []}
             results.json("ride.json", data)
