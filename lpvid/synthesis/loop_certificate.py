@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
 from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.driven import driven
-from lpvid.lmi.gain_certificate import GainCertificate, kind_of, recheck_gain
+from lpvid.lmi.gain_certificate import GainCertificate, certify_gain, kind_of, recheck_gain
 from lpvid.lmi.storage import Storage
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Fourier, Polynomial, Scheduling
@@ -20,6 +20,8 @@ SHARES = (1e-6, 1e-4, 2e-3)
 """by which the certified bound may lie above the one found at points."""
 CELLS = {1: 96, 2: 14, 3: 6}
 """of the grid on which P(p) is sampled, by the number of its variables."""
+SCREEN = {1: 13, 2: 5, 3: 3}
+"""Points per variable at which a design's own storage function is looked at first."""
 
 
 def certificate_of(formula: ControllerFormula, loop: LPVStateSpace, bound: float) -> GainCertificate | None:
@@ -30,12 +32,25 @@ def certificate_of(formula: ControllerFormula, loop: LPVStateSpace, bound: float
     """
     if formula.variations.rated:
         return None
+    return proven(loop, bound, _proposals(formula, box_of(driven(loop).readings, loop.box)), SHARES)
+
+
+def proven(loop: LPVStateSpace, bound: float, proposals: Iterable[tuple[Basis, np.ndarray]],
+           shares: Sequence[float]) -> GainCertificate | None:
+    """The first of some storage functions that proves a gain at most `shares` above a bound; else the best on a grid.
+
+    Parameters
+    ----------
+    proposals : iterable of (Basis, (K, n, n) array)
+    shares : sequence of float
+        Rising.
+    """
     system = driven(loop)
     box = box_of(system.readings, loop.box)
     best: GainCertificate | None = None
-    for basis, matrices in _proposals(formula, box):
+    for basis, matrices in proposals:
         storage = Storage(matrices, basis, box, system.sample_time)
-        for share in SHARES:
+        for share in shares:
             gamma = bound * (1 + share)
             if best is not None and gamma >= best.gamma and best.between_grid:
                 return best
@@ -48,6 +63,43 @@ def certificate_of(formula: ControllerFormula, loop: LPVStateSpace, bound: float
         if best is not None and best.between_grid:
             return best
     return best
+
+
+def own_certificate(values: Callable[[np.ndarray], np.ndarray], basis: Basis, loop: LPVStateSpace, promised: float,
+                    most: float) -> GainCertificate | None:
+    """Whether the storage function that a design gives proves its promise for the loop, or `most` times that.
+
+    Parameters
+    ----------
+    values : callable
+        (N, n, n) P at (N, variables) points of the loop's box; fitted in `basis` and in richer ones.
+    basis : Basis
+        Over variables of the box.
+    """
+    box = loop.box
+    if not loop.is_discrete and not _plausible(values, loop, promised * most):
+        return None
+    points = dense(box, CELLS.get(len(box.names), 4))
+    at = values(points)
+
+    def proposals() -> Iterator[tuple[Basis, np.ndarray]]:
+        own = basis.bound(box)
+        for fit in (own, *(r for r in _richer(own, box) if r.size > own.size)):
+            matrices = np.tensordot(np.linalg.pinv(columns(box, fit, points)), at, axes=1)
+            yield fit, 0.5 * (matrices + matrices.swapaxes(1, 2))
+
+    return proven(loop, promised, proposals(), (1e-6, 5e-4, 2e-3, most - 1))
+
+
+def _plausible(values: Callable[[np.ndarray], np.ndarray], loop: LPVStateSpace, bound: float) -> bool:
+    """A glance at a few points, with slopes by differences, before anything is fitted."""
+    box = loop.box
+    points, width = box.grid(SCREEN.get(len(box.names), 2)), np.array(box.upper) - np.array(box.lower)
+    steps = np.diag(1e-5 * width)
+    slopes = np.stack([(values(points + e) - values(points - e)) / max(2 * e.sum(), 1e-300) for e in steps], axis=1)
+    system = tuple(np.array(m) for m in zip(*(loop.frozen(p) for p in points), strict=True))
+    rates = np.array([r or 0.0 for r in box.rate])
+    return certify_gain(system, values(points), bound, slopes=slopes, rate=rates).holds  # type: ignore[arg-type]
 
 
 def _proposals(formula: ControllerFormula, box: Scheduling) -> Iterator[tuple[Basis, np.ndarray]]:

@@ -112,6 +112,9 @@ class _Problem(ShapedProblem):
     def storage(self) -> Basis | None:
         return Polynomial((), 0)
 
+    def storage_of(self, shaped: Shaped) -> None:
+        return None
+
     def build(self, program: Program, scale: float) -> Shaping:
         n, nu, ny = self.plant.order, len(self.plant.controls), len(self.plant.measurements)
         new = program.unknowns

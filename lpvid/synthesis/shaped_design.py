@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
+from lpvid.analysis.frozen_norms import largest_frozen_norm
 from lpvid.errors import InputError
+from lpvid.lmi.driven import driven
 from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 from lpvid.synthesis.assumptions import Fault
 from lpvid.synthesis.criteria import H2, HInfinity, Region
-from lpvid.synthesis.figures import channel, measure, stays_inside
+from lpvid.synthesis.figures import Figure, channel, measure, stays_inside
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
+from lpvid.synthesis.loop_certificate import own_certificate
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_program import Shaped, ShapedProgram, Shaping
 
 Criterion = HInfinity | H2
 T = TypeVar("T")
+Values = Callable[[np.ndarray], np.ndarray]
+"""From points to matrices."""
 SOFTER = (1.1, 1.4)
 """Factors tried where the controller of the design's own back-off does not keep its promise."""
 MOST = 6
@@ -62,6 +67,11 @@ class ShapedProblem(ABC):
     @abstractmethod
     def storage(self) -> Basis | None:
         """Functions of the storage function that shows what the closed loop does; None leaves them to the analysis."""
+
+    @abstractmethod
+    def storage_of(self, shaped: Shaped) -> Values | None:
+        """(N, n, n) P at (N, n_scheduling) points of the box, as an answer has it; None where the analysis is as quick.
+        """
 
     @abstractmethod
     def build(self, program: Program, scale: float) -> Shaping:
@@ -163,7 +173,7 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
     inside, notes = stays_inside(problem.regions, loop)
     if not inside:
         return None
-    figures = [measure(c, problem.plant, loop, promised, problem.storage)
+    figures = [_proven(c, problem, shaped, loop, promised) or measure(c, problem.plant, loop, promised, problem.storage)
                for c, promised in zip(problem.criteria, shaped.promised, strict=True)]
     bounded = next((k for k, c in enumerate(problem.criteria) if isinstance(c, HInfinity)), None)
     main = HInfinity() if bounded is None else problem.criteria[bounded]
@@ -180,6 +190,22 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
             "the closed loop was verified, but above the promise",
         notes=(*map(str, figures), *notes, *_speed(controller)),
         seconds=time.perf_counter() - started, solver=shaped.solution.solver, method=problem.method), kept
+
+
+def _proven(criterion: Criterion, problem: ShapedProblem, shaped: Shaped, loop: LPVStateSpace, promised: float
+            ) -> Figure | None:
+    """The promise of a gain, by the design's own storage function; None where that does not prove it on the box."""
+    own, basis = problem.storage_of(shaped), problem.storage
+    if own is None or basis is None or not isinstance(criterion, HInfinity):
+        return None
+    unit = promised if any(isinstance(c, H2) for c in problem.criteria) else 1.0  # V is then measured in |w|²
+    part = channel(loop, *criterion.indices(problem.plant))
+    found = own_certificate(lambda points: unit * own(points), basis, part, promised, KEPT)
+    if found is None or not found.between_grid:
+        return None
+    system = driven(part)
+    lower = largest_frozen_norm(system, found.box)[0]
+    return Figure("H-infinity", criterion.says(problem.plant), promised, found.gamma, lower, True, found)
 
 
 def _speed(controller: LPVStateSpace) -> tuple[str, ...]:

@@ -30,7 +30,7 @@ from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.plant_functions import named
 from lpvid.synthesis.result import Synthesis
-from lpvid.synthesis.shaped_design import Criterion, ShapedProblem, check_criteria, listed, settle
+from lpvid.synthesis.shaped_design import Criterion, ShapedProblem, Values, check_criteria, listed, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, combined, moves
 from lpvid.synthesis.shaped_program import Coordinates, Shaped, Shaping, tame
 
@@ -143,6 +143,13 @@ class _Problem(ShapedProblem):
     def storage(self) -> Basis | None:
         return storage_for(self.lyapunov)
 
+    def storage_of(self, shaped: Shaped) -> Values | None:
+        if not self.lyapunov.names:
+            return None
+        x, scale = shaped.values("lyapunov"), np.outer(self.coordinates.states, self.coordinates.states)
+        return lambda points: np.linalg.inv(
+            np.tensordot(columns(self.plant.box, self.lyapunov, points), x, axes=1) * scale)
+
     def build(self, program: Program, scale: float) -> Shaping:
         plant, n, discrete = self.plant, self.plant.order, self.plant.sample_time is not None
         x = [program.unknowns.symmetric(n) for _ in range(self.lyapunov.size)]
@@ -160,7 +167,7 @@ class _Problem(ShapedProblem):
             loops += [ShapedLoop(tail, move, m.A @ gk + m.B2 @ fk, m.B1, m.C1 @ gk + m.D12 @ fk, m.D11, discrete,
                                  self.coordinates.pace) for move in away or [xk if discrete else None]]
         size = tame(program, above=[combined(x, w) for w in psi], below=[combined(f, w) for w in phi])
-        return Shaping(tuple(loops), size, {"inner": tuple(g), "gain": tuple(f)})
+        return Shaping(tuple(loops), size, {"inner": tuple(g), "gain": tuple(f), "lyapunov": tuple(x)})
 
     def close(self, controller: LPVStateSpace) -> LPVStateSpace:
         return close_loop(self.plant, controller)

@@ -8,7 +8,14 @@ from scipy.linalg import solve_continuous_are, solve_discrete_are
 from shaped_plants import plant_of, regulator, simulated_gain, spring_mass
 
 import lpvid as lpv
+from lpvid.synthesis import figures
 from lpvid.synthesis.interconnection import close_loop
+
+
+def largest_response(a, b, c, d) -> float:
+    """Largest singular value of the frequency response over a grid of frequencies."""
+    grid = 1j * np.r_[0.0, np.geomspace(1e-3, 1e3, 600)]
+    return max(float(np.linalg.norm(d + c @ np.linalg.solve(s * np.eye(len(a)) - a, b), 2)) for s in grid)
 
 
 def test_h2_state_feedback_of_a_still_plant_is_the_linear_quadratic_regulator():
@@ -55,6 +62,29 @@ def test_a_moving_lyapunov_matrix_never_promises_more_than_the_quadratic_one():
     moving = lpv.StateFeedback(lyapunov=lpv.Polynomial("stiffness", 1), points=5).solve(slow)
     assert moving.solved and moving.gamma < quadratic.gamma
     assert simulated_gain(moving.closed_loop, np.random.default_rng(3)) <= moving.gamma_verified
+
+
+def test_a_moving_lyapunov_matrix_proves_its_own_promise(monkeypatch):
+    """Three states, two variables: P = X(p)⁻¹ is re-checked on the whole box, no other one is looked for."""
+    rng, basis = np.random.default_rng(1), lpv.Polynomial(("p", "q"), degree=1)
+    a = rng.normal(size=(3, 3, 3)) * np.array([0.7, 0.17, 0.17])[:, None, None] - np.array([1, 0, 0])[:, None, None] * (
+        np.eye(3))
+    plant = plant_of(a[0], rng.normal(size=(3, 1)), rng.normal(size=(3, 1)),
+                     np.vstack([rng.normal(size=3), np.zeros(3)]), np.zeros((2, 1)), [[0.0], [0.5]], np.eye(3),
+                     np.zeros((3, 1)), basis=basis, more=a[1:],
+                     box=lpv.Scheduling(("p", "q"), (-1, -1), (1, 1), (0.5, 0.5)))
+
+    def searched(*given, **options):
+        raise AssertionError("a search was begun")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(figures, "l2_gain", searched)
+        found = lpv.StateFeedback(lyapunov=basis, points=4).solve(plant)
+    assert found.solved and found.between_grid and lpv.verify(found.certificate, found.closed_loop).holds
+    assert found.gamma < found.gamma_verified <= 1.005 * found.gamma
+    still = [largest_response(*found.closed_loop.frozen(p)) for p in found.closed_loop.box.grid(5)]
+    assert max(still) <= found.gamma_lower * (1 + 1e-4) <= found.gamma_verified
+    assert simulated_gain(found.closed_loop, rng, jump=False) <= found.gamma_verified
 
 
 def test_discrete_poly_quadratic_design_with_slack():
