@@ -38,12 +38,13 @@ def refuse_dead_signals(plant: GeneralizedPlant, at: PlantMatrices) -> None:
                              mend=f"name one in {field}s")
     push = np.concatenate([at.B2, at.D12], axis=1)
     seen = np.concatenate([at.C2, at.D21], axis=2).swapaxes(1, 2)
+    shown = _shown(at)
     for j, name in enumerate(plant.controls):
         if not push[:, :, j].any():
             raise InputError(f"the control '{name}' has no effect on any state or performance signal",
                              got="zero authority everywhere in the scheduling box",
                              mend=f"remove '{name}' from the controls, or connect it")
-        if _turns_over(push[:, :, j]):
+        if _turns_over(push[:, :, j]) or _turns_over(at.B2[:, shown, j]):
             raise InputError(f"the control '{name}' acts in opposite directions within the scheduling box",
                              got="a reversed polarity", why="between the two it has no authority at all",
                              mend=f"check the sign of '{name}' in the model, or design for the two parts separately")
@@ -111,9 +112,20 @@ def _out_of_reach(a: np.ndarray, b: np.ndarray, discrete: bool) -> complex | Non
     return None
 
 
+def _shown(at: PlantMatrices) -> np.ndarray:
+    """(n,) which states a measurement can depend on, by the pattern of A and C2: the states of weights are not."""
+    pattern = np.asarray(at.A.any(axis=0))
+    shown = np.asarray(at.C2.any(axis=(0, 1)))
+    for _ in range(len(shown)):
+        shown = shown | pattern[shown].any(axis=0)
+    return shown
+
+
 def _turns_over(columns: np.ndarray) -> bool:
     """A direction that stays, times a factor whose sign does not (N, rows)."""
     size = np.linalg.norm(columns, axis=1)
+    if not size.any():
+        return False
     strongest = columns[int(size.argmax())]
     along = columns @ strongest / max(float(strongest @ strongest), 1e-300)
     aside = np.abs(columns - along[:, None] * strongest).max()

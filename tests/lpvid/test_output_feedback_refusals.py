@@ -6,6 +6,7 @@ from scipy.linalg import block_diag
 from synthesis_plants import column, plant, scherer
 
 import lpvid as lpv
+from lpvid.errors import ExtrapolationWarning, InputError
 from lpvid.model.signals import Signal
 from lpvid.synthesis.interconnection import close_loop
 
@@ -143,4 +144,30 @@ def test_outside_the_box_the_controller_is_flagged_by_validation():
     assert k.box.contains(np.array([[0.5], [1.5]])).tolist() == [True, False]
     t = np.arange(40)
     record = lpv.Record({"y1": np.sin(t), "p": np.where(t < 30, 0.5, 1.5), "u1": np.cos(t)}, sample_time=0.1)
-    assert lpv.validate(k, [record]).extrapolation_share == pytest.approx(0.25)
+    with pytest.warns(ExtrapolationWarning, match="25 % of the samples"):
+        assert lpv.validate(k, [record]).extrapolation_share == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("lacking", ["control", "measurement"])
+def test_a_plant_without_control_or_measurement(lacking):
+    whole = _named()
+    bare = lpv.GeneralizedPlant(whole.system, () if lacking == "control" else whole.controls,
+                                () if lacking == "measurement" else whole.measurements)
+    with pytest.raises(InputError, match=f"needs a {lacking}: got a plant without {lacking}s"):
+        lpv.synthesize(bare, lpv.OutputFeedback())
+
+
+def test_one_name_for_two_signals():
+    system = _named().system
+    twice = system.replace(inputs=(Signal("force"), Signal("noise"), Signal("force")))
+    with pytest.raises(InputError, match="two inputs of a plant bear one name"):
+        lpv.GeneralizedPlant(twice, ["force"], ["stroke"])
+
+
+def test_a_weight_on_the_control_does_not_hide_that_its_polarity_turns_over():
+    """B2 = [0, speed]: at speed 0 the force has no authority, though its effort is weighed everywhere."""
+    b = [[[0, 0, 0], [1, 0, 0]], [[0, 0, 0], [0, 0, 1]]]
+    turned = lpv.GeneralizedPlant(_named(B=b).system.replace(
+        scheduling=lpv.Scheduling(("speed",), (-1.0,), (1.0,))), ["force"], ["stroke"])
+    with pytest.raises(InputError, match="'force' acts in opposite directions"):
+        lpv.synthesize(turned, lpv.OutputFeedback())
