@@ -106,6 +106,7 @@ class Results:
     def __init__(self, folder: Path | None) -> None:
         self.folder = folder
         self._writers: list[tuple[str, Callable[[Path], object]]] = []
+        self._absent: list[str] = []
         if folder is not None and folder.exists() and not folder.is_dir():
             raise InputError(f"--out {folder}: there is a file of this name", mend="name a folder")
 
@@ -117,6 +118,10 @@ class Results:
     def add(self, name: str, writer: Callable[[Path], object]) -> None:
         """A file by the function that writes it to a path."""
         self._writers.append((name, writer))
+
+    def without(self, name: str) -> None:
+        """A file that this result does not have: one of an earlier result goes, lest it be taken for this one's."""
+        self._absent.append(name)
 
     def json(self, name: str, data: Mapping[str, Any]) -> None:
         """A JSON file; numbers that are not finite become null."""
@@ -159,6 +164,8 @@ class Results:
             for name, writer in self._writers:
                 writer(stage / name)
             folder.mkdir(exist_ok=True)
+            for name in self._absent:
+                (folder / name).unlink(missing_ok=True)
             return [(stage / name).replace(folder / name) for name, _ in self._writers]
         except BaseException:
             shutil.rmtree(stage, ignore_errors=True)

@@ -60,6 +60,8 @@ def stability(model: options.ModelFile,
             results.json("stability.json", data)
             if isinstance(found, StabilityStudy) and found.certificate.verified:
                 results.add("certificate.json", lambda path: save(found.certificate, path))
+            else:
+                results.without("certificate.json")
             _draw(results, found)
             results.report(render())
     conclude(results, data, str(found), json)

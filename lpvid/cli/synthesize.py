@@ -63,7 +63,9 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
             results.json("synthesis.json", data)
             for name, part in (("controller", result.controller), ("closed_loop", result.closed_loop),
                                ("certificate", result.certificate)):
-                if part is not None:
+                if part is None:
+                    results.without(f"{name}.json")
+                else:
                     results.add(f"{name}.json", lambda path, part=part: save(part, path))
             results.report(synthesis_page(result, loaded, title))
     conclude(results, data, repr(result), json)

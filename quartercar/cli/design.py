@@ -80,6 +80,8 @@ def _deliver(results: Results, found: Design, say: Callable[[str], None]) -> Non
     say("drawing")
     if found.synthesis.solved:
         results.add("controller.json", lambda path: save(found.controller, path))
+    else:
+        results.without("controller.json")
     results.json("synthesis.json", found.to_dict())
     figures = design_figures(found, rides)
     for drawn in figures:

@@ -178,3 +178,24 @@ def test_every_design_is_reached_by_its_name(name, tmp_path):
     table = tomllib.loads(template())
     design = design_of({"design": name, "back_off": 1.0}, plant_of(table, tmp_path, no_model))
     assert type(design) is DESIGNS[name][0]
+
+
+def test_a_failed_design_leaves_no_controller_of_an_earlier_one(tmp_path):
+    out = tmp_path / "out"
+    assert run("synthesize", written(tmp_path, SCHERER + HINF), "--out", out).exit_code == 0
+    assert (out / "controller.json").exists()
+    assert run("synthesize", written(tmp_path, SCHERER + HINF + "bound = 1.0\n"), "--out", out).exit_code == 3
+    assert sorted(p.name for p in out.iterdir()) == ["report.html", "synthesis.json"]
+
+
+def test_a_quoted_gain_below_the_certified_one_does_not_hold(tmp_path):
+    out = tmp_path / "out"
+    run("synthesize", written(tmp_path, SCHERER + HINF), "--out", out)
+    path = out / "synthesis.json"
+    assert run("verify", path).exit_code == 0
+    data = json.loads(path.read_text())
+    path.write_text(json.dumps(data | {"gamma_verified": 0.9 * data["gamma_verified"]}))
+    found = run("verify", path)
+    assert found.exit_code == 3 and "is quoted" in found.output
+    refused = run("verify", out / "controller.json")
+    assert refused.exit_code == 2 and "holds no certificate" in refused.output
