@@ -10,12 +10,13 @@ import numpy as np
 from lpvid.analysis.bound import Bound, BoundSearch, judged, scaled_outputs
 from lpvid.analysis.certificates import Range, Rate
 from lpvid.analysis.gain import rated
-from lpvid.analysis.gain_bounds import storage_bases, usable, worst_pole
+from lpvid.analysis.gain_bounds import BLENDS, storage_bases, usable, worst_pole
 from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.bound_certificate import BoundCertificate, has_h2_norm, inequality_of
 from lpvid.lmi.certificate import grid
 from lpvid.lmi.driven import Driven, driven
-from lpvid.lmi.frame import gramian
+from lpvid.lmi.frame import Frame, gramian
+from lpvid.lmi.gain_search import ROUGHLY
 from lpvid.lmi.storage_search import StorageSearch
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling
@@ -23,6 +24,9 @@ from lpvid.scheduling import Basis, Scheduling
 BACK_OFF = (1e-6, 1e-5, 1e-4, 1e-3, 5e-3)
 RELAXED = (0.01, 0.05)
 ENOUGH = 0.005
+MOST_EFFORT = 2_000_000
+"""`StorageSearch.effort`, some ten seconds, from which on a richer storage function is left out where a poorer one has
+a bound."""
 
 
 def h2_norm(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None, *, range: Range = None) -> Bound:
@@ -62,6 +66,8 @@ def h2_norm(system: LPVStateSpace, rate: Rate = None, basis: Basis | None = None
     bases = storage_bases(plant, box) if basis is None else [usable(basis, box, plant.sample_time is not None)]
     best: BoundCertificate | None = None
     for own in bases:
+        if best is not None and _effort(plant, box, own) > MOST_EFFORT:
+            break
         found = _with(plant, box, own, lower or 1.0)
         if found is None:
             continue
@@ -90,6 +96,11 @@ def _with(plant: Driven, box: Scheduling, basis: Basis, typical: float) -> Bound
     return on_grid
 
 
+def _effort(plant: Driven, box: Scheduling, basis: Basis) -> int:
+    search = StorageSearch(plant, box, basis, Frame(np.eye(plant.order), 1.0, 1.0), 2.0)
+    return search.effort(inequality_of("h2-norm", 1.0, None))
+
+
 def _proposals(search: StorageSearch) -> Iterator[tuple[np.ndarray, float, str]]:
     """The least level, backed off a little; then levels with room to spare."""
     least = next(search.least(lambda level: inequality_of("h2-norm", level, None)), None)
@@ -99,9 +110,12 @@ def _proposals(search: StorageSearch) -> Iterator[tuple[np.ndarray, float, str]]
         yield least[0], least[1] * (1 + share), least[2]
     for share in RELAXED:
         level = least[1] * (1 + share)
-        roomy = next(search.roomiest(inequality_of("h2-norm", level, None), capped=False), None)
-        if roomy is not None:
-            yield roomy[0], level, roomy[2]
+        roomy = next(search.roomiest(inequality_of("h2-norm", level, None), capped=False, settings=ROUGHLY), None)
+        if roomy is None:
+            continue
+        for part in BLENDS:  # the inequality is linear in P and the level's square
+            square = (1 - part) * least[1] ** 2 + part * level**2
+            yield (1 - part) * least[0] + part * roomy[0], math.sqrt(square), roomy[2]
 
 
 def largest_frozen_h2(plant: Driven, box: Scheduling) -> float:

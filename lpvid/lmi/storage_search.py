@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -53,6 +53,14 @@ class StorageSearch:
         n = self.system.order
         return self.basis.size * n * (n + 1) // 2 <= MOST_UNKNOWNS
 
+    def effort(self, claim: Claim) -> int:
+        """Unknowns times inequalities times entries of P, which is what a solver's time goes with."""
+        inner, storage = self._inside()
+        n = self.system.order
+        points, moves = sample(self.system, storage, self.density, claim(inner, storage).power)
+        count = len(moves) if self.system.sample_time is not None else 2 ** len(storage.moving)
+        return self.basis.size * n * (n + 1) // 2 * len(points) * count * n**2
+
     def least(self, claim: Callable[[float], Claim]) -> Iterator[tuple[np.ndarray, float, str]]:
         """Matrices of P and the least ℓ whose square enters claim(ℓ) linearly: its inequality at ℓ² = level."""
         inner, storage = self._inside()
@@ -69,7 +77,8 @@ class StorageSearch:
                 yield self._outside(np.stack([solution[m] for m in matrices])), math.sqrt(solution.objective), \
                     solution.solver
 
-    def roomiest(self, claim: Claim, capped: bool = True) -> Iterator[tuple[np.ndarray, float, str]]:
+    def roomiest(self, claim: Claim, capped: bool = True, settings: Mapping[str, Mapping[str, Any]] | None = None
+                 ) -> Iterator[tuple[np.ndarray, float, str]]:
         """Matrices of P with the largest margin t in F ≽ tI and P ≽ tI, and t; `capped` for claims homogeneous in P."""
         inner, storage = self._inside()
         program, matrices, level = self._program()
@@ -80,7 +89,7 @@ class StorageSearch:
             if capped:
                 program.require(-p + np.eye(self.system.order))
         program.minimise(-level)
-        for solution in program.solve(solvers=SOLVERS):
+        for solution in program.solve(solvers=SOLVERS, settings=settings):
             yield self._outside(np.stack([solution[m] for m in matrices])), -solution.objective, solution.solver
 
     # -- stating -----------------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ import pytest
 from gain_systems import random_stable, time_invariant, vanishing
 
 import lpvid as lpv
+from lpvid.analysis import h2
 from lpvid.analysis.h2 import h2_norm
 from lpvid.scheduling import Polynomial
 from quartercar.linear_car import LinearCar
@@ -53,6 +54,20 @@ def test_a_moving_system_stays_below_its_bound_in_simulation(rng):
         x = a[k] @ x + b[k] @ w
     assert np.sqrt(power / n) < 1.02 * found.upper  # 2 %: five standard errors of the mean of 20 000 squares
     assert found.lower <= found.upper
+
+
+@pytest.mark.parametrize("discrete", [False, True])
+def test_too_rich_a_storage_function_is_left_out_once_there_is_a_bound(discrete, monkeypatch):
+    model = random_stable(np.random.default_rng(4), 3, 1, discrete=discrete)
+    model = replace(model, D=np.zeros_like(model.D))
+    still, full = h2_norm(model, basis=Polynomial((), 0)), h2_norm(model)
+    monkeypatch.setattr(h2, "MOST_EFFORT", 0)
+    short = h2_norm(model)
+    assert short.certificate.basis.size == 1 and short.upper == pytest.approx(still.upper, rel=1e-9)
+    assert full.certificate.basis.size > 1
+    assert full.lower <= full.upper < short.upper
+    for found in (full, short):
+        assert found.between_grid and lpv.verify(found.certificate, model).holds
 
 
 def test_what_has_no_h2_norm_says_so():
