@@ -13,8 +13,9 @@ from quartercar.effects.electrical import read_earlier
 
 MOTION = ("displacement", "velocity", "acceleration")
 """channels that one position sensor feeds"""
-SMOOTH_OVER = 7
-"""samples of the local cubic by which a motion is differentiated before a filter is undone"""
+SMOOTH_OVER = 0.025
+"""length of the local cubic by which a motion is differentiated before a filter is undone [s]: it passes about 70 Hz,
+beyond which undoing a filter would raise little but the noise of the sensor"""
 
 
 def shifted(values: np.ndarray, samples: float) -> np.ndarray:
@@ -131,14 +132,15 @@ class OneSidedFilter(ChainEffect):
 
 
 def derivatives(s: Signals, channel: str) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) first and second time derivative of a channel by local cubics over `SMOOTH_OVER` samples."""
+    """(n,) first and second time derivative of a channel by local cubics over `SMOOTH_OVER`."""
     from scipy.signal import savgol_filter
 
     def make() -> np.ndarray:
         x = s[channel]
-        if x.size < SMOOTH_OVER:
+        width = max(2 * round(0.5 * SMOOTH_OVER / s.sample_time) + 1, 5)
+        if x.size < width:
             return np.zeros((2, x.size))
-        return np.array([savgol_filter(x, SMOOTH_OVER, 3, deriv=k, delta=s.sample_time) for k in (1, 2)])
+        return np.array([savgol_filter(x, width, 3, deriv=k, delta=s.sample_time) for k in (1, 2)])
 
     both = s.cached(("derivatives", channel), make)
     return both[0], both[1]
