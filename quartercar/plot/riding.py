@@ -35,7 +35,7 @@ def trade_offs(found: RideComparison) -> Figure:
                 _points(ax, found, road, other)
                 said = ", ".join(f"{LABELS[n][2] * reference.interval(n).mean:.4g} {LABELS[n][1]}"
                                  for n in ("comfort", other))
-                ax.set_title(f"{road}   (0, 0): {found.reference}, {said}", fontsize=8.5)
+                ax.set_title(f"{road}\n(0, 0): {found.reference}, {said}", fontsize=8.5)
             _front(row[0], found, road)
         handles, names = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 6), handlelength=1.2,
