@@ -110,8 +110,7 @@ class LFTFeedback:
                     result = Synthesis(
                         "solved" if kept and factor == self.back_off else "backed-off", gamma, seen.verified,
                         seen.lower, controller, loop, seen.certificate, seen.between_grid,
-                        why="the closed loop keeps what the scaled small-gain inequalities promised" if kept else
-                            "the closed loop was verified, but above the promise",
+                        why=_why(kept, factor, self.back_off),
                         notes=tuple(f"the scheduling block repeats {n} {k} time(s)" for n, k in
                                     zip(plant.box.names, fractional.repetitions, strict=True)),
                         seconds=time.perf_counter() - started, solver=solver,
@@ -121,6 +120,15 @@ class LFTFeedback:
                     if best is None or seen.verified < (best.gamma_verified or np.inf):
                         best = result
         return best
+
+
+def _why(kept: bool, factor: float, asked: float) -> str:
+    if not kept:
+        return "the closed loop was verified, but above the promise"
+    if factor == asked:
+        return "the closed loop keeps what the scaled small-gain inequalities promised"
+    return (f"no controller was recovered at {asked:g} times the least bound of the scaled small-gain inequalities; "
+            f"the closed loop keeps what they promise at {factor:g} times")
 
 
 @dataclass(frozen=True, eq=False)
