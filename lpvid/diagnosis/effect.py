@@ -137,6 +137,8 @@ class Effect(ABC):
     """samples below which the strength is a matter of how signals are held between samples, and not a finding"""
     catch_all: ClassVar[bool] = False
     """whether it is a form rather than a component, flexible enough to take in part of much else"""
+    stepwise: ClassVar[bool] = False
+    """whether the strength is a lag that acts in whole samples of a held signal, so that no derivative leads to it"""
     negligible: ClassVar[float] = 0.005
     """share of the output's rms below which the effect, though present, is not worth naming"""
 

@@ -320,7 +320,7 @@ class _Case:
         fit, problem = self.search.fit, self.problem
         place = fit.composition.places[fit.composition.effects.index(j.effect)]
         deviation = np.sqrt(np.maximum(np.diag(covariance(problem, fit))[place], 0.0))
-        if j.effect.resolution:  # the error jumps where a lag passes a whole sample: no derivative tells how sure it is
+        if j.effect.stepwise:  # the error jumps where a lag passes a whole sample: no derivative tells how sure it is
             deviation[0] = problem.signals[0].sample_time / np.sqrt(12)
         excess = max(bare.cost - fit.cost, 1e-300)
         if len(judged) == 1:

@@ -15,7 +15,7 @@ MOST = 12
 
 def stepwise(composition: Composition) -> list[int]:
     """Places of the strengths that act in whole samples."""
-    return [place.start for e, place in zip(composition.effects, composition.places, strict=True) if e.resolution > 0]
+    return [place.start for e, place in zip(composition.effects, composition.places, strict=True) if e.stepwise]
 
 
 def hop(problem: Problem, composition: Composition, vector: np.ndarray, cost: float, jacobian: np.ndarray,

@@ -109,6 +109,7 @@ class ActuatorDelay(GridEffect):
     """The actuator acts later than it is recorded (equation sheet 3.13)."""
 
     name: ClassVar[str] = "actuator-delay"
+    stepwise: ClassVar[bool] = True
     title: ClassVar[str] = "the actuator acts later than it is recorded"
     family: ClassVar[str] = "car"
     stage: ClassVar[str] = "channel"

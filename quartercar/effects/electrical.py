@@ -189,6 +189,7 @@ class CommandDelay(CurrentEffect):
     """Driver and bus: the current acts T later than it is recorded (equation sheet 3.13)."""
 
     name: ClassVar[str] = "command-delay"
+    stepwise: ClassVar[bool] = True
     title: ClassVar[str] = "the current acts later than it is recorded"
     equation: ClassVar[str] = "i_e(t) = i(t - T)"
     reference: ClassVar[str] = "equation sheet 3.13"

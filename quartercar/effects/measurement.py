@@ -37,6 +37,7 @@ class DisplacementDelay(ChainEffect):
     """The motion is recorded late against the force (equation sheet 3.20)."""
 
     name: ClassVar[str] = "displacement-delay"
+    stepwise: ClassVar[bool] = True
     title: ClassVar[str] = "the motion is recorded later than the force"
     stage: ClassVar[str] = "channel"
     equation: ClassVar[str] = "x(t) = x_recorded(t + T), v alike"
@@ -68,6 +69,7 @@ class ForceDelay(ChainEffect):
     """The force is recorded late against all that drives it: every input is read T earlier (equation sheet 3.20)."""
 
     name: ClassVar[str] = "force-delay"
+    stepwise: ClassVar[bool] = True
     title: ClassVar[str] = "the force is recorded later than the motion"
     stage: ClassVar[str] = "channel"
     equation: ClassVar[str] = "F_recorded(t) = F(t - T)"

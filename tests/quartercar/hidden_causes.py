@@ -255,7 +255,7 @@ HIDEABLE: tuple[Hideable, ...] = (
     Hideable("fixture-resonance", 0.003, 0.008,
              lambda size, scene: Imposed(setup=effect("fixture-resonance", 1.0,
                                                       frequency=1 / (2 * np.pi * size)).apply), None, "period",
-             False, 5e-4),
+             False, 1.3e-3),
     Hideable("model-order", 0.2, 1.0, _own("model-order", "share"), None, "share"),
     Hideable("displacement-delay", 0.003, 0.02, _own("displacement-delay", "delay"), _late_sensor, "delay",
              False, 1e-3),
