@@ -398,7 +398,7 @@ def test_validate_a_file_without_clock(model, tmp_path):
 def test_an_interrupt_from_the_keyboard(tmp_path):
     """A real signal to a real process, while it works: 130, one line, nothing written."""
     program = ("import os, signal, threading, lpvid.auditing as a\n"
-               "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # ignored where the tests run behind a shell
+               "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell may ignore it
                "def slow(*_, **__):\n"
                "    os.kill(os.getpid(), signal.SIGINT)\n"
                "    threading.Event().wait(20)\n"

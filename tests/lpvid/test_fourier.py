@@ -65,7 +65,7 @@ def test_a_model_over_angles_is_saved_and_read_back(tmp_path):
 
 
 def test_a_certificate_by_bernstein_coefficients_is_refused_not_given_wrongly():
-    with pytest.raises(InputError, match="basis of polynomials or splines: got .*cos"):
+    with pytest.raises(InputError, match=r"basis of polynomials or splines: got .*cos"):
         lpv.certify_stability(wu_1996())
 
 
