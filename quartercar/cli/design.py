@@ -33,7 +33,8 @@ def design(
 ) -> None:
     """An LPV H-infinity controller for a semi-active damper, from weights; its gain verified.
 
-    Writes controller.json, which `quartercar ride --controller` takes, synthesis.json, report.html and its figures.
+    Writes controller.json, which `quartercar ride --controller` takes, synthesis.json, closed_loop.json and
+    certificate.json, which `lpvid verify` takes, report.html and its figures.
     Without CONFIG: the embedded damper in the default car with the default weights.
     """
     from quartercar.design_config import design_schema, design_template, load_design, read_design
@@ -82,6 +83,11 @@ def _deliver(results: Results, found: Design, say: Callable[[str], None]) -> Non
         results.add("controller.json", lambda path: save(found.controller, path))
     else:
         results.without("controller.json")
+    for name, part in (("closed_loop", found.synthesis.closed_loop), ("certificate", found.synthesis.certificate)):
+        if part is None:
+            results.without(f"{name}.json")
+        else:
+            results.add(f"{name}.json", lambda path, part=part: save(part, path))
     results.json("synthesis.json", found.to_dict())
     figures = design_figures(found, rides)
     for drawn in figures:
