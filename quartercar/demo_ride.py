@@ -58,7 +58,7 @@ class DemoRide:
                       "tuned. Tuning and more seeds: quartercar ride --tune."),
             Paragraph(self.rides.verdict)]
         for section in ride_page(self.rides, ride_figures(self.rides)).sections[: 1 + len(self.rides.roads)]:
-            items += section.items
+            items += [Paragraph(f"{section.title}.", strong=True), *section.items]
         return Section("A controller, and its ride", tuple(items))
 
 
