@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import STAGES, Effect
-from lpvid.diagnosis.signals import Core, Remembered, Signals
+from lpvid.diagnosis.signals import Core, Linearised, Remembered, Signals
 
 STEP = 1e-5
 """share of a parameter's scale by which it is moved to see what it does."""
@@ -81,11 +81,16 @@ class Composition:
         What the baseline and its series elements give along the same signals with the same parameters is remembered:
         effects beside and around them then cost no further run.
         """
-        first = self.baseline.vector.size
-        core = self.baseline.core(vector[:first]) if given is None else given
-        for k, (effect, place) in enumerate(zip(self.effects, self.places, strict=True)):
+        core = self.baseline.core(vector[: self.baseline.vector.size]) if given is None else given
+        return self._around(core, vector, 0, len(self.effects), given is None)
+
+    def _around(self, core: Core, vector: np.ndarray, first: int, last: int, remember: bool) -> Core:
+        """A core with some of the effects around it, by number."""
+        for k in range(first, last):
+            effect, place = self.effects[k], self.places[k]
             before = self.effects[k - 1].stage if k else "inside"
-            if given is None and (before == "series" or (before == "inside" and effect.stage != "inside")):
+            if remember and (before == "series" or (before == "inside" and effect.stage != "inside")
+                             or (before == "core" and effect.stage == "series")):
                 core = Remembered(core, (self.baseline, self.effects[:k], vector[: place.start].tobytes()))
             core = effect.compose(core, vector[place], self.baseline)
         return core
@@ -99,7 +104,8 @@ class Composition:
         """(n, len(free)) derivative of `predict` in the free parameters, by differences; inwards from a bound.
 
         Zero for a choice. Without effects, the baseline's own (exact) derivative; with effects, differences of these
-        around it where the baseline's simulation has steps of its own.
+        around it where the baseline's simulation has steps of its own. What lies inside a series element is moved to
+        first order along one run of it.
         """
         wanted = range(vector.size) if free is None else free
         if not self.effects:
@@ -107,19 +113,45 @@ class Composition:
         here = self.predict(signals, vector) if at is None else at
         _, high = self.bounds
         out = np.zeros((signals.n_samples, len(wanted)))
-        chosen = self.chosen
+        moves: dict[int, np.ndarray] = {}
+        for j in wanted:
+            if not self.chosen[j]:
+                step = STEP * self.scales[j]
+                moves[j] = vector.copy()
+                moves[j][j] += step if vector[j] + step <= high[j] else -step
+        near = {} if self.baseline.adaptive else self._near(vector, moves)
         for column, j in enumerate(wanted):
-            if chosen[j]:
+            if j not in moves:
                 continue
-            step = STEP * self.scales[j]
-            moved = vector.copy()
-            moved[j] += step if vector[j] + step <= high[j] else -step
+            moved = moves[j]
             if self.baseline.adaptive and j < self.baseline.vector.size:
                 there = self.core(vector, self._tangent(signals, vector, moved, j))(signals)
             else:
-                there = self.predict(signals, moved)
+                there = near[j](signals) if j in near else self.predict(signals, moved)
             out[:, column] = (there - here) / (moved[j] - vector[j])
         return out
+
+    def _near(self, vector: np.ndarray, moves: Mapping[int, np.ndarray]) -> dict[int, Core]:
+        """Simulations with one parameter moved of those inside a series element, to first order along one run of it.
+
+        The effects around the element are composed with it as with any other core.
+        """
+        own = self.baseline.vector.size
+
+        def inner(at: np.ndarray, count: int) -> Core:
+            core = self._around(self.baseline.core(at[:own]), at, 0, count, True)
+            return core.core if isinstance(core, Remembered) else core
+
+        for count in range(len(self.effects), 0, -1):
+            if self.effects[count - 1].stage != "series":
+                continue
+            here = inner(vector, count)
+            if isinstance(here, Linearised):
+                inside = [j for j in moves if j < self.places[count - 1].stop]
+                near = here.near([inner(moves[j], count) for j in inside])
+                return {j: self._around(core, vector, count, len(self.effects), False)
+                        for j, core in zip(inside, near, strict=True)}
+        return {}
 
     def _tangent(self, signals: Signals, vector: np.ndarray, moved: np.ndarray, j: int) -> Core:
         """The baseline with one parameter moved: along its derivative on these signals, run anew on any others."""

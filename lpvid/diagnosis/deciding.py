@@ -12,7 +12,7 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import directions, moves, placed, screen, similarity
-from lpvid.diagnosis.selection import BIC_GAIN, TASTE, Search, starts
+from lpvid.diagnosis.selection import BIC_GAIN, REFINED, TASTE, Search, starts
 from lpvid.diagnosis.steadiness import steadiness
 
 BLOCKS_BETTER = 0.8
@@ -25,15 +25,27 @@ SEPARATED = 10.0
 """whitened log-likelihood that must lie between a cause and a rival"""
 RIVALS = 5
 """rivals refitted for each cause"""
-CLOSE, CLOSE_SHARE = 100.0, 0.3
+CLOSE, CLOSE_SHARE = 100.0, 0.4
 """log-likelihood by which a first rough refit of a rival may trail, flat and as a share of what the cause wins"""
 EXPLAINED = 0.95
 """share of the excess error that the causes must explain"""
-SHADOW, DEEP_SHADOW = 0.005, 0.05
+MOST_EXPLAINED = 2.0
+"""share of the excess error beyond which a larger one says no more than that the excess drowns in the noise"""
+SHADOW, DEEP_SHADOW = 0.011, 0.05
 """share of what the strongest cause wins in BIC below which another may be no more than that one's imperfect law; the
 second number for a catch-all"""
 FORM = 0.25
 """share of what a component wins by which a catch-all must do better to be its rival"""
+KIN = 0.05
+"""share of the squared error that a cause takes away below which another one on the same path is its small print: two
+lags of one signal are one lag of another form"""
+PLAIN, HINTED = 0.1, 0.03
+"""share of the squared error in the output's unit by which a rival must surely do better there to be the better name
+whatever the whitened error says, and by which it must seem to for the whitened error alone not to decide"""
+SURE = 3.0
+"""standard errors over the blocks from which on a difference is sure"""
+DWARFED = 1.0
+"""share of the structure in what is left that a cause must change in the output to be more than a patch of it"""
 UNSTEADY = 0.13
 """share by which the strength of a cause may differ, beyond three standard errors, between strata of the inputs"""
 
@@ -67,7 +79,7 @@ class Judged:
     ----------
     effect : Effect
     values : (k,) array
-    p_value, delta_bic, held_out_gain, blocks_better, largest_block, contribution : float
+    p_value, delta_bic, won, held_out_gain, blocks_better, largest_block, contribution : float
     rivals : tuple of Alternative
         Admissible ones that do as well.
     better : Alternative or None
@@ -84,6 +96,7 @@ class Judged:
     values: np.ndarray
     p_value: float
     delta_bic: float
+    won: float
     held_out_gain: float
     blocks_better: float
     largest_block: float
@@ -161,23 +174,76 @@ def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str])
     others = () if objections or small else alternatives(search, effect, rest)
     rivals = tuple(a for a in others if a.apart < SEPARATED)
     best = rivals[0] if rivals and rivals[0].apart < -SEPARATED else None
-    return Judged(effect, values, search.p_values.get(effect.name, 1.0), delta,
+    return Judged(effect, values, search.p_values.get(effect.name, 1.0), delta, rest.cost - fit.cost,
                   100 * total / max(float(before.errors @ before.errors), 1e-300), better, largest, contribution,
                   rivals, best, tuple(small + objections), minor, rest)
 
 
-def shadowed(judged: Sequence[Judged]) -> list[Judged]:
-    """The same, with an objection to those that are faint beside the strongest of them."""
+def shadowed(search: Search, judged: Sequence[Judged], structure: float) -> list[Judged]:
+    """The same, with an objection to those that are faint beside the strongest of them or beside what is left.
+
+    Parameters
+    ----------
+    search : Search
+    judged : sequence of Judged
+    structure : float
+        Root mean square of that part of the remaining error which still follows the inputs, in the output's unit.
+    """
     most = max((-j.delta_bic for j in judged), default=0.0)
     out = []
     for j in judged:
         share = DEEP_SHADOW if j.effect.catch_all else SHADOW
-        if j.objections or -j.delta_bic >= share * most:
+        kin = _won_together(search, [k for k in judged if k.effect.path and k.effect.path == j.effect.path])
+        said = ""
+        if -j.delta_bic < share * most or j.won < KIN * kin:
+            said = "beside the strongest cause too faint to be more than that one's imperfect law"
+        elif j.contribution < DWARFED * structure:
+            said = "it changes less than what is left unexplained"
+        if j.objections or not said:
             out.append(j)
         else:
-            said = "beside the strongest cause too faint to be more than that one's imperfect law"
             out.append(replace(j, objections=(said,), minor=True, rivals=(), better=None))
     return out
+
+
+def _won_together(search: Search, kin: Sequence[Judged]) -> float:
+    """Squared error that several causes take away together; 0 for less than two."""
+    return search.without(*(k.effect for k in kin)).cost - search.fit.cost if len(kin) > 1 else 0.0
+
+
+def with_takeovers(search: Search, judged: Sequence[Judged]) -> list[Judged]:
+    """The same, where those of the set that are no more than small have been tried at full size in the others' place.
+
+    A cause that came in too late finds its work done by a wrong one, and stays small beside it.
+    """
+    small = [j for j in judged if j.minor]
+    out = []
+    for j in judged:
+        if not j.objections:
+            tried = [_taken_over(search, j, s) for s in small]
+            rivals = tuple(sorted([*j.rivals, *(a for a in tried if a is not None and a.apart < SEPARATED)],
+                                  key=lambda a: a.apart))
+            best = rivals[0] if rivals and rivals[0].apart < -SEPARATED else None
+            j = replace(j, rivals=rivals, better=best)
+        out.append(j)
+    return out
+
+
+def _taken_over(search: Search, j: Judged, small: Judged) -> Alternative | None:
+    """The set without one cause, a small one grown in its place."""
+    problem, now, composition = search.problem, search.fit, j.without.composition
+    if small.effect.catch_all and not j.effect.catch_all:
+        return None
+    begun = [placed(composition, around, {small.effect.name: v}) for v in small.effect.points(problem.signals)
+             for around in (j.without, now)]
+    begun = sorted(begun, key=lambda v: _cost(problem, composition, v))[:2]
+    tasted = [refit(problem, composition, v, iterations=TASTE, near=j.without, rough=True) for v in begun]
+    fit = refit(problem, composition, min(tasted, key=lambda f: f.cost).vector, near=j.without)
+    values = fit.vector[composition.places[composition.effects.index(small.effect)]]
+    if small.effect.implausible(values):
+        return None
+    apart = (fit.cost - now.cost) / now.variance - j.values.size * np.log(problem.n_samples)
+    return Alternative(small.effect, fit, 1.0, float(_in_both(apart, *_plainly(problem, now, fit))))
 
 
 def _small(problem: Problem, effect: Effect, values: np.ndarray, contribution: float) -> list[str]:
@@ -185,16 +251,16 @@ def _small(problem: Problem, effect: Effect, values: np.ndarray, contribution: f
     found = []
     if contribution < effect.negligible * problem.spread:
         found.append(f"present but negligible: {contribution / problem.spread:.2%} of the output's spread")
-    if abs(values[0] - effect.neutral[0]) < effect.resolution * problem.signals[0].sample_time:
-        found.append(f"{effect.parameters[0].name} {values[0]:.3g} s is less than the samples can resolve")
-    return found
+    return found + effect.unresolved(values, problem.signals[0].sample_time)
 
 
 def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternative, ...]:
     """Plausible effects, half as likely or more, put in the place of one of the set and refitted; best first."""
     problem, now = search.problem, search.fit
     chosen = {x.name for x in now.composition.effects}
-    others = [e for e in search.candidates if e.name not in chosen and effect.name not in e.contains]
+    beside = {x for x in now.composition.effects if x is not effect}
+    others = [e for e in search.candidates if e.name not in chosen and effect.name not in e.contains
+              and not any(e.name in x.contains or x.name in e.contains for x in beside)]
     found = directions(problem, rest, moves(problem, rest, [effect, *others]))
     evidence = {e.effect.name: e for e in screen(problem, rest, found, np.random.default_rng(0))}
     own = evidence[effect.name]
@@ -217,10 +283,35 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
         apart = (fit.cost - now.cost) / now.variance + spared
         if e.effect.catch_all and not effect.catch_all:  # a form takes the place of a component only if far better
             apart += FORM * (rest.cost - now.cost) / now.variance
+        elif e.effect.catch_all == effect.catch_all:
+            apart = _in_both(apart, *_plainly(problem, now, fit))
+        if e.effect.name in effect.contains:
+            apart -= REFINED * (rest.cost - now.cost) / now.variance
         values = fit.vector[composition.places[composition.effects.index(e.effect)]]
         if not e.effect.implausible(values):
             out.append(Alternative(e.effect, fit, abs(similarity(own.best, e.best)), float(apart)))
     return tuple(sorted(out, key=lambda a: a.apart))
+
+
+def _plainly(problem: Problem, now: Refit, other: Refit) -> tuple[float, float]:
+    """By how much less error another fit leaves in the output's unit: (share of the smaller, standard errors).
+
+    The whitened error weighs bands in which the noise of the inputs, which no filter of the output's noise knows,
+    may be all that there is: there a cause that has to undo a filter is punished for the noise that it raises.
+    """
+    a, b = (problem.stack(problem.errors(f.composition, f.vector), whiten=False) for f in (now, other))
+    gains = problem.block_sums(a**2 - b**2)
+    total = float(gains.sum())
+    return total / max(min(float(a @ a), float(b @ b)), 1e-300), total / max(float(np.sqrt(gains @ gains)), 1e-300)
+
+
+def _in_both(apart: float, share: float, certain: float) -> float:
+    """Log-likelihood by which a rival trails, overruled where the error in the output's unit surely says otherwise."""
+    if abs(share) > PLAIN and abs(certain) > SURE:
+        return min(apart, -2 * SEPARATED) if share > 0 else max(apart, 2 * SEPARATED)
+    if share * apart > 0 and abs(share) > HINTED and abs(certain) > 1 and abs(apart) > SEPARATED:
+        return 0.0
+    return apart
 
 
 def _cost(problem: Problem, composition: Composition, vector: np.ndarray) -> float:
@@ -249,7 +340,9 @@ def explained_share(problem: Problem, before: Folds, after: Folds, floor: float 
     def share(blocks: np.ndarray) -> float:
         base, extended = b[blocks].sum() / n[blocks].sum(), a[blocks].sum() / n[blocks].sum()
         noise = extended * (1 - rest) if floor is None else floor
-        return (base - extended) / max(base - noise, 1e-12 * max(base, 1e-300))
+        if base <= extended:
+            return 0.0
+        return min((base - extended) / max(base - noise, 1e-12 * base), MOST_EXPLAINED)
 
     every = np.arange(b.size)
     leave = np.array([share(np.delete(every, k)) for k in every])

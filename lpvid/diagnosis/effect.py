@@ -68,6 +68,13 @@ class EffectParameter:
         if not self.grid or any(not low <= g <= high for g in self.grid):
             raise InputError(f"effect parameter {self.name} needs a screening grid inside its bounds", got=self.grid)
 
+    @property
+    def reach(self) -> tuple[float, float]:
+        """The plausible range with some room: by a factor for a positive quantity, else by a share of the range."""
+        low, high = self.plausible
+        room = (BEYOND - 1) * (high - low)
+        return max(low / BEYOND if low > 0 else low - room, self.bounds[0]), min(high + room, self.bounds[1])
+
     def choice(self, value: float) -> str | None:
         """What a value means where there are choices; None for a number."""
         return self.choices[min(max(round(value), 0), len(self.choices) - 1)] if self.choices else None
@@ -134,9 +141,15 @@ class Effect(ABC):
     contains: ClassVar[tuple[str, ...]] = ()
     """names of effects that are special cases of it, of which it can therefore never be told apart as a rival"""
     resolution: ClassVar[float] = 0.0
-    """samples below which the strength is a matter of how signals are held between samples, and not a finding"""
+    """samples below which a lag is a matter of how signals are held between samples, and not a finding"""
+    resolved: ClassVar[int] = 0
+    """number of the parameter that is this lag"""
     catch_all: ClassVar[bool] = False
     """whether it is a form rather than a component, flexible enough to take in part of much else"""
+    rugged: ClassVar[bool] = False
+    """whether the error has many small valleys along the strength"""
+    path: ClassVar[str] = ""
+    """what a lag, a delay or a filter holds up, "current", "motion" or "force"; "" for everything else"""
     stepwise: ClassVar[bool] = False
     """whether the strength is a lag that acts in whole samples of a held signal, so that no derivative leads to it"""
     negligible: ClassVar[float] = 0.005
@@ -182,11 +195,17 @@ class Effect(ABC):
         found = []
         for p, v in zip(self.parameters, values, strict=True):
             low, high = p.plausible
-            room = (BEYOND - 1) * (high - low)
-            if not low - room <= v <= high + room:
+            if not p.reach[0] <= v <= p.reach[1]:
                 said = f"{p.name} {v:.3g} {p.unit}".rstrip()
                 found.append(f"{said} lies outside what is plausible, {low:g} to {high:g}")
         return found
+
+    def unresolved(self, values: np.ndarray, sample_time: float) -> list[str]:
+        """What says that a lag among these parameters is too short for the samples."""
+        p, value = self.parameters[self.resolved], values[self.resolved]
+        if abs(value - (p.neutral if self.resolved == 0 else 0.0)) >= self.resolution * sample_time:
+            return []
+        return [f"{p.name} {value:.3g} s is less than the samples can resolve"]
 
     def describe(self) -> dict[str, Any]:
         """Plain data for a table of the catalogue."""

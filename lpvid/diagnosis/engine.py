@@ -22,6 +22,7 @@ from lpvid.diagnosis.deciding import (
     judge,
     out_of_fold,
     shadowed,
+    with_takeovers,
 )
 from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Errors, Estimated, Rejected, Rivals
 from lpvid.diagnosis.effect import Effect, by_name
@@ -158,9 +159,7 @@ class _Case:
         bare = refit(problem, Composition(self.baseline), self.first.vector)
         named = [j for j in judged if not j.objections and not j.rivals]
         contested = [j for j in judged if not j.objections and j.rivals]
-        plain = problem.errors(fit.composition, fit.vector)
-        share, spread = predictable_share(problem, plain, self._inputs)
-        predictable = share if share - 2 * spread > PREDICTABLE else 0.0
+        predictable = self._predictable(fit)
         phi = explained_share(problem, before, after, self.level.variance, predictable) if named or contested else None
         left = float(np.sqrt(predictable * np.mean(after.plain**2))) / problem.spread
         verdict, reason = self._verdict(named, contested, dropped, phi, predictable, left)
@@ -184,7 +183,10 @@ class _Case:
             after = out_of_fold(self.problem, fit) if fit.composition.effects else before
             self.say("weighing rivals")
             effects = fit.composition.effects
-            judged = shadowed(in_parallel(lambda e, a=after: judge(self.search, e, a, self._inputs), effects))
+            judged = in_parallel(lambda e, a=after: judge(self.search, e, a, self._inputs), effects)
+            if len(judged) > 1:
+                structure = float(np.sqrt(self._predictable(fit) * np.mean(after.plain**2)))
+                judged = with_takeovers(self.search, shadowed(self.search, judged, structure))
             if turn < MOST_TURNS and self._give_way(judged, gone):
                 continue
             bad = [j for j in judged if j.objections]
@@ -227,17 +229,25 @@ class _Case:
         signals = self.problem.signals
         return [c for c in signals[0].channels if c != self.baseline.output and all(s.has(c) for s in signals)]
 
+    def _predictable(self, fit: Refit) -> float:
+        """Share of the squared error of a fit that still follows the inputs; 0 where that is not sure."""
+        errors = self.problem.errors(fit.composition, fit.vector)
+        share, spread = predictable_share(self.problem, errors, self._inputs)
+        return share if share - 2 * spread > PREDICTABLE else 0.0
+
     def _verdict(self, named: list[Judged], contested: list[Judged], dropped: list[Judged],
                  phi: tuple[float, float] | None, predictable: float, left: float) -> tuple[str, str]:
         if not named and not contested:
             return self._nothing(dropped, predictable)
         assert phi is not None
-        complete = phi[0] + 2 * phi[1] >= EXPLAINED
+        forms = all(j.effect.catch_all for j in (*named, *contested))  # what is flexible has no excuse
+        complete = phi[0] + (0 if forms else 2 * phi[1]) >= EXPLAINED
         said = ", ".join(j.effect.name for j in (*named, *contested))
         if not complete:
-            word = "explains" if phi[0] >= PARTLY else "resembles it but explains"
+            partly = phi[0] >= PARTLY and not forms
+            word = "explains" if partly else "resembles it but explains"
             text = f"{said} {word} {phi[0]:.0%} of the excess error only; the rest is unexplained"
-            return ("partly-explained" if phi[0] >= PARTLY else "unexplained"), text
+            return ("partly-explained" if partly else "unexplained"), text
         if not named:
             groups = "; ".join(f"{j.effect.name} or {' or '.join(a.effect.name for a in j.rivals)}" for j in contested)
             return "cannot-tell", f"these data cannot keep apart {groups}"

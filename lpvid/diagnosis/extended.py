@@ -79,7 +79,7 @@ class ExtendedModel(Adaptable):
         for role in [r for r in signals.channels if r not in (*reads, base.output)]:
             kept = {n: c for n, c in signals.channels.items() if n != role}
             try:
-                trial = self.composition.predict(replace(signals, channels=kept, cache={}), self.vector)
+                trial = self.composition.predict(replace(signals, channels=kept, cache={}, facts={}), self.vector)
             except KeyError:  # it cannot do without
                 reads += (role,)
                 continue

@@ -1,4 +1,4 @@
-"""Hops: lags that act in whole samples, moved by trial where no derivative tells which way."""
+"""Hops: strengths moved by trial where no derivative tells which way: lags of whole samples, lost motion."""
 
 from __future__ import annotations
 
@@ -9,21 +9,24 @@ from lpvid.diagnosis.problem import Problem
 
 SIZES = (5.0, 1.0)
 """samples by which a lag is moved at a time"""
+SHARES = (0.1, 0.02)
+"""shares of itself by which a rugged strength is moved at a time"""
 MOST = 12
 """hops of one size in one direction"""
 
 
-def stepwise(composition: Composition) -> list[int]:
-    """Places of the strengths that act in whole samples."""
-    return [place.start for e, place in zip(composition.effects, composition.places, strict=True) if e.stepwise]
+def hopped(composition: Composition) -> list[tuple[int, bool]]:
+    """Places of the strengths that act in whole samples or are rugged, and whether they are the latter."""
+    return [(place.start, e.rugged) for e, place in zip(composition.effects, composition.places, strict=True)
+            if e.stepwise or e.rugged]
 
 
 def hop(problem: Problem, composition: Composition, vector: np.ndarray, cost: float, jacobian: np.ndarray,
         inside: np.ndarray) -> tuple[np.ndarray, float]:
-    """Move each stepwise strength while that lowers the cost, the other parameters following by one Gauss-Newton step.
+    """Move each such strength while that lowers the cost, the other parameters following by one Gauss-Newton step.
 
     A current that is held between samples makes the error jump where a delay passes a whole sample, so that the
-    derivative between jumps says nothing of what lies behind them.
+    derivative between jumps says nothing of what lies behind them; lost motion makes it rugged.
 
     Parameters
     ----------
@@ -43,10 +46,11 @@ def hop(problem: Problem, composition: Composition, vector: np.ndarray, cost: fl
     """
     low, high = composition.bounds
     clock = problem.signals[0].sample_time
-    for j in stepwise(composition):
+    for j, rugged in hopped(composition):
         others = np.delete(np.arange(vector.size), j)
         norms = np.maximum(np.linalg.norm(jacobian[inside][:, others], axis=0), 1e-300)
-        for move in [sign * size * clock for size in SIZES for sign in (1.0, -1.0)]:
+        sizes = [share * vector[j] for share in SHARES] if rugged else [size * clock for size in SIZES]
+        for move in [sign * size for size in sizes for sign in (1.0, -1.0)]:
             for _ in range(MOST):
                 trial = vector.copy()
                 trial[j] = np.clip(trial[j] + move, low[j], high[j])

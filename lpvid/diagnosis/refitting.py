@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.hopping import hop, stepwise
+from lpvid.diagnosis.hopping import hop, hopped
 from lpvid.diagnosis.problem import Problem
 
 ITERATIONS = 25
@@ -100,7 +100,7 @@ def refit(problem: Problem, composition: Composition, start: np.ndarray, fold: i
     By `descend`; lags that act in whole samples are hopped in between, unless only one fold is asked for.
     """
     found = descend(problem, composition, start, fold, iterations, near, rough)
-    if fold is not None or not stepwise(composition):
+    if fold is not None or not hopped(composition):
         return found
     inside = np.ones(problem.n_samples, dtype=bool)
     vector, cost = hop(problem, composition, found.vector, found.cost, found.jacobian, inside)
@@ -149,8 +149,11 @@ def descend(problem: Problem, composition: Composition, start: np.ndarray, fold:
         if age > SECANTS:
             jacobian, age = _jacobian(problem, composition, vector, errors), 0
         step, promised = _step(jacobian[inside], stacked[inside], vector, damping, low, high)
+        if promised < 0 and age == 0 and damping < MAX_DAMPING:  # stopped at bounds on the way
+            damping *= 8
+            continue
         if promised < PROMISE * cost / count:
-            if age == 0 or rough:
+            if age == 0 or (rough and promised >= 0):
                 break
             jacobian, age = _jacobian(problem, composition, vector, errors), 0
             continue
@@ -182,22 +185,34 @@ def _carry(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:
 
 def _step(jacobian: np.ndarray, errors: np.ndarray, vector: np.ndarray, damping: float, low: np.ndarray,
           high: np.ndarray) -> tuple[np.ndarray, float]:
-    """Damped step in the free parameters, and the fall of the cost that it promises (0 where none is free)."""
+    """Damped step in the free parameters, and the fall of the cost that it promises (0 where none is free).
+
+    Those that it would carry beyond a bound stop there, and the step of the others is sought anew beside them.
+    """
     gradient, hessian = jacobian.T @ errors, jacobian.T @ jacobian
     norms = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
     held = ((vector <= low) & (gradient < 0)) | ((vector >= high) & (gradient > 0)) | (norms <= 1e-140)
-    free = np.flatnonzero(~held)
-    step = np.zeros(vector.size)
-    if not free.size:
-        return step, 0.0
-    scale = norms[free]
-    matrix = hessian[np.ix_(free, free)] / np.outer(scale, scale) + damping * np.eye(free.size)
+    step, moving = np.zeros(vector.size), ~held
+    while moving.any():
+        free, stopped = np.flatnonzero(moving), np.flatnonzero(~moving)
+        wanted = gradient[free] - hessian[np.ix_(free, stopped)] @ step[stopped]
+        step[free] = _solved(hessian[np.ix_(free, free)], wanted, norms[free], damping)
+        reached = vector + step
+        beyond = moving & ((reached < low) | (reached > high))
+        if not beyond.any():
+            break
+        step[beyond] = np.clip(reached, low, high)[beyond] - vector[beyond]
+        moving &= ~beyond
+    return step, float(2 * step @ gradient - step @ hessian @ step)
+
+
+def _solved(hessian: np.ndarray, gradient: np.ndarray, scale: np.ndarray, damping: float) -> np.ndarray:
+    """Solution of the damped normal equations, by least squares where they are singular."""
+    matrix = hessian / np.outer(scale, scale) + damping * np.eye(scale.size)
     try:
-        step[free] = np.linalg.solve(matrix, gradient[free] / scale) / scale
+        return np.linalg.solve(matrix, gradient / scale) / scale
     except np.linalg.LinAlgError:
-        step[free] = np.linalg.lstsq(matrix, gradient[free] / scale, rcond=1e-12)[0] / scale
-    inside = np.clip(vector + step, low, high) - vector
-    return step, float(2 * inside @ gradient - inside @ hessian @ inside)
+        return np.linalg.lstsq(matrix, gradient / scale, rcond=1e-12)[0] / scale
 
 
 def covariance(problem: Problem, fit: Refit) -> np.ndarray:

@@ -32,6 +32,8 @@ SHORTLIST = 6
 """candidates refitted at every step"""
 LARGEST = 3
 """of those that promise to change most in the output, refitted as well"""
+REFINED = 0.03
+"""share of what an effect wins that a special case of it may win less: so little may be the law's small print"""
 LENIENT = 100.0
 """BIC that a plausible special case may lose to an implausible general one"""
 MOST_EFFECTS = 4
@@ -179,7 +181,8 @@ class Search:
                           and not e.implausible(own_values(f, e))]
             effect, fit = min(components, key=self._rank, default=(effect, fit))
         for special, other in tried:  # what one number fewer explains as well is the better name
-            if special.name in effect.contains and other.bic() < fit.bic() + BIC_GAIN:
+            allowed = max(BIC_GAIN, REFINED * (self.fit.bic() - fit.bic()))
+            if special.name in effect.contains and other.bic() < fit.bic() + allowed:
                 effect, fit = special, other
         return (effect,), fit
 
@@ -193,7 +196,9 @@ class Search:
         return max((d.worth for d in found if d.effect is effect), default=0.0)
 
     def negligible(self, added: Sequence[Effect], fit: Refit) -> bool:
-        """Whether what a refit adds to the simulation is too small to be worth naming."""
+        """Whether what a refit adds to the simulation is too small, or too short a lag, to be worth naming."""
+        if any(e.unresolved(own_values(fit, e), self.problem.signals[0].sample_time) for e in added):
+            return True
         change = [fit.composition.predict(s, fit.vector) - self.fit.composition.predict(s, self.fit.vector)
                   for s in self.problem.signals]
         size = float(np.sqrt(np.mean(self.problem.stack(change, whiten=False) ** 2)))
@@ -263,9 +268,10 @@ class Search:
         return best
 
     # -- shrinking and swapping ----------------------------------------------------------------------------------------
-    def without(self, effect: Effect) -> Refit:
-        """The set without one effect, refitted."""
-        rest = tuple(e for e in self.fit.composition.effects if e.name != effect.name)
+    def without(self, *effects: Effect) -> Refit:
+        """The set without some of its effects, refitted."""
+        gone = {e.name for e in effects}
+        rest = tuple(e for e in self.fit.composition.effects if e.name not in gone)
         composition = Composition(self.fit.composition.baseline, rest)
         return refit(self.problem, composition, placed(composition, self.fit, {}), near=self.fit)
 
@@ -273,14 +279,16 @@ class Search:
         """Put special cases in the place of effects that do no better than they, or only beyond what is plausible."""
         for e in self.fit.composition.effects:
             have = {x.name for x in self.fit.composition.effects}
-            for special in (c for c in self.candidates if c.name in e.contains and c.name not in have):
+            cases = [c for c in self.candidates if c.name in e.contains and c.name not in have]
+            won = self.without(e).bic() - self.fit.bic() if cases else 0.0
+            for special in cases:
                 rest = tuple(x for x in self.fit.composition.effects if x is not e)
                 composition = Composition(self.fit.composition.baseline, (*rest, special))
                 begun = [placed(composition, self.fit, {special.name: v})
                          for v in special.points(self.problem.signals)[:STARTS]]
                 fit = min((refit(self.problem, composition, start, near=self.fit) for start in begun),
                           key=lambda f: f.cost)
-                allowed = BIC_GAIN
+                allowed = max(BIC_GAIN, REFINED * won)
                 if e.implausible(own_values(self.fit, e)) and not special.implausible(own_values(fit, special)):
                     allowed += LENIENT
                 if fit.bic() < self.fit.bic() + allowed:

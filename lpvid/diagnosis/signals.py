@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import suppress
@@ -32,6 +33,8 @@ class Signals:
     span : (float, float), optional
         Where the record lies in the time of all records of a diagnosis, 0 their start and 1 their end; None for a
         record of its own, about whose place nothing is known.
+    record : Signals, optional
+        Those whose range counts where these hold other values, at which a law is only asked.
     """
 
     sample_time: float
@@ -40,6 +43,8 @@ class Signals:
     name: str = "record"
     span: tuple[float, float] | None = None
     cache: dict = field(default_factory=dict, repr=False)
+    facts: dict = field(default_factory=dict, repr=False)
+    record: Signals | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", MappingProxyType(dict(self.channels)))
@@ -62,14 +67,26 @@ class Signals:
         return self.channels[role]
 
     def replace(self, **channels: np.ndarray) -> Signals:
-        """The same signals with some channels replaced or added; what was cached is forgotten."""
-        return Signals(self.sample_time, {**self.channels, **channels}, self.output, self.name, self.span)
+        """The same signals with some channels replaced or added; what was cached is forgotten, but for `fact`."""
+        facts = {key: found for key, found in self.facts.items() if key[0] not in channels}
+        return Signals(self.sample_time, {**self.channels, **channels}, self.output, self.name, self.span, facts=facts,
+                       record=self.record)
+
+    def asked(self, **channels: np.ndarray) -> Signals:
+        """Signals with some channels replaced, at which a law is only asked: these stay the record."""
+        return replace(self.replace(**channels), record=self.record or self)
 
     def cached(self, key: object, make: Callable[[], Any]) -> Any:
         """What `make` returns, computed once for these signals."""
         if key not in self.cache:
             self.cache[key] = make()
         return self.cache[key]
+
+    def fact(self, role: str, key: object, make: Callable[[np.ndarray], Any]) -> Any:
+        """What `make` finds about one channel, computed once for all signals that share it by `replace`."""
+        if (role, key) not in self.facts:
+            self.facts[role, key] = make(self.channels[role])
+        return self.facts[role, key]
 
 
 def in_turn(signals: Sequence[Signals]) -> tuple[Signals, ...]:
@@ -83,6 +100,18 @@ def in_turn(signals: Sequence[Signals]) -> tuple[Signals, ...]:
 
 Core = Callable[[Signals], np.ndarray]
 """A simulation of the output along signals: (n,) array, the same units as the output."""
+
+
+class Linearised(ABC):
+    """A simulation that knows, along its own run, what small changes of its parts do: cheaper than a run for each."""
+
+    @abstractmethod
+    def __call__(self, s: Signals) -> np.ndarray:
+        """(n,) output along signals."""
+
+    @abstractmethod
+    def near(self, others: Sequence[Core]) -> list[Core]:
+        """Simulations of its own kind that differ little from it, to first order in what differs."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,7 +40,7 @@ def law_along(speed, speeds, nodes, rows, out):
 
 
 @njit(error_model="numpy", fastmath={"contract"})
-def march(velocity, speeds, nodes, rows, before, tilt, element, step, parts, ends, out):
+def march(velocity, speeds, nodes, rows, before, tilt, element, step, trace, parts, ends, out):
     """Force of a law in series with elements (n,).
 
     Parameters
@@ -56,6 +56,9 @@ def march(velocity, speeds, nodes, rows, before, tilt, element, step, parts, end
         Compliance [m/N], stroke of the air [m], its force [N], half of the play [m], floor of the force [N].
     step : float
         [s].
+    trace : (stages, 5) array
+        Filled with w, the deflection that the law saw, F, ∂F/∂w (−1 on the floor) and ∂F/∂d at every stage; left alone
+        where it has no rows.
     parts : (n,) array of int
         Steps from the sample before to each.
     ends : (n,) bool array
@@ -66,7 +69,8 @@ def march(velocity, speeds, nodes, rows, before, tilt, element, step, parts, end
     torn = _deflection(floor, element)[0] if floor > -1e299 else 0.0
     last, b = speeds.size - 1, rows[0].copy()
     low = _cell(velocity[0], speeds)
-    deflection = force = w = void = known = 0.0
+    deflection = force = force_low = force_high = w = void = known = 0.0
+    count, traced = 0, trace.shape[0] > 0
     for k in range(velocity.size):
         first = max(k - 1, 0)
         share = 1.0 - HEAD if ends[k] else 1.0
@@ -87,7 +91,7 @@ def march(velocity, speeds, nodes, rows, before, tilt, element, step, parts, end
                 for r in range(b.size):
                     b[r] = rows[first, r] + place * (before[k, r] - rows[first, r]) + deflection * tilt[k, r]
                 h, passed = GAMMA * full, (GAMMA if stage % 2 == 0 else 1.0 - GAMMA) * full
-            target, speed = known + h * v, w
+            target, speed, seen = known + h * v, w, deflection
             if void > 0.0:
                 w = (target - torn) / h
                 void += passed * (_speed_at(floor, low, speeds, nodes, b) - 0.5 * (speed + w))
@@ -140,7 +144,93 @@ def march(velocity, speeds, nodes, rows, before, tilt, element, step, parts, end
                 rate = v - w
                 deflection = known + h * rate
                 known += (1.0 - GAMMA) * full * rate
+            if traced:
+                trace[count, 0], trace[count, 1], trace[count, 2] = w, seen, force
+                trace[count, 3] = trace[count, 4] = 0.0
+                t = (w - speeds[low]) / (speeds[low + 1] - speeds[low])
+                if force <= floor:
+                    trace[count, 3] = -1.0
+                else:
+                    trace[count, 3] = max(force_high - force_low, 0.0) / (speeds[low + 1] - speeds[low])
+                    for r in range(b.size):
+                        trace[count, 4] += tilt[k, r] * (nodes[low, r] + t * (nodes[low + 1, r] - nodes[low, r]))
+                count += 1
         out[k] = force
+
+
+@njit(error_model="numpy", fastmath={"contract"})
+def stages(parts, ends, last, place):
+    """Sample up to which each stage of `march` goes, and its share of the way there; 2 at the step into a sample."""
+    count = 0
+    for k in range(parts.size):
+        share = 1.0 - HEAD if ends[k] else 1.0
+        for stage in range(2 * parts[k] + ends[k] if k else 1):
+            last[count] = k
+            if stage == 2 * parts[k] or k == 0:
+                place[count] = 2.0
+            else:
+                place[count] = share * (stage // 2 + (GAMMA if stage % 2 == 0 else 1.0)) / parts[k]
+            count += 1
+
+
+@njit(error_model="numpy", fastmath={"contract"})
+def softer(trace, element, other, out):
+    """(stages,) change of the deflection under the forces of a march from one element to another."""
+    for count in range(out.size):
+        force = trace[count, 2]
+        out[count] = _deflection(force, other)[0] - _deflection(force, element)[0]
+
+
+@njit(error_model="numpy", fastmath={"contract"})
+def tangent(trace, direct, softer, falls, element, step, parts, ends, out):
+    """First-order change of the force of `march` for changes of the law and of the elements, several at a time.
+
+    δF = ∂F/∂w δw + ∂F/∂d δd + δ_law at each stage, D' δF + δD + h δw = δ(known part).
+
+    Parameters
+    ----------
+    trace : (stages, 5) array
+        Of the march.
+    direct, softer : (m, stages) arrays
+        Changes of the law at the same speed and position, and of the deflection under the same force.
+    falls : (m,) array
+        Changes of the floor.
+    element, step, parts, ends
+        As of the march.
+    out : (m, n) array
+    """
+    changes = direct.shape[0]
+    known, deflection = np.zeros(changes), np.zeros(changes)
+    count = 0
+    for k in range(parts.size):
+        share = 1.0 - HEAD if ends[k] else 1.0
+        full = share * step / parts[k]
+        for stage in range(2 * parts[k] + ends[k] if k else 1):
+            head = stage == 2 * parts[k] or k == 0
+            h = HEAD * step if head else GAMMA * full
+            renewed = head or stage % 2 == 0
+            steep, shifted = trace[count, 3], trace[count, 4]
+            soft = _deflection(trace[count, 2], element)[1]
+            give = 1.0 / (soft * max(steep, 0.0) + h)
+            for j in range(changes):
+                if renewed:
+                    known[j] = deflection[j]
+                if steep < 0.0:
+                    force = falls[j]
+                    moved = soft * force + softer[j, count]
+                    faster = (known[j] - moved) * give
+                elif k == 0:
+                    force, faster = direct[j, count], 0.0
+                    moved = soft * force + softer[j, count]
+                else:
+                    force = direct[j, count] + shifted * deflection[j]
+                    faster = (known[j] - soft * force - softer[j, count]) * give
+                    force += steep * faster
+                    moved = known[j] - h * faster
+                deflection[j] = moved
+                known[j] -= (1.0 - GAMMA) * full * faster
+                out[j, k] = force
+            count += 1
 
 
 @njit(error_model="numpy", fastmath={"contract"})

@@ -44,7 +44,7 @@ class SeriesCompliance(SeriesElement):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("compliance", "m/N", "1/k", 0.0, (0.0, 5e-6), (0.0, 1e-3), (1e-7, 5e-7, 2e-6)),)
+        return (EffectParameter("compliance", "m/N", "1/k", 0.0, (0.0, 5e-6), (0.0, 1e-3), (2e-8, 1e-7, 5e-7, 2e-6)),)
 
     def elements(self, values: np.ndarray) -> dict[str, float]:
         return {"compliance": float(values[0])}
@@ -58,6 +58,7 @@ class Backlash(SeriesElement):
 
     name: ClassVar[str] = "backlash"
     title: ClassVar[str] = "play in series with the damper"
+    rugged: ClassVar[bool] = True
     equation: ClassVar[str] = "v = w + dD/dt, D = (delta/2) sign F, any of +-delta/2 where F = 0; F = law(w)"
     reference: ClassVar[str] = "equation sheet 3.7"
     experiment: ClassVar[str] = "strokes of falling amplitude at one frequency, down to the play itself"
@@ -89,9 +90,9 @@ class EntrainedAir(SeriesElement):
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("stroke", "m", "s, deflection that compresses all the air", 0.0, (0.0, 3e-3),
-                                (0.0, 0.05), (5e-5, 3e-4)),
+                                (0.0, 0.05), (6e-6, 5e-5, 3e-4)),
                 EffectParameter("pressure_force", "N", "F_p, pressure of the air times piston area", 500.0,
-                                (50.0, 5e3), (10.0, 1e5), (150.0, 500.0, 1500.0)))
+                                (50.0, 5e3), (10.0, 1e5), (200.0, 1000.0)))
 
     def elements(self, values: np.ndarray) -> dict[str, float]:
         return {"air_stroke": float(values[0]), "air_force": float(values[1])}

@@ -56,7 +56,7 @@ def rests(current: np.ndarray, largest: float) -> bool:
 
 def held(s: Signals) -> bool:
     """Whether the current of these signals is held between samples, found once."""
-    return bool(s.cached("current is held", lambda: np.array(is_held(s["current"]))))
+    return s.fact("current", "is held", is_held)
 
 
 def levels(signals: Sequence[Signals]) -> int:
@@ -141,6 +141,7 @@ class CoilLag(CurrentEffect):
     """Coil and eddy currents: τ di_e/dt = i − i_e (equation sheet 3.12)."""
 
     name: ClassVar[str] = "coil-lag"
+    path: ClassVar[str] = "current"
     title: ClassVar[str] = "the field follows the current with a first-order lag"
     equation: ClassVar[str] = "tau di_e/dt = i - i_e"
     reference: ClassVar[str] = "equation sheet 3.12; Sename & Do, coil L/R and eddy currents"
@@ -163,6 +164,7 @@ class RiseFallLag(CurrentEffect):
     """Unequal edges: the field builds up and breaks down with time constants of its own (equation sheet 3.14)."""
 
     name: ClassVar[str] = "rise-fall-lag"
+    path: ClassVar[str] = "current"
     title: ClassVar[str] = "the field rises and falls with different time constants"
     equation: ClassVar[str] = "tau di_e/dt = i - i_e, tau = T r where |i| rises, T/r where it falls"
     reference: ClassVar[str] = "equation sheet 3.14; seed 002, block firstOrder_varT"
@@ -189,6 +191,7 @@ class CommandDelay(CurrentEffect):
     """Driver and bus: the current acts T later than it is recorded (equation sheet 3.13)."""
 
     name: ClassVar[str] = "command-delay"
+    path: ClassVar[str] = "current"
     stepwise: ClassVar[bool] = True
     title: ClassVar[str] = "the current acts later than it is recorded"
     equation: ClassVar[str] = "i_e(t) = i(t - T)"

@@ -252,6 +252,7 @@ class ValveDynamics(HydraulicEffect):
     """The valve has a mass: its share of the force follows as a second-order element (equation sheet 3.10)."""
 
     name: ClassVar[str] = "valve-dynamics"
+    path: ClassVar[str] = "force"
     memoryless: ClassVar[bool] = False
     title: ClassVar[str] = "the valve follows with a mass and a spring of its own"
     stage: ClassVar[str] = "force"

@@ -13,9 +13,13 @@ from quartercar.effects.electrical import read_earlier
 
 MOTION = ("displacement", "velocity", "acceleration")
 """channels that one position sensor feeds"""
-SMOOTH_OVER = 0.025
-"""length of the local cubic by which a motion is differentiated before a filter is undone [s]: it passes about 70 Hz,
-beyond which undoing a filter would raise little but the noise of the sensor"""
+QUIET = 0.3
+"""share of the Nyquist frequency, at the top of a channel's spectrum, whose level counts as its sensor's noise"""
+SHORT = 100
+"""samples below which nothing is undone"""
+STRETCH, ABOVE = 1.0, 2.0
+"""length of the stretches whose spectra are averaged before they are compared with that level [s]; times that they must
+stand above it"""
 
 
 def shifted(values: np.ndarray, samples: float) -> np.ndarray:
@@ -37,6 +41,7 @@ class DisplacementDelay(ChainEffect):
     """The motion is recorded late against the force (equation sheet 3.20)."""
 
     name: ClassVar[str] = "displacement-delay"
+    path: ClassVar[str] = "motion"
     stepwise: ClassVar[bool] = True
     title: ClassVar[str] = "the motion is recorded later than the force"
     stage: ClassVar[str] = "channel"
@@ -44,7 +49,7 @@ class DisplacementDelay(ChainEffect):
     reference: ClassVar[str] = "equation sheet 3.20"
     experiment: ClassVar[str] = "a spring in place of the damper, or a synchronisation pulse on all channels"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
-    resolution: ClassVar[float] = 0.5
+    resolution: ClassVar[float] = 0.7
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -69,6 +74,7 @@ class ForceDelay(ChainEffect):
     """The force is recorded late against all that drives it: every input is read T earlier (equation sheet 3.20)."""
 
     name: ClassVar[str] = "force-delay"
+    path: ClassVar[str] = "force"
     stepwise: ClassVar[bool] = True
     title: ClassVar[str] = "the force is recorded later than the motion"
     stage: ClassVar[str] = "channel"
@@ -97,12 +103,14 @@ class ForceDelay(ChainEffect):
 
 
 class OneSidedFilter(ChainEffect):
-    """The motion alone has passed a second-order low-pass, which is undone before the law sees it (sheet 1.4.10)."""
+    """The motion alone has passed a low-pass of order two or three, undone before the law sees it (sheet 1.4.10)."""
 
     name: ClassVar[str] = "one-sided-filter"
+    path: ClassVar[str] = "motion"
     title: ClassVar[str] = "the motion was low-passed and the force was not"
     stage: ClassVar[str] = "channel"
-    equation: ClassVar[str] = "x = x_r + 2 zeta T dx_r/dt + T^2 d2x_r/dt2, T = 1/(2 pi f_c)"
+    equation: ClassVar[str] = ("X = (1 + 2 zeta T s + T^2 s^2)(1 + T_3 s) X_recorded, T = 1/(2 pi f_c), in bands with "
+                               "more than the sensor's noise")
     reference: ClassVar[str] = "equation sheet 1.4.10, E4.10"
     experiment: ClassVar[str] = "the same record with both channels unfiltered, or both through the same filter"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
@@ -112,19 +120,17 @@ class OneSidedFilter(ChainEffect):
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("time_constant", "s", "T = 1/(2 pi corner frequency)", 0.0, (0.0, 0.04), (0.0, 0.2),
                                 (0.002, 0.005, 0.01, 0.02)),
-                EffectParameter("damping", "", "zeta", 0.7071, (0.4, 1.2), (0.3, 2.0), (0.5, 0.7071, 1.0)))
+                EffectParameter("damping", "", "zeta", 0.7071, (0.4, 1.2), (0.3, 2.0), (0.5, 0.7071, 1.0)),
+                EffectParameter("further_lag", "s", "T_3, of a third pole", 0.0, (0.0, 0.04), (0.0, 0.2), (0.0,)))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
-        t, zeta = float(values[0]), float(values[1])
+        t, zeta, third = (float(v) for v in values)
         if t <= 0:
             return core
 
         def run(s: Signals) -> np.ndarray:
-            undone = {}
-            for m in MOTION:
-                if s.has(m):
-                    first, second = derivatives(s, m)
-                    undone[m] = s[m] + 2 * zeta * t * first + t**2 * second
+            undone = {m: s[m] + lost(s, m, (2 * zeta * t + third, t**2 + 2 * zeta * t * third, t**2 * third))
+                      for m in MOTION if s.has(m)}
             return core(s.replace(**undone))
 
         return run
@@ -133,19 +139,38 @@ class OneSidedFilter(ChainEffect):
         return LpvChange("two more samples of the input", order=2)
 
 
-def derivatives(s: Signals, channel: str) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) first and second time derivative of a channel by local cubics over `SMOOTH_OVER`."""
-    from scipy.signal import savgol_filter
+def lost(s: Signals, channel: str, factors: tuple[float, ...]) -> np.ndarray:
+    """(n,) Σ_k c_k dᵏx/dtᵏ of a channel, c from k = 1 on: what a low-pass with the inverse 1 + Σ_k c_k sᵏ took away.
 
-    def make() -> np.ndarray:
-        x = s[channel]
-        width = max(2 * round(0.5 * SMOOTH_OVER / s.sample_time) + 1, 5)
-        if x.size < width:
-            return np.zeros((2, x.size))
-        return np.array([savgol_filter(x, width, 3, deriv=k, delta=s.sample_time) for k in (1, 2)])
+    Differentiated in the frequency domain, each frequency weighed with Wiener's share (S − 2N)₊/S, N the sensor's
+    noise taken twice to be safe, S the power: elsewhere to undo a filter raises little but noise. N is the level at the
+    top of the spectrum. The ends are continued by their odd reflection, which keeps the slope.
+    """
+    n = s[channel].size
+    if n < SHORT:
+        return np.zeros(n)
+    spectrum, omega, share = s.cached(("spectrum", channel), lambda: _spectrum(s[channel], s.sample_time))
+    inverse = sum(c * (1j * omega) ** (k + 1) for k, c in enumerate(factors))
+    return np.fft.irfft(spectrum * share * inverse, 2 * spectrum.size - 2)[n // 2: n // 2 + n]
 
-    both = s.cached(("derivatives", channel), make)
-    return both[0], both[1]
+
+def _spectrum(x: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Spectrum of a channel continued at both ends, its frequencies [rad/s], and the share of each that is motion."""
+    from scipy.fft import next_fast_len
+    from scipy.signal import welch
+
+    n = x.size
+    before = 2 * x[0] - x[1: n // 2 + 1][::-1]
+    after = 2 * x[-1] - x[-2: -2 - n // 2: -1]
+    longer = np.concatenate([before, x, after])
+    size = 2 * int(next_fast_len((longer.size + 1) // 2, real=True) or 0)
+    ramp = np.linspace(longer[-1], longer[0], size - longer.size + 2)[1:-1]
+    spectrum = np.fft.rfft(np.concatenate([longer, ramp]))
+    omega = 2 * np.pi * np.fft.rfftfreq(size, sample_time)
+    at, power = welch(x, 1 / sample_time, nperseg=min(n, round(STRETCH / sample_time)))
+    noise = float(np.median(power[-round(QUIET * power.size):]))
+    share = np.maximum(1 - ABOVE * noise / np.maximum(np.interp(omega, 2 * np.pi * at, power), 1e-300), 0.0)
+    return spectrum, omega, share
 
 
 class ForceOffset(ChainEffect):
@@ -186,7 +211,7 @@ class ForceClipping(Effect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("reciprocal_limit", "1/N", "r = 1/F_max", 0.0, (0.0, 0.01), (0.0, 0.1), (1e-3,)),)
+        return (EffectParameter("reciprocal_limit", "1/N", "r = 1/F_max", 0.0, (0.0, 0.05), (0.0, 0.1), (1e-3,)),)
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
         peak = max(float(np.abs(s.output).max()) for s in signals)

@@ -103,6 +103,9 @@ class ModelOrder(GridEffect):
     """Part of the force passes a further mode (equation sheet 7.1)."""
 
     name: ClassVar[str] = "model-order"
+    path: ClassVar[str] = "force"
+    resolution: ClassVar[float] = 0.8
+    resolved: ClassVar[int] = 1
     catch_all: ClassVar[bool] = True
     title: ClassVar[str] = "a further dynamic mode between motion and force"
     family: ClassVar[str] = "model"

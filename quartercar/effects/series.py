@@ -1,38 +1,24 @@
-"""Elements in series with a simulation: the law, read off the core as a function of speed, and the march."""
+"""Elements in series with a simulation: the march along the law of the core."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import OrderedDict
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.signals import Core, Remembered, Signals
-from quartercar.effects.electrical import held
+from lpvid.diagnosis.signals import Core, Linearised, Remembered, Signals
+from quartercar.effects.series_law import Law, read_law
 
-NODES = 257
-"""speeds at which a law is read"""
-REACH = 6.0
-"""largest of them, in largest speeds of the record"""
-FINE = 0.01
-"""speed below which they lie evenly, in the same"""
-SEEN = 48
-"""samples at which a law is read at every speed"""
 STEEP = 3
 """steps of the march from one sample to the next with air, play or a fluid that may tear, after a jump of the current
 and along a steep change of it; elsewhere 1"""
-JUMP, RAMP = 0.02, 0.1
-"""shares of the current's range that count as a jump of a held current and as a steep change of another; what is
-smaller is noise, or as good as straight"""
-RANK = 1e-5
-"""share of a law's size, growing with the speed, that its combination of few speeds may miss"""
-SAME = 1e-9
-"""agreement of a core with itself on samples out of their order, by which it is known to have no memory"""
-PROBE = 0.02
-"""change of speed that finds the local slope of a core with memory, in root mean squares of the speed"""
-SOFTEST = 0.05
-"""least such slope, in that of a straight line through the data"""
+LAWS = 4
+"""laws that signals keep, so that the derivative after a run need not read its law again"""
+NO_TRACE = np.empty((0, 5))
 
 
 @dataclass(frozen=True)
@@ -70,32 +56,7 @@ class Elements:
 
 
 @dataclass(frozen=True, eq=False)
-class Law:
-    """F(w) = Σ_r b_r φ_r(w) at every sample.
-
-    Attributes
-    ----------
-    speeds : (G,) array
-        Nodes.
-    nodes : (G, r) array
-        φ there.
-    rows, before, tilt : (n, r) arrays
-        b at the samples, just before them where the current is held, and −∂b/∂x.
-    jumps, steep : (n,) bool arrays
-        Samples at which the current jumps; those up to which the force changes fast from the sample before.
-    """
-
-    speeds: np.ndarray
-    nodes: np.ndarray
-    rows: np.ndarray
-    before: np.ndarray
-    tilt: np.ndarray
-    jumps: np.ndarray
-    steep: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class InSeries:
+class InSeries(Linearised):
     """A core with elements in series: ḋ = v − w, d = D(F), F = core(w, x − d, i)::
 
         v ──►[ D(F) ]── w ──►[ core ]── F
@@ -114,76 +75,47 @@ class InSeries:
         return replace(self, elements=replace(self.elements, **more))
 
     def __call__(self, s: Signals) -> np.ndarray:
-        from quartercar.effects import _series_kernels as kernels
-
         rigid = self.core(s)
         if not np.isfinite(rigid).all():
             return rigid
-        law = self._law(s, rigid)
+        return self.march(s, rigid, self.law(s, rigid), NO_TRACE)
+
+    def near(self, others: Sequence[Core]) -> list[Core]:
+        from quartercar.effects.series_tangent import near
+
+        return near(self, others)
+
+    def law(self, s: Signals, rigid: np.ndarray) -> Law:
+        """The law of the core, whose simulation along the signals is given; the last `LAWS` are kept."""
+        def read() -> Law:
+            return read_law(self.core, s, rigid, self.elements.deflection(rigid), self.static)
+
+        if not isinstance(self.core, Remembered):
+            return read()
+        kept: OrderedDict = s.cached("laws", OrderedDict)
+        key = (self.core.key, self.elements, self.static)
+        law = kept.pop(key, None) or read()
+        kept[key] = law
+        with suppress(KeyError):  # several threads may share the signals
+            if len(kept) > LAWS:
+                kept.popitem(last=False)
+        return law
+
+    def steps(self, law: Law) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) steps up to each sample, and whether a short one precedes it."""
+        sudden = bool(np.isfinite(self.elements.limit)) or self.elements.play > 0
+        return np.where(law.steep | sudden | (self.elements.air_stroke > 0), STEEP, 1), law.jumps | sudden
+
+    def march(self, s: Signals, rigid: np.ndarray, law: Law, trace: np.ndarray) -> np.ndarray:
+        """(n,) force; `trace`, as long as the march has stages or empty, is filled as the kernel says."""
+        from quartercar.effects import _series_kernels as kernels
+
         velocity = np.ascontiguousarray(s["velocity"], dtype=float)
         out, without = np.empty(s.n_samples), np.empty(s.n_samples)
-        sudden = bool(np.isfinite(self.elements.limit)) or self.elements.play > 0
-        parts = np.where(law.steep | sudden | (self.elements.air_stroke > 0), STEEP, 1)
         kernels.march(velocity, law.speeds, law.nodes, law.rows, law.before, law.tilt, self.elements.numbers(),
-                      s.sample_time, parts, law.jumps | sudden, out)
+                      s.sample_time, trace, *self.steps(law), out)
         kernels.law_along(velocity, law.speeds, law.nodes, law.rows, without)
         return rigid + (out - without)
-
-    # -- reading the law ---------------------------------------------------------------------------------------------
-    def _law(self, s: Signals, rigid: np.ndarray) -> Law:
-        speeds = nodes_of(s)
-        seen = _seen(s)
-        first = _spread(s, seen, speeds)
-        if not self.static or not np.allclose(_taken(self.core, s, seen), rigid[seen], rtol=SAME,
-                                              atol=SAME * np.ptp(rigid)):
-            return self._filter(s, rigid, speeds)
-        table = self.core(first).reshape(speeds.size, seen.size)
-        deflection = self.elements.deflection(rigid)
-        turned = None
-        if s.has("displacement"):
-            moved = s.replace(displacement=s["displacement"] - deflection)
-            turned = self.core(_spread(moved, seen, speeds)).reshape(table.shape)
-            turned = None if np.array_equal(turned, table) else turned
-        size = float(np.abs(table).max())
-        if not np.isfinite(size) or np.diff(table, axis=0).min() < -SAME * max(size, 1e-300):
-            return self._filter(s, rigid, speeds)
-        return self._combined(s, speeds, table, turned, deflection)
-
-    def _combined(self, s: Signals, speeds: np.ndarray, table: np.ndarray,
-                  turned: np.ndarray | None, deflection: np.ndarray) -> Law:
-        """The law at every speed as a combination of itself at few."""
-        scale = 1 + REACH * np.abs(speeds) / speeds[-1]
-        picks, shapes = few((table if turned is None else np.hstack([table, turned])) / scale[:, None])
-        shapes *= scale[:, None] / scale[picks]
-        chosen = speeds[picks]
-
-        def along(signals: Signals) -> np.ndarray:
-            return np.column_stack([self.core(signals.replace(velocity=np.full(s.n_samples, w))) for w in chosen])
-
-        rows = along(s)
-        before, tilt = rows, np.zeros_like(rows)
-        if turned is not None:
-            reach = np.where(np.abs(deflection) > 1e-12, deflection, 1e-12)
-            there = along(s.replace(displacement=s["displacement"] - reach))
-            tilt = (there - rows) / reach[:, None]
-        jumps, steep = _changes(s)
-        if jumps.any():
-            earlier = np.concatenate([rows[:1], rows[:-1]])
-            if turned is not None:
-                earlier[1:] -= tilt[:-1] * np.diff(s["displacement"])[:, None]
-            before = np.where(jumps[:, None], earlier, rows)
-        return Law(speeds, shapes, rows, before, tilt, jumps, steep)
-
-    def _filter(self, s: Signals, rigid: np.ndarray, speeds: np.ndarray) -> Law:
-        """F(w) = core + c'(w − v), c' the core's local slope: equation sheet 9.3 for cores with memory or folds."""
-        v = s["velocity"]
-        change = PROBE * float(np.sqrt(np.mean(v**2))) or 1e-6
-        slope = (self.core(s.replace(velocity=v + change)) - self.core(s.replace(velocity=v - change))) / (2 * change)
-        least = SOFTEST * max(float(v @ rigid), 0.0) / max(float(v @ v), 1e-300)
-        slope = np.maximum(slope, max(least, 1e-9))
-        rows = np.column_stack([rigid - slope * v, slope])
-        shapes = np.column_stack([np.ones(speeds.size), speeds])
-        return Law(speeds, shapes, rows, rows, np.zeros_like(rows), *np.zeros((2, s.n_samples), dtype=bool))
 
 
 def in_series(core: Core, baseline: Baseline, **more: float) -> InSeries:
@@ -192,84 +124,3 @@ def in_series(core: Core, baseline: Baseline, **more: float) -> InSeries:
     if isinstance(inner, InSeries):
         return inner.with_elements(**more)
     return InSeries(core, Elements(**more), baseline.static)
-
-
-def few(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of a table of which all others are combinations, and the combinations: rows ≈ shapes @ rows[picks].
-
-    Orthogonalisation in the order of what is left of the rows (pivoted Gram-Schmidt), up to `RANK` of the largest.
-
-    Returns
-    -------
-    picks : (r,) array of int
-    shapes : (G, r) array
-        The identity in the rows of `picks`.
-
-    Examples
-    --------
-    >>> picks, shapes = few(np.outer([1.0, 2.0, 4.0], [1.0, 3.0]))
-    >>> picks, shapes.ravel()
-    (array([2]), array([0.25, 0.5 , 1.  ]))
-    """
-    rest, picks, parts = rows.copy(), [], []
-    largest = 0.0
-    while len(picks) < min(rows.shape):
-        sizes = np.einsum("gk,gk->g", rest, rest)
-        k = int(np.argmax(sizes))
-        largest = max(largest, float(sizes[k]))
-        if picks and not sizes[k] > RANK**2 * largest:
-            break
-        picks.append(k)
-        direction = rest[k] / max(float(np.sqrt(sizes[k])), 1e-300)
-        along = rest @ direction
-        rest -= np.multiply.outer(along, direction)
-        rest[k] = 0.0
-        parts.append(along)
-    weights = np.column_stack(parts)
-    if not largest > 0:  # a law that is zero everywhere is one, too
-        return np.array(picks), np.zeros_like(weights)
-    from scipy.linalg import solve_triangular
-
-    shapes = solve_triangular(weights[picks].T, weights.T).T
-    shapes[picks] = np.eye(len(picks))
-    return np.array(picks), shapes
-
-
-def nodes_of(s: Signals) -> np.ndarray:
-    """(G,) speeds at which a law is read, evenly in asinh(w/w_0), for the speeds of these signals."""
-    top = float(s.cached("top speed", lambda: np.abs(s["velocity"]).max())) or 1e-3
-    return FINE * top * np.sinh(np.linspace(-1.0, 1.0, NODES) * np.arcsinh(REACH / FINE))
-
-
-def _seen(s: Signals) -> np.ndarray:
-    """Samples evenly in time, and those where a channel is largest or smallest."""
-    def make() -> np.ndarray:
-        ends = [k for c in s.channels.values() for k in (int(np.argmax(c)), int(np.argmin(c)))]
-        even = np.linspace(0, s.n_samples - 1, SEEN).round().astype(int)
-        return np.unique(np.concatenate([even, np.array(ends, dtype=int)]))
-
-    return s.cached("samples at which a law is read", make)
-
-
-def _spread(s: Signals, seen: np.ndarray, speeds: np.ndarray) -> Signals:
-    """Signals that hold the chosen samples at every speed."""
-    channels = {role: np.tile(c[seen], speeds.size) for role, c in s.channels.items()}
-    channels["velocity"] = np.repeat(speeds, seen.size)
-    return Signals(s.sample_time, channels, np.tile(s.output[seen], speeds.size), s.name)
-
-
-def _changes(s: Signals) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) bool each: samples at which a held current jumps, and those whose interval wants short steps."""
-    jumps, steep = np.zeros((2, s.n_samples), dtype=bool)
-    if s.has("current"):
-        change = np.abs(np.diff(s["current"]))
-        if held(s):
-            jumps[1:] = change > JUMP * np.ptp(s["current"])
-            steep[1:] = jumps[:-1]
-        else:
-            steep[1:] = change > RAMP * np.ptp(s["current"])
-    return jumps, steep
-
-
-def _taken(core: Callable[[Signals], np.ndarray], s: Signals, seen: np.ndarray) -> np.ndarray:
-    return core(Signals(s.sample_time, {r: c[seen] for r, c in s.channels.items()}, s.output[seen], s.name))

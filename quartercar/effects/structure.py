@@ -84,6 +84,7 @@ class FixtureResonance(GridEffect):
     """The fixture swings: the force passes a second-order low-pass on its way to the load cell (sheet 3.19)."""
 
     name: ClassVar[str] = "fixture-resonance"
+    path: ClassVar[str] = "force"
     resolution: ClassVar[float] = 0.6
     title: ClassVar[str] = "a resonance of the fixture colours the force"
     family: ClassVar[str] = "structure"

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -13,6 +15,8 @@ TOP = 0.999
 """quantile of the speed at which the slope of a law is taken"""
 HALF = 0.6
 """share of it that is the lower speed"""
+KEPT = 4
+"""pairs of slopes that signals keep"""
 
 
 def viscous_slope(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
@@ -24,11 +28,34 @@ def viscous_slope(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
     v = s["velocity"]
     if not baseline.static:
         return np.full(s.n_samples, max(_regressed(v, core(s)), 0.0))
-    top = _top(s)
-    signs = s.cached("direction without rest", lambda: np.where(v < 0, -1.0, 1.0))
-    fast = s.cached("signals at high speed", lambda: s.replace(velocity=signs * top))
-    slower = s.cached("signals at a lower speed", lambda: s.replace(velocity=signs * (HALF * top)))
-    return np.maximum(signs * (core(fast) - core(slower)) / ((1 - HALF) * top), 0.0)
+    if s.record is not None:
+        rising, falling = _slopes(s, s.record, core)
+        return np.where(v < 0, falling, rising)
+    signs = s.fact("velocity", "direction without rest", lambda v: np.where(v < 0, -1.0, 1.0))
+    fast = s.cached("signals at high speed", lambda: s.replace(velocity=signs * _top(s)))
+    slower = s.cached("signals at a lower speed", lambda: s.replace(velocity=signs * (HALF * _top(s))))
+    return np.maximum(signs * (core(fast) - core(slower)) / ((1 - HALF) * _top(s)), 0.0)
+
+
+def _slopes(s: Signals, record: Signals, core: Core) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) each: the slope in either direction, kept while a law is asked at one speed after the other."""
+    rest = [s[r] for r in s.channels if r != "velocity"]
+    kept: OrderedDict = record.cached("viscous slopes", OrderedDict)
+    key = (core, s.n_samples, *map(id, rest))
+    found = kept.pop(key, None) or (*_both(s, _top(s), core), rest)  # channels kept alive keep their identity
+    kept[key] = found
+    with suppress(KeyError):  # several threads may share the signals
+        if len(kept) > KEPT:
+            kept.popitem(last=False)
+    return found[0], found[1]
+
+
+def _both(s: Signals, top: float, core: Core) -> tuple[np.ndarray, np.ndarray]:
+    def along(sign: float) -> np.ndarray:
+        fast, slower = (core(s.asked(velocity=np.full(s.n_samples, sign * w))) for w in (top, HALF * top))
+        return np.maximum(sign * (fast - slower) / ((1 - HALF) * top), 0.0)
+
+    return along(1.0), along(-1.0)
 
 
 def measured_slope(signals: Sequence[Signals]) -> float:
@@ -51,7 +78,8 @@ def speed_quantiles(signals: Sequence[Signals], shares: Sequence[float]) -> list
 
 
 def _top(s: Signals) -> float:
-    return float(s.cached("fast", lambda: np.quantile(np.abs(s["velocity"]), TOP))) or 1e-6
+    """Of the record, where a law is only asked at these signals."""
+    return (s.record or s).fact("velocity", "fast", lambda v: float(np.quantile(np.abs(v), TOP))) or 1e-6
 
 
 def _regressed(v: np.ndarray, force: np.ndarray) -> float:

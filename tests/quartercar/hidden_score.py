@@ -23,6 +23,9 @@ Row = dict
 COMPLIANT = {"series-compliance", "entrained-air"}
 """what the difference between a Bouc-Wen damper and Guo's law is: a spring, linear or not, in series"""
 
+PARTS = {"command-delay": ("coil-lag",)}
+"""what the other law of a cause truly holds besides: its delay is followed by a lag of a sixth of it"""
+
 
 def case(seed: int, catalogue: tuple[Effect, ...], **fixed: object) -> Row:
     """Draw, diagnose and mark one case; plain data."""
@@ -79,7 +82,8 @@ def _estimate(plan, hidden: tuple, answer: Diagnosis) -> Row:
 def truths(row: Row) -> set[str]:
     """Names that would be right; of a Bouc-Wen damper also its spring before yielding, which Guo's law has not."""
     own = COMPLIANT if row["kind"] == "wrong-baseline" else set()
-    return set() if row["kind"] == "outside" else {*row["causes"], *own}
+    parts = {p for n in row["causes"] for p in PARTS.get(n, ())} if row["law"] == "other" else set()
+    return set() if row["kind"] == "outside" else {*row["causes"], *own, *parts}
 
 
 def wrong(row: Row) -> set[str]:

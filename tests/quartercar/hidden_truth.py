@@ -25,7 +25,6 @@ HEAD = round(0.25 * RATE)
 """samples that no judgement rests on"""
 SEPARATE, CLEAR = 10.0, 60.0
 SHARE, NOTED = 0.01, 0.02
-BEYOND = 1.5
 SAME = {"force-offset": "gas-preload", "gas-preload": "force-offset"}
 
 
@@ -254,12 +253,8 @@ def _distance(effect: Effect, bench: Bench, direction: np.ndarray, seen: Signals
 
 
 def _plausible(effect: Effect) -> tuple[np.ndarray, np.ndarray]:
-    lows, highs = [], []
-    for p in effect.parameters:
-        room = (BEYOND - 1) * (p.plausible[1] - p.plausible[0])
-        lows.append(max(p.plausible[0] - room, p.bounds[0]))
-        highs.append(min(p.plausible[1] + room, p.bounds[1]))
-    return np.array(lows, dtype=float), np.array(highs, dtype=float)
+    low, high = np.array([p.reach for p in effect.parameters], dtype=float).T
+    return low, high
 
 
 # -- oracle -------------------------------------------------------------------------------------------------------

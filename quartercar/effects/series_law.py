@@ -1,0 +1,213 @@
+"""The law of a core, read off it as a function of the speed, for the elements that lie in series with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.electrical import held
+
+NODES = 257
+"""speeds at which a law is read"""
+REACH = 6.0
+"""largest of them, in largest speeds of the record"""
+FINE = 0.01
+"""speed below which they lie evenly, in the same"""
+SEEN = 48
+"""samples at which a law is read at every speed"""
+JUMP, RAMP = 0.02, 0.1
+"""shares of the current's range that count as a jump of a held current and as a steep change of another; what is
+smaller is noise, or as good as straight"""
+RANK = 1e-5
+"""share of a law's size, growing with the speed, that its combination of few speeds may miss"""
+SAME = 1e-9
+"""agreement of a core with itself on samples out of their order, by which it is known to have no memory"""
+PROBE = 0.02
+"""change of speed that finds the local slope of a core with memory, in root mean squares of the speed"""
+SOFTEST = 0.05
+"""least such slope, in that of a straight line through the data"""
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """F(w) = Σ_r b_r φ_r(w) at every sample.
+
+    Attributes
+    ----------
+    speeds : (G,) array
+        Nodes.
+    nodes : (G, r) array
+        φ there.
+    rows, before, tilt : (n, r) arrays
+        b at the samples, just before them where the current is held, and −∂b/∂x.
+    jumps, steep : (n,) bool arrays
+        Samples at which the current jumps; those up to which the force changes fast from the sample before.
+    memory : bool
+        Whether it stands for a core with memory: one line in the speed at every sample.
+    """
+
+    speeds: np.ndarray
+    nodes: np.ndarray
+    rows: np.ndarray
+    before: np.ndarray
+    tilt: np.ndarray
+    jumps: np.ndarray
+    steep: np.ndarray
+    memory: bool = False
+
+
+def read_law(core: Core, s: Signals, rigid: np.ndarray, deflection: np.ndarray, static: bool) -> Law:
+    """The law of a core along signals.
+
+    Parameters
+    ----------
+    core : Core
+    s : Signals
+    rigid : (n,) array
+        The core along them.
+    deflection : (n,) array
+        By which the position that the law sees lags behind the displacement, roughly [m].
+    static : bool
+        Whether the core may be without memory.
+    """
+    speeds = nodes_of(s)
+    seen = _seen(s)
+    few_samples = s.cached("a law's samples", lambda: _taken(s, seen))
+    if not static or not np.allclose(core(few_samples), rigid[seen], rtol=SAME, atol=SAME * np.ptp(rigid)):
+        return with_memory(core, s, rigid)
+    first = s.cached("a law's samples at every speed", lambda: _spread(s, seen, speeds))
+    table = core(first).reshape(speeds.size, seen.size)
+    turned = None
+    if s.has("displacement"):
+        x = np.tile((s["displacement"] - deflection)[seen], speeds.size)
+        turned = core(first.asked(displacement=x)).reshape(table.shape)
+        turned = None if np.array_equal(turned, table) else turned
+    size = float(np.abs(table).max())
+    if not np.isfinite(size) or np.diff(table, axis=0).min() < -SAME * max(size, 1e-300):
+        return with_memory(core, s, rigid)
+    return _combined(core, s, speeds, table, turned, deflection)
+
+
+def _combined(core: Core, s: Signals, speeds: np.ndarray, table: np.ndarray, turned: np.ndarray | None,
+              deflection: np.ndarray) -> Law:
+    """The law at every speed as a combination of itself at few."""
+    scale = 1 + REACH * np.abs(speeds) / speeds[-1]
+    picks, shapes = few((table if turned is None else np.hstack([table, turned])) / scale[:, None])
+    shapes *= scale[:, None] / scale[picks]
+    chosen = speeds[picks]
+
+    def along(signals: Signals) -> np.ndarray:
+        out = np.empty((s.n_samples, chosen.size))
+        for r, w in enumerate(chosen):
+            out[:, r] = core(signals.asked(velocity=np.full(s.n_samples, w)))
+        return out
+
+    rows = along(s)
+    before, tilt = rows, np.zeros_like(rows)
+    if turned is not None:
+        reach = np.where(np.abs(deflection) > 1e-12, deflection, 1e-12)
+        there = along(s.asked(displacement=s["displacement"] - reach))
+        tilt = (there - rows) / reach[:, None]
+    jumps, steep = _changes(s)
+    if jumps.any():
+        earlier = np.concatenate([rows[:1], rows[:-1]])
+        if turned is not None:
+            earlier[1:] -= tilt[:-1] * np.diff(s["displacement"])[:, None]
+        before = np.where(jumps[:, None], earlier, rows)
+    return Law(speeds, shapes, rows, before, tilt, jumps, steep)
+
+
+def with_memory(core: Core, s: Signals, rigid: np.ndarray) -> Law:
+    """F(w) = core + c'(w − v), c' the core's local slope: equation sheet 9.3 for cores with memory or folds."""
+    v, speeds = s["velocity"], nodes_of(s)
+    change = PROBE * float(np.sqrt(np.mean(v**2))) or 1e-6
+    slope = (core(s.asked(velocity=v + change)) - core(s.asked(velocity=v - change))) / (2 * change)
+    least = SOFTEST * max(float(v @ rigid), 0.0) / max(float(v @ v), 1e-300)
+    slope = np.maximum(slope, max(least, 1e-9))
+    rows = np.column_stack([rigid - slope * v, slope])
+    shapes = np.column_stack([np.ones(speeds.size), speeds])
+    return Law(speeds, shapes, rows, rows, np.zeros_like(rows), *np.zeros((2, s.n_samples), dtype=bool), memory=True)
+
+
+def few(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of a table of which all others are combinations, and the combinations: rows ≈ shapes @ rows[picks].
+
+    Orthogonalisation in the order of what is left of the rows (pivoted Gram-Schmidt), up to `RANK` of the largest.
+
+    Returns
+    -------
+    picks : (r,) array of int
+    shapes : (G, r) array
+        The identity in the rows of `picks`.
+
+    Examples
+    --------
+    >>> picks, shapes = few(np.outer([1.0, 2.0, 4.0], [1.0, 3.0]))
+    >>> picks, shapes.ravel()
+    (array([2]), array([0.25, 0.5 , 1.  ]))
+    """
+    rest, picks, parts = rows.copy(), [], []
+    largest = 0.0
+    while len(picks) < min(rows.shape):
+        sizes = np.einsum("gk,gk->g", rest, rest)
+        k = int(np.argmax(sizes))
+        largest = max(largest, float(sizes[k]))
+        if picks and not sizes[k] > RANK**2 * largest:
+            break
+        picks.append(k)
+        direction = rest[k] / max(float(np.sqrt(sizes[k])), 1e-300)
+        along = rest @ direction
+        rest -= np.multiply.outer(along, direction)
+        rest[k] = 0.0
+        parts.append(along)
+    weights = np.column_stack(parts)
+    if not largest > 0:  # a law that is zero everywhere is one, too
+        return np.array(picks), np.zeros_like(weights)
+    from scipy.linalg import solve_triangular
+
+    shapes = solve_triangular(weights[picks].T, weights.T).T
+    shapes[picks] = np.eye(len(picks))
+    return np.array(picks), shapes
+
+
+def nodes_of(s: Signals) -> np.ndarray:
+    """(G,) speeds at which a law is read, evenly in asinh(w/w_0), for the speeds of these signals."""
+    top = s.fact("velocity", "top speed", lambda v: float(np.abs(v).max())) or 1e-3
+    return FINE * top * np.sinh(np.linspace(-1.0, 1.0, NODES) * np.arcsinh(REACH / FINE))
+
+
+def _seen(s: Signals) -> np.ndarray:
+    """Samples evenly in time, and those where a channel is largest or smallest."""
+    def make() -> np.ndarray:
+        ends = [k for c in s.channels.values() for k in (int(np.argmax(c)), int(np.argmin(c)))]
+        even = np.linspace(0, s.n_samples - 1, SEEN).round().astype(int)
+        return np.unique(np.concatenate([even, np.array(ends, dtype=int)]))
+
+    return s.cached("samples at which a law is read", make)
+
+
+def _spread(s: Signals, seen: np.ndarray, speeds: np.ndarray) -> Signals:
+    """Signals that hold the chosen samples at every speed."""
+    channels = {role: np.tile(c[seen], speeds.size) for role, c in s.channels.items()}
+    channels["velocity"] = np.repeat(speeds, seen.size)
+    return Signals(s.sample_time, channels, np.tile(s.output[seen], speeds.size), s.name, record=s.record or s)
+
+
+def _changes(s: Signals) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) bool each: samples at which a held current jumps, and those whose interval wants short steps."""
+    jumps, steep = np.zeros((2, s.n_samples), dtype=bool)
+    if s.has("current"):
+        change = np.abs(np.diff(s["current"]))
+        if held(s):
+            jumps[1:] = change > JUMP * np.ptp(s["current"])
+            steep[1:] = jumps[:-1]
+        else:
+            steep[1:] = change > RAMP * np.ptp(s["current"])
+    return jumps, steep
+
+
+def _taken(s: Signals, seen: np.ndarray) -> Signals:
+    channels = {role: c[seen] for role, c in s.channels.items()}
+    return Signals(s.sample_time, channels, s.output[seen], s.name, record=s.record or s)
