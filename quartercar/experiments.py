@@ -107,6 +107,7 @@ ON_THE_CAR: Mapping[str, str] = {
 NO_PLAN: Mapping[str, str] = {
     "sensor-scale": "no motion and no current tell the scale of a sensor from the size of what it drives: calibrate "
                     "the channel against a known displacement or current",
+    "shared-filter": "every motion passes the same filters: record one run again with their corner frequency raised",
     "channel-sign": "a sensor turned round and a law turned round are one: move the rod by hand and read the sign, "
                     "pass a known current",
     **{name: f"a rig that holds the damper alone has no wheel and no body. On the car: {what}"

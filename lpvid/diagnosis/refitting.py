@@ -187,32 +187,39 @@ def _step(jacobian: np.ndarray, errors: np.ndarray, vector: np.ndarray, damping:
           high: np.ndarray) -> tuple[np.ndarray, float]:
     """Damped step in the free parameters, and the fall of the cost that it promises (0 where none is free).
 
-    Those that it would carry beyond a bound stop there, and the step of the others is sought anew beside them.
+    Where that would carry some beyond their bounds, the best step inside them (bounded least squares).
     """
     gradient, hessian = jacobian.T @ errors, jacobian.T @ jacobian
     norms = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
     held = ((vector <= low) & (gradient < 0)) | ((vector >= high) & (gradient > 0)) | (norms <= 1e-140)
-    step, moving = np.zeros(vector.size), ~held
-    while moving.any():
-        free, stopped = np.flatnonzero(moving), np.flatnonzero(~moving)
-        wanted = gradient[free] - hessian[np.ix_(free, stopped)] @ step[stopped]
-        step[free] = _solved(hessian[np.ix_(free, free)], wanted, norms[free], damping)
-        reached = vector + step
-        beyond = moving & ((reached < low) | (reached > high))
-        if not beyond.any():
-            break
-        step[beyond] = np.clip(reached, low, high)[beyond] - vector[beyond]
-        moving &= ~beyond
+    free = np.flatnonzero(~held)
+    step = np.zeros(vector.size)
+    if not free.size:
+        return step, 0.0
+    scale = norms[free]
+    matrix = hessian[np.ix_(free, free)] / np.outer(scale, scale) + damping * np.eye(free.size)
+    room = (low - vector)[free] * scale, (high - vector)[free] * scale
+    step[free] = _inside(matrix, gradient[free] / scale, *room) / scale
+    step = np.clip(vector + step, low, high) - vector
     return step, float(2 * step @ gradient - step @ hessian @ step)
 
 
-def _solved(hessian: np.ndarray, gradient: np.ndarray, scale: np.ndarray, damping: float) -> np.ndarray:
-    """Solution of the damped normal equations, by least squares where they are singular."""
-    matrix = hessian / np.outer(scale, scale) + damping * np.eye(scale.size)
+def _inside(matrix: np.ndarray, right: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """(k,) minimiser of xᵀ M x/2 − bᵀ x, between bounds, for a positive semidefinite M."""
     try:
-        return np.linalg.solve(matrix, gradient / scale) / scale
+        x = np.linalg.solve(matrix, right)
     except np.linalg.LinAlgError:
-        return np.linalg.lstsq(matrix, gradient / scale, rcond=1e-12)[0] / scale
+        x = np.linalg.lstsq(matrix, right, rcond=1e-12)[0]
+    if ((x >= low) & (x <= high)).all():
+        return x
+    from scipy.optimize import lsq_linear
+
+    values, vectors = np.linalg.eigh(matrix)
+    root = np.sqrt(np.maximum(values, 1e-14 * values[-1]))
+    tight = 1e-12 * np.maximum(np.abs(x), 1e-300)  # a parameter may lie on its bound
+    found = lsq_linear(root[:, None] * vectors.T, vectors.T @ right / root, bounds=(low - tight, high + tight),
+                       method="bvls", max_iter=10 * x.size)
+    return np.clip(found.x, low, high)
 
 
 def covariance(problem: Problem, fit: Refit) -> np.ndarray:

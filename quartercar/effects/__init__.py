@@ -23,6 +23,7 @@ from quartercar.effects.measurement import (
     ForceDelay,
     ForceOffset,
     OneSidedFilter,
+    SharedFilter,
 )
 from quartercar.effects.model_structure import ColouredNoise, MissingScheduling, ModelOrder, SchedulingDegree
 from quartercar.effects.quantisation import Quantisation
@@ -36,7 +37,7 @@ CATALOGUE: tuple[Effect, ...] = (
     QuadraticLoss(), ReliefValve(), SeriesOrifice(), Asymmetry(), Cavitation(), ValveDynamics(), NetworkTopology(),
     InputNonlinearity(),
     CoilLag(), CommandDelay(), RiseFallLag(), CurrentSaturation(), Remanence(),
-    DisplacementDelay(), ForceDelay(), OneSidedFilter(), ForceOffset(), ForceClipping(), Quantisation(),
+    DisplacementDelay(), ForceDelay(), OneSidedFilter(), SharedFilter(), ForceOffset(), ForceClipping(), Quantisation(),
     ThermalFade(), ViscousFade(), EndStop(), FixtureInertia(), FixtureResonance(),
     SchedulingDegree(), MissingScheduling(), ModelOrder(),
     StrutFriction(), Payload(), TyreStiffness(), TyreDamping(), ActuatorDelay(), SensorScale(), ChannelSign(),

@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 from toy_diagnosis import (
     CAUSES,
@@ -25,11 +26,12 @@ from toy_diagnosis import (
 
 from lpvid.diagnosis.blocks import FEWEST, Blocks
 from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.deciding import Folds, _in_both, explained_share
 from lpvid.diagnosis.engine import diagnose
 from lpvid.diagnosis.localise import localise
 from lpvid.diagnosis.noise import FLOOR, Whitening, noise_level
 from lpvid.diagnosis.problem import Problem, projector, without
-from lpvid.diagnosis.refitting import Refit, covariance, refit
+from lpvid.diagnosis.refitting import Refit, _step, covariance, refit
 from lpvid.diagnosis.remainder import predictable_share
 from lpvid.diagnosis.screening import DETECT, Evidence, directions, moves, saturated, screen
 from lpvid.diagnosis.selection import Search
@@ -220,12 +222,43 @@ class TestRefit:
         assert fit.vector[3] == pytest.approx(100.0) and fit.at_bounds()[3]
         assert np.isnan(covariance(problem, fit)[3, 3])
 
+    def test_a_step_that_bounds_stop_is_the_best_inside_them(self, rng: np.random.Generator) -> None:
+        for _ in range(60):
+            size = int(rng.integers(2, 8))
+            jacobian = rng.standard_normal((60, size)) @ rng.standard_normal((size, size))
+            errors, low, high = 5 * rng.standard_normal(60), -rng.uniform(0, 1, size), rng.uniform(0, 1, size)
+            here = rng.uniform(0.98 * low, 0.98 * high)
+            step, promised = _step(jacobian, errors, here, 0.0, low, high)
+            best = lsq_linear(jacobian, errors, bounds=(low - here, high - here), method="bvls").x
+            assert ((here + step >= low) & (here + step <= high)).all()
+            left = [float(np.sum((errors - jacobian @ s) ** 2)) for s in (step, best)]
+            assert left[0] == pytest.approx(left[1], rel=1e-6)
+            assert promised == pytest.approx(float(errors @ errors) - left[0], rel=1e-6, abs=1e-9)
+
     def test_a_fold_sees_only_its_blocks(self, rng: np.random.Generator) -> None:
         problem, composition = problem_of(record(rng))
         half = refit(problem, composition, TRUE, fold=0)
         test = problem.in_fold(1)
         assert half.n_samples == int((~test).sum())
         assert half.cost == pytest.approx(float(half.errors[~test] @ half.errors[~test]), rel=1e-12)
+
+
+class TestBothMetrics:
+    @pytest.mark.parametrize(("apart", "share", "certain", "says"), [
+        (50.0, 0.0, 0.0, 50.0), (-50.0, 0.0, 0.0, -50.0),  # the error in the output's unit is silent
+        (50.0, 0.4, 4.0, -20.0), (-50.0, -0.4, -4.0, 20.0),  # it surely says otherwise
+        (50.0, -0.4, -4.0, 50.0), (-50.0, 0.4, 4.0, -50.0),  # it agrees
+        (50.0, 0.05, 2.0, 0.0), (-50.0, -0.05, -2.0, 0.0),  # it seems to say otherwise: nobody can tell
+        (5.0, 0.05, 2.0, 5.0), (50.0, 0.4, 0.5, 50.0)])
+    def test_who_decides(self, apart: float, share: float, certain: float, says: float) -> None:
+        assert _in_both(apart, share, certain) == says
+
+    def test_a_worse_model_explains_nothing(self, rng: np.random.Generator) -> None:
+        problem, _ = problem_of(record(rng))
+        small, large = (Folds(np.zeros(problem.n_samples), np.full(problem.n_samples, e)) for e in (1.0, 1.1))
+        for floor in (None, 0.5, 2.0):
+            assert explained_share(problem, small, large, floor, 0.0)[0] == 0.0
+            assert explained_share(problem, large, small, floor, 0.0)[0] > 0.0
 
 
 class TestRemainder:

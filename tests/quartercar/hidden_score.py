@@ -23,6 +23,7 @@ Row = dict
 COMPLIANT = {"series-compliance", "entrained-air"}
 """what the difference between a Bouc-Wen damper and Guo's law is: a spring, linear or not, in series"""
 
+CHAIN = "shared-filter"
 PARTS = {"command-delay": ("coil-lag",)}
 """what the other law of a cause truly holds besides: its delay is followed by a lag of a sixth of it"""
 
@@ -83,7 +84,13 @@ def truths(row: Row) -> set[str]:
     """Names that would be right; of a Bouc-Wen damper also its spring before yielding, which Guo's law has not."""
     own = COMPLIANT if row["kind"] == "wrong-baseline" else set()
     parts = {p for n in row["causes"] for p in PARTS.get(n, ())} if row["law"] == "other" else set()
-    return set() if row["kind"] == "outside" else {*row["causes"], *own, *parts}
+    filters = {CHAIN} if row["chain"] == "full" else set()
+    return filters if row["kind"] == "outside" else {*row["causes"], *own, *parts, *filters}
+
+
+def said(row: Row) -> list[str]:
+    """Causes named outright, without the filters that every channel of a full chain truly passes."""
+    return [n for n in row["named"] if not (n == CHAIN and row["chain"] == "full")]
 
 
 def wrong(row: Row) -> set[str]:
@@ -96,23 +103,23 @@ def right_first(row: Row) -> bool:
     """Whether the first cause named is the one that is hidden (or the single one of several)."""
     if row["kind"] == "wrong-baseline":
         return row["causes"][0] in row["named"]
-    return bool(row["named"]) and row["named"][0] not in wrong(row)
+    return bool(said(row)) and said(row)[0] not in wrong(row)
 
 
 def abstains(row: Row) -> bool:
     """Whether nothing is named outright."""
-    return not row["named"]
+    return not said(row)
 
 
 def exact(row: Row) -> bool:
     """Whether all causes are named and no other; those that cannot be told apart count if the group holds them."""
-    return contained(row) and not wrong(row) and len(row["named"]) + len(row["rivals"]) == len(row["causes"])
+    return contained(row) and not wrong(row) and len(said(row)) + len(row["rivals"]) == len(row["causes"])
 
 
 def contained(row: Row) -> bool:
     """Whether every cause is named or in a group of rivals."""
-    said = {*row["named"], *(n for r in row["rivals"] for n in r)}
-    return all(n in said or SAME.get(n) in said for n in row["causes"])
+    among = {*row["named"], *(n for r in row["rivals"] for n in r)}
+    return all(n in among or SAME.get(n) in among for n in row["causes"])
 
 
 # -- telling ------------------------------------------------------------------------------------------------------
@@ -169,13 +176,13 @@ def _lines() -> list[tuple[str, Callable[[Row], bool], Callable[[Row], bool], st
         for chain in ("clean", "full"):
             lines.append((f"false alarm, nothing hidden, {colour}, {chain}",
                           lambda r, c=colour, h=chain: r["kind"] == "nothing" and r["colour"] == c and r["chain"] == h,
-                          lambda r: bool(r["named"]), "<= 5 %, none > 8 %"))
-    lines += [("false alarm, nothing hidden, all", lambda r: r["kind"] == "nothing", lambda r: bool(r["named"]), ""),
+                          lambda r: bool(said(r)), "<= 5 %, none > 8 %"))
+    lines += [("false alarm, nothing hidden, all", lambda r: r["kind"] == "nothing", lambda r: bool(said(r)), ""),
               ("  rivals or names, nothing hidden, all", lambda r: r["kind"] == "nothing",
-               lambda r: bool(r["named"] or r["rivals"]), ""),
+               lambda r: bool(said(r) or r["rivals"]), ""),
               ("outside the catalogue: refused", lambda r: r["kind"] == "outside", abstains, ">= 90 %"),
               ("  misnamed, verdict 'explained'", lambda r: r["kind"] == "outside",
-               lambda r: bool(r["named"]) and r["verdict"] == "explained", "<= 5 %"),
+               lambda r: bool(said(r)) and r["verdict"] == "explained", "<= 5 %"),
               ("cannot tell: said so", lambda r: r["kind"] == "one" and r["ambiguous"],
                lambda r: abstains(r) and r["verdict"] != "explained", ">= 90 %"),
               ("  of the others the right name", lambda r: r["kind"] == "one" and r["ambiguous"] and not abstains(r),

@@ -16,9 +16,9 @@ NAMES = """
 coulomb-friction stribeck-friction gas-preload gas-stiffness series-compliance backlash quadratic-loss relief-valve
 series-orifice asymmetry cavitation valve-dynamics entrained-air network-topology coil-lag command-delay rise-fall-lag
 current-saturation remanence thermal-fade viscous-fade end-stop fixture-inertia fixture-resonance displacement-delay
-force-delay one-sided-filter force-offset force-clipping quantisation scheduling-degree missing-scheduling model-order
-input-nonlinearity strut-friction payload tyre-stiffness tyre-damping actuator-delay sensor-scale channel-sign
-coloured-noise
+force-delay one-sided-filter shared-filter force-offset force-clipping quantisation scheduling-degree missing-scheduling
+model-order input-nonlinearity strut-friction payload tyre-stiffness tyre-damping actuator-delay sensor-scale
+channel-sign coloured-noise
 """
 IDS = NAMES.split()
 FAMILIES = {"friction and gas", "compliance", "hydraulics", "electrical", "thermal", "structure", "measurement",
@@ -43,7 +43,7 @@ def on(effect: Effect, baseline: Baseline, s: Signals) -> Signals:
 
 def test_the_catalogue_is_the_list_of_names() -> None:
     assert sorted(by_name(CATALOGUE)) == sorted(IDS)
-    assert len(IDS) == len(set(IDS)) == 42
+    assert len(IDS) == len(set(IDS)) == 43
 
 
 @pytest.mark.parametrize("effect", CATALOGUE, ids=str)
