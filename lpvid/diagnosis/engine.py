@@ -40,7 +40,7 @@ from lpvid.record import Record
 LEFT = 0.05
 """rms of the error that a regression on the inputs still predicts, as a share of the output's spread, beyond which
 nothing counts as explained in full"""
-PARTLY = 0.9
+PARTLY = 0.8
 """share of the excess error below which causes, however steady, are not named"""
 MOST_REGROWN = 2
 """times that the set may grow anew after one of it has gone"""
