@@ -95,6 +95,7 @@ def test_network_topology(tmp_path: Path) -> None:
     assert (tmp_path / "networks.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_compare_dampers_on_a_sample(tmp_path: Path) -> None:
     """Of the thesis's models the LPV model comes first, as in the thesis, where it is below 0.04 in its own form."""
     means = load("compare_dampers").main(("guo", "narx-2", "lpv-arx"), ("test-1", "test-2"), str(tmp_path / "esr.png"))

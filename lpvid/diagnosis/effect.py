@@ -149,7 +149,8 @@ class Effect(ABC):
     rugged: ClassVar[bool] = False
     """whether the error has many small valleys along the strength"""
     path: ClassVar[str] = ""
-    """what a lag, a delay or a filter holds up, "current", "motion" or "force"; "" for everything else"""
+    """what a lag, a delay or a filter holds up, "current", "motion", "force", "all", or whose "level" a law bends; ""
+    for everything else. Two on one path are kin: a faint one is the small print of the other"""
     stepwise: ClassVar[bool] = False
     """whether the strength is a lag that acts in whole samples of a held signal, so that no derivative leads to it"""
     negligible: ClassVar[float] = 0.005

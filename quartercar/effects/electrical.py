@@ -216,6 +216,7 @@ class CurrentSaturation(CurrentEffect):
     """Magnetic saturation: the field grows less and less with the current (equation sheet 3.15)."""
 
     name: ClassVar[str] = "current-saturation"
+    path: ClassVar[str] = "level"
     memoryless: ClassVar[bool] = True
     title: ClassVar[str] = "the field saturates with the current"
     equation: ClassVar[str] = "i_e = tanh(q i)/q"

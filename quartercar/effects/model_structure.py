@@ -23,6 +23,7 @@ class SchedulingDegree(CurrentEffect):
     """
 
     name: ClassVar[str] = "scheduling-degree"
+    path: ClassVar[str] = "level"
     memoryless: ClassVar[bool] = True
     catch_all: ClassVar[bool] = True
     of_changes: ClassVar[bool] = False

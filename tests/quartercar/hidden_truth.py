@@ -25,6 +25,8 @@ HEAD = round(0.25 * RATE)
 """samples that no judgement rests on"""
 SEPARATE, CLEAR = 10.0, 60.0
 SHARE, NOTED = 0.01, 0.02
+ALIKE = ({"current-saturation", "scheduling-degree"},)
+"""pairs that a diagnosis must not tell apart: a saturation and a quadratic law of the current differ by small print"""
 SAME = {"force-offset": "gas-preload", "gas-preload": "force-offset"}
 
 
@@ -208,7 +210,7 @@ def _rivals(name: str, bench: Bench, direction: np.ndarray, catalogue: tuple[Eff
             continue
         if effect.applies(bench.baseline, (seen,)) is not None:
             continue
-        distance = _distance(effect, bench, direction, seen)
+        distance = 0.0 if {name, effect.name} in ALIKE else _distance(effect, bench, direction, seen)
         if distance < CLEAR:
             found[effect.name] = distance
     return found

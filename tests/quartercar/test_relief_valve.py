@@ -124,6 +124,7 @@ def test_moving_volumes_stiffen_towards_the_ends_and_must_hold_the_stroke() -> N
         ReliefValve(chamber_lengths=(0.05,))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_parameters_are_recovered_from_the_series_of_amplitudes(rng: np.random.Generator) -> None:
     true = ReliefValveOrifice(values={"friction": 80.0, "hydraulic_stiffness": 1.2e7, "valve_loss": 3000.0})
     records = []
