@@ -36,9 +36,9 @@ SHADOW, DEEP_SHADOW = 0.011, 0.05
 second number for a catch-all"""
 FORM = 0.25
 """share of what a component wins by which a catch-all must do better to be its rival"""
-NEARLY = 0.05
-"""share of what one wins by which a form and a component on the same path may differ and still be as good: a saturation
-and a quadratic law of the current are not told apart by their small print"""
+DOUBTFUL = 100.0
+"""whitened log-likelihood that must lie between a form and a component on the same path: a saturation and a quadratic
+law of the current differ by small print, which the small print of the measurement may outweigh"""
 KIN = 0.05
 """share of the squared error that a cause takes away below which another one on the same path is its small print: two
 lags of one signal are one lag of another form"""
@@ -281,12 +281,11 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
                   key=lambda f: f.cost)
         if fit.cost - now.cost > max(CLOSE * now.variance, CLOSE_SHARE * (rest.cost - now.cost)):
             continue
-        fit = refit(problem, composition, fit.vector, near=rest)
+        fit = refit(problem, composition, fit.vector, near=rest, rough=True)
         spared = min(fit.vector.size - now.vector.size, 0) * np.log(problem.n_samples)
         apart = (fit.cost - now.cost) / now.variance + spared
         if e.effect.catch_all != effect.catch_all and e.effect.path and e.effect.path == effect.path:
-            if abs(apart) < NEARLY * (rest.cost - now.cost) / now.variance:
-                apart = 0.0
+            apart = 0.0 if abs(apart) < DOUBTFUL else apart
         elif e.effect.catch_all and not effect.catch_all:  # a form takes the place of a component only if far better
             apart += FORM * (rest.cost - now.cost) / now.variance
         elif e.effect.catch_all == effect.catch_all:

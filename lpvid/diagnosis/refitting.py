@@ -12,8 +12,8 @@ from lpvid.diagnosis.hopping import hop, hopped
 from lpvid.diagnosis.problem import Problem
 
 ITERATIONS = 25
-PROMISE = 0.02
-"""fall of the log-likelihood that a step must promise to be worth a run"""
+PROMISE, ROUGHLY = 0.02, 0.3
+"""fall of the log-likelihood that a step must promise to be worth a run, and in a rough refit"""
 KEPT = 0.25
 """share of its promise that a step by a carried-on Jacobian must keep, else it may lead into another valley"""
 MAX_DAMPING = 1e10
@@ -152,7 +152,7 @@ def descend(problem: Problem, composition: Composition, start: np.ndarray, fold:
         if promised < 0 and age == 0 and damping < MAX_DAMPING:  # stopped at bounds on the way
             damping *= 8
             continue
-        if promised < PROMISE * cost / count:
+        if promised < (ROUGHLY if rough else PROMISE) * cost / count:
             if age == 0 or (rough and promised >= 0):
                 break
             jacobian, age = _jacobian(problem, composition, vector, errors), 0

@@ -161,14 +161,17 @@ class Search:
         listed = [e for k, e in enumerate(weighty) if k < SHORTLIST or e in largest] or listed[:1]
         self.say(f"tasting {', '.join(e.effect.name for e in listed)}")
         fits = in_parallel(lambda e: self.taste((e.effect,), found), listed)
-        tasted = [(e.effect, f) for e, f in zip(listed, fits, strict=True)]
+        clock = self.problem.signals[0].sample_time
+        tasted = [(e.effect, f) for e, f in zip(listed, fits, strict=True)
+                  if not e.effect.unresolved(own_values(f, e.effect), clock)]
         least = min((f.bic() for _, f in tasted), default=0.0)
         near = least + NEAR + NEAR_SHARE * max(self.fit.bic() - least, 0.0)
         followed = [e for e, f in tasted if f.bic() <= near]
         special = {name for e in followed for name in e.contains}
         chosen = [(e, f) for e, f in tasted if e in followed or e.name in special]
         self.say(f"refitting with {', '.join(e.name for e, _ in chosen)}")
-        fits = in_parallel(lambda t: refit(self.problem, t[1].composition, t[1].vector, near=self.fit), chosen)
+        fits = in_parallel(lambda t: refit(self.problem, t[1].composition, t[1].vector, near=self.fit, rough=True),
+                           chosen)
         tried = [(e, f) for (e, _), f in zip(chosen, fits, strict=True)]
         tried = [(e, f) for e, f in tried if f.bic() < self.fit.bic() - BIC_GAIN]
         if not tried:
@@ -196,9 +199,7 @@ class Search:
         return max((d.worth for d in found if d.effect is effect), default=0.0)
 
     def negligible(self, added: Sequence[Effect], fit: Refit) -> bool:
-        """Whether what a refit adds to the simulation is too small, or too short a lag, to be worth naming."""
-        if any(e.unresolved(own_values(fit, e), self.problem.signals[0].sample_time) for e in added):
-            return True
+        """Whether what a refit adds to the simulation is too small to be worth naming."""
         change = [fit.composition.predict(s, fit.vector) - self.fit.composition.predict(s, self.fit.vector)
                   for s in self.problem.signals]
         size = float(np.sqrt(np.mean(self.problem.stack(change, whiten=False) ** 2)))
@@ -273,7 +274,7 @@ class Search:
         gone = {e.name for e in effects}
         rest = tuple(e for e in self.fit.composition.effects if e.name not in gone)
         composition = Composition(self.fit.composition.baseline, rest)
-        return refit(self.problem, composition, placed(composition, self.fit, {}), near=self.fit)
+        return refit(self.problem, composition, placed(composition, self.fit, {}), near=self.fit, rough=True)
 
     def simplify(self) -> None:
         """Put special cases in the place of effects that do no better than they, or only beyond what is plausible."""
@@ -286,7 +287,7 @@ class Search:
                 composition = Composition(self.fit.composition.baseline, (*rest, special))
                 begun = [placed(composition, self.fit, {special.name: v})
                          for v in special.points(self.problem.signals)[:STARTS]]
-                fit = min((refit(self.problem, composition, start, near=self.fit) for start in begun),
+                fit = min((refit(self.problem, composition, start, near=self.fit, rough=True) for start in begun),
                           key=lambda f: f.cost)
                 allowed = max(BIC_GAIN, REFINED * won)
                 if e.implausible(own_values(self.fit, e)) and not special.implausible(own_values(fit, special)):
