@@ -17,7 +17,6 @@ from lpvid.diagnosis.deciding import (
     EXPLAINED,
     Folds,
     Judged,
-    alternatives,
     explained_share,
     judge,
     out_of_fold,
@@ -31,6 +30,7 @@ from lpvid.diagnosis.noise import NoiseLevel, Whitening, noise_level
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, covariance, refit
 from lpvid.diagnosis.remainder import predictable_share
+from lpvid.diagnosis.rivals import alternatives
 from lpvid.diagnosis.screening import Evidence
 from lpvid.diagnosis.selection import BIC_GAIN, SIGNIFICANT, Search
 from lpvid.diagnosis.signals import in_turn

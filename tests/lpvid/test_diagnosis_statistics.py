@@ -26,13 +26,14 @@ from toy_diagnosis import (
 
 from lpvid.diagnosis.blocks import FEWEST, Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.deciding import Folds, _in_both, explained_share
+from lpvid.diagnosis.deciding import Folds, explained_share
 from lpvid.diagnosis.engine import diagnose
 from lpvid.diagnosis.localise import localise
 from lpvid.diagnosis.noise import FLOOR, Whitening, noise_level
 from lpvid.diagnosis.problem import Problem, projector, without
 from lpvid.diagnosis.refitting import Refit, _step, covariance, refit
 from lpvid.diagnosis.remainder import predictable_share
+from lpvid.diagnosis.rivals import in_both
 from lpvid.diagnosis.screening import DETECT, Evidence, directions, moves, saturated, screen
 from lpvid.diagnosis.selection import Search
 from lpvid.diagnosis.signals import Signals
@@ -251,7 +252,7 @@ class TestBothMetrics:
         (50.0, 0.05, 2.0, 0.0), (-50.0, -0.05, -2.0, 0.0),  # it seems to say otherwise: nobody can tell
         (5.0, 0.05, 2.0, 5.0), (50.0, 0.4, 0.5, 50.0)])
     def test_who_decides(self, apart: float, share: float, certain: float, says: float) -> None:
-        assert _in_both(apart, share, certain) == says
+        assert in_both(apart, share, certain) == says
 
     def test_a_worse_model_explains_nothing(self, rng: np.random.Generator) -> None:
         problem, _ = problem_of(record(rng))

@@ -1,0 +1,135 @@
+"""Rivals: what other effects do in the place of one of the set, by the whitened error and in the output's unit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.refitting import Refit, refit
+from lpvid.diagnosis.screening import directions, moves, placed, screen, similarity
+from lpvid.diagnosis.selection import REFINED, TASTE, Search, own_values, starts
+
+SEPARATED = 10.0
+"""whitened log-likelihood that must lie between a cause and a rival"""
+RIVALS = 5
+"""rivals refitted for each cause"""
+CLOSE, CLOSE_SHARE = 100.0, 0.4
+"""log-likelihood by which a first rough refit of a rival may trail, flat and as a share of what the cause wins"""
+FORM = 0.25
+"""share of what a component wins by which a catch-all must do better to be its rival"""
+DOUBTFUL = 100.0
+"""whitened log-likelihood that must lie between a form and a component on the same path: a saturation and a quadratic
+law of the current differ by small print, which the small print of the measurement may outweigh"""
+PLAIN, HINTED = 0.1, 0.03
+"""share of the squared error in the output's unit by which a rival must surely do better there to be the better name
+whatever the whitened error says, and by which it must seem to for the whitened error alone not to decide"""
+SURE = 3.0
+"""standard errors over the blocks from which on a difference is sure"""
+
+
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """What an admissible effect does in the place of another.
+
+    Attributes
+    ----------
+    effect : Effect
+    fit : Refit
+        The set with it instead.
+    similarity : float
+        |cos| of the angle between the two directions.
+    apart : float
+        Whitened log-likelihood ratio by which it does worse; negative where it does better.
+    """
+
+    effect: Effect
+    fit: Refit
+    similarity: float
+    apart: float
+
+
+def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternative, ...]:
+    """Plausible effects, half as likely or more, put in the place of one of the set and refitted; best first."""
+    problem, now = search.problem, search.fit
+    chosen = {x.name for x in now.composition.effects}
+    beside = {x for x in now.composition.effects if x is not effect}
+    others = [e for e in search.candidates if e.name not in chosen and effect.name not in e.contains
+              and not any(e.name in x.contains or x.name in e.contains for x in beside)]
+    found = directions(problem, rest, moves(problem, rest, [effect, *others]))
+    evidence = {e.effect.name: e for e in screen(problem, rest, found, np.random.default_rng(0))}
+    own = evidence[effect.name]
+    wanted = max(own.likelihood_ratio, 1.0)
+    near = [e for e in evidence.values() if e.effect.name != effect.name and e.best is not None
+            and own.best is not None and e.likelihood_ratio > 0.5 * wanted]
+    out = []
+    for e in sorted(near, key=lambda e: -e.likelihood_ratio)[:RIVALS]:
+        assert e.best is not None and own.best is not None
+        composition = Composition(rest.composition.baseline, (*rest.composition.effects, e.effect))
+        begun = [placed(composition, rest, {e.effect.name: v}) for v in starts(e.effect, found)[:2]]
+        beside = [placed(composition, now, {e.effect.name: v}) for v in e.effect.points(problem.signals)]
+        begun += sorted(beside, key=lambda v: _cost(problem, composition, v))[:2]
+        fit = min((refit(problem, composition, start, iterations=TASTE, near=rest, rough=True) for start in begun),
+                  key=lambda f: f.cost)
+        if fit.cost - now.cost > max(CLOSE * now.variance, CLOSE_SHARE * (rest.cost - now.cost)):
+            continue
+        fit = refit(problem, composition, fit.vector, near=rest, rough=True)
+        spared = min(fit.vector.size - now.vector.size, 0) * np.log(problem.n_samples)
+        apart = (fit.cost - now.cost) / now.variance + spared
+        if e.effect.catch_all != effect.catch_all and e.effect.path and e.effect.path == effect.path:
+            apart = 0.0 if abs(apart) < DOUBTFUL else apart
+        elif e.effect.catch_all and not effect.catch_all:  # a form takes the place of a component only if far better
+            apart += FORM * (rest.cost - now.cost) / now.variance
+        elif e.effect.catch_all == effect.catch_all:
+            apart = in_both(apart, *plainly(problem, now, fit))
+        if e.effect.name in effect.contains:
+            apart -= REFINED * (rest.cost - now.cost) / now.variance
+        if not e.effect.implausible(own_values(fit, e.effect)):
+            out.append(Alternative(e.effect, fit, abs(similarity(own.best, e.best)), float(apart)))
+    return tuple(sorted(out, key=lambda a: a.apart))
+
+
+def taken_over(search: Search, effect: Effect, rest: Refit, small: Effect) -> Alternative | None:
+    """The set without one effect, a small one of the set grown in its place; None where it would not be plausible."""
+    problem, now, composition = search.problem, search.fit, rest.composition
+    if small.catch_all and not effect.catch_all:
+        return None
+    begun = [placed(composition, around, {small.name: v}) for v in small.points(problem.signals)
+             for around in (rest, now)]
+    begun = sorted(begun, key=lambda v: _cost(problem, composition, v))[:2]
+    tasted = [refit(problem, composition, v, iterations=TASTE, near=rest, rough=True) for v in begun]
+    fit = refit(problem, composition, min(tasted, key=lambda f: f.cost).vector, near=rest)
+    if small.implausible(own_values(fit, small)):
+        return None
+    apart = (fit.cost - now.cost) / now.variance - len(effect.parameters) * np.log(problem.n_samples)
+    return Alternative(small, fit, 1.0, float(in_both(apart, *plainly(problem, now, fit))))
+
+
+def plainly(problem: Problem, now: Refit, other: Refit) -> tuple[float, float]:
+    """By how much less error another fit leaves in the output's unit: (share of the smaller, standard errors).
+
+    The whitened error weighs bands in which the noise of the inputs, which no filter of the output's noise knows,
+    may be all that there is: there a cause that has to undo a filter is punished for the noise that it raises.
+    """
+    a, b = (problem.stack(problem.errors(f.composition, f.vector), whiten=False) for f in (now, other))
+    gains = problem.block_sums(a**2 - b**2)
+    total = float(gains.sum())
+    return total / max(min(float(a @ a), float(b @ b)), 1e-300), total / max(float(np.sqrt(gains @ gains)), 1e-300)
+
+
+def in_both(apart: float, share: float, certain: float) -> float:
+    """Log-likelihood by which a rival trails, overruled where the error in the output's unit surely says otherwise."""
+    if abs(share) > PLAIN and abs(certain) > SURE:
+        return min(apart, -2 * SEPARATED) if share > 0 else max(apart, 2 * SEPARATED)
+    if share * apart > 0 and abs(share) > HINTED and abs(certain) > 1 and abs(apart) > SEPARATED:
+        return 0.0
+    return apart
+
+
+def _cost(problem: Problem, composition: Composition, vector: np.ndarray) -> float:
+    """Squared whitened error as it stands."""
+    errors = problem.stack(problem.errors(composition, vector))
+    return float(errors @ errors)
