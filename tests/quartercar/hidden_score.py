@@ -20,12 +20,13 @@ from lpvid.diagnosis.refitting import Refit
 from lpvid.diagnosis.steadiness import steadiness
 
 Row = dict
-COMPLIANT = {"series-compliance", "entrained-air"}
-"""what the difference between a Bouc-Wen damper and Guo's law is: a spring, linear or not, in series"""
+BOUC_WEN = {"series-compliance", "entrained-air", "coil-lag"}
+"""what a Bouc-Wen damper has and Guo's law has not: a spring in series, linear or not, and the lag of its current, of
+0.3 to 1 ms here"""
 
 CHAIN = "shared-filter"
-PARTS = {"command-delay": ("coil-lag",)}
-"""what the other law of a cause truly holds besides: its delay is followed by a lag of a sixth of it"""
+PARTS = {"command-delay": ("coil-lag",), "displacement-delay": ("one-sided-filter",)}
+"""what the other law of a cause truly holds besides: its delay is followed by a lag of a sixth or a fourth of it"""
 
 
 def case(seed: int, catalogue: tuple[Effect, ...], **fixed: object) -> Row:
@@ -81,8 +82,8 @@ def _estimate(plan, hidden: tuple, answer: Diagnosis) -> Row:
 
 # -- marks --------------------------------------------------------------------------------------------------------
 def truths(row: Row) -> set[str]:
-    """Names that would be right; of a Bouc-Wen damper also its spring before yielding, which Guo's law has not."""
-    own = COMPLIANT if row["kind"] == "wrong-baseline" else set()
+    """Names that would be right; of a Bouc-Wen damper also those of what Guo's law has not."""
+    own = BOUC_WEN if row["kind"] == "wrong-baseline" else set()
     parts = {p for n in row["causes"] for p in PARTS.get(n, ())} if row["law"] == "other" else set()
     filters = {CHAIN} if row["chain"] == "full" else set()
     return filters if row["kind"] == "outside" else {*row["causes"], *own, *parts, *filters}
@@ -103,7 +104,8 @@ def right_first(row: Row) -> bool:
     """Whether the first cause named is the one that is hidden (or the single one of several)."""
     if row["kind"] == "wrong-baseline":
         return row["causes"][0] in row["named"]
-    return bool(said(row)) and said(row)[0] not in wrong(row)
+    hidden = {*row["causes"], *(SAME.get(n, n) for n in row["causes"])}
+    return bool(said(row)) and said(row)[0] in hidden
 
 
 def abstains(row: Row) -> bool:
