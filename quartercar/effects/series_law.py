@@ -22,6 +22,8 @@ JUMP, RAMP = 0.02, 0.1
 smaller is noise, or as good as straight"""
 RANK = 1e-5
 """share of a law's size, growing with the speed, that its combination of few speeds may miss"""
+NONE, HUGE = 1e-200, 1e100
+"""squared size of a law below which it is zero everywhere; size from which on it is no law"""
 SAME = 1e-9
 """agreement of a core with itself on samples out of their order, by which it is known to have no memory"""
 PROBE = 0.02
@@ -85,7 +87,7 @@ def read_law(core: Core, s: Signals, rigid: np.ndarray, deflection: np.ndarray, 
         turned = core(first.asked(displacement=x)).reshape(table.shape)
         turned = None if np.array_equal(turned, table) else turned
     size = float(np.abs(table).max())
-    if not np.isfinite(size) or np.diff(table, axis=0).min() < -SAME * max(size, 1e-300):
+    if not size < HUGE or np.diff(table, axis=0).min() < -SAME * max(size, 1e-300):
         return with_memory(core, s, rigid)
     return _combined(core, s, speeds, table, turned, deflection)
 
@@ -163,7 +165,7 @@ def few(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         rest[k] = 0.0
         parts.append(along)
     weights = np.column_stack(parts)
-    if not largest > 0:  # a law that is zero everywhere is one, too
+    if not largest > NONE:  # a law that is zero everywhere is one, too
         return np.array(picks), np.zeros_like(weights)
     from scipy.linalg import solve_triangular
 
