@@ -144,12 +144,11 @@ def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str])
                   rivals, best, tuple(small + objections), minor, rest)
 
 
-def shadowed(search: Search, judged: Sequence[Judged], structure: float) -> list[Judged]:
+def shadowed(judged: Sequence[Judged], structure: float) -> list[Judged]:
     """The same, with an objection to those that are faint beside the strongest of them or beside what is left.
 
     Parameters
     ----------
-    search : Search
     judged : sequence of Judged
     structure : float
         Root mean square of that part of the remaining error which still follows the inputs, in the output's unit.
@@ -158,9 +157,8 @@ def shadowed(search: Search, judged: Sequence[Judged], structure: float) -> list
     out = []
     for j in judged:
         share = DEEP_SHADOW if j.effect.catch_all else SHADOW
-        kin = _won_together(search, [k for k in judged if k.effect.path and k.effect.path == j.effect.path])
         said = ""
-        if -j.delta_bic < share * most or j.won < KIN * kin:
+        if -j.delta_bic < share * most:
             said = "beside the strongest cause too faint to be more than that one's imperfect law"
         elif j.contribution < DWARFED * structure:
             said = "it changes less than what is left unexplained"
@@ -171,9 +169,25 @@ def shadowed(search: Search, judged: Sequence[Judged], structure: float) -> list
     return out
 
 
-def _won_together(search: Search, kin: Sequence[Judged]) -> float:
-    """Squared error that several causes take away together; 0 for less than two."""
-    return search.without(*(k.effect for k in kin)).cost - search.fit.cost if len(kin) > 1 else 0.0
+def with_small_print(search: Search, judged: Sequence[Judged]) -> list[Judged]:
+    """The same, where of causes on one path the lesser is small print if the others do nearly as well without it.
+
+    It may stay in the simulation. The greatest gets the credit of all: beside each other either seems superfluous.
+    """
+    out = {j.effect.name: j for j in judged}
+    for path in sorted({j.effect.path for j in judged if j.effect.path}):
+        kin = sorted((j for j in judged if j.effect.path == path), key=lambda j: j.won)
+        if len(kin) < 2:
+            continue
+        rest = search.without(*(k.effect for k in kin))
+        least, most = kin[0], kin[-1]
+        if least.won < KIN * (rest.cost - search.fit.cost):
+            said = f"{most.effect.name} on the same path does nearly as well without it"
+            out[least.effect.name] = replace(least, objections=(*least.objections, said), minor=True, rivals=(),
+                                             better=None)
+            out[most.effect.name] = replace(most, delta_bic=search.fit.bic() - rest.bic(),
+                                            won=rest.cost - search.fit.cost)
+    return [out[j.effect.name] for j in judged]
 
 
 def with_takeovers(search: Search, judged: Sequence[Judged]) -> list[Judged]:

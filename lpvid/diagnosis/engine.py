@@ -21,6 +21,7 @@ from lpvid.diagnosis.deciding import (
     judge,
     out_of_fold,
     shadowed,
+    with_small_print,
     with_takeovers,
 )
 from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Errors, Estimated, Rejected, Rivals
@@ -185,8 +186,9 @@ class _Case:
             effects = fit.composition.effects
             judged = in_parallel(lambda e, a=after: judge(self.search, e, a, self._inputs), effects)
             if len(judged) > 1:
+                judged = with_small_print(self.search, judged)
                 structure = float(np.sqrt(self._predictable(fit) * np.mean(after.plain**2)))
-                judged = with_takeovers(self.search, shadowed(self.search, judged, structure))
+                judged = with_takeovers(self.search, shadowed(judged, structure))
             if turn < MOST_TURNS and self._give_way(judged, gone):
                 continue
             bad = [j for j in judged if j.objections]
