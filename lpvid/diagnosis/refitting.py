@@ -149,11 +149,8 @@ def descend(problem: Problem, composition: Composition, start: np.ndarray, fold:
         if age > SECANTS:
             jacobian, age = _jacobian(problem, composition, vector, errors), 0
         step, promised = _step(jacobian[inside], stacked[inside], vector, damping, low, high)
-        if promised < 0 and age == 0 and damping < MAX_DAMPING:  # stopped at bounds on the way
-            damping *= 8
-            continue
         if promised < (ROUGHLY if rough else PROMISE) * cost / count:
-            if age == 0 or (rough and promised >= 0):
+            if age == 0 or rough:
                 break
             jacobian, age = _jacobian(problem, composition, vector, errors), 0
             continue

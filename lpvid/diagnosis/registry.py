@@ -77,7 +77,7 @@ def catalogue(wanted: Sequence[str] | None = None) -> tuple[Effect, ...]:
 def named_baseline(name: str, records: Sequence[Record], parameters: Any = None) -> Baseline:
     """The baseline of a name, in the form that these records allow."""
     known = factories()
-    return known[_checks.known_name(name, list(known), "baseline", "or give a saved model file")](records, parameters)
+    return known[_checks.known_name(name, list(known), "baseline", "give a saved model file")](records, parameters)
 
 
 def named_effects(names: Sequence[str]) -> list[Effect]:

@@ -56,9 +56,9 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
     """Plausible effects, half as likely or more, put in the place of one of the set and refitted; best first."""
     problem, now = search.problem, search.fit
     chosen = {x.name for x in now.composition.effects}
-    beside = {x for x in now.composition.effects if x is not effect}
+    kept = [x for x in now.composition.effects if x is not effect]
     others = [e for e in search.candidates if e.name not in chosen and effect.name not in e.contains
-              and not any(e.name in x.contains or x.name in e.contains for x in beside)]
+              and not any(e.name in x.contains or x.name in e.contains for x in kept)]
     found = directions(problem, rest, moves(problem, rest, [effect, *others]))
     evidence = {e.effect.name: e for e in screen(problem, rest, found, np.random.default_rng(0))}
     own = evidence[effect.name]

@@ -227,12 +227,12 @@ def jumps(x: np.ndarray) -> bool:
 
 def _undone(s: Signals, t: float, zeta: float) -> Signals:
     """Signals before a filter that all channels have passed; those asked for last are kept."""
-    kept = s.cached("before the filter", dict)
-    if kept.get("key") != (t, zeta):
-        factors = (2 * zeta * t, t**2)
-        undone = {c: s[c] + lost(s, c, factors) for c in s.channels}
-        kept.update(key=(t, zeta), signals=s.replace(**undone))
-    return kept["signals"]
+    kept = s.cache.get("before the filter")  # a pair, so that threads that share the signals never see half of it
+    if kept is not None and kept[0] == (t, zeta):
+        return kept[1]
+    undone = s.replace(**{c: s[c] + lost(s, c, (2 * zeta * t, t**2)) for c in s.channels})
+    s.cache["before the filter"] = ((t, zeta), undone)
+    return undone
 
 
 def low_passed(x: np.ndarray, sample_time: float, t: float, zeta: float) -> np.ndarray:
