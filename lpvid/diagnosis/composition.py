@@ -128,7 +128,7 @@ class Composition:
                 there = self.core(vector, self._tangent(signals, vector, moved, j))(signals)
             else:
                 there = near[j](signals) if j in near else self.predict(signals, moved)
-            out[:, column] = (there - here) / (moved[j] - vector[j])
+            out[:, column] = (there - here) / (moved[j] - vector[j]) if moved[j] != vector[j] else 0.0
         return out
 
     def _near(self, vector: np.ndarray, moves: Mapping[int, np.ndarray]) -> dict[int, Core]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -207,6 +207,14 @@ class Effect(ABC):
         if abs(value - (p.neutral if self.resolved == 0 else 0.0)) >= self.resolution * sample_time:
             return []
         return [f"{p.name} {value:.3g} s is less than the samples can resolve"]
+
+    def is_static(self, values: np.ndarray) -> bool:
+        """Whether it is memoryless at these parameters."""
+        return self.memoryless
+
+    def clock_error(self, signals: Sequence[Signals]) -> float:
+        """Standard error of the strength that no fit sees: when, between two samples, a held signal jumps."""
+        return signals[0].sample_time / np.sqrt(12) if self.stepwise else 0.0
 
     def describe(self) -> dict[str, Any]:
         """Plain data for a table of the catalogue."""

@@ -41,6 +41,8 @@ from lpvid.record import Record
 LEFT = 0.05
 """rms of the error that a regression on the inputs still predicts, as a share of the output's spread, beyond which
 nothing counts as explained in full"""
+LEAST, FORMS = 0.5, 0.9
+"""share of the excess error to explain whatever its standard error; the second number for flexible forms"""
 PARTLY = 0.8
 """share of the excess error below which causes, however steady, are not named"""
 MOST_REGROWN = 2
@@ -164,7 +166,7 @@ class _Case:
         phi = explained_share(problem, before, after, self.level.variance, predictable) if named or contested else None
         left = float(np.sqrt(predictable * np.mean(after.plain**2))) / problem.spread
         verdict, reason = self._verdict(named, contested, dropped, phi, predictable, left)
-        kept = [j for j in judged if j in named or j in contested] if verdict != "unexplained" else []
+        kept = [j for j in judged if j in named or j in contested]
         final = self._final(fit, kept)
         return self._result(verdict, reason, bare, final, before, judged, named, contested, dropped, phi,
                             predictable, held_out)
@@ -192,8 +194,9 @@ class _Case:
             if turn < MOST_TURNS and self._give_way(judged, gone):
                 continue
             bad = [j for j in judged if j.objections]
-            if len(judged) > 1 and all(j.minor for j in judged):
-                least = min(judged, key=lambda j: j.contribution)  # each may be covered by the others
+            small = [j for j in judged if j.minor]
+            if len(small) > 1:
+                least = min(small, key=lambda j: j.contribution)  # each may be covered by the others
                 gone.append(least)
                 self.search.fit = self._final(fit, [j for j in judged if j is not least])
                 continue
@@ -243,7 +246,7 @@ class _Case:
             return self._nothing(dropped, predictable)
         assert phi is not None
         forms = all(j.effect.catch_all for j in (*named, *contested))  # what is flexible has no excuse
-        complete = phi[0] + (0 if forms else 2 * phi[1]) >= EXPLAINED
+        complete = phi[0] + 2 * phi[1] >= EXPLAINED and phi[0] >= (FORMS if forms else LEAST)
         said = ", ".join(j.effect.name for j in (*named, *contested))
         if not complete:
             partly = phi[0] >= PARTLY and not forms
@@ -333,7 +336,8 @@ class _Case:
         place = fit.composition.places[fit.composition.effects.index(j.effect)]
         deviation = np.sqrt(np.maximum(np.diag(covariance(problem, fit))[place], 0.0))
         if j.effect.stepwise:  # the error jumps where a lag passes a whole sample: no derivative tells how sure it is
-            deviation[0] = problem.signals[0].sample_time / np.sqrt(12)
+            deviation[0] = 0.0
+        deviation[0] = np.hypot(deviation[0], j.effect.clock_error(problem.signals))
         excess = max(bare.cost - fit.cost, 1e-300)
         if len(judged) == 1:
             alone = (bare.cost - fit.cost) / excess

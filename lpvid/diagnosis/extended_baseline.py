@@ -38,7 +38,9 @@ class ExtendedBaseline(Baseline):
         base = self.composition.baseline
         values = {"name": "+".join((base.name, *self.model.effects)), "output": base.output,
                   "output_unit": base.output_unit, "polarity": base.polarity, "schedule": base.schedule,
-                  "static": base.static and all(e.memoryless for e in self.composition.effects)}
+                  "static": base.static and all(
+                      e.is_static(self.model.vector[p])
+                      for e, p in zip(self.composition.effects, self.composition.places, strict=True))}
         for name, value in values.items():
             object.__setattr__(self, name, value)
 

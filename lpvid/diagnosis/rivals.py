@@ -21,6 +21,8 @@ CLOSE, CLOSE_SHARE = 100.0, 0.4
 """log-likelihood by which a first rough refit of a rival may trail, flat and as a share of what the cause wins"""
 FORM = 0.25
 """share of what a component wins by which a catch-all must do better to be its rival"""
+COMPONENT = 0.05
+"""share of what a form wins by which a component may do worse and still be the better name"""
 DOUBTFUL = 100.0
 """whitened log-likelihood that must lie between a form and a component on the same path: a saturation and a quadratic
 law of the current differ by small print, which the small print of the measurement may outweigh"""
@@ -83,6 +85,8 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
             apart = 0.0 if abs(apart) < DOUBTFUL else apart
         elif e.effect.catch_all and not effect.catch_all:  # a form takes the place of a component only if far better
             apart += FORM * (rest.cost - now.cost) / now.variance
+        elif effect.catch_all and not e.effect.catch_all:
+            apart -= COMPONENT * (rest.cost - now.cost) / now.variance
         elif e.effect.catch_all == effect.catch_all:
             apart = in_both(apart, *plainly(problem, now, fit))
         if e.effect.name in effect.contains:

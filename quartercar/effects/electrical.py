@@ -20,19 +20,27 @@ REST = 0.05
 """ripple, as a share of the largest current, below which a current without memory counts as resting"""
 STEPPED = 0.3
 """ratio of the median to the root mean square of the increments below which a current counts as held between samples"""
+ALIKE = 0.15
+"""correlation of neighbouring increments from which on edges take more than one sample, as behind a filter"""
 
 
 def is_held(current: np.ndarray) -> bool:
-    """Whether a current is piecewise constant, noise of the sensor aside: most increments are far below their rms.
+    """Whether a current is constant between its samples, noise of the sensor aside, and jumps at them.
+
+    Most increments are far below their rms, and none is shared with its neighbour: an edge that was recorded behind a
+    filter takes two samples or more, and runs between them.
 
     Examples
     --------
-    >>> is_held(np.repeat([0.0, 2.0, 1.0], 10)), is_held(np.sin(np.linspace(0, 9, 200)))
-    (True, False)
+    >>> steps = np.repeat([0.0, 2.0, 1.0], 10)
+    >>> is_held(steps), is_held(np.convolve(steps, [0.6, 0.3, 0.1])[:30]), is_held(np.sin(np.linspace(0, 9, 200)))
+    (True, False, False)
     """
-    increments = np.abs(np.diff(current))
-    size = float(np.sqrt(np.mean(increments**2))) if increments.size else 0.0
-    return size > 0 and float(np.median(increments)) < STEPPED * size
+    increments = np.diff(current)
+    power = float(increments @ increments)
+    if not power > 0 or float(np.median(np.abs(increments))) >= STEPPED * float(np.sqrt(power / increments.size)):
+        return False
+    return float(increments[1:] @ increments[:-1]) < ALIKE * power
 
 
 def rests(current: np.ndarray, largest: float) -> bool:
@@ -114,6 +122,11 @@ def lagged(s: Signals, rise: float, fall: float) -> np.ndarray:
     return out
 
 
+def _jump_error(signals: Sequence[Signals]) -> float:
+    """Standard error of a lag because a held current jumps somewhere between two samples [s]."""
+    return signals[0].sample_time / np.sqrt(12) if any(held(s) for s in signals) else 0.0
+
+
 class CurrentEffect(GridEffect):
     """A cause that acts on the current before the law sees it."""
 
@@ -152,6 +165,9 @@ class CoilLag(CurrentEffect):
         return (EffectParameter("time_constant", "s", "tau", 0.0, (0.0, 0.1), (0.0, 0.5),
                                 (0.002, 0.005, 0.01, 0.02, 0.05)),)
 
+    def clock_error(self, signals: Sequence[Signals]) -> float:
+        return _jump_error(signals)
+
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         tau = float(values[0])
         return lambda s: core(s.replace(current=lagged(s, tau, tau))) if tau > 0 else core(s)
@@ -178,6 +194,9 @@ class RiseFallLag(CurrentEffect):
                                 (0.003, 0.008, 0.02)),
                 EffectParameter("ratio", "", "r, square root of rise over fall", 1.0, (0.2, 5.0), (0.1, 10.0),
                                 (0.5, 1.0, 2.0)))
+
+    def clock_error(self, signals: Sequence[Signals]) -> float:
+        return _jump_error(signals)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         tau, ratio = float(values[0]), float(values[1])

@@ -26,26 +26,48 @@ class ParallelForce(GridEffect):
 
 
 class CoulombFriction(ParallelForce):
-    """Seal and guide friction F_c sign v, smoothed (equation sheet 3.1)."""
+    """Seal and guide friction F_c sign v, smoothed, or built up over a presliding deflection (equation sheet 3.1).
+
+    With a deflection d, F = F_c z and d dz/d|x| = tanh(v/ε) − z: Dahl's bristles (1968), to which those of LuGre come
+    down away from breakaway. As d → 0 the force is F_c tanh(v/ε).
+    """
 
     name: ClassVar[str] = "coulomb-friction"
     title: ClassVar[str] = "dry friction"
-    equation: ClassVar[str] = "F += F_c tanh(v/eps), eps = 2 mm/s"
-    reference: ClassVar[str] = "equation sheet 3.1"
+    equation: ClassVar[str] = "F += F_c z, d dz/d|x| = tanh(v/eps) - z, eps = 2 mm/s; z = tanh(v/eps) for d = 0"
+    reference: ClassVar[str] = "equation sheet 3.1; Dahl 1968"
     experiment: ClassVar[str] = "a triangle below 2 mm/s at constant current: half the difference of the two directions"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
     partners: ClassVar[tuple[str, ...]] = ("series-compliance", "backlash")
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e4), (20.0,)),)
+        return (EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e4), (20.0,)),
+                EffectParameter("deflection", "m", "d, over which it builds up after a reversal", 0.0, (0.0, 3e-4),
+                                (0.0, 2e-3), (0.0, 2e-5, 1e-4)))
+
+    def is_static(self, values: np.ndarray) -> bool:
+        return not values[1] > 0
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
-        friction = float(values[0])
-        return lambda s: core(s) + friction * s.cached("direction", lambda: np.tanh(s["velocity"] / REVERSAL))
+        friction, deflection = float(values[0]), float(values[1])
+        if not friction:
+            return core
+        return lambda s: core(s) + friction * direction(s, deflection)
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("the sign of the velocity as a further input", regressors=("sign(velocity)",))
+
+
+def direction(s: Signals, deflection: float) -> np.ndarray:
+    """(n,) direction of motion in [−1, 1], which turns over a deflection [m] after a reversal."""
+    if not deflection > 0:
+        return s.cached("direction", lambda: np.tanh(s["velocity"] / REVERSAL))
+    from quartercar.effects._friction_kernels import bristles
+
+    out = np.empty(s.n_samples)
+    bristles(np.ascontiguousarray(s["velocity"]), s.sample_time, deflection, REVERSAL, out)
+    return out
 
 
 class StribeckFriction(ParallelForce):

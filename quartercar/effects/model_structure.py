@@ -12,8 +12,8 @@ from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import NO_BEND, CurrentEffect
 from quartercar.effects.structure import before_steps, second_order
 
-MODES = 7
-"""slow cosines of which an unlogged modulation is built"""
+MODES, SCANNED = 10, 7
+"""slow cosines of which an unlogged modulation is built, and the slowest of them, by which it is looked for"""
 
 
 class SchedulingDegree(CurrentEffect):
@@ -66,7 +66,7 @@ class MissingScheduling(Effect):
     title: ClassVar[str] = "the force is modulated slowly by a quantity that the model does not see"
     family: ClassVar[str] = "model"
     stage: ClassVar[str] = "core"
-    equation: ClassVar[str] = "F -> F (1 + sum_k m_k cos(pi k t/T)), k = 1..7"
+    equation: ClassVar[str] = "F -> F (1 + sum_k m_k cos(pi k t/T)), k = 1..10"
     reference: ClassVar[str] = "equation sheet 1.4.5"
     experiment: ClassVar[str] = "log temperature, position and supply voltage along with a repeated segment"
     strengths: ClassVar[int] = MODES
@@ -77,7 +77,7 @@ class MissingScheduling(Effect):
                      for k in range(1, MODES + 1))
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        return [sign * 0.03 * np.eye(MODES)[k] for k in range(MODES) for sign in (1.0, -1.0)]
+        return [sign * 0.03 * np.eye(MODES)[k] for k in range(SCANNED) for sign in (1.0, -1.0)]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"

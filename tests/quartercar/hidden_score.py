@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from hidden import Made
 from hidden_causes import find
-from hidden_truth import SAME, baseline_for, build, oracle_gain
+from hidden_truth import NAMEABLE, SAME, baseline_for, build, oracle_gain
 
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.diagnosis import Diagnosis
@@ -38,6 +38,7 @@ def case(seed: int, catalogue: tuple[Effect, ...], **fixed: object) -> Row:
     row = made.plan.to_dict() | {
         "sizes": [s for _, s in made.hidden], "smallest": list(truth.smallest), "share": truth.share,
         "separable": truth.separable, "ambiguous": truth.ambiguous, "near": truth.rivals,
+        "besides": list(truth.besides),
         "verdict": answer.verdict, "reason": answer.reason, "named": [c.name for c in answer.causes],
         "rivals": [list(r.names) for r in answer.rivals], "rejected": [[r.name, r.why] for r in answer.rejected],
         "explained": answer.explained_share, "predictable": answer.noise["predictable_share"],
@@ -115,13 +116,20 @@ def abstains(row: Row) -> bool:
 
 def exact(row: Row) -> bool:
     """Whether all causes are named and no other; those that cannot be told apart count if the group holds them."""
-    return contained(row) and not wrong(row) and len(said(row)) + len(row["rivals"]) == len(row["causes"])
+    said_of = len(said(row)) + len(row["rivals"])
+    return contained(row) and not wrong(row) and len(wanted(row)) <= said_of <= len(row["causes"])
 
 
 def contained(row: Row) -> bool:
     """Whether every cause is named or in a group of rivals."""
     among = {*row["named"], *(n for r in row["rivals"] for n in r)}
-    return all(n in among or SAME.get(n) in among for n in row["causes"])
+    return all(n in among or SAME.get(n) in among for n in wanted(row))
+
+
+def wanted(row: Row) -> list[str]:
+    """Hidden causes that must be named: not one that, even at its largest, is negligible beside the others."""
+    besides = row.get("besides") or [np.inf] * len(row["causes"])
+    return [n for n, share in zip(row["causes"], besides, strict=True) if share >= NAMEABLE]
 
 
 # -- telling ------------------------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ of the diagnosis only the composition of a baseline with an effect is used, to k
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,10 @@ HEAD = round(0.25 * RATE)
 """samples that no judgement rests on"""
 SEPARATE, CLEAR = 10.0, 60.0
 SHARE, NOTED = 0.01, 0.02
+ROUNDS, ROOM, GROWTH = 3, 1.2, 10.0
+"""how often the sizes of several causes are raised until each is worth naming beside the others, and by how much"""
+NAMEABLE = 0.005
+"""share of the force below which a cause beside others counts as negligible, as in the diagnosis itself"""
 ALIKE = ({"current-saturation", "scheduling-degree"},)
 """pairs that a diagnosis must not tell apart: a saturation and a quadratic law of the current differ by small print"""
 SAME = {"force-offset": "gas-preload", "gas-preload": "force-offset"}
@@ -92,6 +97,8 @@ class Truth:
         Whether it is at least 3 e_min and 1 % of the force, and no rival comes near.
     ambiguous : bool
         Whether it is as large as that, and one does.
+    besides : tuple of float
+        Of several causes: what each changes that neither baseline nor the others can take up, over the force.
     """
 
     smallest: tuple[float, ...]
@@ -100,6 +107,7 @@ class Truth:
     rivals: dict[str, float]
     separable: bool
     ambiguous: bool
+    besides: tuple[float, ...] = ()
 
 
 def record_of(channels: dict[str, np.ndarray], name: str = "clean") -> Record:
@@ -160,24 +168,53 @@ def build(seed: int, catalogue: tuple[Effect, ...], **fixed: object) -> tuple[Ma
     bench, without = bench_of(world, plan.level)
     smallest = tuple(smallest_detectable(world, bench, without, n) for n in plan.causes)
     sizes = tuple(min(plan.ratio * s, find(n).largest) for n, s in zip(plan.causes, smallest, strict=True))
+    hidden = tuple(zip(plan.causes, sizes, strict=True))
+    besides: tuple[float, ...] = ()
     if plan.kind in ("two", "three"):
-        sizes = tuple(_worth_naming(world, bench, without, n, s) for n, s in zip(plan.causes, sizes, strict=True))
-    made = make(world, tuple(zip(plan.causes, sizes, strict=True)), without, bench.noise)
-    return made, _known(made, bench, smallest, catalogue)
+        hidden, besides = _worth_naming(world, bench, without, hidden)
+    made = make(world, hidden, without, bench.noise)
+    return made, _known(made, bench, smallest, catalogue, besides)
 
 
-def _worth_naming(world: World, bench: Bench, without: dict[str, np.ndarray], name: str, size: float) -> float:
-    """The size at which a cause by itself changes what the baseline cannot take up by `NOTED` of the force."""
-    share = _share(bench, bench.change(world.run(((name, size),)), without))
-    return min(size * max(1.0, NOTED / max(share, 1e-6)), find(name).largest)
+def _worth_naming(world: World, bench: Bench, without: dict[str, np.ndarray], hidden: tuple[tuple[str, float], ...]
+                  ) -> tuple[tuple[tuple[str, float], ...], tuple[float, ...]]:
+    """Sizes at which each cause changes `NOTED` of the force by what neither baseline nor the others can take up."""
+    besides = _besides(world, bench, without, hidden)
+    for _ in range(ROUNDS):
+        if min(besides) >= NOTED:
+            break
+        hidden = tuple((n, min(s * float(np.clip(NOTED * ROOM / max(b, 1e-9), 1.0, GROWTH)), find(n).largest))
+                       for (n, s), b in zip(hidden, besides, strict=True))
+        besides = _besides(world, bench, without, hidden)
+    return hidden, besides
 
 
-def _share(bench: Bench, change: np.ndarray) -> float:
-    plain = change[HEAD:] - _absorbed(bench, change)
-    return float(np.sqrt(np.mean(plain**2)) / np.sqrt(np.mean(bench.force**2)))
+def _besides(world: World, bench: Bench, without: dict[str, np.ndarray], hidden: tuple[tuple[str, float], ...]
+             ) -> tuple[float, ...]:
+    """Share of the force that each cause changes beside the others, whose sizes are free, and the baseline."""
+    whole = bench.change(world.run(hidden), without)
+
+    def apart(k: int, factor: float) -> np.ndarray:
+        """What the whole loses where one of them is so much smaller."""
+        name, size = hidden[k]
+        kept = (*hidden[:k], *([(name, factor * size)] if factor else []), *hidden[k + 1:])
+        return whole - bench.change(world.run(kept), without)
+
+    slopes = [apart(k, 0.95) for k in range(len(hidden))]
+    return tuple(_share(bench, apart(k, 0.0), [slopes[j] for j in range(len(hidden)) if j != k])
+                 for k in range(len(hidden)))
 
 
-def _known(made: Made, bench: Bench, smallest: tuple[float, ...], catalogue: tuple[Effect, ...]) -> Truth:
+def _share(bench: Bench, change: np.ndarray, others: Sequence[np.ndarray] = ()) -> float:
+    """Root mean square of a change beyond what the baseline and other directions take up, over that of the force."""
+    jacobian = np.column_stack([bench.baseline.sensitivities(bench.signals, bench.baseline.vector), *others])[HEAD:]
+    norms = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    absorbed = (jacobian / norms) @ np.linalg.lstsq(jacobian / norms, change[HEAD:], rcond=1e-10)[0]
+    return float(np.sqrt(np.mean((change[HEAD:] - absorbed) ** 2)) / np.sqrt(np.mean(bench.force**2)))
+
+
+def _known(made: Made, bench: Bench, smallest: tuple[float, ...], catalogue: tuple[Effect, ...],
+           besides: tuple[float, ...]) -> Truth:
     change = bench.change(made.clean, made.without)
     direction = bench.projected(change)
     likelihood = float(direction @ direction)
@@ -189,15 +226,7 @@ def _known(made: Made, bench: Bench, smallest: tuple[float, ...], catalogue: tup
         seen = bench.baseline.signals(record_of(made.clean))
         rivals = _rivals(made.hidden[0][0], bench, direction, catalogue, seen)
     near = any(d < SEPARATE for d in rivals.values())
-    return Truth(smallest, likelihood, share, rivals, strong and not near, strong and near)
-
-
-
-
-def _absorbed(bench: Bench, change: np.ndarray) -> np.ndarray:
-    jacobian = bench.baseline.sensitivities(bench.signals, bench.baseline.vector)[HEAD:]
-    norms = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
-    return (jacobian / norms) @ np.linalg.lstsq(jacobian / norms, change[HEAD:], rcond=1e-10)[0]
+    return Truth(smallest, likelihood, share, rivals, strong and not near, strong and near, besides)
 
 
 # -- rivals -------------------------------------------------------------------------------------------------------

@@ -75,7 +75,7 @@ def test_it_names_the_cause_and_writes_its_files(written):
                                                "report.html"}
     assert told["schema"] == "lpvid/diagnosis/1" and told["verdict"] == "explained"
     cause, = told["causes"]
-    number, = cause["parameters"]
+    number = cause["parameters"][0]
     assert cause["name"] == "coulomb-friction" and abs(number["value"] - 30.0) < 4 * number["std"]  # half of 60 N
     assert shown.startswith("explained: coulomb-friction") and "LPV extension" in shown
     assert told["extended"]["model"] == "extended_model.json" and told["complete"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from effect_signals import composed, nothing
+from scipy.integrate import solve_ivp
 
 from lpvid.diagnosis.signals import Signals
 from quartercar.effects.friction_gas import REVERSAL, CoulombFriction, GasPreload, GasStiffness, StribeckFriction
@@ -23,8 +24,9 @@ def creep(speed: float = 0.02, n: int = 4001) -> Signals:
 def test_half_the_difference_is_friction_and_half_the_sum_is_gas() -> None:
     friction, preload, stiffness = 45.0, 180.0, 500.0
     s = creep()
-    force = np.sum([composed(e, [v], s, nothing) for e, v in
-                    ((CoulombFriction(), friction), (GasPreload(), preload), (GasStiffness(), stiffness))], axis=0)
+    force = np.sum([composed(e, v, s, nothing) for e, v in
+                    ((CoulombFriction(), [friction, 0.0]), (GasPreload(), [preload]), (GasStiffness(), [stiffness]))],
+                   axis=0)
     out, back = force[:4001], force[4001:][::-1]
     np.testing.assert_allclose((out - back) / 2, friction * np.tanh(0.02 / REVERSAL), rtol=1e-12)
     even = (out + back) / 2
@@ -37,7 +39,7 @@ def test_friction_dissipates_four_times_force_and_stroke_at_any_frequency(freque
     t = np.linspace(0, 1 / frequency, 20001)
     w = 2 * np.pi * frequency
     x, v = STROKE * np.sin(w * t), STROKE * w * np.cos(w * t)
-    force = composed(CoulombFriction(), [60.0], Signals(t[1], {"displacement": x, "velocity": v}, 0 * t), nothing)
+    force = composed(CoulombFriction(), [60.0, 0.0], Signals(t[1], {"displacement": x, "velocity": v}, 0 * t), nothing)
     rounding = (REVERSAL / (STROKE * w)) ** 2
     assert np.trapezoid(force * v, t) == pytest.approx(4 * 60.0 * STROKE, rel=max(rounding, 1e-3))
 
@@ -75,3 +77,40 @@ class TestStribeck:
         force = self.staircase(speeds)
         rest = force - sign * (sign @ force) / (sign @ sign)
         assert rest @ rest > 0.5 * (force @ force)
+
+
+class TestPresliding:
+    PERIOD = 1 / 512
+
+    def motion(self, step: float) -> tuple[np.ndarray, np.ndarray]:
+        t = np.arange(0.0, 4.0, step)
+        return t, 0.03 * np.sin(9 * t) + 0.05 * np.sin(31 * t + 1)
+
+    @pytest.mark.parametrize("deflection", [1.5e-5, 1e-4, 6e-4])
+    def test_is_that_of_the_differential_equation(self, deflection: float) -> None:
+        """dz/dt = |v|(tanh(v/ε) − z)/d by scipy's Radau, against samples at 512 Hz."""
+        t, v = self.motion(self.PERIOD)
+
+        def slope(time: float, z: np.ndarray) -> np.ndarray:
+            speed = np.interp(time, t, v)
+            return abs(speed) * (np.tanh(speed / REVERSAL) - z) / deflection
+
+        exact = solve_ivp(slope, (t[0], t[-1]), [np.tanh(v[0] / REVERSAL)], "Radau", t, rtol=1e-7, atol=1e-8,
+                          max_step=self.PERIOD / 4).y[0]
+        got = composed(CoulombFriction(), [1.0, deflection], Signals(self.PERIOD, {"velocity": v}, 0 * t), nothing)
+        assert np.sqrt(np.mean((got - exact) ** 2)) < 0.015
+
+    def test_vanishes_without_a_deflection(self) -> None:
+        t, v = self.motion(1e-5)
+        s = Signals(1e-5, {"velocity": v}, 0 * t)
+        sharp, soft = (composed(CoulombFriction(), [50.0, d], s, nothing) for d in (0.0, 1e-10))
+        assert np.abs(sharp - soft).max() < 0.02 * 50
+
+    def test_a_small_motion_is_a_spring(self) -> None:
+        """Amplitudes well below the deflection: force in proportion to the displacement, F_c/d."""
+        t = np.arange(0.0, 1.0, 1e-4)
+        v = 6e-5 * np.cos(60 * t)  # of an amplitude of 1 µm
+        got = composed(CoulombFriction(), [60.0, 2e-4], Signals(1e-4, {"velocity": v}, 0 * t), nothing)
+        assert not CoulombFriction().is_static(np.array([60.0, 2e-4]))
+        assert CoulombFriction().is_static(np.array([60.0, 0.0]))
+        assert np.ptp(got) < 0.02 * 60

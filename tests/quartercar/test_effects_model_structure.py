@@ -54,7 +54,7 @@ class TestMissingScheduling:
     def test_runs_through_several_records(self) -> None:
         """Cut in two, a run is modulated as it was in one piece."""
         whole = road_like(1, 4096)
-        values = [0.1, -0.2, 0.05, 0.0, 0.03, 0.0, -0.02]
+        values = [0.1, -0.2, 0.05, 0.0, 0.03, 0.0, -0.02, 0.0, 0.0, 0.01]
         parts = in_turn([Signals(PERIOD, {k: c[a:b] for k, c in whole.channels.items()}, whole.output[a:b])
                          for a, b in ((0, 1024), (1024, 4096))])
         assert parts[0].span == (0.0, 0.25) and parts[1].span == (0.25, 1.0)
