@@ -10,7 +10,8 @@ import numpy as np
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
-from lpvid.diagnosis.rivals import SEPARATED, Alternative, alternatives, taken_over
+from lpvid.diagnosis.rivals import Alternative, alternatives, separation, taken_over
+from lpvid.diagnosis.screening import DETECT
 from lpvid.diagnosis.selection import BIC_GAIN, Search
 from lpvid.diagnosis.steadiness import steadiness
 
@@ -27,6 +28,8 @@ MOST_EXPLAINED = 2.0
 SHADOW, DEEP_SHADOW = 0.011, 0.05
 """share of what the strongest cause wins in BIC below which another may be no more than that one's imperfect law; the
 second number for a catch-all"""
+APART = 0.35
+"""by how much the strength of a faint cause may be off where the strongest is quiet, its uncertainty included"""
 KIN = 0.05
 """share of the squared error that a cause takes away below which another one on the same path is its small print: two
 lags of one signal are one lag of another form"""
@@ -137,28 +140,30 @@ def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str])
             objections.append(f"its strength differs by {steady.excess:.0%} at {steady.where}")
     minor = bool(small) and not effect.implausible(values)
     others = () if objections or small else alternatives(search, effect, rest)
-    rivals = tuple(a for a in others if a.apart < SEPARATED)
-    best = rivals[0] if rivals and rivals[0].apart < -SEPARATED else None
+    margin = separation(rest, fit)
+    rivals = tuple(a for a in others if a.apart < margin)
+    best = rivals[0] if rivals and rivals[0].apart < -margin else None
     return Judged(effect, values, search.p_values.get(effect.name, 1.0), delta, rest.cost - fit.cost,
                   100 * total / max(float(before.errors @ before.errors), 1e-300), better, largest, contribution,
                   rivals, best, tuple(small + objections), minor, rest)
 
 
-def shadowed(judged: Sequence[Judged], structure: float) -> list[Judged]:
+def shadowed(search: Search, judged: Sequence[Judged], structure: float) -> list[Judged]:
     """The same, with an objection to those that are faint beside the strongest of them or beside what is left.
 
     Parameters
     ----------
+    search : Search
     judged : sequence of Judged
     structure : float
         Root mean square of that part of the remaining error which still follows the inputs, in the output's unit.
     """
-    most = max((-j.delta_bic for j in judged), default=0.0)
+    strongest = min(judged, key=lambda j: j.delta_bic)
     out = []
     for j in judged:
         share = DEEP_SHADOW if j.effect.catch_all else SHADOW
         said = ""
-        if -j.delta_bic < share * most:
+        if j.delta_bic > share * strongest.delta_bic and not stands_apart(search, j, strongest):
             said = "beside the strongest cause too faint to be more than that one's imperfect law"
         elif j.contribution < DWARFED * structure:
             said = "it changes less than what is left unexplained"
@@ -167,6 +172,27 @@ def shadowed(judged: Sequence[Judged], structure: float) -> list[Judged]:
         else:
             out.append(replace(j, objections=(said,), minor=True, rivals=(), better=None))
     return out
+
+
+def stands_apart(search: Search, faint: Judged, strongest: Judged) -> bool:
+    """Whether a faint cause shows, with its whole strength, where the strongest one changes little.
+
+    The imperfection of a law acts where the law does. Over that half of the samples in which the strongest changes
+    least, with d the change by the faint one beyond what the others take up and e the errors left, its strength there
+    relative to the fit is dᵀ(e + d)/dᵀd, uncertain by √(Σ_b u_b²)/dᵀd with u_b the block sums of d e.
+    """
+    problem, fit = search.problem, search.fit
+    loud = np.abs(strongest.without.errors - fit.errors)
+    quiet = loud < np.median(loud)
+    d, left = (faint.without.errors - fit.errors) * quiet, fit.errors
+    total = float(d @ d)
+    if not total > 0:
+        return False
+    strength = 1.0 + float(d @ left) / total
+    sums = problem.block_sums(d * left)
+    uncertain = float(np.sqrt(sums @ sums)) / total
+    seen = strength**2 * total / fit.variance
+    return seen > DETECT + np.log(problem.n_samples) and abs(strength - 1.0) + uncertain < APART
 
 
 def with_small_print(search: Search, judged: Sequence[Judged]) -> list[Judged]:
@@ -200,9 +226,10 @@ def with_takeovers(search: Search, judged: Sequence[Judged]) -> list[Judged]:
     for j in judged:
         if not j.objections:
             tried = [taken_over(search, j.effect, j.without, s.effect) for s in small]
-            rivals = tuple(sorted([*j.rivals, *(a for a in tried if a is not None and a.apart < SEPARATED)],
+            margin = separation(j.without, search.fit)
+            rivals = tuple(sorted([*j.rivals, *(a for a in tried if a is not None and a.apart < margin)],
                                   key=lambda a: a.apart))
-            best = rivals[0] if rivals and rivals[0].apart < -SEPARATED else None
+            best = rivals[0] if rivals and rivals[0].apart < -margin else None
             j = replace(j, rivals=rivals, better=best)
         out.append(j)
     return out

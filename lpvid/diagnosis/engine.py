@@ -190,7 +190,7 @@ class _Case:
             if len(judged) > 1:
                 judged = with_small_print(self.search, judged)
                 structure = float(np.sqrt(self._predictable(fit) * np.mean(after.plain**2)))
-                judged = with_takeovers(self.search, shadowed(judged, structure))
+                judged = with_takeovers(self.search, shadowed(self.search, judged, structure))
             if turn < MOST_TURNS and self._give_way(judged, gone):
                 continue
             bad = [j for j in judged if j.objections]
@@ -284,10 +284,7 @@ class _Case:
         """The fit with the kept effects only."""
         if len(kept) == len(fit.composition.effects):
             return fit
-        from lpvid.diagnosis.screening import placed
-
-        composition = Composition(self.baseline, tuple(j.effect for j in kept))
-        return refit(self.problem, composition, placed(composition, fit, {}))
+        return self.search.refitted(Composition(self.baseline, tuple(j.effect for j in kept)))
 
     # -- telling -----------------------------------------------------------------------------------------------------
     def _result(self, verdict: str, reason: str, bare: Refit, final: Refit, before: Folds, judged: list[Judged],

@@ -13,8 +13,10 @@ from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import directions, moves, placed, screen, similarity
 from lpvid.diagnosis.selection import REFINED, TASTE, Search, own_values, starts
 
-SEPARATED = 10.0
-"""whitened log-likelihood that must lie between a cause and a rival"""
+SEPARATED, DISTINCT = 10.0, 40.0
+"""least and largest whitened log-likelihood that must lie between a cause and a rival"""
+SMALL_PRINT = 0.0015
+"""share of what a cause wins that must: so little may be the small print of either's law or of the measurement"""
 RIVALS = 5
 """rivals refitted for each cause"""
 CLOSE, CLOSE_SHARE = 100.0, 0.4
@@ -88,7 +90,7 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
         elif effect.catch_all and not e.effect.catch_all:
             apart -= COMPONENT * (rest.cost - now.cost) / now.variance
         elif e.effect.catch_all == effect.catch_all:
-            apart = in_both(apart, *plainly(problem, now, fit))
+            apart = in_both(apart, *plainly(problem, now, fit), separation(rest, now))
         if e.effect.name in effect.contains:
             apart -= REFINED * (rest.cost - now.cost) / now.variance
         if not e.effect.implausible(own_values(fit, e.effect)):
@@ -109,7 +111,7 @@ def taken_over(search: Search, effect: Effect, rest: Refit, small: Effect) -> Al
     if small.implausible(own_values(fit, small)):
         return None
     apart = (fit.cost - now.cost) / now.variance - len(effect.parameters) * np.log(problem.n_samples)
-    return Alternative(small, fit, 1.0, float(in_both(apart, *plainly(problem, now, fit))))
+    return Alternative(small, fit, 1.0, float(in_both(apart, *plainly(problem, now, fit), separation(rest, now))))
 
 
 def plainly(problem: Problem, now: Refit, other: Refit) -> tuple[float, float]:
@@ -124,13 +126,18 @@ def plainly(problem: Problem, now: Refit, other: Refit) -> tuple[float, float]:
     return total / max(min(float(a @ a), float(b @ b)), 1e-300), total / max(float(np.sqrt(gains @ gains)), 1e-300)
 
 
-def in_both(apart: float, share: float, certain: float) -> float:
+def in_both(apart: float, share: float, certain: float, margin: float = SEPARATED) -> float:
     """Log-likelihood by which a rival trails, overruled where the error in the output's unit surely says otherwise."""
     if abs(share) > PLAIN and abs(certain) > SURE:
-        return min(apart, -2 * SEPARATED) if share > 0 else max(apart, 2 * SEPARATED)
-    if share * apart > 0 and abs(share) > HINTED and abs(certain) > 1 and abs(apart) > SEPARATED:
+        return min(apart, -2 * margin) if share > 0 else max(apart, 2 * margin)
+    if share * apart > 0 and abs(share) > HINTED and abs(certain) > 1 and abs(apart) > margin:
         return 0.0
     return apart
+
+
+def separation(rest: Refit, now: Refit) -> float:
+    """Log-likelihood that must lie between a cause of the set, which wins over the rest, and a rival."""
+    return float(np.clip(SMALL_PRINT * (rest.cost - now.cost) / now.variance, SEPARATED, DISTINCT))
 
 
 def _cost(problem: Problem, composition: Composition, vector: np.ndarray) -> float:

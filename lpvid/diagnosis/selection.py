@@ -71,6 +71,8 @@ class Search:
         Block p-value with which each effect came in.
     others : tuple of (P,) arrays
         Further starts for the baseline's parameters, where its fit is far off.
+    bare : (P,) array
+        The baseline's parameters as they were fitted first, without effects.
     """
 
     problem: Problem
@@ -80,6 +82,7 @@ class Search:
     say: Callable[[str], None]
     p_values: dict[str, float] = field(default_factory=dict)
     others: tuple[np.ndarray, ...] = ()
+    bare: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def begin(cls, problem: Problem, baseline_fit: Refit, candidates: tuple[Effect, ...], rng: np.random.Generator,
@@ -89,6 +92,7 @@ class Search:
         if search.far_off():
             search.others = tuple(baseline_fit.composition.baseline.starts(problem.signals))
         evidence, found = search.rewhiten()
+        search.bare = search.fit.vector
         return search, evidence, found
 
     def far_off(self) -> bool:
@@ -273,8 +277,18 @@ class Search:
         """The set without some of its effects, refitted."""
         gone = {e.name for e in effects}
         rest = tuple(e for e in self.fit.composition.effects if e.name not in gone)
-        composition = Composition(self.fit.composition.baseline, rest)
-        return refit(self.problem, composition, placed(composition, self.fit, {}), near=self.fit, rough=True)
+        return self.refitted(Composition(self.fit.composition.baseline, rest), rough=True)
+
+    def refitted(self, composition: Composition, rough: bool = False) -> Refit:
+        """A part of the set, from where it stands or with the baseline as it was first fitted, whichever is nearer.
+
+        An effect that takes the place of much of the baseline leaves its parameters far from where they go without it.
+        """
+        begun = [placed(composition, self.fit, {}) for _ in range(2)]
+        begun[1][: self.bare.size] = self.bare
+        errors = [self.problem.stack(self.problem.errors(composition, v)) for v in begun]
+        start = begun[int(np.argmin([float(e @ e) for e in errors]))]
+        return refit(self.problem, composition, start, near=self.fit if rough else None, rough=rough)
 
     def simplify(self) -> None:
         """Put special cases in the place of effects that do no better than they, or only beyond what is plausible."""

@@ -232,14 +232,17 @@ class CommandDelay(CurrentEffect):
 
 
 class CurrentSaturation(CurrentEffect):
-    """Magnetic saturation: the field grows less and less with the current (equation sheet 3.15)."""
+    """Magnetic saturation: the field grows less and less with the current (equation sheet 3.15).
+
+    Between a sharp bend, tanh(q i)/q, and a soft one, Froehlich's i/(1 + q|i|): both start with slope 1.
+    """
 
     name: ClassVar[str] = "current-saturation"
     path: ClassVar[str] = "level"
     memoryless: ClassVar[bool] = True
     title: ClassVar[str] = "the field saturates with the current"
-    equation: ClassVar[str] = "i_e = tanh(q i)/q"
-    reference: ClassVar[str] = "equation sheet 3.15"
+    equation: ClassVar[str] = "i_e = (1 - b) tanh(q i)/q + b i/(1 + q|i|)"
+    reference: ClassVar[str] = "equation sheet 3.15; Froehlich 1881"
     experiment: ClassVar[str] = "constant currents over the full range, at least five levels, the same motion at each"
     smooth: ClassVar[bool] = False
     between_two: ClassVar[str] = NO_BEND
@@ -248,13 +251,20 @@ class CurrentSaturation(CurrentEffect):
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("saturation", "1/A", "q, reciprocal of the current at which the field bends", 0.0,
-                                (0.0, 2.0), (0.0, 20.0), (0.1, 0.25, 0.5, 1.0)),)
+                                (0.0, 2.0), (0.0, 20.0), (0.1, 0.25, 0.5, 1.0)),
+                EffectParameter("softness", "", "b, 0 for a sharp bend, 1 for a soft one", 0.0, (0.0, 1.0), (0.0, 1.0),
+                                (0.0, 1.0)))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
-        q = float(values[0])
+        q, soft = float(values[0]), float(values[1])
         if q <= 0:
             return core
-        return lambda s: core(s.replace(current=np.tanh(q * s["current"]) / q))
+
+        def run(s: Signals) -> np.ndarray:
+            i = s["current"]
+            return core(s.replace(current=(1 - soft) * np.tanh(q * i) / q + soft * i / (1 + q * np.abs(i))))
+
+        return run
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("one more degree in the current", degree=1)

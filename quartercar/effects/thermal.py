@@ -49,7 +49,7 @@ class ThermalFade(ThermalEffect):
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("fade", "1/J", "a, share of the force lost per joule of heat", 0.0, (0.0, 1e-3),
                                 (0.0, 1e-2), (5e-6, 5e-5, 5e-4)),
-                EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (2.0, 1e4), COOLING))
+                EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (2.0, 2900.0), COOLING))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         fade, cooling = float(values[0]), float(values[1])
@@ -81,7 +81,7 @@ class ViscousFade(ThermalEffect):
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("fade", "s/m^2", "b, damping lost per joule of heat, N*s/m/J", 0.0, (0.0, 3.0),
                                 (0.0, 20.0), (0.01, 0.1, 1.0)),
-                EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (2.0, 1e4), COOLING))
+                EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (2.0, 2900.0), COOLING))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         fade, cooling = float(values[0]), float(values[1])

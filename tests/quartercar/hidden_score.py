@@ -20,9 +20,9 @@ from lpvid.diagnosis.refitting import Refit
 from lpvid.diagnosis.steadiness import steadiness
 
 Row = dict
-BOUC_WEN = {"series-compliance", "entrained-air", "coil-lag"}
-"""what a Bouc-Wen damper has and Guo's law has not: a spring in series, linear or not, and the lag of its current, of
-0.3 to 1 ms here"""
+BOUC_WEN = {"series-compliance", "entrained-air", "coil-lag", "coulomb-friction"}
+"""what a Bouc-Wen damper has and Guo's law has not: a spring in series, linear or not, the lag of its current, of 0.3
+to 1 ms here, and a force that builds up over a deflection (Dahl's friction is a Bouc-Wen element of constant force)"""
 
 CHAIN = "shared-filter"
 PARTS = {"command-delay": ("coil-lag",), "displacement-delay": ("one-sided-filter",)}

@@ -147,11 +147,13 @@ class TestDelay:
 class TestMagnet:
     def test_saturation(self) -> None:
         s = of(np.linspace(-2.5, 2.5, 101))
-        got = composed(CurrentSaturation(), [0.8], s, current_itself)
+        got = composed(CurrentSaturation(), [0.8, 0.0], s, current_itself)
         np.testing.assert_allclose(got, np.tanh(0.8 * s["current"]) / 0.8, rtol=1e-14)
         assert np.abs(got).max() < 1 / 0.8
-        small = composed(CurrentSaturation(), [0.01], s, current_itself)
+        small = composed(CurrentSaturation(), [0.01, 0.0], s, current_itself)
         np.testing.assert_allclose(small, s["current"] - 0.01**2 * s["current"] ** 3 / 3, atol=1e-6)
+        soft = composed(CurrentSaturation(), [0.8, 1.0], s, current_itself)
+        np.testing.assert_allclose(soft, s["current"] / (1 + 0.8 * np.abs(s["current"])), rtol=1e-12)
 
     def test_play_on_a_triangle(self) -> None:
         """Loop of width 2w: follows w behind on the way up, w ahead on the way down, rests for 2w at each turn."""
