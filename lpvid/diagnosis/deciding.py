@@ -183,7 +183,7 @@ def stands_apart(search: Search, faint: Judged, strongest: Judged) -> bool:
     """
     problem, fit = search.problem, search.fit
     loud = np.abs(strongest.without.errors - fit.errors)
-    quiet = loud < np.median(loud)
+    quiet = loud <= np.median(loud)
     d, left = (faint.without.errors - fit.errors) * quiet, fit.errors
     total = float(d @ d)
     if not total > 0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -26,14 +27,14 @@ from toy_diagnosis import (
 
 from lpvid.diagnosis.blocks import FEWEST, Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.deciding import Folds, explained_share
+from lpvid.diagnosis.deciding import Folds, explained_share, stands_apart
 from lpvid.diagnosis.engine import diagnose
 from lpvid.diagnosis.localise import localise
 from lpvid.diagnosis.noise import FLOOR, Whitening, noise_level
 from lpvid.diagnosis.problem import Problem, projector, without
 from lpvid.diagnosis.refitting import Refit, _step, covariance, refit
 from lpvid.diagnosis.remainder import predictable_share
-from lpvid.diagnosis.rivals import in_both
+from lpvid.diagnosis.rivals import DISTINCT, SEPARATED, in_both, separation
 from lpvid.diagnosis.screening import DETECT, Evidence, directions, moves, saturated, screen
 from lpvid.diagnosis.selection import Search
 from lpvid.diagnosis.signals import Signals
@@ -339,3 +340,39 @@ class TestDiagnosis:
         for found in (first, second):
             del found["seconds"]
         assert first == second
+
+
+class TestSmallPrint:
+    def margin(self, won: float) -> float:
+        rest, now = (SimpleNamespace(cost=c, variance=2.0) for c in (2.0 * won + 500.0, 500.0))
+        return separation(rest, now)  # type: ignore[arg-type]
+
+    def test_what_lies_between_rivals_grows_with_what_is_won(self) -> None:
+        assert self.margin(1e3) == SEPARATED
+        assert SEPARATED < self.margin(2e4) < DISTINCT
+        assert self.margin(1e7) == DISTINCT
+
+
+class TestFaintCauses:
+    """A strong cause that acts in bursts, and a faint change beside it."""
+
+    def asked(self, rng: np.random.Generator, size: float, quiet_share: float) -> bool:
+        """Whether a change of this size stands apart, of which the data hold so much where the strong one is quiet."""
+        problem, _ = problem_of(record(rng))
+        n = problem.n_samples
+        bursts = np.sin(np.arange(n) / 40) > 0.3
+        noise, change = rng.standard_normal(n), size * np.sin(np.arange(n) / 7)
+        errors = noise - (1 - quiet_share) * change * ~bursts  # the fit believes in it everywhere
+        fit = SimpleNamespace(errors=errors, variance=1.0)
+        strong = SimpleNamespace(without=SimpleNamespace(errors=errors + 20.0 * bursts * np.sin(np.arange(n) / 5)))
+        faint = SimpleNamespace(without=SimpleNamespace(errors=errors + change))
+        return stands_apart(SimpleNamespace(problem=problem, fit=fit), faint, strong)  # type: ignore[arg-type]
+
+    def test_one_of_its_own_stands_apart(self, rng: np.random.Generator) -> None:
+        assert self.asked(rng, 0.6, 1.0)
+
+    def test_the_small_print_of_the_strong_one_does_not(self, rng: np.random.Generator) -> None:
+        assert not self.asked(rng, 0.6, 0.0) and not self.asked(rng, 0.6, 0.4)
+
+    def test_one_that_noise_drowns_does_not(self, rng: np.random.Generator) -> None:
+        assert not self.asked(rng, 0.02, 1.0)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from effect_signals import PERIOD, composed, current_itself, guo, road_like
 from scipy.integrate import solve_ivp
+from scipy.signal import butter, lfilter
 
 from lpvid.diagnosis.signals import Signals
 from quartercar.effects.electrical import (
@@ -89,6 +90,17 @@ class TestHold:
         assert is_held(current)
         assert not is_held(np.cumsum(rng.standard_normal(6000)))
         assert not is_held(np.ones(100))
+
+    def test_edges_behind_a_filter_are_not_held(self, rng: np.random.Generator) -> None:
+        """What two samples share runs between them: a lag found there has no half sample to account for."""
+        edges = np.repeat(rng.uniform(0, 2.5, 60), 100)
+        b, a = butter(2, 100.0, fs=512)
+        filtered = lfilter(b, a, edges - edges[0]) + edges[0]
+        assert is_held(edges) and not is_held(filtered)
+        for current, expected in ((edges, PERIOD / np.sqrt(12)), (filtered, 0.0)):
+            s = (of(current),)
+            assert CoilLag().clock_error(s) == RiseFallLag().clock_error(s) == pytest.approx(expected)
+            assert CommandDelay().clock_error(s) == pytest.approx(PERIOD / np.sqrt(12))
 
     @pytest.mark.parametrize(("heights", "count"), [((0.0, 2.0), 2), ((0.0, 1.0, 2.0), 3), ((1.5,), 1)])
     def test_levels_under_noise(self, heights: tuple, count: int, rng: np.random.Generator) -> None:

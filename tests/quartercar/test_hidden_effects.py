@@ -109,6 +109,28 @@ def test_a_constant_current_tells_nothing_of_its_lag() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [
+    7800100,  # a saturation that covers for a bent current law, each superfluous beside the other
+    8000054,  # friction whose bristles bend, by LuGre's law
+    8100013,  # a network that takes the place of nearly the whole baseline
+    7800318,  # a faint fade beside edges of the current fifty times as large
+])
+def test_three_causes_at_once_are_all_named(seed: int) -> None:
+    row = hidden_score.case(seed, CATALOGUE) | {"id": seed}
+    assert row["kind"] == "three" and hidden_score.exact(row), hidden_score.line(row)
+    assert row["held_out_gain"] > 0.98 * row["oracle_gain"]
+
+
+def test_causes_together_are_hidden_at_a_size_that_is_worth_naming() -> None:
+    made, truth = hidden_truth.build(41, tuple(CATALOGUE), kind="two", causes=("gas-stiffness", "coil-lag"),
+                                     **(QUIET | {"level": 0.005}))
+    assert len(truth.besides) == 2 and min(truth.besides) >= hidden_truth.NOTED
+    alone = {n: made.world.run(((n, s),))["force"] - made.without["force"] for n, s in made.hidden}
+    assert all(np.std(alone[n]) / np.std(made.without["force"]) > b for n, b in
+               zip(alone, truth.besides, strict=True)), "the baseline and the other take up a part"
+
+
+@pytest.mark.slow
 def test_over_many_cases() -> None:
     """Rotating seeds (HIDDEN_SEED, or the day): wrong names stay rare, and separable causes are found."""
     import datetime
