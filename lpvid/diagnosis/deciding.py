@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
-from lpvid.diagnosis.rivals import Alternative, alternatives, separation, taken_over
+from lpvid.diagnosis.rivals import SEPARATED, Alternative, alternatives, separation, taken_over
 from lpvid.diagnosis.screening import DETECT
 from lpvid.diagnosis.selection import BIC_GAIN, Search
 from lpvid.diagnosis.steadiness import steadiness
@@ -140,9 +140,8 @@ def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str])
             objections.append(f"its strength differs by {steady.excess:.0%} at {steady.where}")
     minor = bool(small) and not effect.implausible(values)
     others = () if objections or small else alternatives(search, effect, rest)
-    margin = separation(rest, fit)
-    rivals = tuple(a for a in others if a.apart < margin)
-    best = rivals[0] if rivals and rivals[0].apart < -margin else None
+    rivals = tuple(a for a in others if a.apart < SEPARATED)
+    best = rivals[0] if rivals and rivals[0].apart < -separation(rest, fit) else None
     return Judged(effect, values, search.p_values.get(effect.name, 1.0), delta, rest.cost - fit.cost,
                   100 * total / max(float(before.errors @ before.errors), 1e-300), better, largest, contribution,
                   rivals, best, tuple(small + objections), minor, rest)
@@ -226,10 +225,9 @@ def with_takeovers(search: Search, judged: Sequence[Judged]) -> list[Judged]:
     for j in judged:
         if not j.objections:
             tried = [taken_over(search, j.effect, j.without, s.effect) for s in small]
-            margin = separation(j.without, search.fit)
-            rivals = tuple(sorted([*j.rivals, *(a for a in tried if a is not None and a.apart < margin)],
+            rivals = tuple(sorted([*j.rivals, *(a for a in tried if a is not None and a.apart < SEPARATED)],
                                   key=lambda a: a.apart))
-            best = rivals[0] if rivals and rivals[0].apart < -margin else None
+            best = rivals[0] if rivals and rivals[0].apart < -separation(j.without, search.fit) else None
             j = replace(j, rivals=rivals, better=best)
         out.append(j)
     return out

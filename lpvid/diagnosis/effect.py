@@ -144,6 +144,8 @@ class Effect(ABC):
     """samples below which a lag is a matter of how signals are held between samples, and not a finding"""
     resolved: ClassVar[int] = 0
     """number of the parameter that is this lag"""
+    beside: ClassVar[tuple[str, ...]] = ()
+    """special cases that may act beside it all the same"""
     catch_all: ClassVar[bool] = False
     """whether it is a form rather than a component, flexible enough to take in part of much else"""
     rugged: ClassVar[bool] = False

@@ -43,7 +43,7 @@ LEFT = 0.05
 nothing counts as explained in full"""
 LEAST, FORMS = 0.5, 0.9
 """share of the excess error to explain whatever its standard error; the second number for flexible forms"""
-PARTLY = 0.8
+PARTLY = 0.9
 """share of the excess error below which causes, however steady, are not named"""
 MOST_REGROWN = 2
 """times that the set may grow anew after one of it has gone"""

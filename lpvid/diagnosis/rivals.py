@@ -14,9 +14,9 @@ from lpvid.diagnosis.screening import directions, moves, placed, screen, similar
 from lpvid.diagnosis.selection import REFINED, TASTE, Search, own_values, starts
 
 SEPARATED, DISTINCT = 10.0, 40.0
-"""least and largest whitened log-likelihood that must lie between a cause and a rival"""
+"""whitened log-likelihood by which a rival must trail, and the most by which it must lead to take a cause's place"""
 SMALL_PRINT = 0.0015
-"""share of what a cause wins that must: so little may be the small print of either's law or of the measurement"""
+"""share of what a cause wins by which it must lead: so little may be small print of the law or the measurement"""
 RIVALS = 5
 """rivals refitted for each cause"""
 CLOSE, CLOSE_SHARE = 100.0, 0.4
@@ -62,7 +62,7 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
     chosen = {x.name for x in now.composition.effects}
     kept = [x for x in now.composition.effects if x is not effect]
     others = [e for e in search.candidates if e.name not in chosen and effect.name not in e.contains
-              and not any(e.name in x.contains or x.name in e.contains for x in kept)]
+              and not any((e.name in x.contains and e.name not in x.beside) or x.name in e.contains for x in kept)]
     found = directions(problem, rest, moves(problem, rest, [effect, *others]))
     evidence = {e.effect.name: e for e in screen(problem, rest, found, np.random.default_rng(0))}
     own = evidence[effect.name]
@@ -136,7 +136,7 @@ def in_both(apart: float, share: float, certain: float, margin: float = SEPARATE
 
 
 def separation(rest: Refit, now: Refit) -> float:
-    """Log-likelihood that must lie between a cause of the set, which wins over the rest, and a rival."""
+    """Log-likelihood by which a rival must lead to take the place of a cause of the set, which wins over the rest."""
     return float(np.clip(SMALL_PRINT * (rest.cost - now.cost) / now.variance, SEPARATED, DISTINCT))
 
 

@@ -113,7 +113,8 @@ class Search:
 
     def outside(self) -> tuple[Effect, ...]:
         """Candidates that are not in the set, nor special cases of one that is."""
-        names = {name for e in self.fit.composition.effects for name in (e.name, *e.contains)}
+        names = {name for e in self.fit.composition.effects
+                 for name in (e.name, *(c for c in e.contains if c not in e.beside))}
         return tuple(e for e in self.candidates if e.name not in names)
 
     def enlarged(self, added: Sequence[Effect]) -> Composition:
@@ -145,6 +146,7 @@ class Search:
             if self.others and not self.far_off():
                 self.others = ()
             self.simplify()
+            self.put_beside()
             if faint and len(added) == 1:
                 size = len(fit.composition.effects)
                 self.prune()
@@ -312,6 +314,24 @@ class Search:
                     self.fit = fit
                     return self.simplify()
         return None
+
+    def put_beside(self) -> None:
+        """Add the special cases that may act beside an effect of the set, which may have grown to do their work."""
+        for e in self.fit.composition.effects:
+            have = {x.name for x in self.fit.composition.effects}
+            for special in [c for c in self.candidates if c.name in e.beside and c.name not in have]:
+                composition = Composition(self.fit.composition.baseline, (*self.fit.composition.effects, special))
+                first = special.points(self.problem.signals)[0]
+                begun = [placed(composition, self.fit, {e.name: v, special.name: first})
+                         for v in e.points(self.problem.signals)]
+                tasted = in_parallel(lambda v, c=composition: refit(self.problem, c, v, iterations=TASTE, near=self.fit,
+                                                                    rough=True), begun)
+                fit = min(tasted, key=lambda f: f.cost)
+                fit = refit(self.problem, composition, fit.vector, near=self.fit, rough=True)
+                if fit.bic() < self.fit.bic() - BIC_GAIN and not self.negligible((special,), fit):
+                    self.say(f"{special.name} beside {e.name}")
+                    self.p_values[special.name] = self.p_values.get(e.name, 1.0)
+                    self.fit = fit
 
     def prune(self) -> None:
         """Drop effects that the others have made superfluous."""

@@ -1,9 +1,9 @@
 """Compiled march of elements in series with a law; arrays only.
 
-A law at one sample is Σ_r b_r φ_r(w), φ_r straight between nodes. The series element has the deflection d = D(F),
+A law at one sample is Σ_r b_r φ_r(w), φ_r straight between nodes. The series element has the deflection d = D(F − F_0),
 ḋ = v − w, F = law(w): each stage of the stiffly accurate two-stage rule of order two (Alexander 1977) is one scalar
-equation D(law(w)) + γh w = R. Its cell is sought from the last one on; inside, it is linear for a spring. The march is
-one function: each call with arrays would cost more than what it computes.
+equation D(law(w) − F_0) + γh w = R. Its cell is sought from the last one on; inside, it is linear for a spring. The
+march is one function: each call with arrays would cost more than what it computes.
 """
 
 from __future__ import annotations
@@ -52,8 +52,9 @@ def march(velocity, speeds, nodes, rows, before, tilt, element, step, trace, par
         φ there.
     rows, before, tilt : (n, r) arrays
         b at the samples, b just before them, and −∂b/∂x for a law that depends on the position of the fluid's side.
-    element : tuple of five floats
-        Compliance [m/N], stroke of the air [m], its force [N], half of the play [m], floor of the force [N].
+    element : tuple of six floats
+        Compliance [m/N], stroke of the air [m], its force [N], half of the play [m], floor of the force [N], and the
+        force at rest, which acts beside the elements [N].
     step : float
         [s].
     trace : (stages, 5) array
@@ -127,8 +128,8 @@ def march(velocity, speeds, nodes, rows, before, tilt, element, step, trace, par
                         gap_high = _gap(force_high, speeds[low + 1], target, h, element, bends)
                     t = gap_low / (gap_low - gap_high)
                     cell = speeds[low + 1] - speeds[low]
-                    taken = element[1] == 0.0 and (min(force_low, force_high) > TAKEN
-                                                   or max(force_low, force_high) < -TAKEN)
+                    taken = element[1] == 0.0 and (min(force_low, force_high) - element[5] > TAKEN
+                                                   or max(force_low, force_high) - element[5] < -TAKEN)
                     if (bends and not taken) or min(force_low, force_high) < floor:
                         t = _within(t, force_low, force_high - force_low, speeds[low], cell, target, h, element)
                     w = speeds[low] + t * cell
@@ -237,7 +238,7 @@ def tangent(trace, direct, softer, falls, element, step, parts, ends, out):
 def _gap(force, w, target, h, element, bends):
     """D(max(F, floor)) + h w − target."""
     held = max(force, element[4])
-    return (_deflection(held, element)[0] if bends else element[0] * held) + h * w - target
+    return (_deflection(held, element)[0] if bends else element[0] * (held - element[5])) + h * w - target
 
 
 @njit(error_model="numpy", fastmath={"contract"})
@@ -301,6 +302,7 @@ def _node_force(node, nodes, b):
 @njit(error_model="numpy", fastmath={"contract"})
 def _deflection(force, element):
     """Deflection of spring, play and air, and its slope."""
+    force -= element[5]
     d, slope = element[0] * force, element[0]
     if element[3] > 0.0:
         t = math.tanh(force / TAKEN_UP) if abs(force) < TAKEN else math.copysign(1.0, force)

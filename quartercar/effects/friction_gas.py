@@ -80,6 +80,7 @@ class StribeckFriction(ParallelForce):
     experiment: ClassVar[str] = "a staircase of speeds from 0.1 to 50 mm/s in both directions, and dwells"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
     contains: ClassVar[tuple[str, ...]] = ("coulomb-friction",)
+    beside: ClassVar[tuple[str, ...]] = ("coulomb-friction",)
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

@@ -43,10 +43,10 @@ class Elements:
     play: float = 0.0
     limit: float = np.inf
 
-    def numbers(self) -> tuple[float, float, float, float, float]:
-        """For the kernels."""
-        return (float(self.compliance), float(self.air_stroke), float(self.air_force), float(self.play) / 2,
-                -float(min(self.limit, 1e300)))
+    def numbers(self, rest: float = 0.0) -> tuple[float, float, float, float, float, float]:
+        """For the kernels; `rest` is the force at rest, which acts beside the elements."""
+        floor = rest - float(min(self.limit, 1e300))
+        return float(self.compliance), float(self.air_stroke), float(self.air_force), float(self.play) / 2, floor, rest
 
     def deflection(self, force: np.ndarray) -> np.ndarray:
         """(n,) deflection of spring, air and play under a force [m]."""
@@ -57,9 +57,12 @@ class Elements:
 
 @dataclass(frozen=True, eq=False)
 class InSeries(Linearised):
-    """A core with elements in series: ḋ = v − w, d = D(F), F = core(w, x − d, i)::
+    """A core with elements in series: ḋ = v − w, d = D(F − F_0), F = core(w, x − d, i)::
 
-        v ──►[ D(F) ]── w ──►[ core ]── F
+        v ──►[ D ]── w ──►[ core ]── F
+
+    F_0 is the force of the core at rest in the middle of the stroke: a gas preload acts beside the elements, as those
+    of the catalogue do, and takes up no play.
 
     Exact (to a second-order rule at the record's clock, current held or straight as the data show) for a core without
     memory; one with memory takes the form F + (c'/k) dF/dt = core (equation sheet 9.3), c' its local slope. As the
@@ -112,8 +115,8 @@ class InSeries(Linearised):
 
         velocity = np.ascontiguousarray(s["velocity"], dtype=float)
         out, without = np.empty(s.n_samples), np.empty(s.n_samples)
-        kernels.march(velocity, law.speeds, law.nodes, law.rows, law.before, law.tilt, self.elements.numbers(),
-                      s.sample_time, trace, *self.steps(law), out)
+        kernels.march(velocity, law.speeds, law.nodes, law.rows, law.before, law.tilt,
+                      self.elements.numbers(law.rest), s.sample_time, trace, *self.steps(law), out)
         kernels.law_along(velocity, law.speeds, law.nodes, law.rows, without)
         return rigid + (out - without)
 

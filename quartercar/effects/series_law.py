@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -48,6 +48,8 @@ class Law:
         Samples at which the current jumps; those up to which the force changes fast from the sample before.
     memory : bool
         Whether it stands for a core with memory: one line in the speed at every sample.
+    rest : float
+        Force at rest, which acts beside the elements [N].
     """
 
     speeds: np.ndarray
@@ -58,6 +60,7 @@ class Law:
     jumps: np.ndarray
     steep: np.ndarray
     memory: bool = False
+    rest: float = 0.0
 
 
 def read_law(core: Core, s: Signals, rigid: np.ndarray, deflection: np.ndarray, static: bool) -> Law:
@@ -89,7 +92,14 @@ def read_law(core: Core, s: Signals, rigid: np.ndarray, deflection: np.ndarray, 
     size = float(np.abs(table).max())
     if not size < HUGE or np.diff(table, axis=0).min() < -SAME * max(size, 1e-300):
         return with_memory(core, s, rigid)
-    return _combined(core, s, speeds, table, turned, deflection)
+    return replace(_combined(core, s, speeds, table, turned, deflection), rest=force_at_rest(core, s))
+
+
+def force_at_rest(core: Core, s: Signals) -> float:
+    """Mean force of a core without memory at rest in the middle of the stroke [N]: of its gas, if it has any."""
+    few_samples = s.cached("a law's samples", lambda: _taken(s, _seen(s)))
+    still = {role: np.zeros(few_samples.n_samples) for role in ("velocity", "displacement") if s.has(role)}
+    return float(np.mean(core(few_samples.asked(**still))))
 
 
 def _combined(core: Core, s: Signals, speeds: np.ndarray, table: np.ndarray, turned: np.ndarray | None,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid.diagnosis.signals import Core, Remembered, Signals
-from quartercar.effects.series_law import SAME, Law, with_memory
+from quartercar.effects.series_law import SAME, Law, force_at_rest, with_memory
 
 if TYPE_CHECKING:
     from quartercar.effects.series import InSeries
@@ -78,18 +78,19 @@ def changed(own: InSeries, s: Signals, others: Sequence[Core]) -> tuple[np.ndarr
     out = own.march(s, rigid, law, trace)
     kernels.stages(parts, ends, last, place)
     stages = Stages(own.core, s, law, trace, last, place)
-    element, found = own.elements.numbers(), []
+    element, found = own.elements.numbers(law.rest), []
     for j, other in enumerate(others):
         change = stages.change(other.core) if isinstance(other, type(own)) and other.static == own.static else None
         if change is not None:
-            found.append((j, change, other.elements))
+            rest = 0.0 if law.memory else force_at_rest(other.core, s)
+            found.append((j, change, other.elements.numbers(rest)))
     direct, softer = np.zeros((len(found), count)), np.zeros((len(found), count))
     falls = np.zeros(len(found))
-    for k, (_, change, elements) in enumerate(found):
+    for k, (_, change, numbers) in enumerate(found):
         direct[k] = change
-        if elements != own.elements:
-            falls[k] = elements.numbers()[4] - element[4]
-            kernels.softer(trace, element, elements.numbers(), softer[k])
+        if numbers != element:
+            falls[k] = numbers[4] - element[4]
+            kernels.softer(trace, element, numbers, softer[k])
     moved = np.empty((len(found), s.n_samples))
     kernels.tangent(trace, direct, softer, falls, element, s.sample_time, parts, ends, moved)
     return out, {j: m for (j, *_), m in zip(found, moved, strict=True)}

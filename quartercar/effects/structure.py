@@ -11,41 +11,48 @@ from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChang
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import SEEN_AFTER, held
 
+DEPTH = 1e-3
+"""depth at which the stiffness of a progressive stop is told [m]"""
+
 
 class EndStop(Effect):
-    """A stop that engages beyond a position on either side (equation sheet 3.18)."""
+    """A stop that engages beyond a position on either side, linear or progressive (equation sheet 3.18)."""
 
     name: ClassVar[str] = "end-stop"
     memoryless: ClassVar[bool] = True
     title: ClassVar[str] = "an end stop engages near the end of the stroke"
     family: ClassVar[str] = "structure"
     stage: ClassVar[str] = "force"
-    equation: ClassVar[str] = "F += k (|x| - x_s)+ sign x"
+    equation: ClassVar[str] = "F += k d (d/mm)^(n-1) sign x, d = (|x| - x_s)+"
     reference: ClassVar[str] = "equation sheet 3.18"
     experiment: ClassVar[str] = "the full stroke, slowly and fast"
     needs: ClassVar[tuple[str, ...]] = ("displacement",)
     contains: ClassVar[tuple[str, ...]] = ("gas-stiffness",)
+    beside: ClassVar[tuple[str, ...]] = ("gas-stiffness",)
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("stiffness", "N/m", "k", 0.0, (0.0, 1e6), (0.0, 1e7), (3e4,)),
-                EffectParameter("position", "m", "x_s from mid stroke", 0.01, (0.0, 0.2), (0.0, 0.5), (0.01,)))
+        return (EffectParameter("stiffness", "N/m", "k, at a depth of 1 mm", 0.0, (0.0, 1e6), (0.0, 1e7), (3e4,)),
+                EffectParameter("position", "m", "x_s from mid stroke", 0.01, (0.0, 0.2), (0.0, 0.5), (0.01,)),
+                EffectParameter("exponent", "", "n, 1 for a linear stop, 1.5 for a rubber ball", 1.0, (1.0, 2.0),
+                                (1.0, 3.0), (1.0,)))
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
         reach = np.concatenate([np.abs(s["displacement"]) for s in signals])
-        return [np.array([3e4, float(np.quantile(reach, q))]) for q in (0.6, 0.75, 0.85, 0.93, 0.98)]
+        return [np.array([3e4, float(np.quantile(reach, q)), 1.0]) for q in (0.6, 0.75, 0.85, 0.93, 0.98)]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
-        stiffness, position = float(values[0]), float(values[1])
+        stiffness, position, exponent = map(float, values)
         if stiffness == 0:
             return core
 
         def run(s: Signals) -> np.ndarray:
             x = s["displacement"]
-            return core(s) + stiffness * np.sign(x) * np.maximum(np.abs(x) - position, 0.0)
+            depth = np.maximum(np.abs(x) - position, 0.0)
+            return core(s) + stiffness * np.sign(x) * depth * (depth / DEPTH) ** (exponent - 1)
 
         return run
 

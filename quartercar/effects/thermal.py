@@ -9,6 +9,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.viscous import viscous_slope
 
 COOLING = (20.0, 200.0)
 """time constants of cooling that are looked at [s]"""
@@ -70,17 +71,17 @@ class ThermalFade(ThermalEffect):
 
 
 class ViscousFade(ThermalEffect):
-    """The viscous share alone fades: F − b E v, to first order (equation sheet 3.16)."""
+    """The viscous share alone fades, as a viscosity falls with the temperature (equation sheet 3.16)."""
 
     name: ClassVar[str] = "viscous-fade"
     title: ClassVar[str] = "the viscous share of the force fades as the damper heats up"
-    equation: ClassVar[str] = "F -> F - b E v, dE/dt = F v - E/tau"
+    equation: ClassVar[str] = "F -> F - c(i) v (1 - exp(-b E)), dE/dt = F v - E/tau"
     experiment: ClassVar[str] = "a long run of constant power in which low and high speeds alternate"
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("fade", "s/m^2", "b, damping lost per joule of heat, N*s/m/J", 0.0, (0.0, 3.0),
-                                (0.0, 20.0), (0.01, 0.1, 1.0)),
+        return (EffectParameter("fade", "1/J", "b, share of the damping lost per joule of heat, at first", 0.0,
+                                (0.0, 1e-2), (0.0, 0.1), (2e-5, 2e-4, 2e-3)),
                 EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (2.0, 2900.0), COOLING))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
@@ -90,8 +91,9 @@ class ViscousFade(ThermalEffect):
 
         def run(s: Signals) -> np.ndarray:
             cold = force = core(s)
+            viscous = viscous_slope(s, core, baseline) * s["velocity"]
             for _ in range(SWEEPS):
-                force = cold - fade * stored_heat(s, force * s["velocity"], cooling) * s["velocity"]
+                force = cold + viscous * np.expm1(-fade * stored_heat(s, force * s["velocity"], cooling))
             return force
 
         return run

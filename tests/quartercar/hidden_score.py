@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from hidden import Made
 from hidden_causes import find
-from hidden_truth import NAMEABLE, SAME, baseline_for, build, oracle_gain
+from hidden_truth import IMITATED, NAMEABLE, SAME, SEPARATE, baseline_for, build, oracle_gain
 
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.diagnosis import Diagnosis
@@ -37,6 +37,7 @@ def case(seed: int, catalogue: tuple[Effect, ...], **fixed: object) -> Row:
     seconds, cpu = time.perf_counter() - begun, time.process_time() - cpu
     row = made.plan.to_dict() | {
         "sizes": [s for _, s in made.hidden], "smallest": list(truth.smallest), "share": truth.share,
+        "likelihood": truth.likelihood,
         "separable": truth.separable, "ambiguous": truth.ambiguous, "near": truth.rivals,
         "besides": list(truth.besides),
         "verdict": answer.verdict, "reason": answer.reason, "named": [c.name for c in answer.causes],
@@ -87,7 +88,14 @@ def truths(row: Row) -> set[str]:
     own = BOUC_WEN if row["kind"] == "wrong-baseline" else set()
     parts = {p for n in row["causes"] for p in PARTS.get(n, ())} if row["law"] == "other" else set()
     filters = {CHAIN} if row["chain"] == "full" else set()
-    return filters if row["kind"] == "outside" else {*row["causes"], *own, *parts, *filters}
+    hidden = imitators(row) if row["kind"] == "outside" else set(row["causes"])
+    return {*hidden, *own, *parts, *filters}
+
+
+def imitators(row: Row) -> set[str]:
+    """Entries of the catalogue that explain 95 % of what is hidden in these data, or all but what the noise drowns."""
+    limit = max(SEPARATE, IMITATED * row.get("likelihood", 0.0))
+    return {name for name, apart in row["near"].items() if apart < limit}
 
 
 def said(row: Row) -> list[str]:
@@ -173,6 +181,9 @@ def _lines() -> list[tuple[str, Callable[[Row], bool], Callable[[Row], bool], st
     def three(r: Row) -> bool:
         return r["kind"] == "three"
 
+    def foreign(r: Row) -> bool:
+        return r["kind"] == "outside" and not imitators(r)
+
     def slightly(r: Row) -> bool:
         return r["kind"] == "wrong-baseline" and r["separable"]
 
@@ -190,9 +201,11 @@ def _lines() -> list[tuple[str, Callable[[Row], bool], Callable[[Row], bool], st
     lines += [("false alarm, nothing hidden, all", lambda r: r["kind"] == "nothing", lambda r: bool(said(r)), ""),
               ("  rivals or names, nothing hidden, all", lambda r: r["kind"] == "nothing",
                lambda r: bool(said(r) or r["rivals"]), ""),
-              ("outside the catalogue: refused", lambda r: r["kind"] == "outside", abstains, ">= 90 %"),
-              ("  misnamed, verdict 'explained'", lambda r: r["kind"] == "outside",
+              ("outside the catalogue: refused", foreign, abstains, ">= 90 %"),
+              ("  misnamed, verdict 'explained'", foreign,
                lambda r: bool(said(r)) and r["verdict"] == "explained", "<= 5 %"),
+              ("  imitated to 95 % by an entry: no other name",
+               lambda r: r["kind"] == "outside" and not foreign(r), lambda r: not wrong(r), ""),
               ("cannot tell: said so", lambda r: r["kind"] == "one" and r["ambiguous"],
                lambda r: abstains(r) and r["verdict"] != "explained", ">= 90 %"),
               ("  of the others the right name", lambda r: r["kind"] == "one" and r["ambiguous"] and not abstains(r),

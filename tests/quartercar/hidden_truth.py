@@ -28,6 +28,9 @@ SEPARATE, CLEAR = 10.0, 60.0
 SHARE, NOTED = 0.01, 0.02
 ROUNDS, ROOM, GROWTH = 3, 1.2, 10.0
 """how often the sizes of several causes are raised until each is worth naming beside the others, and by how much"""
+IMITATED = 0.05
+"""share of the likelihood of a cause outside the catalogue that an entry may miss and still pass for it: the diagnosis
+asks for 95 % of the excess error"""
 NAMEABLE = 0.005
 """share of the force below which a cause beside others counts as negligible, as in the diagnosis itself"""
 ALIKE = ({"current-saturation", "scheduling-degree"},)
@@ -92,7 +95,7 @@ class Truth:
     share : float
         Root mean square of what the baseline cannot take up, over that of the force.
     rivals : dict of str to float
-        Catalogue entries that come near, with D_ij.
+        Catalogue entries that come near, with D_ij; for a cause outside the catalogue those that imitate most of it.
     separable : bool
         Whether it is at least 3 e_min and 1 % of the force, and no rival comes near.
     ambiguous : bool
@@ -222,17 +225,18 @@ def _known(made: Made, bench: Bench, smallest: tuple[float, ...], catalogue: tup
     rivals: dict[str, float] = {}
     strong = (made.plan.kind in ("one", "wrong-baseline") and share >= SHARE
               and made.hidden[0][1] >= 2.99 * smallest[0])
-    if strong:
+    if strong or made.plan.kind == "outside":
         seen = bench.baseline.signals(record_of(made.clean))
-        rivals = _rivals(made.hidden[0][0], bench, direction, catalogue, seen)
+        limit = max(CLEAR, IMITATED * likelihood) if made.plan.kind == "outside" else CLEAR
+        rivals = _rivals(made.hidden[0][0], bench, direction, catalogue, seen, limit)
     near = any(d < SEPARATE for d in rivals.values())
     return Truth(smallest, likelihood, share, rivals, strong and not near, strong and near, besides)
 
 
 # -- rivals -------------------------------------------------------------------------------------------------------
-def _rivals(name: str, bench: Bench, direction: np.ndarray, catalogue: tuple[Effect, ...], seen: Signals
-            ) -> dict[str, float]:
-    """D_ij of every other entry: what of the true change none of its plausible settings reaches."""
+def _rivals(name: str, bench: Bench, direction: np.ndarray, catalogue: tuple[Effect, ...], seen: Signals,
+            limit: float) -> dict[str, float]:
+    """D_ij of every other entry below a limit: what of the true change none of its plausible settings reaches."""
     found = {}
     for effect in catalogue:
         if effect.name == name or effect.family == "noise" or effect.missing((seen,)) or name in effect.contains:
@@ -240,7 +244,7 @@ def _rivals(name: str, bench: Bench, direction: np.ndarray, catalogue: tuple[Eff
         if effect.applies(bench.baseline, (seen,)) is not None:
             continue
         distance = 0.0 if {name, effect.name} in ALIKE else _distance(effect, bench, direction, seen)
-        if distance < CLEAR:
+        if distance < limit:
             found[effect.name] = distance
     return found
 
@@ -268,14 +272,14 @@ def _distance(effect: Effect, bench: Bench, direction: np.ndarray, seen: Signals
     single = [max(float(m @ direction), 0.0) ** 2 / max(float(m @ m), 1e-300) for m in moves.T]
     best = np.inf
     scale = np.maximum(np.abs(high - low) / 10, 1e-12)
-    for k in np.argsort(single)[::-1][:2]:
+    for k in np.argsort(single)[::-1][:3]:
         grown = points[k].copy()
         m = moves[:, k]
         if effect.strengths == 1:
             grown[0] = effect.neutral[0] + (grown[0] - effect.neutral[0]) * float(
                 np.clip(m @ direction / max(m @ m, 1e-300), 1e-3, 1e3))
         first = np.clip(grown, low + 1e-9 * scale, high - 1e-9 * scale)
-        fit = least_squares(lambda p: change(p) - direction, first, bounds=(low, high), x_scale=scale, max_nfev=15,
+        fit = least_squares(lambda p: change(p) - direction, first, bounds=(low, high), x_scale=scale, max_nfev=40,
                             diff_step=1e-3)
         best = min(best, 2 * float(fit.cost))
         if best < SEPARATE:

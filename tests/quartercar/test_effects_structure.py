@@ -21,7 +21,7 @@ def sine(size: float, frequency: float, n: int = 2048) -> Signals:
 class TestEndStop:
     def test_does_no_work_over_a_cycle_and_stores_what_a_spring_stores(self) -> None:
         s = sine(0.02, 1.5)
-        force = composed(EndStop(), [5e4, 0.015], s, nothing)
+        force = composed(EndStop(), [5e4, 0.015, 1.0], s, nothing)
         x, v = s["displacement"], s["velocity"]
         assert abs(np.sum(force * v) * s.sample_time) < 1e-9 * np.abs(force * v).max()
         quarter = slice(0, 513)
@@ -30,7 +30,7 @@ class TestEndStop:
 
     def test_is_absent_within_the_stroke_and_odd_beyond(self) -> None:
         s = sine(0.02, 1.0)
-        force, x = composed(EndStop(), [1e5, 0.012], s, nothing), s["displacement"]
+        force, x = composed(EndStop(), [1e5, 0.012, 1.0], s, nothing), s["displacement"]
         assert np.all(force[np.abs(x) <= 0.012] == 0) and np.all(force * x >= 0)
         np.testing.assert_allclose(force[1024:], -force[:1024], atol=1e-9)
 
@@ -38,6 +38,14 @@ class TestEndStop:
         s = road_like()
         reach = np.abs(s["displacement"]).max()
         assert all(0.1 * reach < p[1] < reach for p in EndStop().points((s,)))
+
+    def test_a_progressive_stop_has_its_stiffness_at_a_millimetre(self) -> None:
+        depth = np.array([0.0, 5e-4, 1e-3, 2e-3])
+        s = Signals(PERIOD, {"displacement": np.concatenate([0.01 + depth, -0.01 - depth])}, np.zeros(8))
+        soft, hard = (composed(EndStop(), [4e4, 0.01, n], s, nothing) for n in (1.0, 1.5))
+        np.testing.assert_allclose(soft, 4e4 * np.concatenate([depth, -depth]), rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(hard[:4], 4e4 * 1e-3 * (depth / 1e-3) ** 1.5, rtol=1e-10)
+        assert hard[2] == pytest.approx(soft[2]) and hard[3] > soft[3] and hard[1] < soft[1]
 
 
 class TestInertia:

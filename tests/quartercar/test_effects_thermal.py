@@ -54,23 +54,26 @@ def test_the_whole_force_fades() -> None:
     np.testing.assert_allclose(force, viscous(s) * (1 - a * heat), rtol=1e-4)
 
 
-def test_the_viscous_share_fades_in_proportion_to_speed() -> None:
-    """b in s/m²: b E v is a force if E is in joules; a law that is all viscous fades as a whole, a = b/c."""
-    s, b, cooling = constant(0.2), 0.1, 8.0
+def test_the_viscous_share_fades_with_the_viscosity() -> None:
+    """A law that is all viscous, c exp(−bE) v, by scipy along constant power."""
+    s, b, cooling = constant(0.2), 1e-3, 8.0
     force = composed(ViscousFade(), [b, cooling], s, viscous)
-    np.testing.assert_allclose(force, composed(ThermalFade(), [b / DAMPING, cooling], s, viscous), rtol=1e-10)
-    assert ViscousFade().parameters[0].unit == "s/m^2"
+    heat = solve_ivp(lambda t, e: DAMPING * 0.04 * np.exp(-b * e) - e / cooling, (0, s.times[-1]), [0.0],
+                     t_eval=s.times, rtol=1e-9, atol=1e-9).y[0]
+    assert heat[-1] * b > 0.3, "well beyond first order"
+    np.testing.assert_allclose(force, viscous(s) * np.exp(-b * heat), rtol=5e-3)
 
 
 def test_the_two_fades_differ_on_a_law_that_is_not_viscous() -> None:
     s = road_like(7)
 
-    def dry(signals: Signals) -> np.ndarray:
-        return 500 * np.tanh(signals["velocity"] / 0.02)
+    def partly_dry(signals: Signals) -> np.ndarray:
+        return 500 * np.tanh(signals["velocity"] / 0.02) + 300 * signals["velocity"]
 
-    cold = dry(s)
-    total = composed(ThermalFade(), [1e-4, 50.0], s, dry) - cold
-    share = composed(ViscousFade(), [0.3, 50.0], s, dry) - cold
+    cold = partly_dry(s)
+    total = composed(ThermalFade(), [1e-4, 50.0], s, partly_dry) - cold
+    share = composed(ViscousFade(), [1e-3, 50.0], s, partly_dry) - cold
+    assert np.linalg.norm(share) > 1.0
     assert abs(total @ share) < 0.97 * np.linalg.norm(total) * np.linalg.norm(share)
 
 
