@@ -82,18 +82,18 @@ def changed(own: InSeries, s: Signals, others: Sequence[Core]) -> tuple[np.ndarr
     for j, other in enumerate(others):
         change = stages.change(other.core) if isinstance(other, type(own)) and other.static == own.static else None
         if change is not None:
-            rest = 0.0 if law.memory else force_at_rest(other.core, s)
-            found.append((j, change, other.elements.numbers(rest)))
+            beside = 0.0 if law.memory else force_at_rest(other.core, s) - law.rest
+            found.append((j, change - beside, other.elements.numbers(law.rest), beside))
     direct, softer = np.zeros((len(found), count)), np.zeros((len(found), count))
     falls = np.zeros(len(found))
-    for k, (_, change, numbers) in enumerate(found):
+    for k, (_, change, numbers, _) in enumerate(found):
         direct[k] = change
         if numbers != element:
             falls[k] = numbers[4] - element[4]
             kernels.softer(trace, element, numbers, softer[k])
     moved = np.empty((len(found), s.n_samples))
     kernels.tangent(trace, direct, softer, falls, element, s.sample_time, parts, ends, moved)
-    return out, {j: m for (j, *_), m in zip(found, moved, strict=True)}
+    return out, {j: m + beside for (j, *_, beside), m in zip(found, moved, strict=True)}
 
 
 @dataclass(frozen=True, eq=False)

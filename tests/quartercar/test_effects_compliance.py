@@ -48,6 +48,26 @@ def run(element: SeriesElement, values: list[float], core: Core, s: Signals, nam
     return element.compose(core, np.array(values), baseline(name))(s)
 
 
+# -- what acts beside ------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("element", "values"), [(Backlash(), [4e-4]), (EntrainedAir(), [3e-4, 300.0]),
+                                                 (SeriesCompliance(), [4e-7])], ids=str)
+def test_a_gas_preload_takes_up_no_play(element: SeriesElement, values: list[float]) -> None:
+    """The force at rest acts beside the element: with a preload of 250 N all is as without, and 250 N."""
+    s = sine(0.004, 3.0)
+    alone = run(element, values, law, s)
+    loaded = run(element, values, lambda q: law(q) - 250.0, s)
+    assert np.sqrt(np.mean((loaded + 250.0 - alone) ** 2)) < 1e-3 * np.ptp(alone)
+    assert np.abs(alone - law(s)).max() > 0.02 * np.ptp(alone), "and the element does something"
+
+
+@pytest.mark.parametrize(("element", "values"), [(Backlash(), [4e-4]), (EntrainedAir(), [3e-4, 300.0])], ids=str)
+def test_the_derivative_in_the_preload_is_that_of_whole_runs(element: SeriesElement, values: list[float]) -> None:
+    s = sine(0.004, 3.0)
+    own, other = (element.compose(lambda q, p=p: law(q) - p, np.array(values), baseline()) for p in (250.0, 251.0))
+    near, = own.near([other])  # type: ignore[attr-defined]
+    assert np.sqrt(np.mean((near(s) - other(s)) ** 2)) < 1e-3
+
+
 # -- nestedness ----------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("element", ELEMENTS, ids=lambda e: e.name)
 @pytest.mark.parametrize("name", ["guo", "bouc-wen"])
