@@ -222,6 +222,8 @@ def _known(made: Made, bench: Bench, smallest: tuple[float, ...], catalogue: tup
     direction = bench.projected(change)
     likelihood = float(direction @ direction)
     share = _share(bench, change)
+    if made.plan.kind == "one" and share >= SHARE:
+        share = min(share, _left_over(made))
     rivals: dict[str, float] = {}
     strong = (made.plan.kind in ("one", "wrong-baseline") and share >= SHARE
               and made.hidden[0][1] >= 2.99 * smallest[0])
@@ -231,6 +233,18 @@ def _known(made: Made, bench: Bench, smallest: tuple[float, ...], catalogue: tup
         rivals = _rivals(made.hidden[0][0], bench, direction, catalogue, seen, limit)
     near = any(d < SEPARATE for d in rivals.values())
     return Truth(smallest, likelihood, share, rivals, strong and not near, strong and near, besides)
+
+
+def _left_over(made: Made) -> float:
+    """Root mean square of what the baseline, fitted anew, leaves of the noise-free force, over that of the force.
+
+    A law with exponents takes up more of a change than its derivatives can.
+    """
+    record = record_of(made.clean)
+    baseline = baseline_for(made.plan, [record]).fit([record])
+    signals = baseline.signals(record)
+    errors = (signals.output - baseline.core(baseline.vector)(signals))[HEAD:]
+    return float(np.sqrt(np.mean(errors**2)) / np.sqrt(np.mean(made.clean["force"] ** 2)))
 
 
 # -- rivals -------------------------------------------------------------------------------------------------------
