@@ -204,6 +204,12 @@ class Diagnosis:
             return 0.0
         return 100.0 * (1.0 - self.after.esr_held_out / self.before.esr_held_out)
 
+    @property
+    def stand_ins(self) -> tuple[str, ...]:
+        """Effects of the extended model that are not named: they resemble what is wrong and simulate it in part."""
+        said = {*(c.name for c in self.causes), *(n for r in self.rivals for n in r.names)}
+        return () if self.extended is None else tuple(n for n in self.extended.effects if n not in said)
+
     def to_dict(self) -> dict:
         """diagnosis.json."""
         share = self.explained_share
@@ -217,7 +223,8 @@ class Diagnosis:
             "cannot_tell": [c.to_dict() for c in self.cannot_tell],
             "rejected": [r.to_dict() for r in self.rejected],
             "explained_share": None if share is None else {"value": share[0], "std": share[1]},
-            "extended": {**self.after.to_dict(), "gain_percent": self.gain_percent, "model": "extended_model.json"},
+            "extended": {**self.after.to_dict(), "gain_percent": self.gain_percent, "model": "extended_model.json",
+                         "stand_ins": list(self.stand_ins)},
             "evidence": {k: dict(v) for k, v in self.evidence.items()}, "seconds": self.seconds,
             "notes": list(self.notes), "complete": self.complete,
             "audit": None if self.audit is None else self.audit.to_dict(),
@@ -230,9 +237,10 @@ class Diagnosis:
         lines += [f"  cause {c.name}: {', '.join(map(str, c.parameters))}; held-out gain {c.held_out_gain:.1f} %"
                   for c in self.causes[:3]]
         lines += [f"  cannot be kept apart: {', '.join(r.names)}; {r.experiment}" for r in self.rivals[:2]]
-        if self.causes:
+        if self.extended is not None and self.extended.effects:
+            other = f"; {', '.join(self.stand_ins)} stands in for a cause that is not known" if self.stand_ins else ""
             lines.append(f"  extended model: free-run ESR {self.after.esr_held_out:.4g} held-out, "
-                         f"gain {self.gain_percent:.1f} %")
+                         f"gain {self.gain_percent:.1f} %{other}")
         if self.wrong:
             lines.append("  wrong above all: " + "; ".join(f"{w.where} ({w.share:.0%} of the error)"
                                                            for w in self.wrong[:3]))

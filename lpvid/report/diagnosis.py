@@ -105,6 +105,9 @@ def _caveats(found: Diagnosis) -> tuple[str, ...]:
     if found.rivals:
         said.append("The extended model contains one of several rivals that do equally well here: it simulates these "
                     "conditions, and says nothing of which rival is at work.")
+    if found.stand_ins:
+        said.append(f"The extended model contains {', '.join(found.stand_ins)} as a stand-in: it simulates these "
+                    "conditions better than the baseline, and is not the cause.")
     return tuple(said)
 
 

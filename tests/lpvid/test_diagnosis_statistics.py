@@ -320,6 +320,14 @@ class TestDiagnosis:
                          (Dry(), Cubic()))
         assert found.verdict == "unexplained" and not found.causes
 
+    def test_what_explains_a_part_only_stands_in_and_is_not_named(self, rng: np.random.Generator) -> None:
+        found = diagnose([record(rng, n=6000, hidden=lambda u: 1.5 * np.sign(u) + 0.9 * np.cos(9 * u))], Bent(),
+                         (Dry(), Cubic()))
+        assert found.verdict == "unexplained" and not found.causes and not found.rivals
+        assert found.stand_ins == ("dry",) and found.gain_percent > 20.0
+        assert found.to_dict()["extended"]["stand_ins"] == ["dry"]
+        assert "dry stands in for a cause that is not known" in repr(found)
+
     def test_diagnosis_json(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng, hidden=lambda u: 1.2 * np.sign(u))], Bent(), (*CAUSES, LaggedConstant()))
         back = json.loads(json.dumps(found.to_dict(), allow_nan=False))
