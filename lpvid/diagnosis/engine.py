@@ -44,7 +44,7 @@ nothing counts as explained in full"""
 LEAST, FORMS = 0.5, 0.9
 """share of the excess error to explain whatever its standard error; the second number for flexible forms"""
 PARTLY = 0.9
-"""share of the excess error below which causes, however steady, are not named"""
+"""share of the excess error, within two standard errors, below which causes, however steady, are not named"""
 MOST_REGROWN = 2
 """times that the set may grow anew after one of it has gone"""
 MOST_TURNS = 5
@@ -249,7 +249,7 @@ class _Case:
         complete = phi[0] + 2 * phi[1] >= EXPLAINED and phi[0] >= (FORMS if forms else LEAST)
         said = ", ".join(j.effect.name for j in (*named, *contested))
         if not complete:
-            partly = phi[0] >= PARTLY and not forms
+            partly = phi[0] + 2 * phi[1] >= PARTLY and not forms
             word = "explains" if partly else "resembles it but explains"
             text = f"{said} {word} {phi[0]:.0%} of the excess error only; the rest is unexplained"
             return ("partly-explained" if partly else "unexplained"), text

@@ -150,6 +150,13 @@ class Noise:
             return _filtered(a, [1.0], values) / (self.deviation * np.sqrt(power))
         return (values.T / self._size(force)).T
 
+    @property
+    def predictor(self) -> np.ndarray:
+        """(k + 1,) coefficients of the filter that whitens it; of noise without colour 1."""
+        if self.colour == "ar1":
+            return np.array([1.0, -0.95])
+        return self._predictor[0] if self.colour == "low-passed" else np.ones(1)
+
     def _size(self, force: np.ndarray) -> np.ndarray:
         if self.colour != "proportional":
             return np.full(force.size, self.deviation)

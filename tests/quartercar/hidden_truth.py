@@ -6,7 +6,7 @@ of the diagnosis only the composition of a baseline with an effect is used, to k
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,6 +102,7 @@ class Truth:
         Whether it is as large as that, and one does.
     besides : tuple of float
         Of several causes: what each changes that neither baseline nor the others can take up, over the force.
+    bench : Bench
     """
 
     smallest: tuple[float, ...]
@@ -110,7 +111,8 @@ class Truth:
     rivals: dict[str, float]
     separable: bool
     ambiguous: bool
-    besides: tuple[float, ...] = ()
+    besides: tuple[float, ...]
+    bench: Bench
 
 
 def record_of(channels: dict[str, np.ndarray], name: str = "clean") -> Record:
@@ -232,7 +234,7 @@ def _known(made: Made, bench: Bench, smallest: tuple[float, ...], catalogue: tup
         limit = max(CLEAR, IMITATED * likelihood) if made.plan.kind == "outside" else CLEAR
         rivals = _rivals(made.hidden[0][0], bench, direction, catalogue, seen, limit)
     near = any(d < SEPARATE for d in rivals.values())
-    return Truth(smallest, likelihood, share, rivals, strong and not near, strong and near, besides)
+    return Truth(smallest, likelihood, share, rivals, strong and not near, strong and near, besides, bench)
 
 
 def _left_over(made: Made) -> float:
@@ -274,7 +276,7 @@ def _distance(effect: Effect, bench: Bench, direction: np.ndarray, seen: Signals
         moved = vector.copy()
         moved[place] = values
         with np.errstate(all="ignore"):
-            return bench.projected(np.nan_to_num(composition.predict(seen, moved) - start, posinf=1e12, neginf=-1e12))
+            return bench.projected(np.clip(np.nan_to_num(composition.predict(seen, moved) - start), -1e9, 1e9))
 
     points = effect.points((seen,))
     moves = np.column_stack([change(p) for p in points])
@@ -304,6 +306,41 @@ def _distance(effect: Effect, bench: Bench, direction: np.ndarray, seen: Signals
 def _plausible(effect: Effect) -> tuple[np.ndarray, np.ndarray]:
     low, high = np.array([p.reach for p in effect.parameters], dtype=float).T
     return low, high
+
+
+def imitation(made: Made, bench: Bench, catalogue: tuple[Effect, ...], start: np.ndarray,
+              candidates: Mapping[str, Sequence[float]]) -> dict[str, float]:
+    """Squared length of what entries leave of the noise-free record, the baseline's parameters and theirs fitted to it.
+
+    The difference of two is their D_ij whatever the size of the cause: the projections above take the baseline along
+    its derivatives only.
+
+    Parameters
+    ----------
+    made : Made
+    bench : Bench
+    catalogue : tuple of Effect
+    start : (P,) array
+        The baseline's parameters to start from.
+    candidates : mapping of str to sequence of float
+        Entries, and their parameters to start from.
+    """
+    from lpvid.diagnosis.blocks import Blocks
+    from lpvid.diagnosis.noise import Whitening
+    from lpvid.diagnosis.problem import Problem
+    from lpvid.diagnosis.refitting import refit
+
+    table = {e.name: e for e in catalogue}
+    signals = bench.baseline.signals(record_of(made.clean))
+    problem = Problem((signals,), Blocks.of((signals,), bench.baseline.start), Whitening(bench.noise.predictor, 1.0))
+    found = {}
+    for name, values in candidates.items():
+        composition = Composition(bench.baseline, (table[name],))
+        fit = refit(problem, composition, np.concatenate([start, values]))
+        left = signals.output - composition.predict(signals, fit.vector)
+        whitened = bench.noise.whitened(left, bench.force)[HEAD:]
+        found[name] = float(bench.repeats * whitened @ whitened)
+    return found
 
 
 # -- oracle -------------------------------------------------------------------------------------------------------
