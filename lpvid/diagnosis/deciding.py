@@ -20,7 +20,7 @@ BLOCKS_BETTER = 0.8
 ACTING = 0.25
 """share of the mean change over the blocks from which on a cause acts in a block"""
 LARGEST_BLOCK = 0.5
-"""share of the gain that one block may carry"""
+"""share of the gain that one block may carry, unless the others by themselves would show the cause"""
 EXPLAINED = 0.95
 """share of the excess error that the causes must explain"""
 MOST_EXPLAINED = 2.0
@@ -131,7 +131,8 @@ def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str])
         objections.append(f"BIC falls by {-delta:.1f} only")
     if total <= 0 or better < BLOCKS_BETTER:
         objections.append(f"it helps in {better:.0%} of the held-out blocks only in which it acts")
-    if largest > LARGEST_BLOCK:
+    others = (total - float(gains.max())) / fit.variance
+    if largest > LARGEST_BLOCK and others < DETECT + np.log(problem.n_samples):
         objections.append(f"one block carries {largest:.0%} of the gain")
     objections += effect.implausible(values)
     if not objections and not small:
@@ -139,8 +140,8 @@ def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str])
         if steady.excess > UNSTEADY:
             objections.append(f"its strength differs by {steady.excess:.0%} at {steady.where}")
     minor = bool(small) and not effect.implausible(values)
-    others = () if objections or small else alternatives(search, effect, rest)
-    rivals = tuple(a for a in others if a.apart < SEPARATED)
+    instead = () if objections or small else alternatives(search, effect, rest)
+    rivals = tuple(a for a in instead if a.apart < SEPARATED)
     best = rivals[0] if rivals and rivals[0].apart < -separation(rest, fit) else None
     return Judged(effect, values, search.p_values.get(effect.name, 1.0), delta, rest.cost - fit.cost,
                   100 * total / max(float(before.errors @ before.errors), 1e-300), better, largest, contribution,

@@ -21,6 +21,8 @@ MOST_POINTS = 14
 """grid points at which an effect is looked at"""
 BEYOND = 1.5
 """times the plausible range within which a parameter is taken seriously"""
+BETWEEN = 0.01
+"""share of a sample to which a time can be told at best"""
 STAGES = ("inside", "core", "series", "force", "kinematics", "current", "channel", "measurement")
 """Where an effect acts, from the inside out::
 
@@ -215,8 +217,14 @@ class Effect(ABC):
         return self.memoryless
 
     def clock_error(self, signals: Sequence[Signals]) -> float:
-        """Standard error of the strength that no fit sees: when, between two samples, a held signal jumps."""
-        return signals[0].sample_time / np.sqrt(12) if self.stepwise else 0.0
+        """Standard error of the strength that no fit sees: what a signal does between its samples nobody knows.
+
+        A held one jumps anywhere between two of them; of a smooth one a time is told to a hundredth of a sample at best.
+        """
+        period = signals[0].sample_time
+        if self.stepwise:
+            return period / np.sqrt(12)
+        return BETWEEN * period if self.parameters[0].unit == "s" else 0.0
 
     def describe(self) -> dict[str, Any]:
         """Plain data for a table of the catalogue."""

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
+from lpvid.diagnosis.effect import BETWEEN, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 
 SEEN_AFTER = 0.05
@@ -124,7 +124,7 @@ def lagged(s: Signals, rise: float, fall: float) -> np.ndarray:
 
 def _jump_error(signals: Sequence[Signals]) -> float:
     """Standard error of a lag because a held current jumps somewhere between two samples [s]."""
-    return signals[0].sample_time / np.sqrt(12) if any(held(s) for s in signals) else 0.0
+    return signals[0].sample_time * (1 / np.sqrt(12) if any(held(s) for s in signals) else BETWEEN)
 
 
 class CurrentEffect(GridEffect):
