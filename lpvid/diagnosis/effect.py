@@ -219,7 +219,7 @@ class Effect(ABC):
     def clock_error(self, signals: Sequence[Signals]) -> float:
         """Standard error of the strength that no fit sees: what a signal does between its samples nobody knows.
 
-        A held one jumps anywhere between two of them; of a smooth one a time is told to a hundredth of a sample at best.
+        A held one jumps anywhere between two of them; of a smooth one a time is told to a hundredth of a sample.
         """
         period = signals[0].sample_time
         if self.stepwise:
