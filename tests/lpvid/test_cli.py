@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -83,9 +83,10 @@ def test_door_opens_quickly_and_lazily():
     command = [sys.executable, "-c", "from lpvid.cli import main; main()", "--help"]
     times = []
     for _ in range(3):
-        since = time.perf_counter()
+        before = os.times()
         subprocess.run(command, capture_output=True, check=True)
-        times.append(time.perf_counter() - since)
+        after = os.times()  # of the processor: what else runs on the machine does not count
+        times.append(after.children_user + after.children_system - before.children_user - before.children_system)
     assert min(times) < 0.7
 
 
