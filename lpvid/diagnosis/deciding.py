@@ -20,7 +20,8 @@ BLOCKS_BETTER = 0.8
 ACTING = 0.25
 """share of the mean change over the blocks from which on a cause acts in a block"""
 LARGEST_BLOCK = 0.5
-"""share of the gain that one block may carry, unless the others by themselves would show the cause"""
+"""share of the gain that one block may carry; a cause without memory, which may act beyond a level only, may have more
+from one block if the others by themselves would show it"""
 EXPLAINED = 0.95
 """share of the excess error that the causes must explain"""
 MOST_EXPLAINED = 2.0
@@ -132,7 +133,8 @@ def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str])
     if total <= 0 or better < BLOCKS_BETTER:
         objections.append(f"it helps in {better:.0%} of the held-out blocks only in which it acts")
     others = (total - float(gains.max())) / fit.variance
-    if largest > LARGEST_BLOCK and others < DETECT + np.log(problem.n_samples):
+    alone = effect.is_static(values) and others > DETECT + np.log(problem.n_samples)
+    if largest > LARGEST_BLOCK and not alone:
         objections.append(f"one block carries {largest:.0%} of the gain")
     objections += effect.implausible(values)
     if not objections and not small:
