@@ -15,13 +15,15 @@ from lpvid.diagnosis.screening import DETECT
 from lpvid.diagnosis.selection import BIC_GAIN, Search
 from lpvid.diagnosis.steadiness import steadiness
 
-BLOCKS_BETTER = 0.8
-"""share of held-out blocks in which a cause must help"""
+BLOCKS_BETTER, MAJORITY = 0.8, 0.6
+"""share of held-out blocks in which a cause must help, and the least where one of its size would not show in more"""
+LUCK = 1.64
+"""standard errors below what is expected that are left to chance"""
 ACTING = 0.25
 """share of the mean change over the blocks from which on a cause acts in a block"""
-LARGEST_BLOCK = 0.5
-"""share of the gain that one block may carry; a cause without memory, which may act beyond a level only, may have more
-from one block if the others by themselves would show it"""
+LARGEST_BLOCK, PLENTY = 0.5, 5.0
+"""share of the gain that one block may carry; a cause may have more from one block if the others by themselves would
+show it (one without memory, which may act beyond a level only) or show it so many times over"""
 EXPLAINED = 0.95
 """share of the excess error that the causes must explain"""
 MOST_EXPLAINED = 2.0
@@ -124,17 +126,18 @@ def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str])
     total = float(gains.sum())
     acting = _acting(problem, fit, rest)
     better = float(np.mean(gains[acting] > 0))
+    enough = _enough(problem.block_sums((rest.errors - fit.errors)**2)[acting] / fit.variance)
     largest = float(gains.max() / total) if total > 0 else 1.0
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
     contribution = _contribution(problem, fit, rest)
     small, objections = _small(problem, effect, values, contribution), []
     if delta > -BIC_GAIN:
         objections.append(f"BIC falls by {-delta:.1f} only")
-    if total <= 0 or better < BLOCKS_BETTER:
+    if total <= 0 or better < enough:
         objections.append(f"it helps in {better:.0%} of the held-out blocks only in which it acts")
     others = (total - float(gains.max())) / fit.variance
-    alone = effect.is_static(values) and others > DETECT + np.log(problem.n_samples)
-    if largest > LARGEST_BLOCK and not alone:
+    wanted = (1.0 if effect.is_static(values) else PLENTY) * (DETECT + np.log(problem.n_samples))
+    if largest > LARGEST_BLOCK and others < wanted:
         objections.append(f"one block carries {largest:.0%} of the gain")
     objections += effect.implausible(values)
     if not objections and not small:
@@ -278,6 +281,25 @@ def _acting(problem: Problem, fit: Refit, rest: Refit) -> np.ndarray:
     """(blocks,) bool: blocks that hold their share of what an effect changes, or a tenth of it."""
     energy = problem.block_sums((rest.errors - fit.errors) ** 2)
     return energy >= ACTING * energy.mean()
+
+
+def _enough(energy: np.ndarray) -> float:
+    """Share of the blocks in which an effect must help on held-out data.
+
+    With E what it changes in a block, whitened and in units of the noise's variance, the gain there is that of
+    2 (d·e) + E around its mean E with variance 4 E: positive with probability Φ(√E/2). A faint effect that is there
+    helps in as many blocks as that says, give or take chance.
+
+    Parameters
+    ----------
+    energy : (blocks,) array
+        E of the blocks in which it acts.
+    """
+    from scipy.special import ndtr
+
+    chances = ndtr(np.sqrt(energy) / 2)
+    expected, uncertain = chances.mean(), np.sqrt(np.sum(chances * (1 - chances))) / chances.size
+    return float(np.clip(expected - LUCK * uncertain, MAJORITY, BLOCKS_BETTER))
 
 
 def _contribution(problem: Problem, fit: Refit, rest: Refit) -> float:

@@ -249,7 +249,7 @@ class _Case:
         complete = phi[0] + 2 * phi[1] >= EXPLAINED and phi[0] >= (FORMS if forms else LEAST)
         said = ", ".join(j.effect.name for j in (*named, *contested))
         if not complete:
-            partly = phi[0] + 2 * phi[1] >= PARTLY and not forms
+            partly = phi[0] + 2 * phi[1] >= PARTLY and phi[0] >= LEAST and not forms
             word = "explains" if partly else "resembles it but explains"
             text = f"{said} {word} {phi[0]:.0%} of the excess error only; the rest is unexplained"
             return ("partly-explained" if partly else "unexplained"), text

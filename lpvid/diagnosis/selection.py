@@ -41,6 +41,8 @@ WORTH = 0.3
 """share of the negligible contribution that a candidate must promise by proportion to be refitted"""
 TASTE = 6
 """iterations of a first refit from each starting point"""
+STUBBORN, PATIENCE = 0.1, 2
+"""share of the promised log-likelihood below which a first refit goes on, and how many times it may"""
 STARTS = 3
 PALE = 0.6
 """share of the best grid point's gain below which another is no start"""
@@ -131,6 +133,7 @@ class Search:
         The effect to be avoided is not the first to be added.
         """
         evidence = [e for e in evidence if e.effect.name != avoid]
+        faint_before = False
         while len(self.fit.composition.effects) < MOST_EFFECTS:
             least = min((e.p_value for e in evidence), default=1.0)
             best = self.best_addition(evidence, found) if least < SIGNIFICANT else None
@@ -150,8 +153,9 @@ class Search:
             if faint and len(added) == 1:
                 size = len(fit.composition.effects)
                 self.prune()
-                if len(self.fit.composition.effects) == size:  # it takes no other's place: enough
+                if faint_before and len(self.fit.composition.effects) == size:  # it takes no other's place: enough
                     break
+                faint_before = True  # the sharpest evidence may be of small print that hides what is larger
             evidence, found = self.rewhiten()
             self.prune()
         return evidence, found
@@ -166,7 +170,9 @@ class Search:
         largest = sorted(weighty, key=lambda e: -worth[e.effect.name])[:LARGEST]
         listed = [e for k, e in enumerate(weighty) if k < SHORTLIST or e in largest] or listed[:1]
         self.say(f"tasting {', '.join(e.effect.name for e in listed)}")
-        fits = in_parallel(lambda e: self.taste((e.effect,), found), listed)
+        most = max((e.likelihood_ratio for e in listed), default=0.0)
+        fits = in_parallel(lambda e: self.taste((e.effect,), found, e.likelihood_ratio if e.likelihood_ratio > most / 2
+                                                else 0.0), listed)
         clock = self.problem.signals[0].sample_time
         tasted = [(e.effect, f) for e, f in zip(listed, fits, strict=True)
                   if not e.effect.unresolved(own_values(f, e.effect), clock)]
@@ -253,8 +259,11 @@ class Search:
         worth = WORTH * max(e.negligible for e in pair) * self.problem.spread
         return best > self.fit.variance * (DETECT + np.log(self.problem.n_samples)) and largest > worth
 
-    def taste(self, added: Sequence[Effect], found: Sequence[Direction]) -> Refit:
-        """The set with further effects after a few rough steps from the most promising grid points."""
+    def taste(self, added: Sequence[Effect], found: Sequence[Direction], promised: float = 0.0) -> Refit:
+        """The set with further effects after a few rough steps from the most promising grid points.
+
+        Where they keep little of the log-likelihood that was promised to first order, some more: the way may be bent.
+        """
         composition = self.enlarged(added)
         points = [starts(e, found) for e in added]
         names = [e.name for e in added]
@@ -262,6 +271,10 @@ class Search:
         tasted = [refit(self.problem, composition, placed(composition, self.fit, dict(zip(names, p, strict=True))),
                         iterations=TASTE, near=self.fit, rough=True) for p in pairs]
         best = min(tasted, key=lambda f: f.cost)
+        for _ in range(PATIENCE):
+            if (self.fit.cost - best.cost) / self.fit.variance > STUBBORN * promised:
+                break
+            best = refit(self.problem, composition, best.vector, iterations=2 * TASTE, rough=True)
         if len(added) > 1 or not self.others:
             return best
         grid = added[0].points(self.problem.signals)

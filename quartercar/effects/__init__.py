@@ -17,17 +17,11 @@ from quartercar.effects.hydraulics import (
     SeriesOrifice,
     ValveDynamics,
 )
-from quartercar.effects.measurement import (
-    DisplacementDelay,
-    ForceClipping,
-    ForceDelay,
-    ForceOffset,
-    OneSidedFilter,
-    SharedFilter,
-)
+from quartercar.effects.measurement import DisplacementDelay, ForceClipping, ForceDelay, ForceOffset, OneSidedFilter
 from quartercar.effects.model_structure import ColouredNoise, MissingScheduling, ModelOrder, SchedulingDegree
 from quartercar.effects.quantisation import Quantisation
 from quartercar.effects.sensors import ChannelSign, SensorScale
+from quartercar.effects.shared_filter import SharedFilter
 from quartercar.effects.structure import EndStop, FixtureInertia, FixtureResonance
 from quartercar.effects.thermal import ThermalFade, ViscousFade
 

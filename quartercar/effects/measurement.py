@@ -10,18 +10,10 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import read_earlier
+from quartercar.effects.spectra import lost
 
 MOTION = ("displacement", "velocity", "acceleration")
 """channels that one position sensor feeds"""
-QUIET = 0.3
-"""share of the Nyquist frequency, at the top of a channel's spectrum, whose level counts as its sensor's noise"""
-SHORT = 100
-"""samples below which nothing is undone"""
-EDGE, NOISY = 0.1, 0.002
-"""share of a channel's range that a jump between two samples makes, and of its size that is taken for noise"""
-STRETCH, ABOVE = 1.0, 2.0
-"""length of the stretches whose spectra are averaged before they are compared with that level [s]; times that they must
-stand above it"""
 
 
 def shifted(values: np.ndarray, samples: float) -> np.ndarray:
@@ -149,108 +141,6 @@ class OneSidedFilter(ChainEffect):
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("two more samples of the input", order=2)
-
-
-def lost(s: Signals, channel: str, factors: tuple[float, ...]) -> np.ndarray:
-    """(n,) Σ_k c_k dᵏx/dtᵏ of a channel, c from k = 1 on: what a low-pass with the inverse 1 + Σ_k c_k sᵏ took away.
-
-    Differentiated in the frequency domain, each frequency weighed with Wiener's share (S − 2N)₊/S, N the sensor's
-    noise taken twice to be safe, S the power: elsewhere to undo a filter raises little but noise. N is the level at the
-    top of the spectrum. The ends are continued by their odd reflection, which keeps the slope.
-    """
-    n = s[channel].size
-    if n < SHORT:
-        return np.zeros(n)
-    spectrum, omega, share = s.cached(("spectrum", channel), lambda: _spectrum(s[channel], s.sample_time))
-    inverse = sum(c * (1j * omega) ** (k + 1) for k, c in enumerate(factors))
-    return np.fft.irfft(spectrum * share * inverse, 2 * spectrum.size - 2)[n // 2: n // 2 + n]
-
-
-def _spectrum(x: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Spectrum of a channel continued at both ends, its frequencies [rad/s], and the share of each that is motion."""
-    from scipy.signal import welch
-
-    spectrum, omega = _continued(x, sample_time)
-    at, power = welch(x, 1 / sample_time, nperseg=min(x.size, round(STRETCH / sample_time)))
-    noise = float(np.median(power[-round(QUIET * power.size):]))
-    share = np.maximum(1 - ABOVE * noise / np.maximum(np.interp(omega, 2 * np.pi * at, power), 1e-300), 0.0)
-    return spectrum, omega, share
-
-
-def _continued(x: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Spectrum of a signal continued by its odd reflection at both ends and closed by a ramp; frequencies [rad/s]."""
-    from scipy.fft import next_fast_len
-
-    n = x.size
-    before = 2 * x[0] - x[1: n // 2 + 1][::-1]
-    after = 2 * x[-1] - x[-2: -2 - n // 2: -1]
-    longer = np.concatenate([before, x, after])
-    size = 2 * int(next_fast_len((longer.size + 1) // 2, real=True) or 0)
-    ramp = np.linspace(longer[-1], longer[0], size - longer.size + 2)[1:-1]
-    return np.fft.rfft(np.concatenate([longer, ramp])), 2 * np.pi * np.fft.rfftfreq(size, sample_time)
-
-
-class SharedFilter(ChainEffect):
-    """All channels have passed the same low-pass, which does not commute with a law that bends (sheet 1.4.10)."""
-
-    name: ClassVar[str] = "shared-filter"
-    title: ClassVar[str] = "all channels were low-passed alike, which a bent law does not commute with"
-    stage: ClassVar[str] = "measurement"
-    equation: ClassVar[str] = "F_recorded = F(X)/H, X = H X_recorded, H = 1 + 2 zeta T s + T^2 s^2"
-    reference: ClassVar[str] = "equation sheet 1.4.10, E4.10"
-    experiment: ClassVar[str] = "the same record at a higher corner frequency of the amplifiers' filters"
-    needs: ClassVar[tuple[str, ...]] = ("velocity",)
-    resolution: ClassVar[float] = 0.15
-    path: ClassVar[str] = "all"
-
-    @property
-    def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("time_constant", "s", "T = 1/(2 pi corner frequency)", 0.0, (0.0, 0.01), (0.0, 0.05),
-                                (5e-4, 1e-3, 3e-3)),
-                EffectParameter("damping", "", "zeta", 0.7071, (0.4, 1.2), (0.3, 2.0), (0.7071,)))
-
-    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        if any("current" in baseline.channels and s.has("current") and jumps(s["current"]) for s in signals):
-            return "the current jumps: what its filter took from the edges cannot be brought back"
-        return super().applies(baseline, signals)
-
-    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
-        t, zeta = float(values[0]), float(values[1])
-        if t <= 0:
-            return core
-
-        def run(s: Signals) -> np.ndarray:
-            if s.n_samples < SHORT:
-                return core(s)
-            return low_passed(core(_undone(s, t, zeta)), s.sample_time, t, zeta)
-
-        return run
-
-    def lpv_change(self) -> LpvChange | None:
-        return LpvChange("two more samples of input and output", order=2)
-
-
-def jumps(x: np.ndarray) -> bool:
-    """Whether a channel moves by a large part of its range from one sample to the next."""
-    return bool(x.size > 1 and np.abs(np.diff(x)).max() > EDGE * np.ptp(x) > NOISY * np.abs(x).max())
-
-
-def _undone(s: Signals, t: float, zeta: float) -> Signals:
-    """Signals before a filter that all channels have passed; those asked for last are kept."""
-    kept = s.cache.get("before the filter")  # a pair, so that threads that share the signals never see half of it
-    if kept is not None and kept[0] == (t, zeta):
-        return kept[1]
-    undone = s.replace(**{c: s[c] + lost(s, c, (2 * zeta * t, t**2)) for c in s.channels})
-    s.cache["before the filter"] = ((t, zeta), undone)
-    return undone
-
-
-def low_passed(x: np.ndarray, sample_time: float, t: float, zeta: float) -> np.ndarray:
-    """(n,) x behind 1/(1 + 2ζTs + T²s²), in the frequency domain, its ends continued by their odd reflection."""
-    spectrum, omega = _continued(x, sample_time)
-    s = 1j * omega
-    passed = spectrum / (1 + 2 * zeta * t * s + (t * s) ** 2)
-    return np.fft.irfft(passed, 2 * spectrum.size - 2)[x.size // 2: x.size // 2 + x.size]
 
 
 class ForceOffset(ChainEffect):

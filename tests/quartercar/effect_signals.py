@@ -55,3 +55,13 @@ def speed_itself(signals: Signals) -> np.ndarray:
 def nothing(signals: Signals) -> np.ndarray:
     """A law without force."""
     return np.zeros(signals.n_samples)
+
+
+def motion(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Displacement and velocity with content up to 9 Hz."""
+    x, v = np.zeros_like(times), np.zeros_like(times)
+    for size, frequency, phase in ((4e-3, 0.8, 0.3), (2e-3, 2.7, 1.0), (8e-4, 9.0, 2.0)):
+        w = 2 * np.pi * frequency
+        x += size * np.sin(w * times + phase)
+        v += size * w * np.cos(w * times + phase)
+    return x, v

@@ -4,32 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effect_signals import PERIOD, composed, guo, nothing, road_like, speed_itself
+from effect_signals import PERIOD, composed, guo, motion, nothing, road_like, speed_itself
 from scipy.signal import bilinear, lfilter
 
 from lpvid.diagnosis.signals import Signals
-from quartercar.effects.measurement import (
-    DisplacementDelay,
-    ForceClipping,
-    ForceDelay,
-    ForceOffset,
-    OneSidedFilter,
-    SharedFilter,
-    jumps,
-)
+from quartercar.effects.measurement import DisplacementDelay, ForceClipping, ForceDelay, ForceOffset, OneSidedFilter
 from quartercar.effects.quantisation import Quantisation, grid_step, mean_rounding, smoothed_within
 
 FINE = 16
-
-
-def motion(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Displacement and velocity with content up to 9 Hz."""
-    x, v = np.zeros_like(times), np.zeros_like(times)
-    for size, frequency, phase in ((4e-3, 0.8, 0.3), (2e-3, 2.7, 1.0), (8e-4, 9.0, 2.0)):
-        w = 2 * np.pi * frequency
-        x += size * np.sin(w * times + phase)
-        v += size * w * np.cos(w * times + phase)
-    return x, v
 
 
 def recorded(x: np.ndarray, v: np.ndarray, **more: np.ndarray) -> Signals:
@@ -98,29 +80,6 @@ class TestOneSidedFilter:
         noise = recorded(1e-6 * rng.standard_normal(4096), 3e-4 * rng.standard_normal(4096))
         got = composed(OneSidedFilter(), [0.008, 0.7071, 0.0], noise, speed_itself)
         assert got.std() < 1.05 * noise["velocity"].std()
-
-
-class TestSharedFilter:
-    @pytest.mark.parametrize("corner", [80.0, 160.0])
-    def test_channels_through_the_same_filter(self, corner: float) -> None:
-        """A bent law of a filtered motion is not the filtered law: the cause makes up for the difference."""
-        period = 1 / (2 * np.pi * corner)
-        t = PERIOD / FINE * np.arange(4096 * FINE)
-        b, a = bilinear([1.0], [period**2, 1.4142 * period, 1.0], FINE / PERIOD)
-        x, v = motion(t)
-        channels = [x, v, np.tanh(v / 0.02)]
-        x, v, force = ((lfilter(b, a, c - c[0]) + c[0])[::FINE] for c in channels)
-        s = recorded(x, v)
-        law = lambda signals: np.tanh(signals["velocity"] / 0.02)  # noqa: E731
-        inside = slice(256, -256)
-        before = np.std((force - law(s))[inside])
-        after = np.std((force - composed(SharedFilter(), [period, 0.7071], s, law))[inside])
-        assert after < 0.3 * before
-
-    def test_a_current_that_jumps_is_not_undone(self) -> None:
-        assert jumps(np.repeat([0.0, 1.0, 0.5], 50)) and not jumps(np.full(100, 0.7))
-        assert not jumps(np.sin(np.arange(200) / 20))
-        assert not jumps(0.7 + 1e-4 * (-1.0) ** np.arange(100)), "a sensor's last digit is no current"
 
 
 class TestZeroAndRange:

@@ -1,0 +1,148 @@
+"""Edges of a current that jumps, recorded behind a low-pass: where each began, and the current before the filter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.diagnosis.signals import Signals
+
+EDGE, NOISY = 0.1, 0.002
+"""share of a channel's range that a jump between two samples makes, and of its size that is taken for noise"""
+STEP = 0.01
+"""share of its range by which a current that jumps must move between two samples to be on its way"""
+BUSY, SLOWEST = 0.012, 0.03
+"""time after the start of a jump during which a filter may still be busy with it, where that must be guessed, and for
+which the current is put at its level [s]"""
+TURNS, EARLIER, ASTRAY = 3, 2, 1.6
+"""samples that one jump may rest at the turn of its overshoot; the most by which it may begin before it is seen; and
+the way that it may go, to and fro, in jumps"""
+LASTS, LEAST, RIPPLE = 6, 2, 0.1
+"""samples after a jump and before the next by which a level is told, the least of them, and the share of the jump by
+which it may change meanwhile"""
+SEEN = 5
+"""samples after its start by which a jump is placed"""
+PLACES = np.linspace(-0.3, 1.05, 28)
+"""where a jump may begin, in samples after the last one that has not moved by `STEP`"""
+
+
+def jumps(x: np.ndarray) -> bool:
+    """Whether a channel moves by a large part of its range from one sample to the next."""
+    return bool(x.size > 1 and np.abs(np.diff(x)).max() > EDGE * np.ptp(x) > NOISY * np.abs(x).max())
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """Jumps of a current between levels.
+
+    Attributes
+    ----------
+    first, until, next : (k,) int arrays
+        Last sample before each, the first sample on which a filter is no longer busy with it, and the first one beyond
+        those that it may rule.
+    before, after : (k,) arrays
+        Levels [A]; NaN where one does not last.
+    size : int
+        Samples of the current.
+    """
+
+    first: np.ndarray
+    until: np.ndarray
+    next: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    size: int
+
+    @property
+    def known(self) -> np.ndarray:
+        """(k,) bool: those between levels that last."""
+        return np.isfinite(self.before) & np.isfinite(self.after)
+
+    def near(self, some: np.ndarray) -> np.ndarray:
+        """(n,) bool: samples on which a filter may be busy with some of them, (k,) bool."""
+        change = np.zeros(self.size + 1)
+        np.add.at(change, self.first[some], 1.0)
+        np.add.at(change, self.until[some], -1.0)
+        return np.cumsum(change)[:-1] > 0
+
+
+def find_edges(current: np.ndarray, sample_time: float) -> Edges:
+    """The jumps of a current.
+
+    Examples
+    --------
+    >>> e = find_edges(np.repeat([0.0, 2.0, 1.0], 10), 0.002)
+    >>> e.first.tolist(), e.before.tolist(), e.after.tolist()
+    ([9, 19], [0.0, 2.0], [2.0, 1.0])
+    """
+    moving = np.flatnonzero(np.abs(np.diff(current)) > STEP * np.ptp(current))
+    if not moving.size:
+        return Edges(*(np.zeros(0, int),) * 3, *(np.zeros(0),) * 2, current.size)
+    parted = np.flatnonzero(np.diff(moving) > TURNS)
+    first = moving[np.concatenate([[0], parted + 1])]
+    last = moving[np.concatenate([parted, [moving.size - 1]])] + 1
+    seen = STEP * np.abs(current[last] - current[first])
+    for _ in range(EARLIER):  # a small one is on its way before it is seen by the measure of the range
+        begun = np.abs(current[first] - current[np.maximum(first - 1, 0)]) > seen
+        first = np.where(begun & (np.append(-1, last[:-1]) < first - 1), first - 1, first)
+    move = RIPPLE * np.abs(current[last] - current[first])
+    ends = np.append(first, current.size - 1)
+    starts = np.append(0, last)
+    rests = [current[a:b + 1] for a, b in zip(starts, ends, strict=True)]
+    before = np.array([_level(r[max(r.size - LASTS, r.size // 2):], m) for r, m in zip(rests[:-1], move, strict=True)])
+    after = np.array([_level(r[min(LASTS, r.size // 2):][:LASTS], m) for r, m in zip(rests[1:], move, strict=True)])
+    way = np.array([np.abs(np.diff(current[a:b + 1])).sum() for a, b in zip(first, last, strict=True)])
+    after[way * RIPPLE > ASTRAY * move] = np.nan  # several jumps at once
+    until, then = (np.minimum(first + 1 + round(time / sample_time), ends[1:] + 1) for time in (BUSY, SLOWEST))
+    return Edges(first, until, then, before, after, current.size)
+
+
+def _level(rest: np.ndarray, ripple: float) -> float:
+    """Where a current rests; NaN where it does not."""
+    return float(np.median(rest)) if rest.size >= LEAST and np.ptp(rest) < ripple else np.nan
+
+
+def step_response(time: np.ndarray, t: float, zeta: float) -> np.ndarray:
+    """Of 1/(1 + 2ζTs + T²s²) to a unit step at 0, with the poles s₁, s₂: 1 + (s₂ e^{s₁ t} − s₁ e^{s₂ t})/(s₁ − s₂)."""
+    root = np.sqrt(complex(zeta**2 - 1 + 1e-9))
+    one, two = (-zeta + root) / t, (-zeta - root) / t
+    late = np.maximum(time, 0.0)
+    return np.real(1 + (two * np.exp(one * late) - one * np.exp(two * late)) / (one - two))
+
+
+def current_before(s: Signals, edges: Edges, t: float, zeta: float, finer: int) -> np.ndarray:
+    """(n finer,) a current before the low-pass, on a clock `finer` times as fast: its known edges jump at once.
+
+    A jump between known levels that the filter has made round is placed by least squares over the samples that follow,
+    anywhere between two of them; elsewhere the current is as recorded.
+    """
+    current, period = s["current"], s.sample_time
+    fine = np.repeat(current, finer)
+    known = edges.known
+    first, before = edges.first[known], edges.before[known]
+    size = edges.after[known] - before
+    if not first.size:
+        return fine
+    after = np.arange(1, SEEN + 1)
+    expected = step_response(period * (after[None, :] - PLACES[:, None]), t, zeta)
+    seen = np.minimum(first[:, None] + after, current.size - 1)
+    counts = (seen < edges.next[known][:, None]).astype(float)
+    part = (current[seen] - before[:, None]) / size[:, None]
+    misfit = np.sum(counts[:, None, :] * (part[:, None, :] - expected[None]) ** 2, axis=2)
+    begun = finer * (first + _lowest(misfit))
+    cells = finer * first[:, None] + np.arange(finer * (1 + round(SLOWEST / period)))
+    inside = cells < finer * edges.next[known][:, None]
+    covered = np.clip(cells - begun[:, None] + 0.5, 0.0, 1.0)
+    fine[cells[inside]] = (before[:, None] + size[:, None] * covered)[inside]
+    return fine
+
+
+def _lowest(misfit: np.ndarray) -> np.ndarray:
+    """(k,) places of least misfit, (k, places), by the parabola through the lowest and its neighbours."""
+    at = np.clip(np.argmin(misfit, axis=1), 1, PLACES.size - 2)
+    k = np.arange(at.size)
+    a, b, c = misfit[k, at - 1], misfit[k, at], misfit[k, at + 1]
+    bend = a - 2 * b + c
+    shift = np.where(bend > 0, 0.5 * (a - c) / np.where(bend > 0, bend, 1.0), 0.0)
+    return PLACES[at] + np.clip(shift, -1.0, 1.0) * (PLACES[1] - PLACES[0])

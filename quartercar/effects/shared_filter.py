@@ -1,0 +1,94 @@
+"""Shared filter: every channel has passed the same low-pass, with which a law that bends does not commute."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.effect import EffectParameter, LpvChange
+from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.current_edges import Edges, current_before, find_edges, jumps
+from quartercar.effects.electrical import held
+from quartercar.effects.measurement import ChainEffect
+from quartercar.effects.spectra import SHORT, before_filter, low_passed
+
+FAST, FINEST = 2000.0, 8
+"""rate at which a law without memory is asked [1/s]: what it makes of a motion goes beyond half the sample rate, where
+the filter would have taken it away; and the most samples that are put between two for that"""
+
+
+class SharedFilter(ChainEffect):
+    """All channels have passed the same low-pass, which does not commute with a law that bends (sheet 1.4.10).
+
+    The edges of a current that jumps between levels are put where the filter's own step response says that they were
+    (`current_edges`). A current whose edges take no time at all has not passed it; around those, and around edges
+    between levels that do not last, the simulation stays as it is.
+    """
+
+    name: ClassVar[str] = "shared-filter"
+    title: ClassVar[str] = "all channels were low-passed alike, which a bent law does not commute with"
+    stage: ClassVar[str] = "measurement"
+    equation: ClassVar[str] = "F_recorded = F(X)/H, X = H X_recorded, H = 1 + 2 zeta T s + T^2 s^2"
+    reference: ClassVar[str] = "equation sheet 1.4.10, E4.10"
+    experiment: ClassVar[str] = "the same record at a higher corner frequency of the amplifiers' filters"
+    needs: ClassVar[tuple[str, ...]] = ("velocity",)
+    resolution: ClassVar[float] = 0.15
+    path: ClassVar[str] = "all"
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("time_constant", "s", "T = 1/(2 pi corner frequency)", 0.0, (0.0, 0.01), (0.0, 0.05),
+                                (5e-4, 1e-3, 3e-3)),
+                EffectParameter("damping", "", "zeta", 0.7071, (0.4, 1.2), (0.3, 2.0), (0.7071,)))
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        t, zeta = float(values[0]), float(values[1])
+        if t <= 0:
+            return core
+
+        def run(s: Signals) -> np.ndarray:
+            if s.n_samples < SHORT:
+                return core(s)
+            finer = int(np.clip(np.ceil(FAST * s.sample_time), 1, FINEST)) if baseline.static else 1
+            edges = s.fact("current", "edges", lambda c: _edges(c, s.sample_time)) if s.has("current") else None
+            filtered = edges is not None and baseline.static and not held(s)
+            before = _before(s, t, zeta, finer, edges, filtered)
+            passed = low_passed(core(before), s.sample_time / finer, t, zeta)[::finer]
+            if edges is None:
+                return passed
+            left = edges.near(~edges.known if filtered else np.full(edges.first.size, True))
+            return np.where(left, core(s), passed) if left.any() else passed
+
+        return run
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("two more samples of input and output", order=2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    """Signals before a filter, and what they were asked for."""
+
+    key: tuple[float, float, int]
+    signals: Signals
+
+
+def _edges(current: np.ndarray, sample_time: float) -> Edges | None:
+    return find_edges(current, sample_time) if jumps(current) else None
+
+
+def _before(s: Signals, t: float, zeta: float, finer: int, edges: Edges | None, filtered: bool) -> Signals:
+    """Signals before a filter that all channels have passed, `finer` times as fast; those asked for last are kept."""
+    kept = s.cache.get("before the filter")  # one object, so that threads that share the signals never see half of it
+    if kept is not None and kept.key == (t, zeta, finer):
+        return kept.signals
+    factors = (2 * zeta * t, t**2)
+    channels = {c: before_filter(s, c, factors, finer) for c in s.channels if c != "current" or edges is None}
+    if edges is not None:
+        channels["current"] = current_before(s, edges, t, zeta, finer) if filtered else np.repeat(s["current"], finer)
+    undone = Signals(s.sample_time / finer, channels, np.repeat(s.output, finer), s.name, s.span, record=s.record)
+    s.cache["before the filter"] = _Kept((t, zeta, finer), undone)
+    return undone

@@ -1,0 +1,74 @@
+"""Spectra: what a low-pass took from a recorded signal, and the same low-pass once more."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lpvid.diagnosis.signals import Signals
+
+QUIET = 0.3
+"""share of the Nyquist frequency, at the top of a channel's spectrum, whose level counts as its sensor's noise"""
+SHORT = 100
+"""samples below which nothing is undone"""
+STRETCH, ABOVE = 1.0, 2.0
+"""length of the stretches whose spectra are averaged before they are compared with that level [s]; times that they must
+stand above it"""
+
+
+def lost(s: Signals, channel: str, factors: tuple[float, ...]) -> np.ndarray:
+    """(n,) Σ_k c_k dᵏx/dtᵏ of a channel, c from k = 1 on: what a low-pass with the inverse 1 + Σ_k c_k sᵏ took away.
+
+    Differentiated in the frequency domain, each frequency weighed with Wiener's share (S − 2N)₊/S, N the sensor's
+    noise taken twice to be safe, S the power: elsewhere to undo a filter raises little but noise. N is the level at the
+    top of the spectrum. The ends are continued by their odd reflection, which keeps the slope.
+    """
+    n = s[channel].size
+    if n < SHORT:
+        return np.zeros(n)
+    spectrum, omega, share = s.cached(("spectrum", channel), lambda: _spectrum(s[channel], s.sample_time))
+    inverse = sum(c * (1j * omega) ** (k + 1) for k, c in enumerate(factors))
+    return np.fft.irfft(spectrum * share * inverse, 2 * spectrum.size - 2)[n // 2: n // 2 + n]
+
+
+def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: int) -> np.ndarray:
+    """(n finer,) a channel before the low-pass with the inverse 1 + Σ_k c_k sᵏ, on a clock `finer` times as fast.
+
+    As `lost`, and band-limited in between.
+    """
+    n = s[channel].size
+    spectrum, omega, share = s.cached(("spectrum", channel), lambda: _spectrum(s[channel], s.sample_time))
+    inverse = sum(c * (1j * omega) ** (k + 1) for k, c in enumerate(factors))
+    size = finer * (2 * spectrum.size - 2)
+    return finer * np.fft.irfft(spectrum * (1 + share * inverse), size)[finer * (n // 2): finer * (n // 2 + n)]
+
+
+def low_passed(x: np.ndarray, sample_time: float, t: float, zeta: float) -> np.ndarray:
+    """(n,) x behind 1/(1 + 2ζTs + T²s²), in the frequency domain, its ends continued by their odd reflection."""
+    spectrum, omega = _continued(x, sample_time)
+    s = 1j * omega
+    passed = spectrum / (1 + 2 * zeta * t * s + (t * s) ** 2)
+    return np.fft.irfft(passed, 2 * spectrum.size - 2)[x.size // 2: x.size // 2 + x.size]
+
+
+def _spectrum(x: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Spectrum of a channel continued at both ends, its frequencies [rad/s], and the share of each that is motion."""
+    from scipy.signal import welch
+
+    spectrum, omega = _continued(x, sample_time)
+    at, power = welch(x, 1 / sample_time, nperseg=min(x.size, round(STRETCH / sample_time)))
+    noise = float(np.median(power[-round(QUIET * power.size):]))
+    share = np.maximum(1 - ABOVE * noise / np.maximum(np.interp(omega, 2 * np.pi * at, power), 1e-300), 0.0)
+    return spectrum, omega, share
+
+
+def _continued(x: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray]:
+    """Spectrum of a signal continued by its odd reflection at both ends and closed by a ramp; frequencies [rad/s]."""
+    from scipy.fft import next_fast_len
+
+    n = x.size
+    before = 2 * x[0] - x[1: n // 2 + 1][::-1]
+    after = 2 * x[-1] - x[-2: -2 - n // 2: -1]
+    longer = np.concatenate([before, x, after])
+    size = 2 * int(next_fast_len((longer.size + 1) // 2, real=True) or 0)
+    ramp = np.linspace(longer[-1], longer[0], size - longer.size + 2)[1:-1]
+    return np.fft.rfft(np.concatenate([longer, ramp])), 2 * np.pi * np.fft.rfftfreq(size, sample_time)
