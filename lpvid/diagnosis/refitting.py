@@ -16,6 +16,8 @@ PROMISE, ROUGHLY = 0.02, 0.3
 """fall of the log-likelihood that a step must promise to be worth a run, and in a rough refit"""
 KEPT = 0.25
 """share of its promise that a step by a carried-on Jacobian must keep, else it may lead into another valley"""
+SHORTER = (1.0, 0.3, 0.1)
+"""shares of a step that are tried one after the other before it is damped: the valley may be bent"""
 MAX_DAMPING = 1e10
 SECANTS = 4
 """steps for which a Jacobian is carried on by secants (Broyden 1965) before it is taken anew"""
@@ -154,10 +156,13 @@ def descend(problem: Problem, composition: Composition, start: np.ndarray, fold:
                 break
             jacobian, age = _jacobian(problem, composition, vector, errors), 0
             continue
-        trial = np.clip(vector + step, low, high)
-        moved = problem.errors(composition, trial)
-        trial_stacked = problem.stack(moved)
-        trial_cost = float(trial_stacked[inside] @ trial_stacked[inside])
+        for share in (SHORTER if age == 0 else SHORTER[:1]):
+            trial = np.clip(vector + share * step, low, high)
+            moved = problem.errors(composition, trial)
+            trial_stacked = problem.stack(moved)
+            trial_cost = float(trial_stacked[inside] @ trial_stacked[inside])
+            if cost - trial_cost > (KEPT * promised if age else 0.0):
+                break
         if cost - trial_cost > (KEPT * promised if age else 0.0):
             _carry(jacobian, trial - vector, stacked - trial_stacked)
             vector, errors, stacked, cost, age = trial, moved, trial_stacked, trial_cost, age + 1

@@ -34,7 +34,9 @@ class Signals:
         Where the record lies in the time of all records of a diagnosis, 0 their start and 1 their end; None for a
         record of its own, about whose place nothing is known.
     record : Signals, optional
-        Those whose range counts where these hold other values, at which a law is only asked.
+        Those whose range and history count where these hold other values, at which a law is only asked.
+    at : (n,) array, optional
+        Where each sample lies in that record, counted in its samples; None where they are its own, in order.
     """
 
     sample_time: float
@@ -45,6 +47,7 @@ class Signals:
     cache: dict = field(default_factory=dict, repr=False)
     facts: dict = field(default_factory=dict, repr=False)
     record: Signals | None = field(default=None, repr=False)
+    at: np.ndarray | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", MappingProxyType(dict(self.channels)))
@@ -59,6 +62,10 @@ class Signals:
         """(n,) time from the first sample [s]."""
         return self.sample_time * np.arange(self.n_samples)
 
+    def of_record(self, values: np.ndarray) -> np.ndarray:
+        """(n,) what is known along the record, (samples of it,), at these samples."""
+        return values if self.at is None else np.interp(self.at, np.arange(values.size), values)
+
     def has(self, role: str) -> bool:
         """Whether a channel is there."""
         return role in self.channels
@@ -70,7 +77,7 @@ class Signals:
         """The same signals with some channels replaced or added; what was cached is forgotten, but for `fact`."""
         facts = {key: found for key, found in self.facts.items() if key[0] not in channels}
         return Signals(self.sample_time, {**self.channels, **channels}, self.output, self.name, self.span, facts=facts,
-                       record=self.record)
+                       record=self.record, at=self.at)
 
     def asked(self, **channels: np.ndarray) -> Signals:
         """Signals with some channels replaced, at which a law is only asked: these stay the record."""

@@ -21,6 +21,8 @@ the way that it may go, to and fro, in jumps"""
 LASTS, LEAST, RIPPLE = 6, 2, 0.1
 """samples after a jump and before the next by which a level is told, the least of them, and the share of the jump by
 which it may change meanwhile"""
+MISSED = 0.01
+"""share of a jump by which the first sample after it misses the level where a filter has been at work"""
 SEEN = 5
 """samples after its start by which a jump is placed"""
 PLACES = np.linspace(-0.3, 1.05, 28)
@@ -78,7 +80,8 @@ def find_edges(current: np.ndarray, sample_time: float) -> Edges:
     """
     moving = np.flatnonzero(np.abs(np.diff(current)) > STEP * np.ptp(current))
     if not moving.size:
-        return Edges(*(np.zeros(0, int),) * 3, *(np.zeros(0),) * 2, current.size)
+        none, nowhere = np.zeros(0), np.zeros(0, int)
+        return Edges(nowhere, nowhere, nowhere, none, none, current.size)
     parted = np.flatnonzero(np.diff(moving) > TURNS)
     first = moving[np.concatenate([[0], parted + 1])]
     last = moving[np.concatenate([parted, [moving.size - 1]])] + 1
@@ -101,6 +104,26 @@ def find_edges(current: np.ndarray, sample_time: float) -> Edges:
 def _level(rest: np.ndarray, ripple: float) -> float:
     """Where a current rests; NaN where it does not."""
     return float(np.median(rest)) if rest.size >= LEAST and np.ptp(rest) < ripple else np.nan
+
+
+def at_once(current: np.ndarray, edges: Edges) -> bool:
+    """Whether a current jumps from level to level within a sample, which behind a filter it would not.
+
+    One that lags misses its level at the first sample, and one that overshoots misses it by as much everywhere.
+
+    Examples
+    --------
+    >>> steps = np.repeat([0.0, 2.0, 1.0, 1.5], 10)
+    >>> behind = np.convolve(steps, [1.04, -0.04])[:40]
+    >>> at_once(steps, find_edges(steps, 0.002)), at_once(behind, find_edges(behind, 0.002))
+    (True, False)
+    """
+    known = edges.known
+    if not known.any():
+        return True
+    seen = np.minimum(edges.first[known] + 1, current.size - 1)
+    missed = (current[seen] - edges.after[known]) / (edges.after[known] - edges.before[known])
+    return bool(abs(float(np.median(missed))) < MISSED)
 
 
 def step_response(time: np.ndarray, t: float, zeta: float) -> np.ndarray:

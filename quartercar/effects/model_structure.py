@@ -89,10 +89,11 @@ class MissingScheduling(Effect):
         def run(s: Signals) -> np.ndarray:
             if s.span is None:
                 return core(s)
+            record = s if s.record is None else s.record
             first, last = s.span
-            modes = s.cached(("slow modes", s.span), lambda: np.cos(
-                np.pi * np.outer(np.linspace(first, last, s.n_samples), np.arange(1, MODES + 1))))
-            return core(s) * (1 + modes @ values)
+            modes = record.cached(("slow modes", s.span), lambda: np.cos(
+                np.pi * np.outer(np.linspace(first, last, record.n_samples), np.arange(1, MODES + 1))))
+            return core(s) * s.of_record(1 + modes @ values)
 
         return run
 
@@ -110,7 +111,7 @@ class ModelOrder(GridEffect):
     catch_all: ClassVar[bool] = True
     title: ClassVar[str] = "a further dynamic mode between motion and force"
     family: ClassVar[str] = "model"
-    stage: ClassVar[str] = "series"
+    stage: ClassVar[str] = "force"
     equation: ClassVar[str] = "F -> F + g (q - F), q = F/(1 + 2 zeta T s + T^2 s^2)"
     reference: ClassVar[str] = "equation sheet 7.1"
     experiment: ClassVar[str] = "a sweep beyond 50 Hz at small amplitude"

@@ -146,8 +146,9 @@ class Stages:
         if "displacement" in channels:
             channels["displacement"] = channels["displacement"] - self.trace[:, 1]
         channels["velocity"] = self.trace[:, 0].copy()
-        size = self.last.size
-        return tuple(self._part(channels, slice(k, k + AT_ONCE)) for k in range(0, size, AT_ONCE))
+        own = np.arange(s.n_samples, dtype=float) if s.at is None else s.at
+        at, size = self._between(own, own), self.last.size
+        return tuple(self._part(channels, at, slice(k, k + AT_ONCE)) for k in range(0, size, AT_ONCE))
 
     def _asked(self, core: Core) -> np.ndarray:
         return np.concatenate([core(part) for part in self.signals])
@@ -161,15 +162,17 @@ class Stages:
         """Some of the stages alone, and before the same ones at other speeds."""
         first = self.signals[0]
         probed = np.linspace(0, first.n_samples - 1, min(PROBED, first.n_samples)).astype(int)
-        few = self._part(first.channels, probed)
+        assert first.at is not None
+        few = self._part(first.channels, first.at, probed)
         among = {role: np.tile(c, 2) for role, c in few.channels.items()}
         among["velocity"][probed.size:] *= FASTER
-        return few, self._part(among, slice(None))
+        return few, self._part(among, np.tile(first.at[probed], 2), slice(None))
 
-    def _part(self, channels: Mapping[str, np.ndarray], which: slice | np.ndarray) -> Signals:
+    def _part(self, channels: Mapping[str, np.ndarray], at: np.ndarray, which: slice | np.ndarray) -> Signals:
         found = {role: c[which] for role, c in channels.items()}
         s = self.s
-        return Signals(s.sample_time, found, np.zeros(found["velocity"].size), s.name, s.span, record=s.record or s)
+        return Signals(s.sample_time, found, np.zeros(found["velocity"].size), s.name, s.span, record=s.record or s,
+                       at=at[which])
 
     def _between(self, values: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Values at samples, straight from each to `before` the next, at the stages."""
@@ -183,5 +186,6 @@ class Stages:
 def _alike(a: Signals, b: Signals) -> bool:
     """Whether two signals hold the same numbers."""
     return a is b or (a.sample_time == b.sample_time and a.span == b.span and a.channels.keys() == b.channels.keys()
+                      and (a.at is b.at or (a.at is not None and b.at is not None and np.array_equal(a.at, b.at)))
                       and all(a[r] is b[r] or np.array_equal(a[r], b[r]) for r in a.channels)
                       and (a.output is b.output or np.array_equal(a.output, b.output)))

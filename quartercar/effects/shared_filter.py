@@ -10,8 +10,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
-from quartercar.effects.current_edges import Edges, current_before, find_edges, jumps
-from quartercar.effects.electrical import held
+from quartercar.effects.current_edges import Edges, at_once, current_before, find_edges, jumps
 from quartercar.effects.measurement import ChainEffect
 from quartercar.effects.spectra import SHORT, before_filter, low_passed
 
@@ -24,8 +23,8 @@ class SharedFilter(ChainEffect):
     """All channels have passed the same low-pass, which does not commute with a law that bends (sheet 1.4.10).
 
     The edges of a current that jumps between levels are put where the filter's own step response says that they were
-    (`current_edges`). A current whose edges take no time at all has not passed it; around those, and around edges
-    between levels that do not last, the simulation stays as it is.
+    (`current_edges`); around those between levels that do not last the simulation stays as it is. A current whose edges
+    take no time at all has passed no filter, and the cause is refused.
     """
 
     name: ClassVar[str] = "shared-filter"
@@ -44,6 +43,13 @@ class SharedFilter(ChainEffect):
                                 (5e-4, 1e-3, 3e-3)),
                 EffectParameter("damping", "", "zeta", 0.7071, (0.4, 1.2), (0.3, 2.0), (0.7071,)))
 
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        for s in signals if "current" in baseline.channels else ():
+            edges = _edges(s)
+            if edges is not None and at_once(s["current"], edges):
+                return "the current jumps from one sample to the next: it has passed no filter"
+        return super().applies(baseline, signals)
+
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         t, zeta = float(values[0]), float(values[1])
         if t <= 0:
@@ -53,13 +59,12 @@ class SharedFilter(ChainEffect):
             if s.n_samples < SHORT:
                 return core(s)
             finer = int(np.clip(np.ceil(FAST * s.sample_time), 1, FINEST)) if baseline.static else 1
-            edges = s.fact("current", "edges", lambda c: _edges(c, s.sample_time)) if s.has("current") else None
-            filtered = edges is not None and baseline.static and not held(s)
-            before = _before(s, t, zeta, finer, edges, filtered)
+            edges = _edges(s)
+            before = _before(s, t, zeta, finer, edges, baseline.static)
             passed = low_passed(core(before), s.sample_time / finer, t, zeta)[::finer]
             if edges is None:
                 return passed
-            left = edges.near(~edges.known if filtered else np.full(edges.first.size, True))
+            left = edges.near(~edges.known if baseline.static else np.full(edges.first.size, True))
             return np.where(left, core(s), passed) if left.any() else passed
 
         return run
@@ -76,19 +81,25 @@ class _Kept:
     signals: Signals
 
 
-def _edges(current: np.ndarray, sample_time: float) -> Edges | None:
-    return find_edges(current, sample_time) if jumps(current) else None
+def _edges(s: Signals) -> Edges | None:
+    """Of the current, if there is one and it jumps."""
+    if not s.has("current"):
+        return None
+    return s.fact("current", "edges", lambda c: find_edges(c, s.sample_time) if jumps(c) else None)
 
 
-def _before(s: Signals, t: float, zeta: float, finer: int, edges: Edges | None, filtered: bool) -> Signals:
-    """Signals before a filter that all channels have passed, `finer` times as fast; those asked for last are kept."""
+def _before(s: Signals, t: float, zeta: float, finer: int, edges: Edges | None, sharp: bool) -> Signals:
+    """Signals before a filter that all channels have passed, `finer` times as fast; those asked for last are kept.
+
+    The current's edges are made sharp only for a law that can be asked between the samples.
+    """
     kept = s.cache.get("before the filter")  # one object, so that threads that share the signals never see half of it
     if kept is not None and kept.key == (t, zeta, finer):
         return kept.signals
     factors = (2 * zeta * t, t**2)
     channels = {c: before_filter(s, c, factors, finer) for c in s.channels if c != "current" or edges is None}
     if edges is not None:
-        channels["current"] = current_before(s, edges, t, zeta, finer) if filtered else np.repeat(s["current"], finer)
+        channels["current"] = current_before(s, edges, t, zeta, finer) if sharp else s["current"]
     undone = Signals(s.sample_time / finer, channels, np.repeat(s.output, finer), s.name, s.span, record=s.record)
     s.cache["before the filter"] = _Kept((t, zeta, finer), undone)
     return undone

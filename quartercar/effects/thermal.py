@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
@@ -24,6 +25,46 @@ def stored_heat(s: Signals, power: np.ndarray, cooling: float) -> np.ndarray:
     decay = np.exp(-s.sample_time / cooling)
     warmed = np.maximum(power, 0.0) * cooling * -np.expm1(-s.sample_time / cooling)
     return np.concatenate([[0.0], np.asarray(lfilter([1.0], [1.0, -decay], warmed))[:-1]])
+
+
+Parts = tuple[np.ndarray, ...]
+"""what of a cold force the heat acts upon differently, (n,) each, the whole of it first"""
+
+
+def heated(cold: Callable[[Signals], Parts], warm: Callable[[Parts, np.ndarray], np.ndarray], cooling: float) -> Core:
+    """A core that the heat of its own work changes.
+
+    Where a law is only asked, at other speeds than the record's, the heat is what the record has left until then.
+
+    Parameters
+    ----------
+    cold : callable
+    warm : callable
+        Those parts and the heat at their samples, (n,) [J], to the force, (n,).
+    cooling : float
+        Time constant [s].
+    """
+    known: list[tuple[Signals, np.ndarray]] = []
+
+    def heat_along(record: Signals, parts: Parts | None = None) -> np.ndarray:
+        for s, heat in known:
+            if s is record:
+                return heat
+        parts = parts or cold(record)
+        force, heat = parts[0], np.zeros(record.n_samples)
+        for _ in range(SWEEPS):
+            heat = stored_heat(record, force * record["velocity"], cooling)
+            force = warm(parts, heat)
+        known.append((record, heat))
+        return heat
+
+    def run(s: Signals) -> np.ndarray:
+        if s.record is None:
+            parts = cold(s)
+            return warm(parts, heat_along(s, parts))
+        return warm(cold(s), s.of_record(heat_along(s.record)))
+
+    return run
 
 
 class ThermalEffect(GridEffect):
@@ -50,21 +91,17 @@ class ThermalFade(ThermalEffect):
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("fade", "1/J", "a, share of the force lost per joule of heat", 0.0, (0.0, 1e-3),
                                 (0.0, 1e-2), (5e-6, 5e-5, 5e-4)),
-                EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (2.0, 2900.0), COOLING))
+                EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (5.0, 2900.0), COOLING))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         fade, cooling = float(values[0]), float(values[1])
         if fade <= 0:
             return core
 
-        def run(s: Signals) -> np.ndarray:
-            cold = force = core(s)
-            for _ in range(SWEEPS):
-                heat = stored_heat(s, force * s["velocity"], cooling)
-                force = cold * np.maximum(1 - fade * heat, 0.05)
-            return force
+        def warm(parts: Parts, heat: np.ndarray) -> np.ndarray:
+            return parts[0] * np.maximum(1 - fade * heat, 0.05)
 
-        return run
+        return heated(lambda s: (core(s),), warm, cooling)
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("the heat as a slow second scheduling variable", schedule=("heat",))
@@ -82,21 +119,20 @@ class ViscousFade(ThermalEffect):
     def parameters(self) -> tuple[EffectParameter, ...]:
         return (EffectParameter("fade", "1/J", "b, share of the damping lost per joule of heat, at first", 0.0,
                                 (0.0, 1e-2), (0.0, 0.1), (2e-5, 2e-4, 2e-3)),
-                EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (2.0, 2900.0), COOLING))
+                EffectParameter("cooling_time", "s", "tau = C/(hA)", 60.0, (5.0, 2000.0), (5.0, 2900.0), COOLING))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         fade, cooling = float(values[0]), float(values[1])
         if fade <= 0:
             return core
 
-        def run(s: Signals) -> np.ndarray:
-            cold = force = core(s)
-            viscous = viscous_slope(s, core, baseline) * s["velocity"]
-            for _ in range(SWEEPS):
-                force = cold + viscous * np.expm1(-fade * stored_heat(s, force * s["velocity"], cooling))
-            return force
+        def cold(s: Signals) -> Parts:
+            return core(s), viscous_slope(s, core, baseline) * s["velocity"]
 
-        return run
+        def warm(parts: Parts, heat: np.ndarray) -> np.ndarray:
+            return parts[0] + parts[1] * np.expm1(-fade * heat)
+
+        return heated(cold, warm, cooling)
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("the heat as a slow second scheduling variable", schedule=("heat",))

@@ -177,3 +177,28 @@ def test_what_has_no_memory_gives_the_same_in_any_order(effect: Effect) -> None:
     order = np.random.default_rng(1).permutation(s.n_samples)
     turned = Signals(s.sample_time, {c: v[order] for c, v in s.channels.items()}, s.output[order])
     assert np.allclose(core(turned), core(s)[order], rtol=1e-12, atol=1e-9)
+
+
+ELASTIC = {"series-compliance": [2e-6], "entrained-air": [3e-4, 500.0]}
+
+
+@pytest.mark.parametrize("element", ELASTIC)
+@pytest.mark.parametrize("effect", [e for e in CATALOGUE if e.family != "noise" and e.stage not in
+                                    ("inside", "series", "measurement")], ids=lambda e: e.name)
+def test_a_faint_cause_beside_an_elastic_element_does_little(effect, element):
+    """Around a very soft element: none may change the way in which the element is simulated."""
+    signals, _ = prepared("guo")
+    if effect.missing((signals,)) or effect.applies(baseline("guo"), (signals,)):
+        return
+    composition = Composition(baseline("guo"), (effect, by_name(CATALOGUE)[element]))
+    place, soft = (composition.places[k] for k in np.argsort([e is not effect for e in composition.effects]))
+    vector = composition.neutral
+    vector[soft] = ELASTIC[element]
+    without = composition.predict(signals, vector)
+    point = effect.points((signals,))[0]
+    changes = []
+    for share in (1e-3, 1e-5):
+        strength = np.where(np.arange(point.size) < effect.strengths, share, 1.0)
+        vector[place] = effect.neutral + strength * (point - effect.neutral)
+        changes.append(np.std(composition.predict(signals, vector) - without))
+    assert changes[1] <= 0.2 * changes[0] + 1e-6 * np.std(without)
