@@ -18,7 +18,9 @@ STEP = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Composition:
-    """A baseline and effects, in the order of `STAGES`, with one parameter vector: the baseline's, then each effect's.
+    """A baseline and effects, in the order of `STAGES` and layers, with one parameter vector.
+
+    It holds the baseline's parameters, then each effect's.
 
     Attributes
     ----------
@@ -30,7 +32,7 @@ class Composition:
     effects: tuple[Effect, ...] = ()
 
     def __post_init__(self) -> None:
-        ordered = tuple(sorted(self.effects, key=lambda e: (STAGES.index(e.stage), e.name)))
+        ordered = tuple(sorted(self.effects, key=lambda e: (STAGES.index(e.stage), e.layer, e.name)))
         object.__setattr__(self, "effects", ordered)
 
     @cached_property

@@ -126,6 +126,8 @@ class Effect(ABC):
     """friction and gas, compliance, hydraulics, electrical, thermal, structure, measurement, model, car"""
     stage: ClassVar[str]
     """one of `STAGES`"""
+    layer: ClassVar[int] = 0
+    """where within its stage it acts, from the inside out: what scales all of a law lies around what changes it"""
     equation: ClassVar[str]
     reference: ClassVar[str]
     experiment: ClassVar[str]

@@ -57,6 +57,9 @@ class SchedulingDegree(CurrentEffect):
 class MissingScheduling(Effect):
     """The force is modulated slowly by something that was not logged, or not used (equation sheet 1.4.5).
 
+    Cosines have no slope at the ends, which the straight line and the parabola give back: a sine of four periods is met
+    to 5 % instead of 23 %.
+
     t runs through all records of a diagnosis, one after the other, and T is their length together. On a record of
     which that place is not known, a further one, nothing is known of the modulation either, and it is left out.
     """
@@ -66,18 +69,20 @@ class MissingScheduling(Effect):
     title: ClassVar[str] = "the force is modulated slowly by a quantity that the model does not see"
     family: ClassVar[str] = "model"
     stage: ClassVar[str] = "core"
-    equation: ClassVar[str] = "F -> F (1 + sum_k m_k cos(pi k t/T)), k = 1..10"
+    equation: ClassVar[str] = "F -> F (1 + sum_k m_k cos(pi k t/T) + a u + b (u^2 - 1/3)), k = 1..10, u = 2 t/T - 1"
     reference: ClassVar[str] = "equation sheet 1.4.5"
     experiment: ClassVar[str] = "log temperature, position and supply voltage along with a repeated segment"
-    strengths: ClassVar[int] = MODES
+    layer: ClassVar[int] = 2
+    strengths: ClassVar[int] = MODES + 2
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return tuple(EffectParameter(f"mode_{k}", "", f"m_{k}", 0.0, (-0.5, 0.5), (-0.9, 0.9), (-0.03, 0.03))
-                     for k in range(1, MODES + 1))
+        named = [*((f"mode_{k}", f"m_{k}") for k in range(1, MODES + 1)), ("slope", "a"), ("bend", "b")]
+        return tuple(EffectParameter(name, "", says, 0.0, (-0.5, 0.5), (-0.9, 0.9), (-0.03, 0.03))
+                     for name, says in named)
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        return [sign * 0.03 * np.eye(MODES)[k] for k in range(SCANNED) for sign in (1.0, -1.0)]
+        return [sign * 0.03 * np.eye(MODES + 2)[k] for k in range(SCANNED) for sign in (1.0, -1.0)]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
@@ -90,15 +95,20 @@ class MissingScheduling(Effect):
             if s.span is None:
                 return core(s)
             record = s if s.record is None else s.record
-            first, last = s.span
-            modes = record.cached(("slow modes", s.span), lambda: np.cos(
-                np.pi * np.outer(np.linspace(first, last, record.n_samples), np.arange(1, MODES + 1))))
+            place = np.linspace(*s.span, record.n_samples)
+            modes = record.cached(("slow modes", s.span), lambda: slow_modes(place))
             return core(s) * s.of_record(1 + modes @ values)
 
         return run
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("a further scheduling variable, once it is logged", schedule=("temperature",))
+
+
+def slow_modes(place: np.ndarray) -> np.ndarray:
+    """(n, MODES + 2) what may modulate a force slowly, at places from 0 to 1."""
+    u = 2 * place - 1
+    return np.column_stack([np.cos(np.pi * np.outer(place, np.arange(1, MODES + 1))), u, u**2 - 1 / 3])
 
 
 class ModelOrder(GridEffect):

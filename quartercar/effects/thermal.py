@@ -72,6 +72,7 @@ class ThermalEffect(GridEffect):
 
     family: ClassVar[str] = "thermal"
     stage: ClassVar[str] = "core"
+    layer: ClassVar[int] = 1
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
     reference: ClassVar[str] = "equation sheet 3.16"
 

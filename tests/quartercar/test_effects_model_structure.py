@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from effect_signals import PERIOD, composed, current_itself, guo, nothing, road_like, speed_itself
 from scipy.signal import lsim, lti
 
 from lpvid.diagnosis.signals import Signals, in_turn
-from quartercar.effects.model_structure import MODES, ColouredNoise, MissingScheduling, ModelOrder, SchedulingDegree
+from quartercar.effects.model_structure import (
+    MODES,
+    ColouredNoise,
+    MissingScheduling,
+    ModelOrder,
+    SchedulingDegree,
+    slow_modes,
+)
 from quartercar.effects.structure import FixtureResonance
 
 
@@ -46,15 +54,23 @@ class TestMissingScheduling:
         n = 2000
         ones = Signals(PERIOD, {"velocity": np.ones(n)}, np.zeros(n), span=(0.0, 1.0))
         values = np.random.default_rng(0).uniform(-0.1, 0.1, MODES)
-        ratio = composed(MissingScheduling(), list(values), ones, speed_itself) - 1
+        ratio = composed(MissingScheduling(), [*values, 0.0, 0.0], ones, speed_itself) - 1
         place = np.linspace(0, 1, n)
         found = [2 * np.trapezoid(ratio * np.cos(np.pi * k * place), place) for k in range(1, MODES + 1)]
         np.testing.assert_allclose(found, values, atol=1e-4)
 
+    @pytest.mark.parametrize(("periods", "left"), [(0.5, 1e-3), (2.0, 5e-3), (4.0, 0.06)])
+    def test_meets_a_sine_that_does_not_fit_the_record(self, periods: float, left: float) -> None:
+        place = np.linspace(0, 1, 2000)
+        wanted = np.sin(2 * np.pi * periods * place)
+        columns = np.column_stack([np.ones(place.size), slow_modes(place)])
+        missed = wanted - columns @ np.linalg.lstsq(columns, wanted, rcond=None)[0]
+        assert np.std(missed) < left * np.std(wanted)
+
     def test_runs_through_several_records(self) -> None:
         """Cut in two, a run is modulated as it was in one piece."""
         whole = road_like(1, 4096)
-        values = [0.1, -0.2, 0.05, 0.0, 0.03, 0.0, -0.02, 0.0, 0.0, 0.01]
+        values = [0.1, -0.2, 0.05, 0.0, 0.03, 0.0, -0.02, 0.0, 0.0, 0.01, 0.02, -0.03]
         parts = in_turn([Signals(PERIOD, {k: c[a:b] for k, c in whole.channels.items()}, whole.output[a:b])
                          for a, b in ((0, 1024), (1024, 4096))])
         assert parts[0].span == (0.0, 0.25) and parts[1].span == (0.25, 1.0)
@@ -65,7 +81,8 @@ class TestMissingScheduling:
     def test_says_nothing_about_a_record_whose_place_is_unknown(self) -> None:
         s = road_like(1)
         apart = Signals(PERIOD, s.channels, s.output)
-        np.testing.assert_array_equal(composed(MissingScheduling(), [0.3] * MODES, apart, speed_itself), s["velocity"])
+        got = composed(MissingScheduling(), [0.3] * (MODES + 2), apart, speed_itself)
+        np.testing.assert_array_equal(got, s["velocity"])
 
     def test_the_place_is_kept_when_channels_are_replaced(self) -> None:
         parts = in_turn([road_like(0, 512), road_like(1, 512)])
