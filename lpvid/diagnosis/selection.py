@@ -170,9 +170,10 @@ class Search:
         largest = sorted(weighty, key=lambda e: -worth[e.effect.name])[:LARGEST]
         listed = [e for k, e in enumerate(weighty) if k < SHORTLIST or e in largest] or listed[:1]
         self.say(f"tasting {', '.join(e.effect.name for e in listed)}")
-        most = max((e.likelihood_ratio for e in listed), default=0.0)
-        fits = in_parallel(lambda e: self.taste((e.effect,), found, e.likelihood_ratio if e.likelihood_ratio > most / 2
-                                                else 0.0), listed)
+        fits = in_parallel(lambda e: self.taste((e.effect,), found), listed)
+        most = max((self.won(f) for f in fits), default=0.0)
+        promised = [e.likelihood_ratio if e.likelihood_ratio > most else 0.0 for e in listed]
+        fits = in_parallel(lambda t: self.pursued(*t), list(zip(fits, promised, strict=True)))
         clock = self.problem.signals[0].sample_time
         tasted = [(e.effect, f) for e, f in zip(listed, fits, strict=True)
                   if not e.effect.unresolved(own_values(f, e.effect), clock)]
@@ -259,11 +260,20 @@ class Search:
         worth = WORTH * max(e.negligible for e in pair) * self.problem.spread
         return best > self.fit.variance * (DETECT + np.log(self.problem.n_samples)) and largest > worth
 
-    def taste(self, added: Sequence[Effect], found: Sequence[Direction], promised: float = 0.0) -> Refit:
-        """The set with further effects after a few rough steps from the most promising grid points.
+    def won(self, fit: Refit) -> float:
+        """Log-likelihood by which another fit does better than the present one."""
+        return (self.fit.cost - fit.cost) / self.fit.variance
 
-        Where they keep little of the log-likelihood that was promised to first order, some more: the way may be bent.
-        """
+    def pursued(self, fit: Refit, promised: float) -> Refit:
+        """A first refit carried on where it keeps little of what was promised to first order: the way may be bent."""
+        for _ in range(PATIENCE if promised else 0):
+            if self.won(fit) >= STUBBORN * promised:
+                break
+            fit = refit(self.problem, fit.composition, fit.vector, iterations=2 * TASTE, rough=True)
+        return fit
+
+    def taste(self, added: Sequence[Effect], found: Sequence[Direction]) -> Refit:
+        """The set with further effects after a few rough steps from the most promising grid points."""
         composition = self.enlarged(added)
         points = [starts(e, found) for e in added]
         names = [e.name for e in added]
@@ -271,10 +281,6 @@ class Search:
         tasted = [refit(self.problem, composition, placed(composition, self.fit, dict(zip(names, p, strict=True))),
                         iterations=TASTE, near=self.fit, rough=True) for p in pairs]
         best = min(tasted, key=lambda f: f.cost)
-        for _ in range(PATIENCE):
-            if (self.fit.cost - best.cost) / self.fit.variance > STUBBORN * promised:
-                break
-            best = refit(self.problem, composition, best.vector, iterations=2 * TASTE, rough=True)
         if len(added) > 1 or not self.others:
             return best
         grid = added[0].points(self.problem.signals)
