@@ -153,9 +153,10 @@ class Search:
             if faint and len(added) == 1:
                 size = len(fit.composition.effects)
                 self.prune()
-                if faint_before and len(self.fit.composition.effects) == size:  # it takes no other's place: enough
+                kept = len(self.fit.composition.effects) == size  # it takes no other's place: enough
+                if kept and (faint_before or added[0].stage != "measurement"):
                     break
-                faint_before = True  # the sharpest evidence may be of small print that hides what is larger
+                faint_before = True  # the chain's small print may show most sharply, and hide what is larger
             evidence, found = self.rewhiten()
             self.prune()
         return evidence, found
