@@ -57,7 +57,10 @@ class Alternative:
 
 
 def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternative, ...]:
-    """Plausible effects, half as likely or more, put in the place of one of the set and refitted; best first."""
+    """Plausible effects, half as likely or more, put in the place of one of the set and refitted; best first.
+
+    Those on the same path are tried however likely they seem: a lag of many samples looks like no other from afar.
+    """
     problem, now = search.problem, search.fit
     chosen = {x.name for x in now.composition.effects}
     kept = [x for x in now.composition.effects if x is not effect]
@@ -68,14 +71,17 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
     own = evidence[effect.name]
     wanted = max(own.likelihood_ratio, 1.0)
     near = [e for e in evidence.values() if e.effect.name != effect.name and e.best is not None
-            and own.best is not None and e.likelihood_ratio > 0.5 * wanted]
+            and own.best is not None]
+    likely = sorted((e for e in near if e.likelihood_ratio > 0.5 * wanted), key=lambda e: -e.likelihood_ratio)[:RIVALS]
     out = []
-    for e in sorted(near, key=lambda e: -e.likelihood_ratio)[:RIVALS]:
+    for e in (*likely, *(e for e in near if e not in likely and _kin(e.effect, effect))):
         assert e.best is not None and own.best is not None
         composition = Composition(rest.composition.baseline, (*rest.composition.effects, e.effect))
         begun = [placed(composition, rest, {e.effect.name: v}) for v in starts(e.effect, found)[:2]]
         beside = [placed(composition, now, {e.effect.name: v}) for v in e.effect.points(problem.signals)]
         begun += sorted(beside, key=lambda v: _cost(problem, composition, v))[:2]
+        if _kin(e.effect, effect):
+            begun += _without_chain(problem, now, composition, e.effect)
         fit = min((refit(problem, composition, start, iterations=TASTE, near=rest, rough=True) for start in begun),
                   key=lambda f: f.cost)
         if fit.cost - now.cost > max(CLOSE * now.variance, CLOSE_SHARE * (rest.cost - now.cost)):
@@ -96,6 +102,26 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
         if not e.effect.implausible(own_values(fit, e.effect)):
             out.append(Alternative(e.effect, fit, abs(similarity(own.best, e.best)), float(apart)))
     return tuple(sorted(out, key=lambda a: a.apart))
+
+
+def _kin(one: Effect, other: Effect) -> bool:
+    """Whether two effects lie on the same path."""
+    return bool(one.path) and one.path == other.path
+
+
+def _without_chain(problem: Problem, now: Refit, composition: Composition, effect: Effect) -> list[np.ndarray]:
+    """A start for an effect that was fitted without what the measurement does to all channels, which is put back then.
+
+    A filter of all channels and one of the motion alone trade places while both are far off.
+    """
+    chain = {x.name: own_values(now, x) for x in composition.effects if x.stage == "measurement"}
+    if not chain:
+        return []
+    few = Composition(composition.baseline, tuple(x for x in composition.effects if x.name not in chain))
+    begun = [placed(few, now, {effect.name: v}) for v in effect.points(problem.signals)]
+    begun = sorted(begun, key=lambda v: _cost(problem, few, v))[:2]
+    fit = min((refit(problem, few, v, iterations=2 * TASTE, rough=True) for v in begun), key=lambda f: f.cost)
+    return [placed(composition, fit, chain)]
 
 
 def taken_over(search: Search, effect: Effect, rest: Refit, small: Effect) -> Alternative | None:

@@ -37,6 +37,8 @@ class Signals:
         Those whose range and history count where these hold other values, at which a law is only asked.
     at : (n,) array, optional
         Where each sample lies in that record, counted in its samples; None where they are its own, in order.
+    finer : int
+        How many times as fast the clock is as that by which they were recorded: beyond its band there is nothing.
     """
 
     sample_time: float
@@ -48,6 +50,7 @@ class Signals:
     facts: dict = field(default_factory=dict, repr=False)
     record: Signals | None = field(default=None, repr=False)
     at: np.ndarray | None = field(default=None, repr=False)
+    finer: int = 1
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", MappingProxyType(dict(self.channels)))
@@ -77,7 +80,7 @@ class Signals:
         """The same signals with some channels replaced or added; what was cached is forgotten, but for `fact`."""
         facts = {key: found for key, found in self.facts.items() if key[0] not in channels}
         return Signals(self.sample_time, {**self.channels, **channels}, self.output, self.name, self.span, facts=facts,
-                       record=self.record, at=self.at)
+                       record=self.record, at=self.at, finer=self.finer)
 
     def asked(self, **channels: np.ndarray) -> Signals:
         """Signals with some channels replaced, at which a law is only asked: these stay the record."""

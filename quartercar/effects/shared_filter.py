@@ -100,6 +100,7 @@ def _before(s: Signals, t: float, zeta: float, finer: int, edges: Edges | None, 
     channels = {c: before_filter(s, c, factors, finer) for c in s.channels if c != "current" or edges is None}
     if edges is not None:
         channels["current"] = current_before(s, edges, t, zeta, finer) if sharp else s["current"]
-    undone = Signals(s.sample_time / finer, channels, np.repeat(s.output, finer), s.name, s.span, record=s.record)
+    undone = Signals(s.sample_time / finer, channels, np.repeat(s.output, finer), s.name, s.span, record=s.record,
+                     finer=finer * s.finer)
     s.cache["before the filter"] = _Kept((t, zeta, finer), undone)
     return undone

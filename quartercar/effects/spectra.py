@@ -25,7 +25,7 @@ def lost(s: Signals, channel: str, factors: tuple[float, ...]) -> np.ndarray:
     n = s[channel].size
     if n < SHORT:
         return np.zeros(n)
-    spectrum, omega, share = s.cached(("spectrum", channel), lambda: _spectrum(s[channel], s.sample_time))
+    spectrum, omega, share = s.cached(("spectrum", channel), lambda: _spectrum(s[channel], s.sample_time, s.finer))
     inverse = sum(c * (1j * omega) ** (k + 1) for k, c in enumerate(factors))
     return np.fft.irfft(spectrum * share * inverse, 2 * spectrum.size - 2)[n // 2: n // 2 + n]
 
@@ -36,7 +36,7 @@ def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: i
     As `lost`, and band-limited in between.
     """
     n = s[channel].size
-    spectrum, omega, share = s.cached(("spectrum", channel), lambda: _spectrum(s[channel], s.sample_time))
+    spectrum, omega, share = s.cached(("spectrum", channel), lambda: _spectrum(s[channel], s.sample_time, s.finer))
     inverse = sum(c * (1j * omega) ** (k + 1) for k, c in enumerate(factors))
     size = finer * (2 * spectrum.size - 2)
     return finer * np.fft.irfft(spectrum * (1 + share * inverse), size)[finer * (n // 2): finer * (n // 2 + n)]
@@ -50,15 +50,20 @@ def low_passed(x: np.ndarray, sample_time: float, t: float, zeta: float) -> np.n
     return np.fft.irfft(passed, 2 * spectrum.size - 2)[x.size // 2: x.size // 2 + x.size]
 
 
-def _spectrum(x: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Spectrum of a channel continued at both ends, its frequencies [rad/s], and the share of each that is motion."""
+def _spectrum(x: np.ndarray, sample_time: float, finer: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Spectrum of a channel continued at both ends, its frequencies [rad/s], and the share of each that is motion.
+
+    Of one on a clock `finer` times as fast as it was recorded only the band that was recorded counts.
+    """
     from scipy.signal import welch
 
     spectrum, omega = _continued(x, sample_time)
     at, power = welch(x, 1 / sample_time, nperseg=min(x.size, round(STRETCH / sample_time)))
-    noise = float(np.median(power[-round(QUIET * power.size):]))
+    recorded = at <= at[-1] / finer
+    top = power[recorded]
+    noise = float(np.median(top[-round(QUIET * top.size):]))
     share = np.maximum(1 - ABOVE * noise / np.maximum(np.interp(omega, 2 * np.pi * at, power), 1e-300), 0.0)
-    return spectrum, omega, share
+    return spectrum, omega, np.where(omega <= omega[-1] / finer, share, 0.0)
 
 
 def _continued(x: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray]:

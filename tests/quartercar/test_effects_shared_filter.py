@@ -4,16 +4,32 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effect_signals import PERIOD, composed, motion
+from effect_signals import PERIOD, composed, guo, motion
 from scipy.signal import bilinear, lfilter, lti
 
+from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.signals import Signals
 from quartercar.effects.current_edges import current_before, find_edges, jumps, step_response
 from quartercar.effects.electrical import held
+from quartercar.effects.measurement import OneSidedFilter
 from quartercar.effects.shared_filter import SharedFilter
 
 FINE = 16
 INSIDE = slice(256, -256)
+
+
+def test_a_filter_of_the_motion_beside_it_raises_no_noise(rng: np.random.Generator) -> None:
+    """On the finer clock there is nothing beyond the band that was recorded, by which noise could be told."""
+    effects = OneSidedFilter(), SharedFilter()
+    composition = Composition(guo(), effects)
+    x, v = motion(PERIOD * np.arange(4096))
+    s = Signals(PERIOD, {"displacement": x, "velocity": v + 1e-3 * rng.standard_normal(v.size),
+                         "current": np.ones(v.size)}, np.zeros(v.size))
+    vector = composition.neutral
+    vector[composition.places[0]] = 0.01, 0.7071, 0.0
+    alone = composition.predict(s, vector)
+    vector[composition.places[1]] = 2e-4, 0.7071
+    assert np.std((composition.predict(s, vector) - alone)[INSIDE]) < 0.02 * np.std(alone)
 
 
 def held_current(rng: np.random.Generator, samples: int, steady: int = 20) -> np.ndarray:
