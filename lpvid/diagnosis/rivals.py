@@ -114,7 +114,7 @@ def _without_chain(problem: Problem, now: Refit, composition: Composition, effec
 
     A filter of all channels and one of the motion alone trade places while both are far off.
     """
-    chain = {x.name: own_values(now, x) for x in composition.effects if x.stage == "measurement"}
+    chain = {x.name: own_values(now, x) for x in composition.effects if x.stage == "measurement" and x is not effect}
     if not chain:
         return []
     few = Composition(composition.baseline, tuple(x for x in composition.effects if x.name not in chain))
