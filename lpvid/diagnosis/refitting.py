@@ -162,14 +162,14 @@ def descend(problem: Problem, composition: Composition, start: np.ndarray, fold:
             trial_stacked = problem.stack(moved)
             trial_cost = float(trial_stacked[inside] @ trial_stacked[inside])
             if cost - trial_cost > (KEPT * promised if age else 0.0):
+                _carry(jacobian, trial - vector, stacked - trial_stacked)
+                vector, errors, stacked, cost, age = trial, moved, trial_stacked, trial_cost, age + 1
+                damping = max(damping / 5, 1e-12)
                 break
-        if cost - trial_cost > (KEPT * promised if age else 0.0):
-            _carry(jacobian, trial - vector, stacked - trial_stacked)
-            vector, errors, stacked, cost, age = trial, moved, trial_stacked, trial_cost, age + 1
-            damping = max(damping / 5, 1e-12)
-        elif age:
-            jacobian, age = _jacobian(problem, composition, vector, errors), 0
         else:
+            if age:
+                jacobian, age = _jacobian(problem, composition, vector, errors), 0
+                continue
             damping *= 8
             if damping > MAX_DAMPING:
                 break

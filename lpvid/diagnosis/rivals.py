@@ -11,7 +11,8 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import directions, moves, placed, screen, similarity
-from lpvid.diagnosis.selection import REFINED, TASTE, Search, own_values, starts
+from lpvid.diagnosis.selection import REFINED, TASTE, Search
+from lpvid.diagnosis.starting import own_values, starts
 
 SEPARATED, DISTINCT = 10.0, 40.0
 """whitened log-likelihood by which a rival must trail, and the most by which it must lead to take a cause's place"""
@@ -89,7 +90,7 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
         fit = refit(problem, composition, fit.vector, near=rest, rough=True)
         spared = min(fit.vector.size - now.vector.size, 0) * np.log(problem.n_samples)
         apart = (fit.cost - now.cost) / now.variance + spared
-        if e.effect.catch_all != effect.catch_all and e.effect.path and e.effect.path == effect.path:
+        if e.effect.catch_all != effect.catch_all and _kin(e.effect, effect):
             apart = 0.0 if abs(apart) < DOUBTFUL else apart
         elif e.effect.catch_all and not effect.catch_all:  # a form takes the place of a component only if far better
             apart += FORM * (rest.cost - now.cost) / now.variance

@@ -23,6 +23,7 @@ from lpvid.diagnosis.screening import (
     saturated,
     screen,
 )
+from lpvid.diagnosis.starting import STARTS, own_values, starts
 
 SIGNIFICANT = 0.05
 """p-value of the largest block statistic"""
@@ -43,9 +44,6 @@ TASTE = 6
 """iterations of a first refit from each starting point"""
 STUBBORN, PATIENCE = 0.1, 2
 """share of the promised log-likelihood below which a first refit goes on, and how many times it may"""
-STARTS = 3
-PALE = 0.6
-"""share of the best grid point's gain below which another is no start"""
 CRUDE = 0.03
 """squared error of the fitted baseline, relative to the output's, above which its parameters are not to be trusted as
 a start"""
@@ -365,43 +363,9 @@ class Search:
             self.fit = fit
 
 
-def own_values(fit: Refit, effect: Effect) -> np.ndarray:
-    """Parameters of one of the effects of a fit."""
-    return fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
-
-
 def _moved(problem: Problem, fit: Refit, composition: Composition, given: dict[str, np.ndarray]) -> list[np.ndarray]:
     """Per record, (n,) change of the simulation when effects are put beside a fit."""
     vector = placed(composition, fit, given)
     with np.errstate(all="ignore"):
         return [np.nan_to_num(composition.predict(s, vector) - fit.composition.predict(s, fit.vector), nan=0.0,
                               posinf=0.0, neginf=0.0) for s in problem.signals]
-
-
-def starts(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]:
-    """Where to refit an effect from, at least one point: the grid points that fit the present residual best.
-
-    The one that takes away most as it stands comes first, for an effect far from small; then those that would take away
-    most by proportion, a smooth one's strength scaled down to that proportion.
-    """
-    mine = sorted((d for d in found if d.effect.name == effect.name and d.visible),
-                  key=lambda d: d.gain, reverse=True)
-    chosen: list[np.ndarray] = []
-    whole = max(mine, key=lambda d: d.at_face_value, default=None)
-    if whole is not None and whole.at_face_value > 0:
-        chosen.append(whole.values)
-    for d in mine:
-        values = scaled(d)
-        if len(chosen) < STARTS and d.gain > PALE * mine[0].gain and all(not np.allclose(values, c) for c in chosen):
-            chosen.append(values)
-    return chosen or [effect.neutral + np.array([p.grid[0] - p.neutral if k == 0 else 0.0
-                                                 for k, p in enumerate(effect.parameters)])]
-
-
-def scaled(d: Direction) -> np.ndarray:
-    """Parameters of a direction with its strengths in proportion to what is left; as they stand where that is more."""
-    if not d.effect.smooth or not 0 < d.share < 1:
-        return d.values
-    values, neutral, k = d.values.copy(), d.effect.neutral, d.effect.strengths
-    values[:k] = neutral[:k] + d.share * (values[:k] - neutral[:k])
-    return values

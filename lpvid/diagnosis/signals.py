@@ -65,6 +65,11 @@ class Signals:
         """(n,) time from the first sample [s]."""
         return self.sample_time * np.arange(self.n_samples)
 
+    @property
+    def places(self) -> np.ndarray:
+        """(n,) where the samples lie in their record, counted in its samples."""
+        return np.arange(self.n_samples, dtype=float) if self.at is None else self.at
+
     def of_record(self, values: np.ndarray) -> np.ndarray:
         """(n,) what is known along the record, (samples of it,), at these samples."""
         return values if self.at is None else np.interp(self.at, np.arange(values.size), values)

@@ -89,25 +89,25 @@ def find_edges(current: np.ndarray, sample_time: float) -> Edges:
     for _ in range(EARLIER):  # a small one is on its way before it is seen by the measure of the range
         begun = np.abs(current[first] - current[np.maximum(first - 1, 0)]) > seen
         first = np.where(begun & (np.append(-1, last[:-1]) < first - 1), first - 1, first)
-    move = RIPPLE * np.abs(current[last] - current[first])
+    size = np.abs(current[last] - current[first])
     ends = np.append(first, current.size - 1)
     starts = np.append(0, last)
     rests = [current[a:b + 1] for a, b in zip(starts, ends, strict=True)]
-    before = np.array([_level(r[max(r.size - LASTS, r.size // 2):], m) for r, m in zip(rests[:-1], move, strict=True)])
-    after = np.array([_level(r[min(LASTS, r.size // 2):][:LASTS], m) for r, m in zip(rests[1:], move, strict=True)])
+    before = np.array([_level(r[max(r.size - LASTS, r.size // 2):], d) for r, d in zip(rests[:-1], size, strict=True)])
+    after = np.array([_level(r[min(LASTS, r.size // 2):][:LASTS], d) for r, d in zip(rests[1:], size, strict=True)])
     way = np.array([np.abs(np.diff(current[a:b + 1])).sum() for a, b in zip(first, last, strict=True)])
-    after[way * RIPPLE > ASTRAY * move] = np.nan  # several jumps at once
+    after[way > ASTRAY * size] = np.nan  # several jumps at once
     until, then = (np.minimum(first + 1 + round(time / sample_time), ends[1:] + 1) for time in (BUSY, SLOWEST))
     return Edges(first, until, then, before, after, current.size)
 
 
-def _level(rest: np.ndarray, ripple: float) -> float:
-    """Where a current rests; NaN where it does not."""
-    return float(np.median(rest)) if rest.size >= LEAST and np.ptp(rest) < ripple else np.nan
+def _level(rest: np.ndarray, size: float) -> float:
+    """Where a current rests beside a jump of a size; NaN where it does not."""
+    return float(np.median(rest)) if rest.size >= LEAST and np.ptp(rest) < RIPPLE * size else np.nan
 
 
 def at_once(current: np.ndarray, edges: Edges) -> bool:
-    """Whether a current jumps from level to level within a sample, which behind a filter it would not.
+    """Whether no jump between levels shows the trace of a filter.
 
     One that lags misses its level at the first sample, and one that overshoots misses it by as much everywhere.
 

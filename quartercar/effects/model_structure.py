@@ -95,8 +95,8 @@ class MissingScheduling(Effect):
             if s.span is None:
                 return core(s)
             record = s if s.record is None else s.record
-            place = np.linspace(*s.span, record.n_samples)
-            modes = record.cached(("slow modes", s.span), lambda: slow_modes(place))
+            span, n = s.span, record.n_samples
+            modes = record.cached(("slow modes", span), lambda: slow_modes(np.linspace(*span, n)))
             return core(s) * s.of_record(1 + modes @ values)
 
         return run

@@ -205,7 +205,7 @@ def _spread(s: Signals, seen: np.ndarray, speeds: np.ndarray) -> Signals:
     channels = {role: np.tile(c[seen], speeds.size) for role, c in s.channels.items()}
     channels["velocity"] = np.repeat(speeds, seen.size)
     return Signals(s.sample_time, channels, np.tile(s.output[seen], speeds.size), s.name, s.span, record=s.record or s,
-                   at=np.tile(_places(s)[seen], speeds.size))
+                   at=np.tile(s.places[seen], speeds.size))
 
 
 def _changes(s: Signals) -> tuple[np.ndarray, np.ndarray]:
@@ -223,9 +223,4 @@ def _changes(s: Signals) -> tuple[np.ndarray, np.ndarray]:
 
 def _taken(s: Signals, seen: np.ndarray) -> Signals:
     channels = {role: c[seen] for role, c in s.channels.items()}
-    return Signals(s.sample_time, channels, s.output[seen], s.name, s.span, record=s.record or s, at=_places(s)[seen])
-
-
-def _places(s: Signals) -> np.ndarray:
-    """(n,) where the samples lie in their record."""
-    return np.arange(s.n_samples) if s.at is None else s.at
+    return Signals(s.sample_time, channels, s.output[seen], s.name, s.span, record=s.record or s, at=s.places[seen])

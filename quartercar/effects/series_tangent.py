@@ -146,8 +146,7 @@ class Stages:
         if "displacement" in channels:
             channels["displacement"] = channels["displacement"] - self.trace[:, 1]
         channels["velocity"] = self.trace[:, 0].copy()
-        own = np.arange(s.n_samples, dtype=float) if s.at is None else s.at
-        at, size = self._between(own, own), self.last.size
+        at, size = self._between(s.places, s.places), self.last.size
         return tuple(self._part(channels, at, slice(k, k + AT_ONCE)) for k in range(0, size, AT_ONCE))
 
     def _asked(self, core: Core) -> np.ndarray:
@@ -162,11 +161,10 @@ class Stages:
         """Some of the stages alone, and before the same ones at other speeds."""
         first = self.signals[0]
         probed = np.linspace(0, first.n_samples - 1, min(PROBED, first.n_samples)).astype(int)
-        assert first.at is not None
-        few = self._part(first.channels, first.at, probed)
+        few = self._part(first.channels, first.places, probed)
         among = {role: np.tile(c, 2) for role, c in few.channels.items()}
         among["velocity"][probed.size:] *= FASTER
-        return few, self._part(among, np.tile(first.at[probed], 2), slice(None))
+        return few, self._part(among, np.tile(few.places, 2), slice(None))
 
     def _part(self, channels: Mapping[str, np.ndarray], at: np.ndarray, which: slice | np.ndarray) -> Signals:
         found = {role: c[which] for role, c in channels.items()}

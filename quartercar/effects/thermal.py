@@ -39,8 +39,9 @@ def heated(cold: Callable[[Signals], Parts], warm: Callable[[Parts, np.ndarray],
     Parameters
     ----------
     cold : callable
+        Signals to the parts of the cold force.
     warm : callable
-        Those parts and the heat at their samples, (n,) [J], to the force, (n,).
+        These parts and the heat at their samples, (n,) [J], to the force, (n,).
     cooling : float
         Time constant [s].
     """

@@ -1,0 +1,48 @@
+"""Starting: where the parameters of an effect are, and where a refit of it begins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.refitting import Refit
+from lpvid.diagnosis.screening import Direction
+
+STARTS, PALE = 3, 0.6
+"""most points from which an effect is refitted, and the share of the best one's gain below which another is none"""
+
+
+def own_values(fit: Refit, effect: Effect) -> np.ndarray:
+    """Parameters of one of the effects of a fit."""
+    return fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
+
+
+def starts(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]:
+    """Where to refit an effect from, at least one point: the grid points that fit the present residual best.
+
+    The one that takes away most as it stands comes first, for an effect far from small; then those that would take away
+    most by proportion, a smooth one's strength scaled down to that proportion.
+    """
+    mine = sorted((d for d in found if d.effect.name == effect.name and d.visible),
+                  key=lambda d: d.gain, reverse=True)
+    chosen: list[np.ndarray] = []
+    whole = max(mine, key=lambda d: d.at_face_value, default=None)
+    if whole is not None and whole.at_face_value > 0:
+        chosen.append(whole.values)
+    for d in mine:
+        values = scaled(d)
+        if len(chosen) < STARTS and d.gain > PALE * mine[0].gain and all(not np.allclose(values, c) for c in chosen):
+            chosen.append(values)
+    return chosen or [effect.neutral + np.array([p.grid[0] - p.neutral if k == 0 else 0.0
+                                                 for k, p in enumerate(effect.parameters)])]
+
+
+def scaled(d: Direction) -> np.ndarray:
+    """Parameters of a direction with its strengths in proportion to what is left; as they stand where that is more."""
+    if not d.effect.smooth or not 0 < d.share < 1:
+        return d.values
+    values, neutral, k = d.values.copy(), d.effect.neutral, d.effect.strengths
+    values[:k] = neutral[:k] + d.share * (values[:k] - neutral[:k])
+    return values
