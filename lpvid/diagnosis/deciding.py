@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.input_noise import gain_without_input_noise
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.rivals import SEPARATED, Alternative, alternatives, separation, taken_over
@@ -38,6 +39,8 @@ KIN = 0.05
 lags of one signal are one lag of another form"""
 DWARFED = 1.0
 """share of the structure in what is left that a cause must change in the output to be more than a patch of it"""
+OF_MOTION = 0.2
+"""share of the gain of a lag, a delay or a filter that must be left without the noise of the recorded motion"""
 UNSTEADY = 0.13
 """share by which the strength of a cause may differ, beyond three standard errors, between strata of the inputs"""
 
@@ -144,6 +147,8 @@ def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str])
         steady = steadiness(problem, fit, effect, channels)
         if steady.excess > UNSTEADY:
             objections.append(f"its strength differs by {steady.excess:.0%} at {steady.where}")
+        if effect.path and not effect.is_static(values) and gain_without_input_noise(problem, fit, rest) < OF_MOTION:
+            objections.append("what it takes away is the noise in the recorded motion")
     minor = bool(small) and not effect.implausible(values)
     instead = () if objections or small else alternatives(search, effect, rest)
     rivals = tuple(a for a in instead if a.apart < SEPARATED)

@@ -1,0 +1,48 @@
+"""Noise of the inputs: whether a cause explains what was moved, or what the sensors of the motion added to it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.refitting import Refit
+from lpvid.diagnosis.signals import Signals
+from lpvid.diagnosis.spectra import without_noise
+
+SWITCHED = ("current",)
+"""channels that may jump, whose edges no spectrum keeps apart from noise"""
+NOISE = 0.05
+"""share of a channel's variance above which what looks like noise was rather meant to excite: a white input"""
+
+
+def gain_without_input_noise(problem: Problem, fit: Refit, rest: Refit) -> float:
+    """Share of a cause's whitened gain that is left when both simulations are driven by inputs without their noise.
+
+    A baseline that is driven by a recorded velocity v + n simulates f(v) + f'(v) n. Whatever smooths the velocity, a
+    lag or a filter, takes f'(v) n away and gains by it, whether or not anything lags. With e the whitened error of the
+    set without the cause and d the change that the cause makes there, the gain is 2 dᵀe − dᵀd; d is simulated once more
+    from inputs whose every frequency is weighed with the share of it that is motion.
+
+    Parameters
+    ----------
+    problem : Problem
+    fit, rest : Refit
+        The set with the cause and without it.
+
+    Returns
+    -------
+    float
+        About 1 for a cause that acts on the motion, 0 or less for one that acts on the noise in its record.
+    """
+    if not rest.cost > fit.cost:
+        return 1.0
+    quiet = [s.replace(**{c: _quiet(s, c) for c in s.channels if c not in SWITCHED}) for s in problem.signals]
+    change = problem.stack([fit.composition.predict(s, fit.vector) - rest.composition.predict(s, rest.vector)
+                            for s in quiet])
+    return float(2 * change @ rest.errors - change @ change) / (rest.cost - fit.cost)
+
+
+def _quiet(s: Signals, channel: str) -> np.ndarray:
+    """(n,) a channel without its sensor's noise, where that is a small part of it."""
+    quiet = without_noise(s, channel)
+    return quiet if np.var(s[channel] - quiet) < NOISE * np.var(s[channel]) else s[channel]

@@ -1,0 +1,56 @@
+"""A lag of the force takes the sensor's noise out of the simulation: that alone must not count as a lag."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from effect_signals import PERIOD, guo, motion
+
+from lpvid.diagnosis.blocks import Blocks
+from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.input_noise import gain_without_input_noise
+from lpvid.diagnosis.noise import Whitening
+from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.refitting import Refit, refit
+from lpvid.diagnosis.signals import Signals
+from quartercar.effects.hydraulics import ValveDynamics
+
+LAG = np.array([0.6, 25.0, 0.5])
+NOISE = 0.004
+"""of the recorded velocity [m/s]"""
+
+
+def fits(rng: np.random.Generator, valve: bool, velocity: np.ndarray | None = None, noise: float = NOISE
+         ) -> tuple[Problem, Refit, Refit]:
+    """Guo's law with a valve's dynamics and without, fitted to a force whose valve lags or does not."""
+    x, v = motion(PERIOD * np.arange(6000))
+    v = v if velocity is None else velocity
+    current = np.ones(v.size)
+    clean = Signals(PERIOD, {"displacement": x, "velocity": v, "current": current}, np.zeros(v.size))
+    with_valve, alone = Composition(guo(), (ValveDynamics(),)), Composition(guo())
+    vector = with_valve.neutral
+    if valve:
+        vector[with_valve.places[0]] = LAG
+    force = with_valve.predict(clean, vector) + rng.standard_normal(v.size)
+    recorded = Signals(PERIOD, {**clean.channels, "velocity": v + noise * rng.standard_normal(v.size)}, force)
+    problem = Problem((recorded,), Blocks.of((recorded,)), Whitening(np.ones(1), 1.0))
+    begun = with_valve.neutral
+    begun[with_valve.places[0]] = LAG
+    return problem, refit(problem, with_valve, begun), refit(problem, alone, alone.neutral)
+
+
+def test_a_lag_that_only_takes_the_noise_away_is_told(rng: np.random.Generator) -> None:
+    problem, fit, rest = fits(rng, valve=False)
+    assert rest.cost - fit.cost > 100 * fit.variance, "it wins by far all the same"
+    assert gain_without_input_noise(problem, fit, rest) < 0.1
+
+
+def test_a_lag_of_the_motion_is_one(rng: np.random.Generator) -> None:
+    problem, fit, rest = fits(rng, valve=True, noise=NOISE / 4)
+    assert gain_without_input_noise(problem, fit, rest) > 0.7
+
+
+def test_a_white_input_is_no_noise(rng: np.random.Generator) -> None:
+    """What excites up to half the sample rate has nothing at the top of its spectrum that is only the sensor's."""
+    problem, fit, rest = fits(rng, valve=True, velocity=0.1 * rng.standard_normal(6000), noise=0.0)
+    assert gain_without_input_noise(problem, fit, rest) == pytest.approx(1.0, abs=0.05)
