@@ -26,6 +26,7 @@ from lpvid.diagnosis.deciding import (
 )
 from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Errors, Estimated, Rejected, Rivals
 from lpvid.diagnosis.effect import Effect, by_name
+from lpvid.diagnosis.intervals import deviations, of_effect
 from lpvid.diagnosis.localise import localise
 from lpvid.diagnosis.noise import NoiseLevel, Whitening, noise_level
 from lpvid.diagnosis.problem import Problem
@@ -297,6 +298,7 @@ class _Case:
         after = out_of_fold(problem, final)
         model = ExtendedModel.of(final, covariance(problem, final), self.baseline)
         errors = problem.errors(bare.composition, bare.vector)
+        sure = deviations(self.search) if spoken and named else np.empty(0)
         where = "alternating blocks, each judged by the fit to the others" if not held_out else \
             f"{len(held_out)} further record(s)"
         rejected = [Rejected(j.effect.name, "; ".join(j.objections)) for j in dropped]
@@ -308,7 +310,7 @@ class _Case:
             self._errors(bare, before, held_out), self._errors(final, after, held_out),
             None if self.level.variance is None else float(np.sqrt(self.level.variance)),
             self._noise(predictable), localise(problem, errors),
-            tuple(self._cause(j, bare, judged) for j in named) if spoken else (),
+            tuple(self._cause(j, bare, judged, sure) for j in named) if spoken else (),
             tuple(self._rivals(j) for j in contested) if spoken else (),
             (*self.unusable, *self._invisible({j.effect.name for j in judged})), tuple(rejected), phi, where, model,
             self.baseline.output_unit, None, self._evidence())
@@ -328,13 +330,8 @@ class _Case:
             error, total, count = error + float(e @ e), total + float(np.sum((y - y.mean()) ** 2)), count + y.size
         return Errors(float(plain @ plain) / power, error / max(total, 1e-300), float(np.sqrt(error / max(count, 1))))
 
-    def _cause(self, j: Judged, bare: Refit, judged: list[Judged]) -> Cause:
+    def _cause(self, j: Judged, bare: Refit, judged: list[Judged], sure: np.ndarray) -> Cause:
         fit, problem = self.search.fit, self.problem
-        place = fit.composition.places[fit.composition.effects.index(j.effect)]
-        deviation = np.sqrt(np.maximum(np.diag(covariance(problem, fit))[place], 0.0))
-        if j.effect.stepwise:  # the error jumps where a lag passes a whole sample: no derivative tells how sure it is
-            deviation[0] = 0.0
-        deviation[0] = np.hypot(deviation[0], j.effect.clock_error(problem.signals))
         excess = max(bare.cost - fit.cost, 1e-300)
         if len(judged) == 1:
             alone = (bare.cost - fit.cost) / excess
@@ -344,9 +341,9 @@ class _Case:
             composition = Composition(self.baseline, (j.effect,))
             alone = (bare.cost - refit(problem, composition, placed(composition, bare, {j.effect.name: j.values})).cost
                      ) / excess
-        return Cause(j.effect.name, j.effect.told(j.values), _estimates(j.effect, j.values, deviation), j.p_value,
-                     j.delta_bic, float(alone), float((j.without.cost - fit.cost) / excess), j.held_out_gain,
-                     j.blocks_better, j.contribution)
+        parameters = _estimates(j.effect, j.values, of_effect(self.search, sure, j.effect))
+        return Cause(j.effect.name, j.effect.told(j.values), parameters, j.p_value, j.delta_bic, float(alone),
+                     float((j.without.cost - fit.cost) / excess), j.held_out_gain, j.blocks_better, j.contribution)
 
     def _rivals(self, j: Judged) -> Rivals:
         parameters = {j.effect.name: _estimates(j.effect, j.values, None)}

@@ -1,4 +1,4 @@
-"""Spectra: what a low-pass took from a recorded signal, and the same low-pass once more."""
+"""Spectra: a recorded signal before a low-pass that it has passed, and behind one more."""
 
 from __future__ import annotations
 
@@ -15,31 +15,30 @@ STRETCH, ABOVE = 1.0, 2.0
 stand above it"""
 
 
-def lost(s: Signals, channel: str, factors: tuple[float, ...]) -> np.ndarray:
-    """(n,) Σ_k c_k dᵏx/dtᵏ of a channel, c from k = 1 on: what a low-pass with the inverse 1 + Σ_k c_k sᵏ took away.
+def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: int = 1) -> np.ndarray:
+    """(n finer,) a channel before the low-pass with the inverse 1 + Σ_k c_k sᵏ, c from k = 1 on.
 
-    Differentiated in the frequency domain, each frequency weighed with Wiener's share (S − 2N)₊/S, N the sensor's
-    noise taken twice to be safe, S the power: elsewhere to undo a filter raises little but noise. N is the level at the
-    top of the spectrum. The ends are continued by their odd reflection, which keeps the slope.
+    x + Σ_k c_k dᵏx/dtᵏ, differentiated in the frequency domain, each frequency weighed with Wiener's share (S − 2N)₊/S,
+    N the sensor's noise taken twice to be safe, S the power: elsewhere to undo a filter raises little but noise. N is
+    the level at the top of the spectrum. The ends are continued by their odd reflection, which keeps the slope. On a
+    clock `finer` times as fast it is band-limited in between. A channel of few samples stays as it is.
     """
     n = s[channel].size
     if n < SHORT:
-        return np.zeros(n)
-    spectrum, omega, share = s.cached(("spectrum", channel), lambda: _spectrum(s[channel], s.sample_time, s.finer))
-    inverse = sum(c * (1j * omega) ** (k + 1) for k, c in enumerate(factors))
-    return np.fft.irfft(spectrum * share * inverse, 2 * spectrum.size - 2)[n // 2: n // 2 + n]
-
-
-def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: int) -> np.ndarray:
-    """(n finer,) a channel before the low-pass with the inverse 1 + Σ_k c_k sᵏ, on a clock `finer` times as fast.
-
-    As `lost`, and band-limited in between.
-    """
-    n = s[channel].size
+        return np.repeat(s[channel], finer)
     spectrum, omega, share = s.cached(("spectrum", channel), lambda: _spectrum(s[channel], s.sample_time, s.finer))
     inverse = sum(c * (1j * omega) ** (k + 1) for k, c in enumerate(factors))
     size = finer * (2 * spectrum.size - 2)
     return finer * np.fft.irfft(spectrum * (1 + share * inverse), size)[finer * (n // 2): finer * (n // 2 + n)]
+
+
+def without_noise(s: Signals, channel: str) -> np.ndarray:
+    """(n,) a channel with each frequency weighed by that share of its power which is not its sensor's noise."""
+    n = s[channel].size
+    if n < SHORT:
+        return s[channel]
+    spectrum, _, share = s.cached(("spectrum", channel), lambda: _spectrum(s[channel], s.sample_time, s.finer))
+    return np.fft.irfft(spectrum * share, 2 * spectrum.size - 2)[n // 2: n // 2 + n]
 
 
 def low_passed(x: np.ndarray, sample_time: float, t: float, zeta: float) -> np.ndarray:

@@ -9,8 +9,8 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from lpvid.diagnosis.spectra import before_filter
 from quartercar.effects.electrical import read_earlier
-from quartercar.effects.spectra import lost
 
 MOTION = ("displacement", "velocity", "acceleration")
 """channels that one position sensor feeds"""
@@ -42,14 +42,18 @@ class ChainEffect(GridEffect):
 
 
 class DisplacementDelay(ChainEffect):
-    """The motion is recorded late against the force (equation sheet 3.20)."""
+    """The motion is recorded late against the force, part of it by the sensor's own lag (equation sheet 3.20).
+
+    A chain that is late by T is late by a pure delay, of buses and buffers, and by the first-order lag of the sensor's
+    electronics: X_recorded = exp(-(1 - lambda) T s) / (1 + lambda T s) X. Both make a slow motion late by T alike.
+    """
 
     name: ClassVar[str] = "displacement-delay"
     path: ClassVar[str] = "motion"
     stepwise: ClassVar[bool] = True
     title: ClassVar[str] = "the motion is recorded later than the force"
     stage: ClassVar[str] = "channel"
-    equation: ClassVar[str] = "x(t) = x_recorded(t + T), v alike"
+    equation: ClassVar[str] = "x(t) = x_recorded(t + (1 - lambda) T) + lambda T v_recorded(t + (1 - lambda) T), v alike"
     reference: ClassVar[str] = "equation sheet 3.20"
     experiment: ClassVar[str] = "a spring in place of the damper, or a synchronisation pulse on all channels"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
@@ -57,16 +61,18 @@ class DisplacementDelay(ChainEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("delay", "s", "T", 0.0, (0.0, 0.02), (0.0, 0.1), (0.001, 0.003, 0.008, 0.016)),)
+        return (EffectParameter("delay", "s", "T", 0.0, (0.0, 0.02), (0.0, 0.1), (0.001, 0.003, 0.008, 0.016)),
+                EffectParameter("lag_share", "", "lambda, share of T that is a first-order lag", 0.0, (0.0, 0.5),
+                                (0.0, 0.5), (0.0,)))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
-        delay = float(values[0])
+        delay, share = (float(v) for v in values)
         if delay <= 0:
             return core
 
         def run(s: Signals) -> np.ndarray:
-            late = {m: glided(s[m], delay / s.sample_time) for m in MOTION if s.has(m)}
-            return core(s.replace(**late))
+            prompt = {m: before_filter(s, m, (share * delay,)) if share > 0 else s[m] for m in MOTION if s.has(m)}
+            return core(s.replace(**{m: glided(c, (1 - share) * delay / s.sample_time) for m, c in prompt.items()}))
 
         return run
 
@@ -133,9 +139,8 @@ class OneSidedFilter(ChainEffect):
             return core
 
         def run(s: Signals) -> np.ndarray:
-            undone = {m: s[m] + lost(s, m, (2 * zeta * t + third, t**2 + 2 * zeta * t * third, t**2 * third))
-                      for m in MOTION if s.has(m)}
-            return core(s.replace(**undone))
+            factors = (2 * zeta * t + third, t**2 + 2 * zeta * t * third, t**2 * third)
+            return core(s.replace(**{m: before_filter(s, m, factors) for m in MOTION if s.has(m)}))
 
         return run
 

@@ -10,9 +10,9 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from lpvid.diagnosis.spectra import SHORT, before_filter, low_passed
 from quartercar.effects.current_edges import Edges, at_once, current_before, find_edges, jumps
 from quartercar.effects.measurement import ChainEffect
-from quartercar.effects.spectra import SHORT, before_filter, low_passed
 
 FAST, FINEST = 2000.0, 8
 """rate at which a law without memory is asked [1/s]: what it makes of a motion goes beyond half the sample rate, where
@@ -23,8 +23,8 @@ class SharedFilter(ChainEffect):
     """All channels have passed the same low-pass, which does not commute with a law that bends (sheet 1.4.10).
 
     The edges of a current that jumps between levels are put where the filter's own step response says that they were
-    (`current_edges`); around those between levels that do not last the simulation stays as it is. A current whose edges
-    take no time at all has passed no filter, and the cause is refused.
+    (`current_edges`); around those between levels that do not last the simulation stays as it is. Where no edge shows
+    the trace of a filter the cause is refused.
     """
 
     name: ClassVar[str] = "shared-filter"
@@ -47,7 +47,7 @@ class SharedFilter(ChainEffect):
         for s in signals if "current" in baseline.channels else ():
             edges = _edges(s)
             if edges is not None and at_once(s["current"], edges):
-                return "the current jumps from one sample to the next: it has passed no filter"
+                return "the current jumps, and its edges show no trace of a filter"
         return super().applies(baseline, signals)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
@@ -77,7 +77,7 @@ class SharedFilter(ChainEffect):
 class _Kept:
     """Signals before a filter, and what they were asked for."""
 
-    key: tuple[float, float, int]
+    key: tuple[float, float, int, bool]
     signals: Signals
 
 
@@ -94,7 +94,7 @@ def _before(s: Signals, t: float, zeta: float, finer: int, edges: Edges | None, 
     The current's edges are made sharp only for a law that can be asked between the samples.
     """
     kept = s.cache.get("before the filter")  # one object, so that threads that share the signals never see half of it
-    if kept is not None and kept.key == (t, zeta, finer):
+    if kept is not None and kept.key == (t, zeta, finer, sharp):
         return kept.signals
     factors = (2 * zeta * t, t**2)
     channels = {c: before_filter(s, c, factors, finer) for c in s.channels if c != "current" or edges is None}
@@ -102,5 +102,5 @@ def _before(s: Signals, t: float, zeta: float, finer: int, edges: Edges | None, 
         channels["current"] = current_before(s, edges, t, zeta, finer) if sharp else s["current"]
     undone = Signals(s.sample_time / finer, channels, np.repeat(s.output, finer), s.name, s.span, record=s.record,
                      finer=finer * s.finer)
-    s.cache["before the filter"] = _Kept((t, zeta, finer), undone)
+    s.cache["before the filter"] = _Kept((t, zeta, finer, sharp), undone)
     return undone

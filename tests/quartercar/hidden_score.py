@@ -25,8 +25,8 @@ BOUC_WEN = {"series-compliance", "entrained-air", "coil-lag", "coulomb-friction"
 to 1 ms here, and a force that builds up over a deflection (Dahl's friction is a Bouc-Wen element of constant force)"""
 
 CHAIN = "shared-filter"
-PARTS = {"command-delay": ("coil-lag",), "displacement-delay": ("one-sided-filter",)}
-"""what the other law of a cause truly holds besides: its delay is followed by a lag of a sixth or a fourth of it"""
+PARTS = {"command-delay": ("coil-lag",)}
+"""what the other law of a cause truly holds besides: its delay is followed by a lag of a sixth of it"""
 
 
 def case(seed: int, catalogue: tuple[Effect, ...], **fixed: object) -> Row:

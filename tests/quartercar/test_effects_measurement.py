@@ -24,9 +24,24 @@ class TestDelays:
         t = PERIOD * np.arange(2048)
         true = motion(t)[1]
         late = recorded(*motion(t - delay))
-        got = composed(DisplacementDelay(), [delay], late, speed_itself)
+        got = composed(DisplacementDelay(), [delay, 0.0], late, speed_itself)
         error = np.abs(got - true)[:-8].max() / np.abs(late["velocity"] - true).max()
         assert error < 0.05
+
+    def test_motion_late_by_a_delay_and_a_lag_is_put_right(self) -> None:
+        """A sum of sines behind exp(-.8 T s)/(1 + .2 T s), in closed form."""
+        t, delay, share = PERIOD * np.arange(4096), 0.01, 0.2
+        parts = [(0.9 + 1.7 * k, 1 / (1 + k), 0.7 * k) for k in range(5)]
+        true = sum(a * np.sin(2 * np.pi * f * t + p) for f, a, p in parts)
+        late = np.zeros(t.size)
+        for f, a, p in parts:
+            passed = np.exp(-(1 - share) * delay * 2j * np.pi * f) / (1 + share * delay * 2j * np.pi * f)
+            late += a * np.abs(passed) * np.sin(2 * np.pi * f * t + p + np.angle(passed))
+        s = recorded(late, late)
+        right, delayed = (composed(DisplacementDelay(), [delay, lag], s, speed_itself) for lag in (share, 0.0))
+        inside = slice(200, -200)
+        assert np.abs(right - true)[inside].max() < 0.02 * np.abs(late - true)[inside].max()
+        assert np.abs(delayed - true)[inside].max() > 5 * np.abs(right - true)[inside].max()
 
     @pytest.mark.parametrize("delay", [0.002, 0.0055])
     def test_a_force_recorded_late_is_that_of_earlier(self, delay: float) -> None:
@@ -38,7 +53,7 @@ class TestDelays:
     def test_opposite_delays_undo_each_other_without_a_current(self) -> None:
         s = recorded(*motion(PERIOD * np.arange(2048)))
         twice = DisplacementDelay().compose(ForceDelay().compose(speed_itself, np.array([0.004]), guo()),
-                                            np.array([0.004]), guo())(s)
+                                            np.array([0.004, 0.0]), guo())(s)
         assert np.abs(twice - s["velocity"])[8:-8].max() < 0.02 * np.abs(s["velocity"]).max()
 
     def test_a_late_force_reads_a_held_current_in_whole_samples(self) -> None:

@@ -1,0 +1,52 @@
+"""Intervals: how sure the parameters of a fitted set are, beyond what its own sensitivities tell."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.refitting import covariance
+from lpvid.diagnosis.screening import directions, moves
+from lpvid.diagnosis.selection import Search
+
+
+def deviations(search: Search) -> np.ndarray:
+    """(P,) standard errors of the parameters of the present set; NaN at a bound.
+
+    Three independent parts: the sandwich covariance of the fit; what a lag may be off because nobody knows what the
+    signals do between their samples (`Effect.clock_error`); and the pull of a filter of all channels, which every chain
+    has and which is often too weak to be found. With J the sensitivities of the set, d what such a filter changes and
+    γ = (d·e)/(d·d) the share of it, at most 1, that fits the error e beyond J, leaving it out moves the parameters by
+    γ J⁺ d.
+    """
+    fit, problem = search.fit, search.problem
+    variance = np.diag(covariance(problem, fit)).copy()
+    for effect, place in zip(fit.composition.effects, fit.composition.places, strict=True):
+        if effect.stepwise:  # the error jumps where a lag passes a whole sample: no derivative tells how sure it is
+            variance[place.start] = 0.0
+        variance[place.start] += effect.clock_error(problem.signals) ** 2
+    return np.sqrt(np.maximum(variance + _pull(search) ** 2, 0.0))
+
+
+def of_effect(search: Search, found: np.ndarray, effect: Effect) -> np.ndarray:
+    """(k,) those of one effect of the set."""
+    return found[search.fit.composition.places[search.fit.composition.effects.index(effect)]]
+
+
+def _pull(search: Search) -> np.ndarray:
+    """(P,) by how much filters of all channels that are not in the set would move its parameters, added in squares."""
+    fit, problem = search.fit, search.problem
+    total = np.zeros(fit.vector.size)
+    free = np.flatnonzero(~fit.at_bounds() & (np.linalg.norm(fit.jacobian, axis=0) > 0))
+    for effect in search.outside():
+        if effect.path != "all" or not free.size:
+            continue
+        moved = moves(problem, fit, (effect,))
+        found = [(d, m) for d, m in zip(directions(problem, fit, moved), moved, strict=True) if d.visible]
+        if not found:
+            continue
+        best, move = max(found, key=lambda pair: pair[0].gain)
+        scale = np.linalg.norm(fit.jacobian[:, free], axis=0)
+        step = np.linalg.lstsq(fit.jacobian[:, free] / scale, problem.stack(move.change), rcond=1e-8)[0] / scale
+        total[free] += (min(best.share, 1.0) * step) ** 2
+    return np.sqrt(total)
