@@ -27,7 +27,7 @@ from toy_diagnosis import (
 
 from lpvid.diagnosis.blocks import FEWEST, Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.deciding import Folds, explained_share, stands_apart
+from lpvid.diagnosis.deciding import BLOCKS_BETTER, MAJORITY, Folds, _enough, explained_share, stands_apart
 from lpvid.diagnosis.engine import diagnose
 from lpvid.diagnosis.localise import localise
 from lpvid.diagnosis.noise import FLOOR, Whitening, noise_level
@@ -384,3 +384,19 @@ class TestFaintCauses:
 
     def test_one_that_noise_drowns_does_not(self, rng: np.random.Generator) -> None:
         assert not self.asked(rng, 0.02, 1.0)
+
+
+class TestBlocksInWhichACauseMustHelp:
+    def test_one_that_dwarfs_the_noise_in_most(self) -> None:
+        assert _enough(np.full(30, 400.0)) == BLOCKS_BETTER
+
+    def test_a_faint_one_in_as_many_as_it_would_by_chance(self, rng: np.random.Generator) -> None:
+        """Held-out gains of a true change of energy E: 2 (d·e) + E, drawn; 5 % of them help in fewer blocks."""
+        energy, draws = np.full(40, 1.5), 4000
+        gains = 2 * np.sqrt(energy) * rng.standard_normal((draws, energy.size)) + energy
+        enough = _enough(energy)
+        assert MAJORITY < enough < BLOCKS_BETTER
+        assert np.mean((gains > 0).mean(axis=1) < enough) < 0.08
+
+    def test_never_fewer_than_a_clear_majority(self) -> None:
+        assert _enough(np.full(12, 1e-6)) == MAJORITY

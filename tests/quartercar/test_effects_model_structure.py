@@ -7,7 +7,9 @@ import pytest
 from effect_signals import PERIOD, composed, current_itself, guo, nothing, road_like, speed_itself
 from scipy.signal import lsim, lti
 
+from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.signals import Signals, in_turn
+from quartercar.effects.hydraulics import QuadraticLoss
 from quartercar.effects.model_structure import (
     MODES,
     ColouredNoise,
@@ -87,6 +89,19 @@ class TestMissingScheduling:
     def test_the_place_is_kept_when_channels_are_replaced(self) -> None:
         parts = in_turn([road_like(0, 512), road_like(1, 512)])
         assert parts[1].replace(velocity=np.zeros(512)).span == (0.5, 1.0)
+
+
+    def test_what_the_law_holds_besides_is_modulated_with_it(self) -> None:
+        """A turbulent loss is part of the force whose modulation nobody logged: (F_0 + c v|v|) m(t)."""
+        composition = Composition(guo(), (MissingScheduling(), QuadraticLoss()))
+        places = dict(zip((e.name for e in composition.effects), composition.places, strict=True))
+        s, vector = road_like(1), composition.neutral
+        vector[places["quadratic-loss"]] = 3000.0
+        steady = composition.predict(s, vector)
+        values = np.linspace(-0.05, 0.05, MODES + 2)
+        vector[places["missing-scheduling"]] = values
+        expected = steady * (1 + slow_modes(np.linspace(0.0, 1.0, s.n_samples)) @ values)
+        np.testing.assert_allclose(composition.predict(s, vector), expected, rtol=1e-12)
 
 
 class TestModelOrder:

@@ -118,6 +118,17 @@ def test_a_current_without_edges_has_none() -> None:
     assert find_edges(np.full(100, 0.7), PERIOD).first.size == 0
 
 
+def test_a_current_whose_edges_take_no_time_has_passed_no_filter(rng: np.random.Generator) -> None:
+    current = held_current(rng, 2048)
+    _, v = motion(PERIOD * np.arange(2048))
+    force = np.zeros(2048)
+    sharp = Signals(PERIOD, {"velocity": v, "current": current[::FINE]}, force)
+    dull = Signals(PERIOD, {"velocity": v, "current": behind(1e-3, current)}, force)
+    refused = SharedFilter().applies(guo(), (sharp,))
+    assert refused is not None and "no trace of a filter" in refused
+    assert SharedFilter().applies(guo(), (dull,)) is None
+
+
 @pytest.mark.parametrize("zeta", [0.4, 0.7071, 1.0, 1.2])
 def test_step_response(zeta: float) -> None:
     t = 1e-3
