@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
-from quartercar.effects.viscous import viscous_slope
+from quartercar.effects.viscous import static_share, viscous_slope
 
 COOLING = (20.0, 200.0)
 """time constants of cooling that are looked at [s]"""
@@ -82,11 +82,14 @@ class ThermalEffect(GridEffect):
 
 
 class ThermalFade(ThermalEffect):
-    """All of the force fades with the heat: F (1 − a E), a = α/C (equation sheet 3.16)."""
+    """All that the flow makes fades with the heat: F_s + (F − F_s)(1 − a E), a = α/C (equation sheet 3.16).
+
+    The static share F_s, of gas and preload, does not: a gas rather gains by it.
+    """
 
     name: ClassVar[str] = "thermal-fade"
     title: ClassVar[str] = "the force fades as the damper heats up"
-    equation: ClassVar[str] = "F -> F (1 - a E), dE/dt = F v - E/tau, a = alpha/C"
+    equation: ClassVar[str] = "F -> F_s + (F - F_s)(1 - a E), dE/dt = F v - E/tau, a = alpha/C"
     experiment: ClassVar[str] = "the same segment repeated through a long run of constant power, with rests"
 
     @property
@@ -100,10 +103,13 @@ class ThermalFade(ThermalEffect):
         if fade <= 0:
             return core
 
-        def warm(parts: Parts, heat: np.ndarray) -> np.ndarray:
-            return parts[0] * np.maximum(1 - fade * heat, 0.05)
+        def cold(s: Signals) -> Parts:
+            return core(s), static_share(s, core, baseline)
 
-        return heated(lambda s: (core(s),), warm, cooling)
+        def warm(parts: Parts, heat: np.ndarray) -> np.ndarray:
+            return parts[1] + (parts[0] - parts[1]) * np.maximum(1 - fade * heat, 0.05)
+
+        return heated(cold, warm, cooling)
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("the heat as a slow second scheduling variable", schedule=("heat",))

@@ -1,10 +1,11 @@
-"""The viscous share of a simulation: how its force grows with the speed once everything else has settled."""
+"""Shares of a simulation: how its force grows with the speed, and what is left of it without any."""
 
 from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +17,7 @@ TOP = 0.999
 HALF = 0.6
 """share of it that is the lower speed"""
 KEPT = 4
-"""pairs of slopes that signals keep"""
+"""sets of shares that signals keep"""
 
 
 def viscous_slope(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
@@ -29,33 +30,58 @@ def viscous_slope(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
     if not baseline.static:
         return np.full(s.n_samples, max(_regressed(v, core(s)), 0.0))
     if s.record is not None:
-        rising, falling = _slopes(s, s.record, core)
-        return np.where(v < 0, falling, rising)
+        kept = _kept(s, s.record, core)
+        return np.where(v < 0, kept.falling, kept.rising)
     signs = s.fact("velocity", "direction without rest", lambda v: np.where(v < 0, -1.0, 1.0))
     fast = s.cached("signals at high speed", lambda: s.replace(velocity=signs * _top(s)))
     slower = s.cached("signals at a lower speed", lambda: s.replace(velocity=signs * (HALF * _top(s))))
     return np.maximum(signs * (core(fast) - core(slower)) / ((1 - HALF) * _top(s)), 0.0)
 
 
-def _slopes(s: Signals, record: Signals, core: Core) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) each: the slope in either direction, kept while a law is asked at one speed after the other."""
+def static_share(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
+    """(n,) the force that a motion of no speed would leave, of gas and preload [N]; 0 for a core with memory.
+
+    Whatever turns round with the speed, Coulomb's friction and a yield force too, drops out of
+    e(v) = (F(v) + F(−v))/2; two high speeds, extrapolated to none, leave out what grows with the speed in one direction
+    more than in the other.
+    """
+    if not baseline.static:
+        return np.zeros(s.n_samples)
+    return _kept(s, s if s.record is None else s.record, core).static
+
+
+@dataclass(frozen=True, eq=False)
+class _Shares:
+    """(n,) each: the slopes in either direction, the static share; and the channels that these belong to."""
+
+    rising: np.ndarray
+    falling: np.ndarray
+    static: np.ndarray
+    channels: list[np.ndarray]
+
+
+def _kept(s: Signals, record: Signals, core: Core) -> _Shares:
+    """The shares of signals, kept while a law is asked at one speed after the other."""
     rest = [s[r] for r in s.channels if r != "velocity"]
-    kept: OrderedDict = record.cached("viscous slopes", OrderedDict)
+    kept: OrderedDict = record.cached("shares of the force", OrderedDict)
     key = (core, s.n_samples, *map(id, rest))
-    found = kept.pop(key, None) or (*_both(s, _top(s), core), rest)  # channels kept alive keep their identity
+    found = kept.pop(key, None) or _shares(s, _top(s), core, rest)  # channels kept alive keep their identity
     kept[key] = found
     with suppress(KeyError):  # several threads may share the signals
         if len(kept) > KEPT:
             kept.popitem(last=False)
-    return found[0], found[1]
+    return found
 
 
-def _both(s: Signals, top: float, core: Core) -> tuple[np.ndarray, np.ndarray]:
-    def along(sign: float) -> np.ndarray:
-        fast, slower = (core(s.asked(velocity=np.full(s.n_samples, sign * w))) for w in (top, HALF * top))
-        return np.maximum(sign * (fast - slower) / ((1 - HALF) * top), 0.0)
+def _shares(s: Signals, top: float, core: Core, rest: list[np.ndarray]) -> _Shares:
+    def at(speed: float) -> np.ndarray:
+        return core(s.asked(velocity=np.full(s.n_samples, speed)))
 
-    return along(1.0), along(-1.0)
+    high, low, back_high, back_low = at(top), at(HALF * top), at(-top), at(-HALF * top)
+    apart = (1 - HALF) * top
+    even, even_low = (high + back_high) / 2, (low + back_low) / 2
+    return _Shares(np.maximum((high - low) / apart, 0.0), np.maximum((back_low - back_high) / apart, 0.0),
+                   even_low - (even - even_low) * HALF / (1 - HALF), rest)
 
 
 def measured_slope(signals: Sequence[Signals]) -> float:

@@ -54,6 +54,28 @@ def test_the_whole_force_fades() -> None:
     np.testing.assert_allclose(force, viscous(s) * (1 - a * heat), rtol=1e-4)
 
 
+def test_a_gas_does_not_fade() -> None:
+    """800 N + 5 kN/m x beside a flow that yields and makes more force in one direction: only the flow's share fades."""
+    s, a, cooling = road_like(4), 1e-3, 20.0
+
+    def gas(signals: Signals) -> np.ndarray:
+        return 800.0 + 5000.0 * signals["displacement"]
+
+    def flow(signals: Signals) -> np.ndarray:
+        v = signals["velocity"]
+        return 200 * np.tanh(v / 0.01) + np.where(v > 0, 1800.0, 1200.0) * v
+
+    def whole(signals: Signals) -> np.ndarray:
+        return gas(signals) + flow(signals)
+
+    faded = composed(ThermalFade(), [a, cooling], s, whole)
+    share = (faded - gas(s)) / flow(s)
+    moving = np.abs(s["velocity"]) > 0.02
+    assert share[moving].min() < 0.95
+    heat = stored_heat(s, faded * s["velocity"], cooling)
+    np.testing.assert_allclose(share[moving], 1 - a * heat[moving], rtol=1e-3)
+
+
 def test_the_viscous_share_fades_with_the_viscosity() -> None:
     """A law that is all viscous, c exp(−bE) v, by scipy along constant power."""
     s, b, cooling = constant(0.2), 1e-3, 8.0
