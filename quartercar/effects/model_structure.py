@@ -14,6 +14,8 @@ from quartercar.effects.structure import before_steps, second_order
 
 MODES, SCANNED = 10, 7
 """slow cosines of which an unlogged modulation is built, and the slowest of them, by which it is looked for"""
+LARGEST = 0.6
+"""share of the force by which a plausible modulation changes it at most"""
 
 
 class SchedulingDegree(CurrentEffect):
@@ -83,6 +85,13 @@ class MissingScheduling(Effect):
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
         return [sign * 0.03 * np.eye(MODES + 2)[k] for k in range(SCANNED) for sign in (1.0, -1.0)]
+
+    def implausible(self, values: np.ndarray) -> list[str]:
+        """Modes that each are plausible may add up to a force that stops or turns round: then position, say, acts."""
+        largest = float(np.abs(slow_modes(np.linspace(0.0, 1.0, 20 * MODES)) @ values).max())
+        if largest <= LARGEST:
+            return super().implausible(values)
+        return [*super().implausible(values), f"it would change the force by {largest:.0%}, more than {LARGEST:.0%}"]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
