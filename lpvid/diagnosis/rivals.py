@@ -8,6 +8,7 @@ import numpy as np
 
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.noise import Whitening
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import directions, moves, placed, screen, similarity
@@ -97,7 +98,8 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
         elif effect.catch_all and not e.effect.catch_all:
             apart -= COMPONENT * (rest.cost - now.cost) / now.variance
         elif e.effect.catch_all == effect.catch_all:
-            apart = in_both(apart, *plainly(problem, now, fit), separation(rest, now))
+            both = (now, fit) if not _kin(e.effect, effect) else tuple(_unwhitened(problem, f) for f in (now, fit))
+            apart = in_both(apart, *plainly(problem, *both), separation(rest, now))
         if e.effect.name in effect.contains:
             apart -= REFINED * (rest.cost - now.cost) / now.variance
         if not e.effect.implausible(own_values(fit, e.effect)):
@@ -151,6 +153,15 @@ def plainly(problem: Problem, now: Refit, other: Refit) -> tuple[float, float]:
     gains = problem.block_sums(a**2 - b**2)
     total = float(gains.sum())
     return total / max(min(float(a @ a), float(b @ b)), 1e-300), total / max(float(np.sqrt(gains @ gains)), 1e-300)
+
+
+def _unwhitened(problem: Problem, fit: Refit) -> Refit:
+    """The same set fitted to the error in the output's unit.
+
+    Two lags on one path differ by little else than the bands that whitening weighs most, so that the parameters of the
+    right one, fitted there to the noise that it raises, would lose by the error in the output's unit as well.
+    """
+    return refit(problem.with_whitening(Whitening(np.ones(1), 1.0)), fit.composition, fit.vector, rough=True)
 
 
 def in_both(apart: float, share: float, certain: float, margin: float = SEPARATED) -> float:
