@@ -14,7 +14,6 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.deciding import (
-    EXPLAINED,
     Folds,
     Judged,
     explained_share,
@@ -34,18 +33,12 @@ from lpvid.diagnosis.refitting import Refit, covariance, refit
 from lpvid.diagnosis.remainder import predictable_share
 from lpvid.diagnosis.rivals import alternatives
 from lpvid.diagnosis.screening import Evidence
-from lpvid.diagnosis.selection import BIC_GAIN, SIGNIFICANT, Search
+from lpvid.diagnosis.selection import BIC_GAIN, Search
 from lpvid.diagnosis.signals import in_turn
+from lpvid.diagnosis.verdicts import Findings, told
 from lpvid.errors import InputError
 from lpvid.record import Record
 
-LEFT = 0.05
-"""rms of the error that a regression on the inputs still predicts, as a share of the output's spread, beyond which
-nothing counts as explained in full"""
-LEAST, FORMS = 0.5, 0.9
-"""share of the excess error to explain whatever its standard error; the second number for flexible forms"""
-PARTLY = 0.9
-"""share of the excess error, within two standard errors, below which causes, however steady, are not named"""
 MOST_REGROWN = 2
 """times that the set may grow anew after one of it has gone"""
 MOST_TURNS = 5
@@ -165,8 +158,11 @@ class _Case:
         contested = [j for j in judged if not j.objections and j.rivals]
         predictable = self._predictable(fit)
         phi = explained_share(problem, before, after, self.level.variance, predictable) if named or contested else None
-        left = float(np.sqrt(predictable * np.mean(after.plain**2))) / problem.spread
-        verdict, reason = self._verdict(named, contested, dropped, phi, predictable, left)
+        verdict, reason = told(Findings(
+            [j.effect for j in named], [(j.effect, tuple(a.effect for a in j.rivals)) for j in contested], dropped, phi,
+            predictable, float(np.mean(before.plain**2)), float(np.mean(after.plain**2)), problem.spread,
+            self.level.variance, min((e.p_value for e in self.screened), default=1.0), problem.whitening.is_coloured,
+            self.baseline.output_unit))
         kept = [j for j in judged if j in named or j in contested]
         final = self._final(fit, kept)
         return self._result(verdict, reason, bare, final, before, judged, named, contested, dropped, phi,
@@ -240,46 +236,6 @@ class _Case:
         errors = self.problem.errors(fit.composition, fit.vector)
         share, spread = predictable_share(self.problem, errors, self._inputs)
         return share if share - 2 * spread > PREDICTABLE else 0.0
-
-    def _verdict(self, named: list[Judged], contested: list[Judged], dropped: list[Judged],
-                 phi: tuple[float, float] | None, predictable: float, left: float) -> tuple[str, str]:
-        if not named and not contested:
-            return self._nothing(dropped, predictable)
-        assert phi is not None
-        forms = all(j.effect.catch_all for j in (*named, *contested))  # what is flexible has no excuse
-        complete = phi[0] + 2 * phi[1] >= EXPLAINED and phi[0] >= (FORMS if forms else LEAST)
-        said = ", ".join(j.effect.name for j in (*named, *contested))
-        if not complete:
-            partly = phi[0] + 2 * phi[1] >= PARTLY and phi[0] >= LEAST and not forms
-            word = "explains" if partly else "resembles it but explains"
-            text = f"{said} {word} {phi[0]:.0%} of the excess error only; the rest is unexplained"
-            return ("partly-explained" if partly else "unexplained"), text
-        if not named:
-            groups = "; ".join(f"{j.effect.name} or {' or '.join(a.effect.name for a in j.rivals)}" for j in contested)
-            return "cannot-tell", f"these data cannot keep apart {groups}"
-        text = f"{', '.join(j.effect.name for j in named)} explains {min(phi[0], 1.0):.0%} of the excess error"
-        if contested:
-            return "partly-explained", text + f"; {', '.join(j.effect.name for j in contested)} has rivals"
-        if left > LEFT:
-            return "partly-explained", text + (f", but what is left still follows the inputs, by {left:.0%} of the "
-                                               "output's spread")
-        return "explained", text
-
-    def _nothing(self, dropped: list[Judged], predictable: float) -> tuple[str, str]:
-        least = min((e.p_value for e in self.screened), default=1.0)
-        coloured = self.problem.whitening.is_coloured
-        small = all(j.minor for j in dropped)
-        if least < SIGNIFICANT and not (dropped and small) and predictable:
-            why = f"; {dropped[0].effect.name} comes nearest, but {dropped[0].objections[0]}" if dropped else ""
-            return "unexplained", "the error follows the inputs, but no candidate explains it" + why
-        if predictable > 0.1:
-            return "unexplained", (f"a regression on the inputs predicts {predictable:.0%} of the error, "
-                                   "but no candidate does")
-        there = [j.effect.name for j in dropped if j.minor and j.p_value < SIGNIFICANT]
-        if there and small:
-            return "nothing-to-explain", f"{', '.join(there)} may be present, but too small to be worth naming"
-        kind = "coloured noise" if coloured else "white noise"
-        return "nothing-to-explain", f"what is left looks like {kind}: no candidate stands out over the blocks"
 
     def _final(self, fit: Refit, kept: Sequence[Judged]) -> Refit:
         """The fit with the kept effects only."""

@@ -1,0 +1,113 @@
+"""Verdicts: what all findings together allow to say."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.diagnosis.deciding import EXPLAINED, Judged
+from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.selection import SIGNIFICANT
+
+LEFT = 0.05
+"""rms of the error that a regression on the inputs still predicts, as a share of the output's spread, beyond which
+nothing counts as explained in full"""
+LEAST, FORMS = 0.5, 0.9
+"""share of the excess error to explain whatever its standard error; the second number for flexible forms"""
+PARTLY = 0.9
+"""share of the excess error, within two standard errors, below which causes, however steady, are not named"""
+FOLLOWS = 0.1
+"""share of the error that a regression on the inputs must predict to count as structure by itself"""
+LOUD = 3.0
+"""squared error over that between repeats of the same input, above which it is no noise, whatever it looks like"""
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """What a verdict rests on.
+
+    Attributes
+    ----------
+    named : sequence of Effect
+        Causes that passed every gate.
+    contested : sequence of (Effect, tuple of Effect)
+        Causes that did but for their rivals, and these.
+    dropped : sequence of Judged
+        What was objected to.
+    phi : (share, standard error) or None
+        Of the excess error that the causes explain; None where there are none.
+    predictable : float
+        Share of the squared error they leave that a regression on the inputs still predicts; 0 where that is not sure.
+    before, after : float
+        Mean squared error out of fold of the baseline and of the set, in the output's unit squared.
+    spread : float
+        Of the output.
+    noise : float or None
+        Variance of the noise by repeats of the same input.
+    least : float
+        Smallest p-value of the screening.
+    coloured : bool
+        Whether what is left is coloured.
+    unit : str
+        Of the output.
+    """
+
+    named: Sequence[Effect]
+    contested: Sequence[tuple[Effect, tuple[Effect, ...]]]
+    dropped: Sequence[Judged]
+    phi: tuple[float, float] | None
+    predictable: float
+    before: float
+    after: float
+    spread: float
+    noise: float | None
+    least: float
+    coloured: bool
+    unit: str
+
+
+def told(f: Findings) -> tuple[str, str]:
+    """Verdict and reason."""
+    if f.phi is None:
+        return _nothing(f)
+    share, uncertain = f.phi
+    causes = [*f.named, *(e for e, _ in f.contested)]
+    forms = all(e.catch_all for e in causes)  # what is flexible has no excuse
+    said = ", ".join(e.name for e in causes)
+    if not (share + 2 * uncertain >= EXPLAINED and share >= (FORMS if forms else LEAST)):
+        partly = share + 2 * uncertain >= PARTLY and share >= LEAST and not forms
+        word = "explains" if partly else "resembles it but explains"
+        text = f"{said} {word} {share:.0%} of the excess error only; the rest is unexplained"
+        return ("partly-explained" if partly else "unexplained"), text
+    if not f.named:
+        groups = "; ".join(f"{e.name} or {' or '.join(r.name for r in rivals)}" for e, rivals in f.contested)
+        return "cannot-tell", f"these data cannot keep apart {groups}"
+    text = f"{', '.join(e.name for e in f.named)} explains {min(share, 1.0):.0%} of the excess error"
+    if f.contested:
+        return "partly-explained", text + f"; {', '.join(e.name for e, _ in f.contested)} has rivals"
+    left = float(np.sqrt(f.predictable * f.after)) / f.spread
+    if left > LEFT:
+        text += f", but what is left still follows the inputs, by {left:.0%} of the output's spread"
+        return "partly-explained", text
+    return "explained", text
+
+
+def _nothing(f: Findings) -> tuple[str, str]:
+    """Without any cause: whether there is nothing to explain, or something that nobody explains."""
+    small = all(j.minor for j in f.dropped)
+    if f.least < SIGNIFICANT and not (f.dropped and small) and f.predictable:
+        why = f"; {f.dropped[0].effect.name} comes nearest, but {f.dropped[0].objections[0]}" if f.dropped else ""
+        return "unexplained", "the error follows the inputs, but no candidate explains it" + why
+    if f.predictable > FOLLOWS:
+        return "unexplained", (f"a regression on the inputs predicts {f.predictable:.0%} of the error, "
+                               "but no candidate does")
+    there = [j.effect.name for j in f.dropped if j.minor and j.p_value < SIGNIFICANT]
+    if there and small:
+        return "nothing-to-explain", f"{', '.join(there)} may be present, but too small to be worth naming"
+    if f.noise is not None and f.before > LOUD * f.noise:
+        return "unexplained", (f"repeats of the same input differ by {np.sqrt(2 * f.noise):.3g} {f.unit} rms only, but "
+                               f"no candidate explains the {np.sqrt(f.before):.3g} {f.unit} that are left")
+    kind = "coloured noise" if f.coloured else "white noise"
+    return "nothing-to-explain", f"what is left looks like {kind}: no candidate stands out over the blocks"
