@@ -154,6 +154,7 @@ class _Case:
         judged, dropped, after = self._judged(before)
         problem, fit = self.problem, self.search.fit
         bare = refit(problem, Composition(self.baseline), self.first.vector)
+        judged = sorted(judged, key=lambda j: -j.contribution)
         named = [j for j in judged if not j.objections and not j.rivals]
         contested = [j for j in judged if not j.objections and j.rivals]
         predictable = self._predictable(fit)

@@ -207,25 +207,36 @@ class RiseFallLag(CurrentEffect):
 
 
 class CommandDelay(CurrentEffect):
-    """Driver and bus: the current acts T later than it is recorded (equation sheet 3.13)."""
+    """Driver and bus: the current acts T later than it is recorded, part of it by the driver's own lag (sheet 3.13).
+
+    I_e = exp(-(1 - lambda) T s) / (1 + lambda T s) I. What lags more than it waits is a coil.
+    """
 
     name: ClassVar[str] = "command-delay"
     path: ClassVar[str] = "current"
     stepwise: ClassVar[bool] = True
     title: ClassVar[str] = "the current acts later than it is recorded"
-    equation: ClassVar[str] = "i_e(t) = i(t - T)"
+    equation: ClassVar[str] = "lambda T i_e' + i_e = i(t - (1 - lambda) T)"
     reference: ClassVar[str] = "equation sheet 3.13"
     experiment: ClassVar[str] = "current steps at constant piston speed, sampled at least ten times within the delay"
     resolution: ClassVar[float] = 1.0
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("delay", "s", "T", 0.0, (0.0, 0.03), (0.0, 0.1), (0.002, 0.004, 0.008, 0.016)),)
+        return (EffectParameter("delay", "s", "T", 0.0, (0.0, 0.03), (0.0, 0.1), (0.002, 0.004, 0.008, 0.016)),
+                EffectParameter("lag_share", "", "lambda, share of T that is a first-order lag", 0.0, (0.0, 0.5),
+                                (0.0, 0.5), (0.0,)))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
-        delay = float(values[0])
+        delay, share = (float(v) for v in values)
+        if delay <= 0:
+            return core
 
-        return lambda s: core(s.replace(current=later(s, delay))) if delay > 0 else core(s)
+        def run(s: Signals) -> np.ndarray:
+            late = s.replace(current=later(s, (1 - share) * delay))
+            return core(late.replace(current=lagged(late, share * delay, share * delay)) if share > 0 else late)
+
+        return run
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("scheduled on the delayed current", schedule_filter="delay")

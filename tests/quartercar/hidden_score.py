@@ -25,9 +25,6 @@ BOUC_WEN = {"series-compliance", "entrained-air", "coil-lag", "coulomb-friction"
 to 1 ms here, and a force that builds up over a deflection (Dahl's friction is a Bouc-Wen element of constant force)"""
 
 CHAIN = "shared-filter"
-PARTS = {"command-delay": ("coil-lag",)}
-"""what the other law of a cause truly holds besides: its delay is followed by a lag of a sixth of it"""
-
 
 def case(seed: int, catalogue: tuple[Effect, ...], **fixed: object) -> Row:
     """Draw, diagnose and mark one case; plain data."""
@@ -103,10 +100,9 @@ def _estimate(plan, hidden: tuple, answer: Diagnosis) -> Row:
 def truths(row: Row) -> set[str]:
     """Names that would be right; of a Bouc-Wen damper also those of what Guo's law has not."""
     own = BOUC_WEN if row["kind"] == "wrong-baseline" else set()
-    parts = {p for n in row["causes"] for p in PARTS.get(n, ())} if row["law"] == "other" else set()
     filters = {CHAIN} if row["chain"] == "full" else set()
     hidden = imitators(row) if row["kind"] == "outside" else set(row["causes"])
-    return {*hidden, *own, *parts, *filters}
+    return {*hidden, *own, *filters}
 
 
 def imitators(row: Row) -> set[str]:

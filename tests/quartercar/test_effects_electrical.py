@@ -133,9 +133,17 @@ class TestDelay:
     @pytest.mark.parametrize("samples", [1.0, 2.5, 7.25])
     def test_of_a_smooth_current(self, samples: float) -> None:
         t = PERIOD * np.arange(2048)
-        got = composed(CommandDelay(), [samples * PERIOD], of(np.sin(8 * t)), current_itself)
+        got = composed(CommandDelay(), [samples * PERIOD, 0.0], of(np.sin(8 * t)), current_itself)
         exact = np.sin(8 * (t - samples * PERIOD))
         assert np.abs(got - exact)[20:].max() < (8 * PERIOD) ** 2 / 8 * 1.01, "linear interpolation's own error"
+
+    def test_with_the_lag_of_the_driver_behind_it(self) -> None:
+        """A sine behind exp(-.8 T s)/(1 + .2 T s), in closed form."""
+        t, delay, share, w = PERIOD * np.arange(2048), 5 * PERIOD, 0.2, 8.0
+        got = composed(CommandDelay(), [delay, share], of(np.sin(w * t)), current_itself)
+        passed = np.exp(-1j * w * (1 - share) * delay) / (1 + 1j * w * share * delay)
+        exact = np.abs(passed) * np.sin(w * t + np.angle(passed))
+        assert np.abs(got - exact)[100:].max() < (w * PERIOD) ** 2 / 8 * 1.1, "linear interpolation's own error"
 
     @pytest.mark.parametrize("samples", [0.6, 1.1, 3.5, 4.9])
     def test_of_a_held_current_is_told_to_half_a_sample(self, samples: float) -> None:
@@ -144,13 +152,13 @@ class TestDelay:
         s = of(current)
         late = np.concatenate([np.full(k := int(np.ceil(samples)), current[0]), current[:-k]])
         tried = np.arange(0.1, 8, 0.02)
-        errors = [np.sum((composed(CommandDelay(), [d * PERIOD], s, current_itself) - late) ** 2) for d in tried]
+        errors = [np.sum((composed(CommandDelay(), [d * PERIOD, 0.0], s, current_itself) - late) ** 2) for d in tried]
         assert abs(tried[int(np.argmin(errors))] - samples) <= 0.5 + 0.02
         assert CommandDelay().resolution >= 0.5
 
     def test_a_delay_is_no_lag(self) -> None:
         s = road_like(4)
-        delayed = composed(CommandDelay(), [0.01], s, current_itself)
+        delayed = composed(CommandDelay(), [0.01, 0.0], s, current_itself)
         best = min(np.sum((composed(CoilLag(), [tau], s, current_itself) - delayed) ** 2)
                    for tau in np.geomspace(1e-3, 0.1, 30))
         assert best > 0.1 * np.sum((s["current"] - delayed) ** 2)
