@@ -131,6 +131,8 @@ class ExtendedModel(Adaptable):
     def from_dict(cls, data: Mapping) -> ExtendedModel:
         """Inverse of `to_dict`; baseline and effects are looked up among those of the installed packages.
 
+        A parameter that an effect had not yet when the file was written is neutral.
+
         Raises
         ------
         InputError
@@ -145,15 +147,23 @@ class ExtendedModel(Adaptable):
         if len(given) != len(data["effects"]):
             raise InputError("an effect stands twice in an extended model", got=", ".join(e.name for e in effects))
         vector = composition.neutral
-        vector[: baseline.vector.size] = data["baseline"]["vector"]
+        size = baseline.vector.size
+        vector[:size] = data["baseline"]["vector"]
+        known = list(range(size))
         for effect, place in zip(composition.effects, composition.places, strict=True):
-            names = [p.name for p in effect.parameters]
-            if set(names) != set(given[effect.name]):
+            names, stored = [p.name for p in effect.parameters], given[effect.name]
+            if names[0] not in stored or not set(stored) <= set(names):
                 raise InputError(f"the effect '{effect.name}' has other parameters here than in the file",
-                                 got=", ".join(given[effect.name]), why=f"this version knows {', '.join(names)}")
-            vector[place] = [_checks.real(given[effect.name][n], f"{n} of {effect.name}") for n in names]
-        covariance = np.array([[np.nan if v is None else v for v in row] for row in data["covariance"]], dtype=float)
-        return cls(composition, vector, covariance.reshape(vector.size, -1), tuple(data["reads"]), dict(data["units"]),
+                                 got=", ".join(stored), why=f"this version knows {', '.join(names)}")
+            for k, name in enumerate(names, place.start):
+                if name in stored:
+                    vector[k] = _checks.real(stored[name], f"{name} of {effect.name}")
+                    known.append(k)
+        covariance = np.full((vector.size, vector.size), np.nan)
+        covariance[np.ix_(known, known)] = np.array(
+            [[np.nan if v is None else v for v in row] for row in data["covariance"]], dtype=float
+        ).reshape(len(known), len(known))
+        return cls(composition, vector, covariance, tuple(data["reads"]), dict(data["units"]),
                    {n: (float(v[0]), float(v[1])) for n, v in data["ranges"].items()}, dict(data["metadata"]))
 
     def __repr__(self) -> str:

@@ -7,6 +7,8 @@ import pytest
 from effect_signals import PERIOD, composed, guo, motion, nothing, road_like, speed_itself
 from scipy.signal import bilinear, lfilter
 
+from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.signals import Signals
 from quartercar.effects.measurement import DisplacementDelay, ForceClipping, ForceDelay, ForceOffset, OneSidedFilter
 from quartercar.effects.quantisation import Quantisation, grid_step, mean_rounding, smoothed_within
@@ -42,6 +44,19 @@ class TestDelays:
         inside = slice(200, -200)
         assert np.abs(right - true)[inside].max() < 0.02 * np.abs(late - true)[inside].max()
         assert np.abs(delayed - true)[inside].max() > 5 * np.abs(right - true)[inside].max()
+
+    def test_a_file_from_before_the_lag_is_read_without_one(self) -> None:
+        composition = Composition(guo(), (DisplacementDelay(), ForceOffset()))
+        vector = composition.neutral
+        vector[-3:] = 0.004, 0.3, 12.0
+        square = np.diag(np.arange(1.0, vector.size + 1))
+        data = ExtendedModel(composition, vector, square).to_dict()
+        assert data["effects"][0]["parameters"].pop()["name"] == "lag_share"
+        data["covariance"] = [[v for k, v in enumerate(row) if k != vector.size - 2]
+                              for j, row in enumerate(data["covariance"]) if j != vector.size - 2]
+        old = ExtendedModel.from_dict(data)
+        np.testing.assert_array_equal(old.vector, np.r_[vector[:-2], 0.0, 12.0])
+        np.testing.assert_array_equal(np.diag(old.covariance), np.r_[np.diag(square)[:-2], np.nan, vector.size])
 
     @pytest.mark.parametrize("delay", [0.002, 0.0055])
     def test_a_force_recorded_late_is_that_of_earlier(self, delay: float) -> None:
