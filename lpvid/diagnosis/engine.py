@@ -162,7 +162,7 @@ class _Case:
         verdict, reason = told(Findings(
             [j.effect for j in named], [(j.effect, tuple(a.effect for a in j.rivals)) for j in contested], dropped, phi,
             predictable, float(np.mean(before.plain**2)), float(np.mean(after.plain**2)), problem.spread,
-            self.level.variance, min((e.p_value for e in self.screened), default=1.0), problem.whitening.is_coloured,
+            self._unshared(bare), min((e.p_value for e in self.screened), default=1.0), problem.whitening.is_coloured,
             self.baseline.output_unit))
         kept = [j for j in judged if j in named or j in contested]
         final = self._final(fit, kept)
@@ -237,6 +237,13 @@ class _Case:
         errors = self.problem.errors(fit.composition, fit.vector)
         share, spread = predictable_share(self.problem, errors, self._inputs)
         return share if share - 2 * spread > PREDICTABLE else 0.0
+
+    def _unshared(self, bare: Refit) -> float | None:
+        """Variance of that part of the baseline's error which repeats of the same input do not share."""
+        signals, inputs = self.problem.signals, [c for c in self.baseline.channels if c != self.baseline.output]
+        errors = self.problem.errors(bare.composition, bare.vector)
+        left = [replace(s, output=e) for s, e in zip(signals, errors, strict=True)]
+        return noise_level(left, inputs, self.problem.blocks.mask()).variance
 
     def _final(self, fit: Refit, kept: Sequence[Judged]) -> Refit:
         """The fit with the kept effects only."""

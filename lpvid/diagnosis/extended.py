@@ -131,7 +131,7 @@ class ExtendedModel(Adaptable):
     def from_dict(cls, data: Mapping) -> ExtendedModel:
         """Inverse of `to_dict`; baseline and effects are looked up among those of the installed packages.
 
-        A parameter that an effect had not yet when the file was written is neutral.
+        A parameter that an effect had not yet when the file was written (`Effect.later`) is neutral.
 
         Raises
         ------
@@ -152,17 +152,16 @@ class ExtendedModel(Adaptable):
         known = list(range(size))
         for effect, place in zip(composition.effects, composition.places, strict=True):
             names, stored = [p.name for p in effect.parameters], given[effect.name]
-            if names[0] not in stored or not set(stored) <= set(names):
+            if not set(names) - set(effect.later) <= set(stored) <= set(names):
                 raise InputError(f"the effect '{effect.name}' has other parameters here than in the file",
                                  got=", ".join(stored), why=f"this version knows {', '.join(names)}")
             for k, name in enumerate(names, place.start):
                 if name in stored:
                     vector[k] = _checks.real(stored[name], f"{name} of {effect.name}")
                     known.append(k)
+        square = np.array([[np.nan if v is None else v for v in row] for row in data["covariance"]], dtype=float)
         covariance = np.full((vector.size, vector.size), np.nan)
-        covariance[np.ix_(known, known)] = np.array(
-            [[np.nan if v is None else v for v in row] for row in data["covariance"]], dtype=float
-        ).reshape(len(known), len(known))
+        covariance[np.ix_(known, known)] = _checks.shaped(square, (len(known), len(known)), "covariance")
         return cls(composition, vector, covariance, tuple(data["reads"]), dict(data["units"]),
                    {n: (float(v[0]), float(v[1])) for n, v in data["ranges"].items()}, dict(data["metadata"]))
 

@@ -9,8 +9,9 @@ from lpvid.diagnosis.refitting import Refit
 from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.spectra import without_noise
 
-SWITCHED = ("current",)
-"""channels that may jump, whose edges no spectrum keeps apart from noise"""
+SWITCHED = 0.3
+"""ratio of the median to the root mean square of its increments below which a channel jumps between levels: no spectrum
+keeps its edges apart from noise"""
 NOISE = 0.05
 """share of a channel's variance above which what looks like noise was rather meant to excite: a white input"""
 
@@ -36,13 +37,16 @@ def gain_without_input_noise(problem: Problem, fit: Refit, rest: Refit) -> float
     """
     if not rest.cost > fit.cost:
         return 1.0
-    quiet = [s.replace(**{c: _quiet(s, c) for c in s.channels if c not in SWITCHED}) for s in problem.signals]
+    quiet = [s.replace(**{c: _quiet(s, c) for c in s.channels}) for s in problem.signals]
     change = problem.stack([fit.composition.predict(s, fit.vector) - rest.composition.predict(s, rest.vector)
                             for s in quiet])
     return float(2 * change @ rest.errors - change @ change) / (rest.cost - fit.cost)
 
 
 def _quiet(s: Signals, channel: str) -> np.ndarray:
-    """(n,) a channel without its sensor's noise, where that is a small part of it."""
+    """(n,) a channel without its sensor's noise, where that is a small part of one that does not jump."""
+    values, increments = s[channel], np.abs(np.diff(s[channel]))
+    if np.median(increments) < SWITCHED * np.sqrt(np.mean(increments**2)):
+        return values
     quiet = without_noise(s, channel)
-    return quiet if np.var(s[channel] - quiet) < NOISE * np.var(s[channel]) else s[channel]
+    return quiet if np.mean((values - quiet) ** 2) < NOISE * np.var(values) else values

@@ -11,13 +11,13 @@ from lpvid.diagnosis.selection import Search
 
 
 def deviations(search: Search) -> np.ndarray:
-    """(P,) standard errors of the parameters of the present set; NaN at a bound.
+    """(P,) standard errors of the parameters of the present set; NaN at a bound, but for the strength of a lag.
 
     Three independent parts: the sandwich covariance of the fit; what a lag may be off because nobody knows what the
     signals do between their samples (`Effect.clock_error`); and the pull of a filter of all channels, which every chain
     has and which is often too weak to be found. With J the sensitivities of the set, d what such a filter changes and
     γ = (d·e)/(d·d) the share of it, at most 1, that fits the error e beyond J, leaving it out moves the parameters by
-    γ J⁺ d.
+    γ J⁺ d. γ is what fits best: where noise hides the filter altogether, it pulls nothing.
     """
     fit, problem = search.fit, search.problem
     variance = np.diag(covariance(problem, fit)).copy()
@@ -47,6 +47,6 @@ def _pull(search: Search) -> np.ndarray:
             continue
         best, move = max(found, key=lambda pair: pair[0].gain)
         scale = np.linalg.norm(fit.jacobian[:, free], axis=0)
-        step = np.linalg.lstsq(fit.jacobian[:, free] / scale, problem.stack(move.change), rcond=1e-8)[0] / scale
+        step = np.linalg.lstsq(fit.jacobian[:, free] / scale, problem.stack(move.change), rcond=1e-6)[0] / scale
         total[free] += (min(best.share, 1.0) * step) ** 2
     return np.sqrt(total)

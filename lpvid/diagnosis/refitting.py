@@ -95,6 +95,7 @@ def _borrowed(problem: Problem, composition: Composition, vector: np.ndarray, er
     return out
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a law that explodes loses by its cost
 def refit(problem: Problem, composition: Composition, start: np.ndarray, fold: int | None = None,
           iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False) -> Refit:
     """Minimise the whitened squared error over the blocks (or one fold of them), from `start`, inside the bounds.
@@ -187,7 +188,7 @@ def _carry(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:
 
 def _step(jacobian: np.ndarray, errors: np.ndarray, vector: np.ndarray, damping: float, low: np.ndarray,
           high: np.ndarray) -> tuple[np.ndarray, float]:
-    """Damped step in the free parameters, and the fall of the cost that it promises (0 where none is free).
+    """Damped step in the free parameters, and the fall of the cost that it promises (0 where there is none to take).
 
     Where that would carry some beyond their bounds, the best step inside them (bounded least squares).
     """
@@ -196,7 +197,7 @@ def _step(jacobian: np.ndarray, errors: np.ndarray, vector: np.ndarray, damping:
     held = ((vector <= low) & (gradient < 0)) | ((vector >= high) & (gradient > 0)) | (norms <= 1e-140)
     free = np.flatnonzero(~held)
     step = np.zeros(vector.size)
-    if not free.size:
+    if not free.size or not np.isfinite(hessian).all():
         return step, 0.0
     scale = norms[free]
     matrix = hessian[np.ix_(free, free)] / np.outer(scale, scale) + damping * np.eye(free.size)

@@ -30,9 +30,10 @@ COMPONENT = 0.05
 DOUBTFUL = 100.0
 """whitened log-likelihood that must lie between a form and a component on the same path: a saturation and a quadratic
 law of the current differ by small print, which the small print of the measurement may outweigh"""
-PLAIN, HINTED = 0.1, 0.03
+PLAIN, HINTED, HINTED_KIN = 0.1, 0.03, 0.005
 """share of the squared error in the output's unit by which a rival must surely do better there to be the better name
-whatever the whitened error says, and by which it must seem to for the whitened error alone not to decide"""
+whatever the whitened error says, and by which it must seem to for the whitened error alone not to decide; the last for
+two on one path, which differ by little else than bands that whitening weighs most"""
 SURE = 3.0
 """standard errors over the blocks from which on a difference is sure"""
 
@@ -97,9 +98,8 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
             apart += FORM * (rest.cost - now.cost) / now.variance
         elif effect.catch_all and not e.effect.catch_all:
             apart -= COMPONENT * (rest.cost - now.cost) / now.variance
-        elif e.effect.catch_all == effect.catch_all:
-            both = (now, fit) if not _kin(e.effect, effect) else tuple(_unwhitened(problem, f) for f in (now, fit))
-            apart = in_both(apart, *plainly(problem, *both), separation(rest, now))
+        else:
+            apart = _weighed(problem, apart, now, fit, separation(rest, now), _kin(e.effect, effect))
         if e.effect.name in effect.contains:
             apart -= REFINED * (rest.cost - now.cost) / now.variance
         if not e.effect.implausible(own_values(fit, e.effect)):
@@ -140,7 +140,8 @@ def taken_over(search: Search, effect: Effect, rest: Refit, small: Effect) -> Al
     if small.implausible(own_values(fit, small)):
         return None
     apart = (fit.cost - now.cost) / now.variance - len(effect.parameters) * np.log(problem.n_samples)
-    return Alternative(small, fit, 1.0, float(in_both(apart, *plainly(problem, now, fit), separation(rest, now))))
+    apart = _weighed(problem, apart, now, fit, separation(rest, now), _kin(small, effect))
+    return Alternative(small, fit, 1.0, float(apart))
 
 
 def plainly(problem: Problem, now: Refit, other: Refit) -> tuple[float, float]:
@@ -164,11 +165,19 @@ def _unwhitened(problem: Problem, fit: Refit) -> Refit:
     return refit(problem.with_whitening(Whitening(np.ones(1), 1.0)), fit.composition, fit.vector, rough=True)
 
 
-def in_both(apart: float, share: float, certain: float, margin: float = SEPARATED) -> float:
+def _weighed(problem: Problem, apart: float, now: Refit, other: Refit, margin: float, kin: bool) -> float:
+    """Log-likelihood by which another fit trails, with what the error in the output's unit says of it."""
+    if not kin:
+        return in_both(apart, *plainly(problem, now, other), margin)
+    share, certain = plainly(problem, _unwhitened(problem, now), _unwhitened(problem, other))
+    return in_both(apart, share, certain, margin, HINTED_KIN)
+
+
+def in_both(apart: float, share: float, certain: float, margin: float = SEPARATED, hinted: float = HINTED) -> float:
     """Log-likelihood by which a rival trails, overruled where the error in the output's unit surely says otherwise."""
     if abs(share) > PLAIN and abs(certain) > SURE:
         return min(apart, -2 * margin) if share > 0 else max(apart, 2 * margin)
-    if share * apart > 0 and abs(share) > HINTED and abs(certain) > 1 and abs(apart) > margin:
+    if share * apart > 0 and abs(share) > hinted and abs(certain) > 1:
         return 0.0
     return apart
 

@@ -146,6 +146,7 @@ def directions(problem: Problem, fit: Refit, moved: Sequence[Move]) -> list[Dire
     return out
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def saturated(problem: Problem, fit: Refit, moved: Sequence[Move]) -> list[np.ndarray]:
     """Per record, the error of the fit less all that any candidate could explain of it: what the noise looks like.
 

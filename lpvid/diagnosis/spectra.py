@@ -57,11 +57,12 @@ def _spectrum(x: np.ndarray, sample_time: float, finer: int) -> tuple[np.ndarray
     from scipy.signal import welch
 
     spectrum, omega = _continued(x, sample_time)
-    at, power = welch(x, 1 / sample_time, nperseg=min(x.size, round(STRETCH / sample_time)))
+    at, power = welch(x, 1 / sample_time, nperseg=min(x.size, max(round(STRETCH / sample_time), 2)))
     recorded = at <= at[-1] / finer
     top = power[recorded]
     noise = float(np.median(top[-round(QUIET * top.size):]))
     share = np.maximum(1 - ABOVE * noise / np.maximum(np.interp(omega, 2 * np.pi * at, power), 1e-300), 0.0)
+    share[omega < 2 * np.pi * at[1]] = 1.0  # where a mean lies no stretch tells
     return spectrum, omega, np.where(omega <= omega[-1] / finer, share, 0.0)
 
 

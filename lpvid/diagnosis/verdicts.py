@@ -21,7 +21,8 @@ PARTLY = 0.9
 FOLLOWS = 0.1
 """share of the error that a regression on the inputs must predict to count as structure by itself"""
 LOUD = 3.0
-"""squared error over that between repeats of the same input, above which it is no noise, whatever it looks like"""
+"""squared error over what repeats of the same input do not share of it, above which it is no noise, whatever it looks
+like"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +45,9 @@ class Findings:
         Mean squared error out of fold of the baseline and of the set, in the output's unit squared.
     spread : float
         Of the output.
-    noise : float or None
-        Variance of the noise by repeats of the same input.
+    unshared : float or None
+        Variance of that part of the baseline's error which repeats of the same input do not share, by noise of its
+        output and of its inputs; None where nothing repeats.
     least : float
         Smallest p-value of the screening.
     coloured : bool
@@ -62,7 +64,7 @@ class Findings:
     before: float
     after: float
     spread: float
-    noise: float | None
+    unshared: float | None
     least: float
     coloured: bool
     unit: str
@@ -98,16 +100,18 @@ def _nothing(f: Findings) -> tuple[str, str]:
     """Without any cause: whether there is nothing to explain, or something that nobody explains."""
     small = all(j.minor for j in f.dropped)
     if f.least < SIGNIFICANT and not (f.dropped and small) and f.predictable:
-        why = f"; {f.dropped[0].effect.name} comes nearest, but {f.dropped[0].objections[0]}" if f.dropped else ""
+        nearest = max(f.dropped, key=lambda j: j.won, default=None)
+        why = f"; {nearest.effect.name} comes nearest, but {nearest.objections[0]}" if nearest else ""
         return "unexplained", "the error follows the inputs, but no candidate explains it" + why
     if f.predictable > FOLLOWS:
         return "unexplained", (f"a regression on the inputs predicts {f.predictable:.0%} of the error, "
                                "but no candidate does")
+    left = f.after if small else f.before  # what is small stays in the simulation
+    if f.unshared is not None and left > LOUD * f.unshared:
+        return "unexplained", (f"the errors of repeats differ by {np.sqrt(2 * f.unshared):.3g} {f.unit} rms only, but "
+                               f"no candidate explains the {np.sqrt(left):.3g} {f.unit} that are left")
     there = [j.effect.name for j in f.dropped if j.minor and j.p_value < SIGNIFICANT]
     if there and small:
         return "nothing-to-explain", f"{', '.join(there)} may be present, but too small to be worth naming"
-    if f.noise is not None and f.before > LOUD * f.noise:
-        return "unexplained", (f"repeats of the same input differ by {np.sqrt(2 * f.noise):.3g} {f.unit} rms only, but "
-                               f"no candidate explains the {np.sqrt(f.before):.3g} {f.unit} that are left")
     kind = "coloured noise" if f.coloured else "white noise"
     return "nothing-to-explain", f"what is left looks like {kind}: no candidate stands out over the blocks"

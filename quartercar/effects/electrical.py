@@ -107,15 +107,18 @@ def read_earlier(s: Signals, delay: float) -> np.ndarray:
     return np.interp(n - d, n, s["current"])
 
 
-def lagged(s: Signals, rise: float, fall: float) -> np.ndarray:
-    """(n,) current behind a first-order lag with unequal edges; the current itself where both are zero."""
+def lagged(s: Signals, rise: float, fall: float, between: bool = False) -> np.ndarray:
+    """(n,) current behind a first-order lag with unequal edges; the current itself where both are zero.
+
+    `between`: it runs in straight lines between the samples, even if it was held when it was recorded.
+    """
     from quartercar.effects import _current_kernels as kernels
 
     current = np.ascontiguousarray(s["current"])
     if rise <= 0 and fall <= 0:
         return current
     out = np.empty_like(current)
-    if held(s):
+    if not between and held(s):
         kernels.lag_held(current, rise, fall, s.sample_time, SEEN_AFTER, out)
     else:
         kernels.lag_linear(current, rise, fall, s.sample_time, out)
@@ -213,6 +216,7 @@ class CommandDelay(CurrentEffect):
     """
 
     name: ClassVar[str] = "command-delay"
+    later: ClassVar[tuple[str, ...]] = ("lag_share",)
     path: ClassVar[str] = "current"
     stepwise: ClassVar[bool] = True
     title: ClassVar[str] = "the current acts later than it is recorded"
@@ -234,7 +238,7 @@ class CommandDelay(CurrentEffect):
 
         def run(s: Signals) -> np.ndarray:
             late = s.replace(current=later(s, (1 - share) * delay))
-            return core(late.replace(current=lagged(late, share * delay, share * delay)) if share > 0 else late)
+            return core(late.replace(current=lagged(late, share * delay, share * delay, between=True)))
 
         return run
 

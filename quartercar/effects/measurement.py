@@ -9,7 +9,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
-from lpvid.diagnosis.spectra import before_filter
+from lpvid.diagnosis.spectra import SHORT, before_filter
 from quartercar.effects.electrical import read_earlier
 
 MOTION = ("displacement", "velocity", "acceleration")
@@ -49,6 +49,7 @@ class DisplacementDelay(ChainEffect):
     """
 
     name: ClassVar[str] = "displacement-delay"
+    later: ClassVar[tuple[str, ...]] = ("lag_share",)
     path: ClassVar[str] = "motion"
     stepwise: ClassVar[bool] = True
     title: ClassVar[str] = "the motion is recorded later than the force"
@@ -71,8 +72,9 @@ class DisplacementDelay(ChainEffect):
             return core
 
         def run(s: Signals) -> np.ndarray:
-            prompt = {m: before_filter(s, m, (share * delay,)) if share > 0 else s[m] for m in MOTION if s.has(m)}
-            return core(s.replace(**{m: glided(c, (1 - share) * delay / s.sample_time) for m, c in prompt.items()}))
+            lag = share * delay if s.n_samples >= SHORT else 0.0
+            prompt = {m: before_filter(s, m, (lag,)) if lag > 0 else s[m] for m in MOTION if s.has(m)}
+            return core(s.replace(**{m: glided(c, (delay - lag) / s.sample_time) for m, c in prompt.items()}))
 
         return run
 
@@ -116,6 +118,7 @@ class OneSidedFilter(ChainEffect):
     """The motion alone has passed a low-pass of order two or three, undone before the law sees it (sheet 1.4.10)."""
 
     name: ClassVar[str] = "one-sided-filter"
+    later: ClassVar[tuple[str, ...]] = ("further_lag",)
     path: ClassVar[str] = "motion"
     title: ClassVar[str] = "the motion was low-passed and the force was not"
     stage: ClassVar[str] = "channel"

@@ -39,11 +39,12 @@ def viscous_slope(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
 
 
 def static_share(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
-    """(n,) the force that a motion of no speed would leave, of gas and preload [N]; 0 for a core with memory.
+    """(n,) the force that no motion makes, of gas and preload [N]; 0 for a core with memory.
 
     Whatever turns round with the speed, Coulomb's friction and a yield force too, drops out of
     e(v) = (F(v) + F(−v))/2; two high speeds, extrapolated to none, leave out what grows with the speed in one direction
-    more than in the other.
+    more than in the other. An unequal yield stays in it, but not in the force at rest; a hysteresis stays in that, but
+    not in e: the smaller of the two counts, and none where they differ in sign.
     """
     if not baseline.static:
         return np.zeros(s.n_samples)
@@ -80,8 +81,10 @@ def _shares(s: Signals, top: float, core: Core, rest: list[np.ndarray]) -> _Shar
     high, low, back_high, back_low = at(top), at(HALF * top), at(-top), at(-HALF * top)
     apart = (1 - HALF) * top
     even, even_low = (high + back_high) / 2, (low + back_low) / 2
-    return _Shares(np.maximum((high - low) / apart, 0.0), np.maximum((back_low - back_high) / apart, 0.0),
-                   even_low - (even - even_low) * HALF / (1 - HALF), rest)
+    even, still = even_low - (even - even_low) * HALF / (1 - HALF), at(0.0)
+    static = np.where(even * still > 0, np.sign(still) * np.minimum(np.abs(even), np.abs(still)), 0.0)
+    return _Shares(np.maximum((high - low) / apart, 0.0), np.maximum((back_low - back_high) / apart, 0.0), static,
+                   rest)
 
 
 def measured_slope(signals: Sequence[Signals]) -> float:

@@ -11,7 +11,7 @@ from toy_diagnosis import Cubic, Dry, Late
 from lpvid.diagnosis.verdicts import Findings, told
 
 NOTHING: dict[str, Any] = {"named": [], "contested": [], "dropped": [], "phi": None, "predictable": 0.0, "before": 1.0,
-                           "after": 1.0, "spread": 10.0, "noise": None, "least": 0.5, "coloured": False, "unit": "N"}
+                           "after": 1.0, "spread": 10.0, "unshared": None, "least": 0.5, "coloured": False, "unit": "N"}
 
 
 def says(**found: Any) -> tuple[str, str]:
@@ -19,15 +19,16 @@ def says(**found: Any) -> tuple[str, str]:
 
 
 def dropped(minor: bool, p_value: float = 0.001) -> SimpleNamespace:
-    return SimpleNamespace(effect=Dry(), minor=minor, p_value=p_value, objections=("it is not steady",))
+    return SimpleNamespace(effect=Dry(), minor=minor, p_value=p_value, won=1.0, objections=("it is not steady",))
 
 
 @pytest.mark.parametrize(("found", "verdict", "part"), [
     ({}, "nothing-to-explain", "white noise"),
     ({"coloured": True}, "nothing-to-explain", "coloured noise"),
-    ({"noise": 0.9}, "nothing-to-explain", "white noise"),
-    ({"noise": 0.02}, "unexplained", "repeats of the same input differ by 0.2 N rms only"),
-    ({"noise": 0.02, "dropped": [dropped(minor=True)]}, "nothing-to-explain", "dry may be present"),
+    ({"unshared": 0.9}, "nothing-to-explain", "white noise"),
+    ({"unshared": 0.02}, "unexplained", "the errors of repeats differ by 0.2 N rms only"),
+    ({"unshared": 0.02, "dropped": [dropped(minor=True)]}, "unexplained", "the errors of repeats"),
+    ({"unshared": 0.02, "after": 0.03, "dropped": [dropped(minor=True)]}, "nothing-to-explain", "dry may be present"),
     ({"predictable": 0.3}, "unexplained", "predicts 30% of the error"),
     ({"predictable": 0.05}, "nothing-to-explain", "white noise"),
     ({"predictable": 0.05, "least": 0.01, "dropped": [dropped(minor=False)]}, "unexplained",

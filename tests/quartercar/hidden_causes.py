@@ -125,7 +125,7 @@ def _two_lags(size: float, scene: Scene) -> Imposed:
 
 
 def _late_and_lagged(size: float, scene: Scene) -> Imposed:
-    return Imposed(command=lambda i, rate: _first_order(delayed(i, 0.85 * size * rate), 0.15 * size, rate))
+    return Imposed(command=lambda i, rate: low_passed(delayed(i, 0.8 * size * rate), 8 / (2 * np.pi * size), 0.8, rate))
 
 
 def _froehlich(size: float, scene: Scene) -> Imposed:
@@ -186,7 +186,7 @@ def _warm_film(size: float, scene: Scene) -> Imposed:
 
 
 def _late_sensor(size: float, scene: Scene) -> Imposed:
-    return Imposed(channel=lambda x, rate: _first_order(delayed(x, 0.8 * size * rate), 0.2 * size, rate))
+    return Imposed(channel=lambda x, rate: low_passed(delayed(x, 0.8 * size * rate), 8 / (2 * np.pi * size), 0.8, rate))
 
 
 def _third_order(size: float, scene: Scene) -> Imposed:

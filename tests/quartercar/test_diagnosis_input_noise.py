@@ -8,11 +8,12 @@ from effect_signals import PERIOD, guo, motion
 
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.input_noise import gain_without_input_noise
+from lpvid.diagnosis.input_noise import _quiet, gain_without_input_noise
 from lpvid.diagnosis.noise import Whitening
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.signals import Signals
+from lpvid.diagnosis.spectra import without_noise
 from quartercar.effects.hydraulics import ValveDynamics
 
 LAG = np.array([0.6, 25.0, 0.5])
@@ -48,6 +49,22 @@ def test_a_lag_that_only_takes_the_noise_away_is_told(rng: np.random.Generator) 
 def test_a_lag_of_the_motion_is_one(rng: np.random.Generator) -> None:
     problem, fit, rest = fits(rng, valve=True, noise=NOISE / 4)
     assert gain_without_input_noise(problem, fit, rest) > 0.7
+
+
+@pytest.mark.parametrize("offset", [0.03, -1.0])
+def test_where_the_motion_is_measured_from_does_not_matter(offset: float, rng: np.random.Generator) -> None:
+    x, v = motion(PERIOD * np.arange(4096))
+    noisy = x + 1e-4 * rng.standard_normal(x.size)
+    here, there = (Signals(PERIOD, {"displacement": noisy + far, "velocity": v}, v) for far in (0.0, offset))
+    quiet, moved = (without_noise(s, "displacement") for s in (here, there))
+    np.testing.assert_allclose(moved - offset, quiet, atol=1e-9)
+    assert np.std(quiet - x) < 0.5 * np.std(noisy - x)
+
+
+def test_edges_are_no_noise(rng: np.random.Generator) -> None:
+    voltage = np.repeat(rng.uniform(0, 5, 60), 50) + 0.01 * rng.standard_normal(3000)
+    s = Signals(PERIOD, {"voltage": voltage}, voltage)
+    assert _quiet(s, "voltage") is s["voltage"]
 
 
 def test_a_white_input_is_no_noise(rng: np.random.Generator) -> None:

@@ -145,6 +145,16 @@ class TestDelay:
         exact = np.abs(passed) * np.sin(w * t + np.angle(passed))
         assert np.abs(got - exact)[100:].max() < (w * PERIOD) ** 2 / 8 * 1.1, "linear interpolation's own error"
 
+    @pytest.mark.parametrize("share", [0.0, 0.2, 0.5])
+    def test_of_steps_the_lateness_is_the_same_whatever_the_fraction_of_a_sample(self, share: float) -> None:
+        """The area between steps and what became of them, over their heights: T and the half sample of a held one."""
+        s = steps(0.0, 2.0, 0.5, 1.7, hold=400)
+        heights = np.abs(np.diff(s["current"])).sum()
+        for samples in np.arange(2.0, 6.0, 0.125):
+            got = composed(CommandDelay(), [samples * PERIOD, share], s, current_itself)
+            area = sum(abs(float(np.sum((s["current"] - got)[400 * k:400 * (k + 1)]))) for k in range(1, 4))
+            assert area / heights == pytest.approx(samples + 0.5, abs=0.06)
+
     @pytest.mark.parametrize("samples", [0.6, 1.1, 3.5, 4.9])
     def test_of_a_held_current_is_told_to_half_a_sample(self, samples: float) -> None:
         """A step that comes d samples late is first seen at the next sample: the delay that fits is within ½ of d."""

@@ -63,7 +63,7 @@ def test_a_gas_does_not_fade() -> None:
 
     def flow(signals: Signals) -> np.ndarray:
         v = signals["velocity"]
-        return 200 * np.tanh(v / 0.01) + np.where(v > 0, 1800.0, 1200.0) * v
+        return np.where(v > 0, 250.0, 150.0) * np.tanh(v / 0.01) + np.where(v > 0, 1800.0, 1200.0) * v
 
     def whole(signals: Signals) -> np.ndarray:
         return gas(signals) + flow(signals)
