@@ -13,6 +13,9 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.noise import Whitening
 from lpvid.diagnosis.signals import Signals
 
+EXPLODED = 1e100
+"""size from which on a simulation counts as exploded; its square and the sums of that are finite still"""
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -55,7 +58,7 @@ class Problem:
         for s in self.signals:
             with np.errstate(all="ignore"):
                 e = s.output - composition.predict(s, vector)
-            out.append(np.where(np.abs(e) < 1e100, e, 1e100))
+            out.append(np.where(np.abs(e) < EXPLODED, e, EXPLODED))
         return out
 
     def stack(self, values: Sequence[np.ndarray], whiten: bool = True) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.hopping import hop, hopped
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import EXPLODED, Problem
 
 ITERATIONS = 25
 PROMISE, ROUGHLY = 0.02, 0.3
@@ -76,7 +76,7 @@ def _jacobian(problem: Problem, composition: Composition, vector: np.ndarray,
                                                                zip(problem.signals, errors, strict=True)]
     found = problem.stack([composition.sensitivities(s, vector, at=a) for s, a in
                            zip(problem.signals, at, strict=True)])
-    return np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
+    return np.where(np.abs(found) < EXPLODED, found, 0.0)
 
 
 def _borrowed(problem: Problem, composition: Composition, vector: np.ndarray, errors: list[np.ndarray],
@@ -91,7 +91,7 @@ def _borrowed(problem: Problem, composition: Composition, vector: np.ndarray, er
     if new:
         found = problem.stack([composition.sensitivities(s, vector, free=new, at=s.output - e)
                                for s, e in zip(problem.signals, errors, strict=True)])
-        out[:, new] = np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
+        out[:, new] = np.where(np.abs(found) < EXPLODED, found, 0.0)
     return out
 
 

@@ -18,6 +18,7 @@ from toy_diagnosis import (
     Cubic,
     Dry,
     DryTwin,
+    Explosive,
     LaggedConstant,
     coloured,
     drive,
@@ -295,6 +296,16 @@ class TestLocalise:
 
 
 class TestDiagnosis:
+    def test_a_candidate_that_runs_away_does_no_harm(self, rng: np.random.Generator) -> None:
+        """Where it explodes its derivative has no finite square: it loses by its cost, without a warning."""
+        run = record(rng, hidden=lambda u: 1.2 * np.sign(u))
+        problem, composition = problem_of(run)
+        beyond = np.append(TRUE, 1.4)
+        fit = refit(problem, Composition(composition.baseline, (Explosive(),)), beyond)
+        assert np.isfinite(fit.jacobian.T @ fit.jacobian).all() and np.isfinite(fit.vector).all()
+        found = diagnose([run], Bent(), (*CAUSES, Explosive()))
+        assert found.verdict == "explained" and [c.name for c in found.causes] == ["dry"]
+
     def test_noise_of_a_recorded_input_is_not_unexplained(self, rng: np.random.Generator) -> None:
         """The true law, simulated from noisy records of one motion: the output's own repeats agree far better."""
         u = drive(3000, rng)

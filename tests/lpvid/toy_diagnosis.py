@@ -140,6 +140,17 @@ class LaggedConstant(Added):
         return lambda s: core(s) + lfilter([1 - a], [1, -a], s["c"] - s["c"][0]) - (s["c"] - s["c"][0])
 
 
+class Explosive(Added):
+    """A sine of the input whose simulation runs away beyond a strength."""
+
+    name, title = "explosive", "sine of the input, unstable"
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:  # type: ignore[override]
+        size = float(values[0])
+        growth = 1e300 ** max(size - 0.8, 0.0)
+        return lambda s: core(s) + size * growth * np.sin(7 * s["u"])
+
+
 CAUSES: tuple[Effect, ...] = (Dry(), Zero(), Cubic(), Late(), Wave())
 
 
