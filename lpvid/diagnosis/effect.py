@@ -230,6 +230,10 @@ class Effect(ABC):
             return period / np.sqrt(12)
         return BETWEEN * period if self.parameters[0].unit == "s" else 0.0
 
+    def clock_errors(self, values: np.ndarray, signals: Sequence[Signals]) -> np.ndarray:
+        """(k,) the same for all of its parameters, at their values."""
+        return np.append(self.clock_error(signals), np.zeros(len(self.parameters) - 1))
+
     def describe(self) -> dict[str, Any]:
         """Plain data for a table of the catalogue."""
         return {"name": self.name, "title": self.title, "family": self.family, "stage": self.stage,

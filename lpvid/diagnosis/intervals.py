@@ -14,17 +14,17 @@ def deviations(search: Search) -> np.ndarray:
     """(P,) standard errors of the parameters of the present set; NaN at a bound, but for the strength of a lag.
 
     Three independent parts: the sandwich covariance of the fit; what a lag may be off because nobody knows what the
-    signals do between their samples (`Effect.clock_error`); and the pull of a filter of all channels, which every chain
-    has and which is often too weak to be found. With J the sensitivities of the set, d what such a filter changes and
-    γ = (d·e)/(d·d) the share of it, at most 1, that fits the error e beyond J, leaving it out moves the parameters by
-    γ J⁺ d. γ is what fits best: where noise hides the filter altogether, it pulls nothing.
+    signals do between their samples (`Effect.clock_errors`); and the pull of a filter of all channels, which every
+    chain has and which is often too weak to be found. With J the sensitivities of the set, d what such a filter changes
+    and γ = (d·e)/(d·d) the share of it, at most 1, that fits the error e beyond J, leaving it out moves the parameters
+    by γ J⁺ d. γ is what fits best: where noise hides the filter altogether, it pulls nothing.
     """
     fit, problem = search.fit, search.problem
     variance = np.diag(covariance(problem, fit)).copy()
     for effect, place in zip(fit.composition.effects, fit.composition.places, strict=True):
         if effect.stepwise:  # the error jumps where a lag passes a whole sample: no derivative tells how sure it is
             variance[place.start] = 0.0
-        variance[place.start] += effect.clock_error(problem.signals) ** 2
+        variance[place] += effect.clock_errors(fit.vector[place], problem.signals) ** 2
     return np.sqrt(np.maximum(variance + _pull(search) ** 2, 0.0))
 
 

@@ -209,16 +209,26 @@ class RiseFallLag(CurrentEffect):
         return LpvChange("scheduled on a current that rises and falls unequally", schedule_filter="rise-fall")
 
 
-class CommandDelay(CurrentEffect):
+class LateEffect(GridEffect):
+    """A delay T of which a share is a first-order lag."""
+
+    stepwise: ClassVar[bool] = True
+    later: ClassVar[tuple[str, ...]] = ("lag_share",)
+
+    def clock_errors(self, values: np.ndarray, signals: Sequence[Signals]) -> np.ndarray:
+        """What the delay may be off, the lag may be off."""
+        error = self.clock_error(signals)
+        return np.array([error, error / max(float(values[0]), error)])
+
+
+class CommandDelay(CurrentEffect, LateEffect):
     """Driver and bus: the current acts T later than it is recorded, part of it by the driver's own lag (sheet 3.13).
 
     I_e = exp(-(1 - lambda) T s) / (1 + lambda T s) I. What lags more than it waits is a coil.
     """
 
     name: ClassVar[str] = "command-delay"
-    later: ClassVar[tuple[str, ...]] = ("lag_share",)
     path: ClassVar[str] = "current"
-    stepwise: ClassVar[bool] = True
     title: ClassVar[str] = "the current acts later than it is recorded"
     equation: ClassVar[str] = "lambda T i_e' + i_e = i(t - (1 - lambda) T)"
     reference: ClassVar[str] = "equation sheet 3.13"

@@ -10,7 +10,7 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.spectra import SHORT, before_filter
-from quartercar.effects.electrical import read_earlier
+from quartercar.effects.electrical import LateEffect, read_earlier
 
 MOTION = ("displacement", "velocity", "acceleration")
 """channels that one position sensor feeds"""
@@ -41,7 +41,7 @@ class ChainEffect(GridEffect):
         return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
 
 
-class DisplacementDelay(ChainEffect):
+class DisplacementDelay(ChainEffect, LateEffect):
     """The motion is recorded late against the force, part of it by the sensor's own lag (equation sheet 3.20).
 
     A chain that is late by T is late by a pure delay, of buses and buffers, and by the first-order lag of the sensor's
@@ -49,9 +49,7 @@ class DisplacementDelay(ChainEffect):
     """
 
     name: ClassVar[str] = "displacement-delay"
-    later: ClassVar[tuple[str, ...]] = ("lag_share",)
     path: ClassVar[str] = "motion"
-    stepwise: ClassVar[bool] = True
     title: ClassVar[str] = "the motion is recorded later than the force"
     stage: ClassVar[str] = "channel"
     equation: ClassVar[str] = "x(t) = x_recorded(t + (1 - lambda) T) + lambda T v_recorded(t + (1 - lambda) T), v alike"

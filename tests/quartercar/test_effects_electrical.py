@@ -101,6 +101,8 @@ class TestHold:
             s = (of(current),)
             assert CoilLag().clock_error(s) == RiseFallLag().clock_error(s) == pytest.approx(expected)
             assert CommandDelay().clock_error(s) == pytest.approx(PERIOD / np.sqrt(12))
+            late = CommandDelay().clock_errors(np.array([0.01, 0.2]), s)
+            assert late == pytest.approx([PERIOD / np.sqrt(12), PERIOD / np.sqrt(12) / 0.01])
 
     @pytest.mark.parametrize(("heights", "count"), [((0.0, 2.0), 2), ((0.0, 1.0, 2.0), 3), ((1.5,), 1)])
     def test_levels_under_noise(self, heights: tuple, count: int, rng: np.random.Generator) -> None:
