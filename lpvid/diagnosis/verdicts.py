@@ -83,13 +83,16 @@ def told(f: Findings) -> tuple[str, str]:
         word = "explains" if partly else "resembles it but explains"
         text = f"{said} {word} {share:.0%} of the excess error only; the rest is unexplained"
         return ("partly-explained" if partly else "unexplained"), text
+    left = float(np.sqrt(f.predictable * f.after)) / f.spread
+    if left > LEFT and any(e.catch_all for e in causes):
+        return "unexplained", (f"{said} resembles it, but a flexible form is among them, and what is left still "
+                               f"follows the inputs, by {left:.0%} of the output's spread")
     if not f.named:
         groups = "; ".join(f"{e.name} or {' or '.join(r.name for r in rivals)}" for e, rivals in f.contested)
         return "cannot-tell", f"these data cannot keep apart {groups}"
     text = f"{', '.join(e.name for e in f.named)} explains {min(share, 1.0):.0%} of the excess error"
     if f.contested:
         return "partly-explained", text + f"; {', '.join(e.name for e, _ in f.contested)} has rivals"
-    left = float(np.sqrt(f.predictable * f.after)) / f.spread
     if left > LEFT:
         text += f", but what is left still follows the inputs, by {left:.0%} of the output's spread"
         return "partly-explained", text

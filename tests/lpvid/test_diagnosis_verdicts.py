@@ -10,6 +10,11 @@ from toy_diagnosis import Cubic, Dry, Late
 
 from lpvid.diagnosis.verdicts import Findings, told
 
+
+class Form(Cubic):
+    catch_all = True
+
+
 NOTHING: dict[str, Any] = {"named": [], "contested": [], "dropped": [], "phi": None, "predictable": 0.0, "before": 1.0,
                            "after": 1.0, "spread": 10.0, "unshared": None, "least": 0.5, "coloured": False, "unit": "N"}
 
@@ -35,6 +40,8 @@ def dropped(minor: bool, p_value: float = 0.001) -> SimpleNamespace:
      "dry comes nearest, but it is not steady"),
     ({"phi": (0.99, 0.01), "named": [Dry()]}, "explained", "dry explains 99%"),
     ({"phi": (0.96, 0.0), "named": [Dry()], "predictable": 0.5, "after": 4.0}, "partly-explained", "by 14%"),
+    ({"phi": (0.99, 0.0), "named": [Dry(), Form()], "predictable": 0.5, "after": 4.0}, "unexplained", "flexible form"),
+    ({"phi": (0.99, 0.0), "named": [Dry(), Form()]}, "explained", "dry, cubic explains 99%"),
     ({"phi": (0.92, 0.0), "named": [Dry()]}, "partly-explained", "explains 92% of the excess error only"),
     ({"phi": (0.7, 0.0), "named": [Dry()]}, "unexplained", "resembles it but explains 70%"),
     ({"phi": (0.4, 0.5), "named": [Dry()]}, "unexplained", "resembles it"),
