@@ -148,7 +148,7 @@ class Effect(ABC):
     """samples below which a lag is a matter of how signals are held between samples, and not a finding"""
     resolved: ClassVar[int] = 0
     """number of the parameter that is this lag"""
-    later: ClassVar[tuple[str, ...]] = ()
+    added_later: ClassVar[tuple[str, ...]] = ()
     """parameters that it had not from the first: a file without them is read with them at neutral"""
     beside: ClassVar[tuple[str, ...]] = ()
     """special cases that may act beside it all the same"""

@@ -160,10 +160,12 @@ class _Case:
         predictable = self._predictable(fit)
         phi = explained_share(problem, before, after, self.level.variance, predictable) if named or contested else None
         verdict, reason = told(Findings(
-            [j.effect for j in named], [(j.effect, tuple(a.effect for a in j.rivals)) for j in contested], dropped, phi,
-            predictable, float(np.mean(before.plain**2)), float(np.mean(after.plain**2)), problem.spread,
-            self._unshared(bare), min((e.p_value for e in self.screened), default=1.0), problem.whitening.is_coloured,
-            self.baseline.output_unit))
+            named=[j.effect for j in named], contested=[(j.effect, tuple(a.effect for a in j.rivals)) for j in contested],
+            dropped=dropped, phi=phi, predictable=predictable, before=float(np.mean(before.plain**2)),
+            after=float(np.mean(after.plain**2)), spread=problem.spread,
+            unshared=self._unshared(bare) if phi is None else None,
+            least=min((e.p_value for e in self.screened), default=1.0), coloured=problem.whitening.is_coloured,
+            unit=self.baseline.output_unit))
         kept = [j for j in judged if j in named or j in contested]
         final = self._final(fit, kept)
         return self._result(verdict, reason, bare, final, before, judged, named, contested, dropped, phi,

@@ -131,7 +131,7 @@ class ExtendedModel(Adaptable):
     def from_dict(cls, data: Mapping) -> ExtendedModel:
         """Inverse of `to_dict`; baseline and effects are looked up among those of the installed packages.
 
-        A parameter that an effect had not yet when the file was written (`Effect.later`) is neutral.
+        A parameter that an effect had not yet when the file was written (`Effect.added_later`) is neutral.
 
         Raises
         ------
@@ -152,7 +152,7 @@ class ExtendedModel(Adaptable):
         known = list(range(size))
         for effect, place in zip(composition.effects, composition.places, strict=True):
             names, stored = [p.name for p in effect.parameters], given[effect.name]
-            if not set(names) - set(effect.later) <= set(stored) <= set(names):
+            if not set(names) - set(effect.added_later) <= set(stored) <= set(names):
                 raise InputError(f"the effect '{effect.name}' has other parameters here than in the file",
                                  got=", ".join(stored), why=f"this version knows {', '.join(names)}")
             for k, name in enumerate(names, place.start):

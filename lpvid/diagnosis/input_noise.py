@@ -6,12 +6,9 @@ import numpy as np
 
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit
-from lpvid.diagnosis.signals import Signals
+from lpvid.diagnosis.signals import Signals, jumps
 from lpvid.diagnosis.spectra import without_noise
 
-SWITCHED = 0.3
-"""ratio of the median to the root mean square of its increments below which a channel jumps between levels: no spectrum
-keeps its edges apart from noise"""
 NOISE = 0.05
 """share of a channel's variance above which what looks like noise was rather meant to excite: a white input"""
 
@@ -44,9 +41,12 @@ def gain_without_input_noise(problem: Problem, fit: Refit, rest: Refit) -> float
 
 
 def _quiet(s: Signals, channel: str) -> np.ndarray:
-    """(n,) a channel without its sensor's noise, where that is a small part of one that does not jump."""
-    values, increments = s[channel], np.abs(np.diff(s[channel]))
-    if np.median(increments) < SWITCHED * np.sqrt(np.mean(increments**2)):
+    """(n,) a channel without its sensor's noise, where that is a small part of one that does not jump.
+
+    No spectrum keeps the edges of a jump apart from noise.
+    """
+    values = s[channel]
+    if jumps(values):
         return values
     quiet = without_noise(s, channel)
     return quiet if np.mean((values - quiet) ** 2) < NOISE * np.var(values) else values

@@ -74,9 +74,8 @@ def _jacobian(problem: Problem, composition: Composition, vector: np.ndarray,
     """(N, P) exact (to differences) derivative, whitened and stacked."""
     at = [None] * len(problem.signals) if errors is None else [s.output - e for s, e in
                                                                zip(problem.signals, errors, strict=True)]
-    found = problem.stack([composition.sensitivities(s, vector, at=a) for s, a in
-                           zip(problem.signals, at, strict=True)])
-    return np.where(np.abs(found) < EXPLODED, found, 0.0)
+    return _bounded(problem.stack([composition.sensitivities(s, vector, at=a) for s, a in
+                                   zip(problem.signals, at, strict=True)]))
 
 
 def _borrowed(problem: Problem, composition: Composition, vector: np.ndarray, errors: list[np.ndarray],
@@ -89,10 +88,14 @@ def _borrowed(problem: Problem, composition: Composition, vector: np.ndarray, er
         if name in have:
             out[:, k] = near.jacobian[:, have[name]]
     if new:
-        found = problem.stack([composition.sensitivities(s, vector, free=new, at=s.output - e)
-                               for s, e in zip(problem.signals, errors, strict=True)])
-        out[:, new] = np.where(np.abs(found) < EXPLODED, found, 0.0)
+        out[:, new] = _bounded(problem.stack([composition.sensitivities(s, vector, free=new, at=s.output - e)
+                                              for s, e in zip(problem.signals, errors, strict=True)]))
     return out
+
+
+def _bounded(derivatives: np.ndarray) -> np.ndarray:
+    """The same array, 0 where a law explodes."""
+    return np.where(np.abs(derivatives) < EXPLODED, derivatives, 0.0)
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a law that explodes loses by its cost

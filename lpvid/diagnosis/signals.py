@@ -14,6 +14,8 @@ import numpy as np
 
 REMEMBERED = 24
 """simulations that signals keep"""
+STEPPED = 0.3
+"""ratio of the median to the root mean square of its increments below which a channel jumps between levels"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +113,18 @@ def in_turn(signals: Sequence[Signals]) -> tuple[Signals, ...]:
         ends.append(ends[-1] + s.n_samples * s.sample_time)
     total = ends[-1] or 1.0
     return tuple(replace(s, span=(a / total, b / total)) for s, a, b in zip(signals, ends[:-1], ends[1:], strict=True))
+
+
+def jumps(values: np.ndarray) -> bool:
+    """Whether a channel mostly stays where it is, noise of its sensor aside, and sometimes jumps.
+
+    Examples
+    --------
+    >>> jumps(np.repeat([0.0, 2.0, 1.0], 10)), jumps(np.sin(np.linspace(0, 9, 200))), jumps(np.ones(9))
+    (True, False, False)
+    """
+    increments = np.abs(np.diff(values))
+    return bool(increments.size) and float(np.median(increments)) < STEPPED * float(np.sqrt(np.mean(increments**2)))
 
 
 Core = Callable[[Signals], np.ndarray]

@@ -1,6 +1,8 @@
-"""Spectra: a recorded signal before a low-pass that it has passed, and behind one more."""
+"""Spectra: a recorded signal before a low-pass that it has passed, behind one more, and without its sensor's noise."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -23,22 +25,13 @@ def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: i
     the level at the top of the spectrum. The ends are continued by their odd reflection, which keeps the slope. On a
     clock `finer` times as fast it is band-limited in between. A channel of few samples stays as it is.
     """
-    n = s[channel].size
-    if n < SHORT:
-        return np.repeat(s[channel], finer)
-    spectrum, omega, share = s.cached(("spectrum", channel), lambda: _spectrum(s[channel], s.sample_time, s.finer))
-    inverse = sum(c * (1j * omega) ** (k + 1) for k, c in enumerate(factors))
-    size = finer * (2 * spectrum.size - 2)
-    return finer * np.fft.irfft(spectrum * (1 + share * inverse), size)[finer * (n // 2): finer * (n // 2 + n)]
+    return _weighed(s, channel, lambda omega, share: 1 + share * sum(c * (1j * omega) ** (k + 1)
+                                                                     for k, c in enumerate(factors)), finer)
 
 
 def without_noise(s: Signals, channel: str) -> np.ndarray:
     """(n,) a channel with each frequency weighed by that share of its power which is not its sensor's noise."""
-    n = s[channel].size
-    if n < SHORT:
-        return s[channel]
-    spectrum, _, share = s.cached(("spectrum", channel), lambda: _spectrum(s[channel], s.sample_time, s.finer))
-    return np.fft.irfft(spectrum * share, 2 * spectrum.size - 2)[n // 2: n // 2 + n]
+    return _weighed(s, channel, lambda omega, share: share)
 
 
 def low_passed(x: np.ndarray, sample_time: float, t: float, zeta: float) -> np.ndarray:
@@ -47,6 +40,17 @@ def low_passed(x: np.ndarray, sample_time: float, t: float, zeta: float) -> np.n
     s = 1j * omega
     passed = spectrum / (1 + 2 * zeta * t * s + (t * s) ** 2)
     return np.fft.irfft(passed, 2 * spectrum.size - 2)[x.size // 2: x.size // 2 + x.size]
+
+
+def _weighed(s: Signals, channel: str, weights: Callable[[np.ndarray, np.ndarray], np.ndarray],
+             finer: int = 1) -> np.ndarray:
+    """(n finer,) a channel, its spectrum times weights(ω, share that is motion); one of few samples as it is."""
+    n = s[channel].size
+    if n < SHORT:
+        return np.repeat(s[channel], finer)
+    spectrum, omega, share = s.cached(("spectrum", channel), lambda: _spectrum(s[channel], s.sample_time, s.finer))
+    size = finer * (2 * spectrum.size - 2)
+    return finer * np.fft.irfft(spectrum * weights(omega, share), size)[finer * (n // 2): finer * (n // 2 + n)]
 
 
 def _spectrum(x: np.ndarray, sample_time: float, finer: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -47,7 +47,7 @@ class Findings:
         Of the output.
     unshared : float or None
         Variance of that part of the baseline's error which repeats of the same input do not share, by noise of its
-        output and of its inputs; None where nothing repeats.
+        output and of its inputs; None where nothing repeats, or something is named.
     least : float
         Smallest p-value of the screening.
     coloured : bool

@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import BETWEEN, EffectParameter, GridEffect, LpvChange
-from lpvid.diagnosis.signals import Core, Signals
+from lpvid.diagnosis.signals import Core, Signals, jumps
 
 SEEN_AFTER = 0.05
 """part of a sample after a step of a held current at which the force is taken"""
@@ -18,8 +18,6 @@ LEVELS_APART = 0.05
 NO_BEND = "every law passes through both, bent or not"
 REST = 0.05
 """ripple, as a share of the largest current, below which a current without memory counts as resting"""
-STEPPED = 0.3
-"""ratio of the median to the root mean square of the increments below which a current counts as held between samples"""
 ALIKE = 0.15
 """correlation of neighbouring increments from which on edges take more than one sample, as behind a filter"""
 
@@ -37,10 +35,7 @@ def is_held(current: np.ndarray) -> bool:
     (True, False, False)
     """
     increments = np.diff(current)
-    power = float(increments @ increments)
-    if not power > 0 or float(np.median(np.abs(increments))) >= STEPPED * float(np.sqrt(power / increments.size)):
-        return False
-    return float(increments[1:] @ increments[:-1]) < ALIKE * power
+    return jumps(current) and float(increments[1:] @ increments[:-1]) < ALIKE * float(increments @ increments)
 
 
 def rests(current: np.ndarray, largest: float) -> bool:
@@ -213,7 +208,7 @@ class LateEffect(GridEffect):
     """A delay T of which a share is a first-order lag."""
 
     stepwise: ClassVar[bool] = True
-    later: ClassVar[tuple[str, ...]] = ("lag_share",)
+    added_later: ClassVar[tuple[str, ...]] = ("lag_share",)
 
     def clock_errors(self, values: np.ndarray, signals: Sequence[Signals]) -> np.ndarray:
         """What the delay may be off, the lag may be off."""

@@ -116,7 +116,7 @@ class OneSidedFilter(ChainEffect):
     """The motion alone has passed a low-pass of order two or three, undone before the law sees it (sheet 1.4.10)."""
 
     name: ClassVar[str] = "one-sided-filter"
-    later: ClassVar[tuple[str, ...]] = ("further_lag",)
+    added_later: ClassVar[tuple[str, ...]] = ("further_lag",)
     path: ClassVar[str] = "motion"
     title: ClassVar[str] = "the motion was low-passed and the force was not"
     stage: ClassVar[str] = "channel"

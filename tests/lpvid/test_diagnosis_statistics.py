@@ -35,7 +35,7 @@ from lpvid.diagnosis.noise import FLOOR, Whitening, noise_level
 from lpvid.diagnosis.problem import Problem, projector, without
 from lpvid.diagnosis.refitting import Refit, _step, covariance, refit
 from lpvid.diagnosis.remainder import predictable_share
-from lpvid.diagnosis.rivals import DISTINCT, SEPARATED, in_both, separation
+from lpvid.diagnosis.rivals import DISTINCT, SEPARATED, _unwhitened, in_both, separation
 from lpvid.diagnosis.screening import DETECT, Evidence, directions, moves, saturated, screen
 from lpvid.diagnosis.selection import Search
 from lpvid.diagnosis.signals import Signals
@@ -256,6 +256,19 @@ class TestBothMetrics:
     def test_who_decides(self, apart: float, share: float, certain: float, says: float) -> None:
         assert in_both(apart, share, certain) == says
 
+    def test_a_fit_in_the_unit_of_the_output_is_best_there(self, rng: np.random.Generator) -> None:
+        """Under a whitening, what a law cannot do pulls its parameters elsewhere."""
+        whitened_problem, fit = whitened(record(rng, "ar1", hidden=lambda u: 1.5 * np.sin(9 * u)))
+
+        def plainly(vector: np.ndarray) -> float:
+            errors = whitened_problem.stack(whitened_problem.errors(fit.composition, vector), whiten=False)
+            return float(errors @ errors)
+
+        other = _unwhitened(whitened_problem, fit)
+        assert plainly(other.vector) < 0.999 * plainly(fit.vector)
+        stacked = whitened_problem.stack(whitened_problem.errors(fit.composition, other.vector))
+        assert stacked @ stacked > 1.001 * fit.cost
+
     def test_a_worse_model_explains_nothing(self, rng: np.random.Generator) -> None:
         problem, _ = problem_of(record(rng))
         small, large = (Folds(np.zeros(problem.n_samples), np.full(problem.n_samples, e)) for e in (1.0, 1.1))
@@ -326,6 +339,16 @@ class TestDiagnosis:
         assert found.verdict == "explained" and [c.name for c in found.causes] == ["dry"]
         gain = found.causes[0].parameters[0]
         assert gain.std is not None and abs(gain.value - 1.2) < 4 * gain.std < 0.4
+
+    def test_causes_come_in_the_order_of_what_they_change(self, rng: np.random.Generator) -> None:
+        """Noise that wanders lets a search find a faint jump before a great slow change."""
+        def hidden(u: np.ndarray) -> np.ndarray:
+            return 0.8 * np.sign(u) + 0.7 * np.concatenate([np.zeros(50), u[:-50]])
+
+        found = diagnose([record(rng, "ar1", n=6000, hidden=hidden)], Bent(), CAUSES)
+        late, dry = found.causes
+        assert (late.name, dry.name) == ("late", "dry") and late.contribution > 1.1 * dry.contribution
+        assert late.delta_bic > 2 * dry.delta_bic, "by the likelihood it is the other way round"
 
     def test_nothing_hidden(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng, "ar1")], Bent(), CAUSES)

@@ -124,8 +124,13 @@ def _two_lags(size: float, scene: Scene) -> Imposed:
     return Imposed(command=lambda i, rate: _first_order(_first_order(i, 0.85 * size, rate), 0.15 * size, rate))
 
 
-def _late_and_lagged(size: float, scene: Scene) -> Imposed:
-    return Imposed(command=lambda i, rate: low_passed(delayed(i, 0.8 * size * rate), 8 / (2 * np.pi * size), 0.8, rate))
+def _late(size: float) -> Callable[[np.ndarray, float], np.ndarray]:
+    """A signal (n,) at a rate [1/s] as late as `size` [s], .8 of it a pure delay, the rest a second-order lag."""
+    return lambda x, rate: low_passed(delayed(x, 0.8 * size * rate), 8 / (2 * np.pi * size), 0.8, rate)
+
+
+def _late_driver(size: float, scene: Scene) -> Imposed:
+    return Imposed(command=_late(size))
 
 
 def _froehlich(size: float, scene: Scene) -> Imposed:
@@ -186,7 +191,7 @@ def _warm_film(size: float, scene: Scene) -> Imposed:
 
 
 def _late_sensor(size: float, scene: Scene) -> Imposed:
-    return Imposed(channel=lambda x, rate: low_passed(delayed(x, 0.8 * size * rate), 8 / (2 * np.pi * size), 0.8, rate))
+    return Imposed(channel=_late(size))
 
 
 def _third_order(size: float, scene: Scene) -> Imposed:
@@ -235,7 +240,7 @@ HIDEABLE: tuple[Hideable, ...] = (
     Hideable("input-nonlinearity", 0.2, 1.0,
              lambda size, scene: Imposed(setup=effect("input-nonlinearity", 1.0, exponent=1 + size).apply)),
     Hideable("coil-lag", 0.005, 0.1, _own("coil-lag", "tau"), _two_lags, "time_constant", True, 1e-3),
-    Hideable("command-delay", 0.005, 0.03, _own("command-delay", "delay"), _late_and_lagged, "delay", True, 2e-3),
+    Hideable("command-delay", 0.005, 0.03, _own("command-delay", "delay"), _late_driver, "delay", True, 2e-3),
     Hideable("rise-fall-lag", 0.008, 0.1, _edges, None, "time_constant", True, 1e-3),
     Hideable("current-saturation", 0.2, 2.0,
              lambda size, scene: Imposed(setup=effect("current-saturation", 1.0, limit=1 / size).apply), _froehlich,

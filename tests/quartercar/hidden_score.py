@@ -26,6 +26,7 @@ to 1 ms here, and a force that builds up over a deflection (Dahl's friction is a
 
 CHAIN = "shared-filter"
 
+
 def case(seed: int, catalogue: tuple[Effect, ...], **fixed: object) -> Row:
     """Draw, diagnose and mark one case; plain data."""
     made, truth = build(seed, catalogue, **fixed)

@@ -8,15 +8,17 @@ from effect_signals import PERIOD, guo, motion
 
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.deciding import judge, out_of_fold
 from lpvid.diagnosis.input_noise import _quiet, gain_without_input_noise
 from lpvid.diagnosis.noise import Whitening
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
+from lpvid.diagnosis.selection import Search
 from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.spectra import without_noise
 from quartercar.effects.hydraulics import ValveDynamics
 
-LAG = np.array([0.6, 25.0, 0.5])
+LAG = np.array([0.35, 25.0, 0.5])
 NOISE = 0.004
 """of the recorded velocity [m/s]"""
 
@@ -40,15 +42,24 @@ def fits(rng: np.random.Generator, valve: bool, velocity: np.ndarray | None = No
     return problem, refit(problem, with_valve, begun), refit(problem, alone, alone.neutral)
 
 
+def objections(problem: Problem, fit: Refit) -> tuple[str, ...]:
+    """What the gates say against the valve."""
+    valve, = fit.composition.effects
+    search = Search(problem, fit, (valve,), np.random.default_rng(0), lambda text: None)
+    return judge(search, valve, out_of_fold(problem, fit), ()).objections
+
+
 def test_a_lag_that_only_takes_the_noise_away_is_told(rng: np.random.Generator) -> None:
     problem, fit, rest = fits(rng, valve=False)
     assert rest.cost - fit.cost > 100 * fit.variance, "it wins by far all the same"
     assert gain_without_input_noise(problem, fit, rest) < 0.1
+    assert any("noise in the recorded motion" in said for said in objections(problem, fit))
 
 
 def test_a_lag_of_the_motion_is_one(rng: np.random.Generator) -> None:
     problem, fit, rest = fits(rng, valve=True, noise=NOISE / 4)
     assert gain_without_input_noise(problem, fit, rest) > 0.7
+    assert objections(problem, fit) == ()
 
 
 @pytest.mark.parametrize("offset", [0.03, -1.0])

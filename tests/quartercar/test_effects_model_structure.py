@@ -90,7 +90,6 @@ class TestMissingScheduling:
         parts = in_turn([road_like(0, 512), road_like(1, 512)])
         assert parts[1].replace(velocity=np.zeros(512)).span == (0.5, 1.0)
 
-
     def test_modes_that_add_up_to_more_than_a_modulation_are_not_plausible(self) -> None:
         effect, values = MissingScheduling(), np.zeros(MODES + 2)
         values[0] = 0.45
