@@ -160,9 +160,10 @@ class _Case:
         predictable = self._predictable(fit)
         phi = explained_share(problem, before, after, self.level.variance, predictable) if named or contested else None
         verdict, reason = told(Findings(
-            named=[j.effect for j in named], contested=[(j.effect, tuple(a.effect for a in j.rivals)) for j in contested],
-            dropped=dropped, phi=phi, predictable=predictable, before=float(np.mean(before.plain**2)),
-            after=float(np.mean(after.plain**2)), spread=problem.spread,
+            named=[j.effect for j in named],
+            contested=[(j.effect, tuple(a.effect for a in j.rivals)) for j in contested], dropped=dropped, phi=phi,
+            predictable=predictable, before=float(np.mean(before.plain**2)), after=float(np.mean(after.plain**2)),
+            spread=problem.spread,
             unshared=self._unshared(bare) if phi is None else None,
             least=min((e.p_value for e in self.screened), default=1.0), coloured=problem.whitening.is_coloured,
             unit=self.baseline.output_unit))
