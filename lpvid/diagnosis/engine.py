@@ -27,6 +27,7 @@ from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Errors, Esti
 from lpvid.diagnosis.effect import Effect, by_name
 from lpvid.diagnosis.intervals import deviations, of_effect
 from lpvid.diagnosis.localise import localise
+from lpvid.diagnosis.nameless import BEYOND, Nameless
 from lpvid.diagnosis.noise import NoiseLevel, Whitening, noise_level
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, covariance, refit
@@ -155,22 +156,36 @@ class _Case:
         problem, fit = self.problem, self.search.fit
         bare = refit(problem, Composition(self.baseline), self.first.vector)
         judged = sorted(judged, key=lambda j: -j.contribution)
+        beyond, judged, resembling = self._with_a_name(bare, judged)
         named = [j for j in judged if not j.objections and not j.rivals]
         contested = [j for j in judged if not j.objections and j.rivals]
         predictable = self._predictable(fit)
         phi = explained_share(problem, before, after, self.level.variance, predictable) if named or contested else None
         verdict, reason = told(Findings(
             named=[j.effect for j in named],
-            contested=[(j.effect, tuple(a.effect for a in j.rivals)) for j in contested], dropped=dropped, phi=phi,
+            contested=[(j.effect, tuple(a.effect for a in j.rivals)) for j in contested], dropped=dropped,
+            resembling=[j.effect for j in resembling], beyond=beyond, phi=phi,
             predictable=predictable, before=float(np.mean(before.plain**2)), after=float(np.mean(after.plain**2)),
             spread=problem.spread,
             unshared=self._unshared(bare) if phi is None else None,
             least=min((e.p_value for e in self.screened), default=1.0), coloured=problem.whitening.is_coloured,
             unit=self.baseline.output_unit))
-        kept = [j for j in judged if j in named or j in contested]
+        kept = [j for j in judged if j in named or j in contested or j in resembling]
         final = self._final(fit, kept)
-        return self._result(verdict, reason, bare, final, before, judged, named, contested, dropped, phi,
-                            predictable, held_out)
+        return self._result(verdict, reason, bare, final, before, judged, named, contested,
+                            [*dropped, *resembling], phi, predictable, held_out)
+
+    def _with_a_name(self, bare: Refit, judged: list[Judged]) -> tuple[float, list[Judged], list[Judged]]:
+        """What nameless functions explain beyond the set; the judged, objecting to those that they replace; these."""
+        fit = self.search.fit
+        nameless = Nameless(self.problem, [c for c in self.baseline.channels if c != self.baseline.output])
+        beyond = nameless.share(bare, fit)
+        if beyond < BEYOND:
+            return 0.0, judged, []
+        said = (f"functions of the inputs without a name do its work, and explain {beyond:.0%} more",)
+        out = [replace(j, objections=said) if not j.objections and nameless.replaces(fit, j.without) else j
+               for j in judged]
+        return beyond, out, [new for new, old in zip(out, judged, strict=True) if new is not old]
 
     def _judged(self, before: Folds) -> tuple[list[Judged], list[Judged], Folds]:
         """The chosen set judged; those objected to; the errors of the set out of fold.

@@ -37,6 +37,10 @@ class Findings:
         Causes that did but for their rivals, and these.
     dropped : sequence of Judged
         What was objected to.
+    resembling : sequence of Effect
+        Of the set, whose work functions of the inputs without a name do better.
+    beyond : float
+        By how much, as a share of what all causes win.
     phi : (share, standard error) or None
         Of the excess error that the causes explain; None where there are none.
     predictable : float
@@ -59,6 +63,8 @@ class Findings:
     named: Sequence[Effect]
     contested: Sequence[tuple[Effect, tuple[Effect, ...]]]
     dropped: Sequence[Judged]
+    resembling: Sequence[Effect]
+    beyond: float
     phi: tuple[float, float] | None
     predictable: float
     before: float
@@ -72,8 +78,10 @@ class Findings:
 
 def told(f: Findings) -> tuple[str, str]:
     """Verdict and reason."""
+    alike = (f"{', '.join(e.name for e in f.resembling)} resembles it, but so do functions of the inputs without a "
+             f"name, which explain {f.beyond:.0%} more")
     if f.phi is None:
-        return _nothing(f)
+        return ("unexplained", alike) if f.resembling else _nothing(f)
     share, uncertain = f.phi
     causes = [*f.named, *(e for e, _ in f.contested)]
     forms = all(e.catch_all for e in causes)  # what is flexible has no excuse
@@ -91,8 +99,9 @@ def told(f: Findings) -> tuple[str, str]:
         groups = "; ".join(f"{e.name} or {' or '.join(r.name for r in rivals)}" for e, rivals in f.contested)
         return "cannot-tell", f"these data cannot keep apart {groups}"
     text = f"{', '.join(e.name for e in f.named)} explains {min(share, 1.0):.0%} of the excess error"
-    if f.contested:
-        return "partly-explained", text + f"; {', '.join(e.name for e, _ in f.contested)} has rivals"
+    if f.contested or f.resembling:
+        more = [f"{', '.join(e.name for e, _ in f.contested)} has rivals"] * bool(f.contested)
+        return "partly-explained", "; ".join([text, *more, *[f"for the rest, {alike}"] * bool(f.resembling)])
     if left > LEFT:
         text += f", but what is left still follows the inputs, by {left:.0%} of the output's spread"
         return "partly-explained", text

@@ -1,4 +1,4 @@
-"""Compiled filters of a current: first-order lag with unequal edges, and play; arrays only."""
+"""Compiled filters of a current: first-order lag with unequal edges; arrays only."""
 
 from __future__ import annotations
 
@@ -37,13 +37,4 @@ def lag_linear(current: np.ndarray, rise: float, fall: float, step: float, out: 
             y = current[k] - slope * tau + (y - current[k - 1] + slope * tau) * decay
         else:
             y = current[k]
-        out[k] = y
-
-
-@njit()
-def play(current: np.ndarray, half_width: float, out: np.ndarray) -> None:
-    """Play operator: the output moves only when the input pushes it at either end of a gap of 2·half_width."""
-    y = current[0]
-    for k in range(current.size):
-        y = min(max(y, current[k] - half_width), current[k] + half_width)
         out[k] = y

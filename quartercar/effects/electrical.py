@@ -306,13 +306,13 @@ class Remanence(CurrentEffect):
                                 (0.03, 0.08, 0.2, 0.4)),)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
-        from quartercar.effects import _current_kernels as kernels
+        from lpvid.diagnosis._play_kernel import play
 
         width = float(values[0])
 
         def run(s: Signals) -> np.ndarray:
             out = np.empty(s.n_samples)
-            kernels.play(np.ascontiguousarray(s["current"]), width, out)
+            play(np.ascontiguousarray(s["current"]), width, out)
             return core(s.replace(current=out))
 
         return run if width > 0 else core

@@ -15,8 +15,9 @@ class Form(Cubic):
     catch_all = True
 
 
-NOTHING: dict[str, Any] = {"named": [], "contested": [], "dropped": [], "phi": None, "predictable": 0.0, "before": 1.0,
-                           "after": 1.0, "spread": 10.0, "unshared": None, "least": 0.5, "coloured": False, "unit": "N"}
+NOTHING: dict[str, Any] = {
+    "named": [], "contested": [], "dropped": [], "resembling": [], "beyond": 0.0, "phi": None, "predictable": 0.0,
+    "before": 1.0, "after": 1.0, "spread": 10.0, "unshared": None, "least": 0.5, "coloured": False, "unit": "N"}
 
 
 def says(**found: Any) -> tuple[str, str]:
@@ -46,6 +47,9 @@ def dropped(minor: bool, p_value: float = 0.001) -> SimpleNamespace:
     ({"phi": (0.7, 0.0), "named": [Dry()]}, "unexplained", "resembles it but explains 70%"),
     ({"phi": (0.4, 0.5), "named": [Dry()]}, "unexplained", "resembles it"),
     ({"phi": (1.0, 0.0), "contested": [(Dry(), (Cubic(),))]}, "cannot-tell", "dry or cubic"),
+    ({"resembling": [Dry()], "beyond": 0.2}, "unexplained", "dry resembles it, but so do functions of the inputs"),
+    ({"phi": (1.0, 0.0), "named": [Late()], "resembling": [Dry()], "beyond": 0.2}, "partly-explained",
+     "late explains 100% of the excess error; for the rest, dry resembles it"),
     ({"phi": (1.0, 0.0), "named": [Late()], "contested": [(Dry(), (Cubic(),))]}, "partly-explained", "dry has rivals"),
 ])
 def test_told(found: dict[str, Any], verdict: str, part: str) -> None:
