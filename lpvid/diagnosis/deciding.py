@@ -14,7 +14,7 @@ from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.rivals import SEPARATED, Alternative, alternatives, separation, taken_over
 from lpvid.diagnosis.screening import DETECT
 from lpvid.diagnosis.selection import BIC_GAIN, Search
-from lpvid.diagnosis.steadiness import steadiness
+from lpvid.diagnosis.steadiness import is_there, steadiness
 
 BLOCKS_BETTER, MAJORITY = 0.8, 0.6
 """share of held-out blocks in which a cause must help, and the least where one of its size would not show in more"""
@@ -143,6 +143,8 @@ def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str])
     if largest > LARGEST_BLOCK and others < wanted:
         objections.append(f"one block carries {largest:.0%} of the gain")
     objections += effect.implausible(values)
+    if not is_there(problem, fit, effect):
+        objections.append("its strength is not surely different from none")
     if not objections and not small:
         steady = steadiness(problem, fit, effect, channels)
         if steady.excess > UNSTEADY:

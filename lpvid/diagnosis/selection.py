@@ -24,6 +24,7 @@ from lpvid.diagnosis.screening import (
     screen,
 )
 from lpvid.diagnosis.starting import STARTS, own_values, starts
+from lpvid.diagnosis.steadiness import is_there
 
 SIGNIFICANT = 0.05
 """p-value of the largest block statistic"""
@@ -186,6 +187,7 @@ class Search:
                            chosen)
         tried = [(e, f) for (e, _), f in zip(chosen, fits, strict=True)]
         tried = [(e, f) for e, f in tried if f.bic() < self.fit.bic() - BIC_GAIN]
+        tried = [(e, f) for e, f in tried if is_there(self.problem, f, e)]
         if not tried:
             return None
         tried = [(e, f) for e, f in tried if not self.negligible((e,), f)] or tried

@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.problem import Problem, projector, without
-from lpvid.diagnosis.refitting import Refit
+from lpvid.diagnosis.refitting import Refit, covariance
 
 LEVELS = ("least", "low", "middle", "high", "largest")
 PARTS = len(LEVELS)
@@ -18,6 +18,8 @@ WEIGHT = 0.05
 """share of a cause's squared change that a stratum must hold to be asked"""
 CERTAIN = 3.0
 """standard errors taken off a difference"""
+THERE = 2.0
+"""standard errors that a strength must be away from neutral"""
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,19 @@ class Steadiness:
 
     excess: float
     where: str
+
+
+def is_there(problem: Problem, fit: Refit, effect: Effect) -> bool:
+    """Whether a strength of an effect is surely away from neutral, by the errors of the blocks.
+
+    A few large errors, those of a few samples whose time nobody knows, let much win a likelihood in which all samples
+    are alike. What wins by them is pulled this way by one block and that way by the next, and its standard error, which
+    goes by the blocks, says so. One on a bound has none and is taken to be there.
+    """
+    place = fit.composition.places[fit.composition.effects.index(effect)]
+    away = np.abs(fit.vector[place] - effect.neutral)[: effect.strengths]
+    errors = np.sqrt(np.diag(covariance(problem, fit)))[place][: effect.strengths]
+    return not bool(np.all(away < THERE * errors))
 
 
 def steadiness(problem: Problem, fit: Refit, effect: Effect, channels: Sequence[str]) -> Steadiness:

@@ -20,6 +20,7 @@ from toy_diagnosis import (
     DryTwin,
     Explosive,
     LaggedConstant,
+    Wave,
     coloured,
     drive,
     problem_of,
@@ -28,7 +29,16 @@ from toy_diagnosis import (
 
 from lpvid.diagnosis.blocks import FEWEST, Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.deciding import BLOCKS_BETTER, MAJORITY, Folds, _enough, explained_share, stands_apart
+from lpvid.diagnosis.deciding import (
+    BLOCKS_BETTER,
+    MAJORITY,
+    Folds,
+    _enough,
+    explained_share,
+    judge,
+    out_of_fold,
+    stands_apart,
+)
 from lpvid.diagnosis.engine import diagnose
 from lpvid.diagnosis.localise import localise
 from lpvid.diagnosis.noise import FLOOR, Whitening, noise_level
@@ -37,8 +47,9 @@ from lpvid.diagnosis.refitting import Refit, _step, covariance, refit
 from lpvid.diagnosis.remainder import predictable_share
 from lpvid.diagnosis.rivals import DISTINCT, SEPARATED, _unwhitened, in_both, separation
 from lpvid.diagnosis.screening import DETECT, Evidence, directions, moves, saturated, screen
-from lpvid.diagnosis.selection import Search
+from lpvid.diagnosis.selection import BIC_GAIN, Search
 from lpvid.diagnosis.signals import Signals
+from lpvid.diagnosis.steadiness import is_there
 from lpvid.errors import InputError
 from lpvid.record import Channel, Record
 
@@ -449,3 +460,32 @@ class TestBlocksInWhichACauseMustHelp:
 
     def test_never_fewer_than_a_clear_majority(self) -> None:
         assert _enough(np.full(12, 1e-6)) == MAJORITY
+
+
+class TestStrengthOfNothing:
+    """One that changes from block to block wins a likelihood of independent samples, wherever its mean comes to lie."""
+
+    def search(self, scatter: float, rng: np.random.Generator) -> tuple[Search, list, list]:
+        """A wave of .2 V, or of a gain with such a mean and so many times that spread, by stretches of 100 samples."""
+        u = drive(6000, rng)
+        gains = rng.standard_normal(60)
+        gains = 0.2 * np.repeat((gains - gains.mean()) * scatter + 1.0, 100)
+        problem, composition = problem_of(record(rng, hidden=lambda u: gains * np.sin(9 * u), u=u))
+        first = refit(problem, composition, composition.neutral)
+        found = directions(problem, first, moves(problem, first, (Wave(),)))
+        return Search(problem, first, (Wave(),), rng, lambda text: None), screen(problem, first, found, rng), found
+
+    @pytest.mark.parametrize(("scatter", "there"), [(0.0, True), (1.0, True), (6.0, False)])
+    def test_is_told_by_its_blocks(self, scatter: float, there: bool, rng: np.random.Generator) -> None:
+        search, evidence, found = self.search(scatter, rng)
+        fit = search.taste((Wave(),), found)
+        assert fit.bic() < search.fit.bic() - BIC_GAIN, "the likelihood is for it either way"
+        assert is_there(search.problem, fit, fit.composition.effects[0]) == there
+        assert (search.best_addition(evidence, found) is not None) == there
+
+    def test_is_an_objection(self, rng: np.random.Generator) -> None:
+        search, _, found = self.search(6.0, rng)
+        search.fit = search.taste((Wave(),), found)
+        wave, = search.fit.composition.effects
+        told = judge(search, wave, out_of_fold(search.problem, search.fit), ())
+        assert "its strength is not surely different from none" in told.objections and not told.minor
