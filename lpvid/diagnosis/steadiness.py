@@ -18,8 +18,8 @@ WEIGHT = 0.05
 """share of a cause's squared change that a stratum must hold to be asked"""
 CERTAIN = 3.0
 """standard errors taken off a difference"""
-THERE = 2.0
-"""standard errors that a strength must be away from neutral"""
+THERE = 0.95
+"""probability within whose bounds all strengths must not be neutral"""
 
 
 @dataclass(frozen=True)
@@ -38,16 +38,25 @@ class Steadiness:
 
 
 def is_there(problem: Problem, fit: Refit, effect: Effect) -> bool:
-    """Whether a strength of an effect is surely away from neutral, by the errors of the blocks.
+    """Whether the strengths s of an effect are surely not neutral, by their covariance C over the blocks (Wald's test).
+
+    They are where sᵀ C⁻¹ s lies beyond the quantile `THERE` of χ² with as many degrees of freedom: for a single one,
+    two standard errors.
 
     A few large errors, those of a few samples whose time nobody knows, let much win a likelihood in which all samples
     are alike. What wins by them is pulled this way by one block and that way by the next, and its standard error, which
     goes by the blocks, says so. One on a bound has none and is taken to be there.
     """
+    from scipy.special import chdtri
+
     place = fit.composition.places[fit.composition.effects.index(effect)]
-    away = np.abs(fit.vector[place] - effect.neutral)[: effect.strengths]
-    errors = np.sqrt(np.diag(covariance(problem, fit)))[place][: effect.strengths]
-    return not bool(np.all(away < THERE * errors))
+    away = (fit.vector[place] - effect.neutral)[: effect.strengths]
+    spread = covariance(problem, fit)[place, place][: effect.strengths, : effect.strengths]
+    known = np.isfinite(np.diag(spread))
+    if not known.any():
+        return True
+    away, spread = away[known], spread[np.ix_(known, known)]
+    return bool(away @ np.linalg.pinv(spread, hermitian=True) @ away > chdtri(away.size, 1 - THERE))
 
 
 def steadiness(problem: Problem, fit: Refit, effect: Effect, channels: Sequence[str]) -> Steadiness:
