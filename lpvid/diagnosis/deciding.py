@@ -143,7 +143,7 @@ def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str])
     if largest > LARGEST_BLOCK and others < wanted:
         objections.append(f"one block carries {largest:.0%} of the gain")
     objections += effect.implausible(values)
-    if not is_there(problem, fit, effect):
+    if any(e.abrupt for e in rest.composition.effects) and not is_there(problem, fit, effect):
         objections.append("its strength is not surely different from none")
     if not objections and not small:
         steady = steadiness(problem, fit, effect, channels)

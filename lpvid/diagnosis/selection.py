@@ -187,7 +187,8 @@ class Search:
                            chosen)
         tried = [(e, f) for (e, _), f in zip(chosen, fits, strict=True)]
         tried = [(e, f) for e, f in tried if f.bic() < self.fit.bic() - BIC_GAIN]
-        tried = [(e, f) for e, f in tried if is_there(self.problem, f, e)]
+        if any(e.abrupt for e in self.fit.composition.effects):
+            tried = [(e, f) for e, f in tried if is_there(self.problem, f, e)]
         if not tried:
             return None
         tried = [(e, f) for e, f in tried if not self.negligible((e,), f)] or tried

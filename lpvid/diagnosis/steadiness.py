@@ -43,9 +43,10 @@ def is_there(problem: Problem, fit: Refit, effect: Effect) -> bool:
     They are where sᵀ C⁻¹ s lies beyond the quantile `THERE` of χ² with as many degrees of freedom: for a single one,
     two standard errors.
 
-    A few large errors, those of a few samples whose time nobody knows, let much win a likelihood in which all samples
-    are alike. What wins by them is pulled this way by one block and that way by the next, and its standard error, which
-    goes by the blocks, says so. One on a bound has none and is taken to be there.
+    A few large errors, those of samples at which something jumps nobody knows when, let much win a likelihood in which
+    all samples are alike: the cost has many valleys, and every further parameter finds a deeper one. Elsewhere a wide
+    interval says only that the parameters of an effect and of the law move against each other, as those of two networks
+    of losses do. One on a bound has none and is taken to be there.
     """
     from scipy.special import chdtri
 

@@ -294,6 +294,7 @@ class Cavitation(Effect):
     experiment: ClassVar[str] = "short strokes at 8 to 15 Hz and 0.5 m/s or more, at a reduced gas pressure"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
     smooth: ClassVar[bool] = False
+    abrupt: ClassVar[bool] = True
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

@@ -39,6 +39,7 @@ from lpvid.diagnosis.deciding import (
     out_of_fold,
     stands_apart,
 )
+from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.engine import diagnose
 from lpvid.diagnosis.localise import localise
 from lpvid.diagnosis.noise import FLOOR, Whitening, noise_level
@@ -462,30 +463,41 @@ class TestBlocksInWhichACauseMustHelp:
         assert _enough(np.full(12, 1e-6)) == MAJORITY
 
 
+class Abrupt(Dry):
+    name, title, abrupt = "abrupt", "sign of the input, at instants that nobody knows", True
+
+
 class TestStrengthOfNothing:
     """One that changes from block to block wins a likelihood of independent samples, wherever its mean comes to lie."""
 
-    def search(self, scatter: float, rng: np.random.Generator) -> tuple[Search, list, list]:
+    def search(self, scatter: float, rng: np.random.Generator, *beside: Effect) -> tuple[Search, list, list]:
         """A wave of .2 V, or of a gain with such a mean and so many times that spread, by stretches of 100 samples."""
         u = drive(6000, rng)
         gains = rng.standard_normal(60)
         gains = 0.2 * np.repeat((gains - gains.mean()) * scatter + 1.0, 100)
-        problem, composition = problem_of(record(rng, hidden=lambda u: gains * np.sin(9 * u), u=u))
+        problem, _ = problem_of(record(rng, hidden=lambda u: gains * np.sin(9 * u), u=u))
+        composition = Composition(Bent(), beside)
         first = refit(problem, composition, composition.neutral)
         found = directions(problem, first, moves(problem, first, (Wave(),)))
         return Search(problem, first, (Wave(),), rng, lambda text: None), screen(problem, first, found, rng), found
 
     @pytest.mark.parametrize(("scatter", "there"), [(0.0, True), (1.0, True), (6.0, False)])
     def test_is_told_by_its_blocks(self, scatter: float, there: bool, rng: np.random.Generator) -> None:
-        search, evidence, found = self.search(scatter, rng)
+        search, _, found = self.search(scatter, rng)
         fit = search.taste((Wave(),), found)
         assert fit.bic() < search.fit.bic() - BIC_GAIN, "the likelihood is for it either way"
         assert is_there(search.problem, fit, fit.composition.effects[0]) == there
-        assert (search.best_addition(evidence, found) is not None) == there
 
-    def test_is_an_objection(self, rng: np.random.Generator) -> None:
-        search, _, found = self.search(6.0, rng)
+    @pytest.mark.parametrize(("beside", "scatter", "added"), [
+        ((Abrupt(),), 0.0, True), ((Abrupt(),), 6.0, False), ((Dry(),), 6.0, True)])
+    def test_is_not_added_where_another_jumps(self, beside: tuple[Effect, ...], scatter: float, added: bool,
+                                              rng: np.random.Generator) -> None:
+        search, evidence, found = self.search(scatter, rng, *beside)
+        assert (search.best_addition(evidence, found) is not None) == added
+
+    def test_is_an_objection_there(self, rng: np.random.Generator) -> None:
+        search, _, found = self.search(6.0, rng, Abrupt())
         search.fit = search.taste((Wave(),), found)
-        wave, = search.fit.composition.effects
-        told = judge(search, wave, out_of_fold(search.problem, search.fit), ())
-        assert "its strength is not surely different from none" in told.objections and not told.minor
+        told = judge(search, search.fit.composition.effects[-1], out_of_fold(search.problem, search.fit), ())
+        assert told.effect.name == "wave" and not told.minor
+        assert "its strength is not surely different from none" in told.objections
