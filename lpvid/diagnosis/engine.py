@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -23,19 +22,18 @@ from lpvid.diagnosis.deciding import (
     with_small_print,
     with_takeovers,
 )
-from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Errors, Estimated, Rejected, Rivals
+from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis
 from lpvid.diagnosis.effect import Effect, by_name
-from lpvid.diagnosis.intervals import deviations, of_effect
-from lpvid.diagnosis.localise import localise
 from lpvid.diagnosis.nameless import BEYOND, Nameless
 from lpvid.diagnosis.noise import NoiseLevel, Whitening, noise_level
 from lpvid.diagnosis.problem import Problem
-from lpvid.diagnosis.refitting import Refit, covariance, refit
+from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.remainder import predictable_share
 from lpvid.diagnosis.rivals import alternatives
 from lpvid.diagnosis.screening import Evidence
 from lpvid.diagnosis.selection import BIC_GAIN, Search
 from lpvid.diagnosis.signals import in_turn
+from lpvid.diagnosis.telling import Decided, Telling
 from lpvid.diagnosis.verdicts import Findings, told
 from lpvid.errors import InputError
 from lpvid.record import Record
@@ -110,15 +108,12 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
 class _Case:
     """Everything known before a decision."""
 
-    records: tuple[Record, ...]
     baseline: Baseline
     first: Refit
     level: NoiseLevel
-    usable: tuple[Effect, ...]
     unusable: tuple[CannotTell, ...]
     search: Search
     screened: tuple[Evidence, ...]
-    given: np.ndarray
     say: Callable[[str], None]
 
     @classmethod
@@ -131,8 +126,7 @@ class _Case:
         blocks = Blocks.of(signals, baseline.start)
         problem = Problem(signals, blocks, Whitening(np.ones(1), 1.0))
         composition = Composition(baseline)
-        given = baseline.vector
-        first = refit(problem, composition, given)
+        first = refit(problem, composition, baseline.vector)
         level = noise_level(signals, [c for c in baseline.channels if c != baseline.output], blocks.mask())
         usable, unusable = _usable(catalogue, baseline, signals)
         say(f"screening {len(usable)} candidates")
@@ -140,8 +134,7 @@ class _Case:
         screened = tuple(evidence)
         whitened_first = search.fit
         search.grow(evidence, found)
-        return cls(tuple(records), baseline, whitened_first, level, usable, unusable, search, screened,
-                   given, say)
+        return cls(baseline, whitened_first, level, unusable, search, screened, say)
 
     @property
     def problem(self) -> Problem:
@@ -166,14 +159,14 @@ class _Case:
             contested=[(j.effect, tuple(a.effect for a in j.rivals)) for j in contested], dropped=dropped,
             resembling=[j.effect for j in resembling], beyond=beyond, phi=phi,
             predictable=predictable, before=float(np.mean(before.plain**2)), after=float(np.mean(after.plain**2)),
-            spread=problem.spread,
-            unshared=self._unshared(bare) if phi is None else None,
+            spread=problem.spread, unshared=self._unshared(bare) if phi is None else None,
             least=min((e.p_value for e in self.screened), default=1.0), coloured=problem.whitening.is_coloured,
             unit=self.baseline.output_unit))
         kept = [j for j in judged if j in named or j in contested or j in resembling]
-        final = self._final(fit, kept)
-        return self._result(verdict, reason, bare, final, before, judged, named, contested,
-                            [*dropped, *resembling], phi, predictable, held_out)
+        decided = Decided(verdict, reason, bare, self._final(fit, kept), before, judged, named, contested,
+                          [*dropped, *resembling], phi, predictable)
+        return Telling(self.baseline, self.search, self.level, self.unusable, self.screened, held_out,
+                       decided).diagnosis()
 
     def _with_a_name(self, bare: Refit, judged: list[Judged]) -> tuple[float, list[Judged], list[Judged]]:
         """What nameless functions explain beyond the set; the judged, objecting to those that they replace; these."""
@@ -269,97 +262,6 @@ class _Case:
             return fit
         return self.search.refitted(Composition(self.baseline, tuple(j.effect for j in kept)))
 
-    # -- telling -----------------------------------------------------------------------------------------------------
-    def _result(self, verdict: str, reason: str, bare: Refit, final: Refit, before: Folds, judged: list[Judged],
-                named: list[Judged], contested: list[Judged], dropped: list[Judged],
-                phi: tuple[float, float] | None, predictable: float, held_out: Sequence[Record]) -> Diagnosis:
-        from lpvid.diagnosis.extended import ExtendedModel
-
-        problem = self.problem
-        spoken = verdict != "unexplained"
-        after = out_of_fold(problem, final)
-        model = ExtendedModel.of(final, covariance(problem, final), self.baseline)
-        errors = problem.errors(bare.composition, bare.vector)
-        sure = deviations(self.search) if spoken and named else np.empty(0)
-        where = "alternating blocks, each judged by the fit to the others" if not held_out else \
-            f"{len(held_out)} further record(s)"
-        rejected = [Rejected(j.effect.name, "; ".join(j.objections)) for j in dropped]
-        if not spoken:
-            rejected += [Rejected(j.effect.name, f"resembles it, but explains {phi[0]:.0%} of the excess error only"
-                                  if phi else "explains too little") for j in (*named, *contested)]
-        return Diagnosis(
-            verdict, reason, {**self.baseline.with_vector(bare.vector).describe()},
-            self._errors(bare, before, held_out), self._errors(final, after, held_out),
-            None if self.level.variance is None else float(np.sqrt(self.level.variance)),
-            self._noise(predictable), localise(problem, errors),
-            tuple(self._cause(j, bare, judged, sure) for j in named) if spoken else (),
-            tuple(self._rivals(j) for j in contested) if spoken else (),
-            (*self.unusable, *self._invisible({j.effect.name for j in judged})), tuple(rejected), phi, where, model,
-            self.baseline.output_unit, None, self._evidence())
-
-    def _errors(self, fit: Refit, folds: Folds, held_out: Sequence[Record]) -> Errors:
-        problem = self.problem
-        plain = problem.stack(problem.errors(fit.composition, fit.vector), whiten=False)
-        power = problem.n_samples * problem.spread**2
-        if not held_out:
-            squares = float(folds.plain @ folds.plain)
-            return Errors(float(plain @ plain) / power, squares / power, float(np.sqrt(squares / problem.n_samples)))
-        error, total, count = 0.0, 0.0, 0
-        for record in held_out:
-            s = self.baseline.signals(record)
-            e = (s.output - fit.composition.predict(s, fit.vector))[self.baseline.start:]
-            y = s.output[self.baseline.start:]
-            error, total, count = error + float(e @ e), total + float(np.sum((y - y.mean()) ** 2)), count + y.size
-        return Errors(float(plain @ plain) / power, error / max(total, 1e-300), float(np.sqrt(error / max(count, 1))))
-
-    def _cause(self, j: Judged, bare: Refit, judged: list[Judged], sure: np.ndarray) -> Cause:
-        fit, problem = self.search.fit, self.problem
-        excess = max(bare.cost - fit.cost, 1e-300)
-        if len(judged) == 1:
-            alone = (bare.cost - fit.cost) / excess
-        else:
-            from lpvid.diagnosis.screening import placed
-
-            composition = Composition(self.baseline, (j.effect,))
-            alone = (bare.cost - refit(problem, composition, placed(composition, bare, {j.effect.name: j.values})).cost
-                     ) / excess
-        parameters = _estimates(j.effect, j.values, of_effect(self.search, sure, j.effect))
-        return Cause(j.effect.name, j.effect.told(j.values), parameters, j.p_value, j.delta_bic, float(alone),
-                     float((j.without.cost - fit.cost) / excess), j.held_out_gain, j.blocks_better, j.contribution)
-
-    def _rivals(self, j: Judged) -> Rivals:
-        parameters = {j.effect.name: _estimates(j.effect, j.values, None)}
-        for a in j.rivals:
-            place = a.fit.composition.places[a.fit.composition.effects.index(a.effect)]
-            parameters[a.effect.name] = _estimates(a.effect, a.fit.vector[place], None)
-        experiments = list(dict.fromkeys([j.effect.experiment, *(a.effect.experiment for a in j.rivals)]))
-        return Rivals((j.effect.name, *(a.effect.name for a in j.rivals)), float(max(a.similarity for a in j.rivals)),
-                      "; or ".join(experiments), parameters)
-
-    def _invisible(self, chosen: set[str]) -> tuple[CannotTell, ...]:
-        """Candidates whose smallest detectable strength lies above what is plausible."""
-        out = []
-        for e in self.screened:
-            strength = e.effect.parameters[0]
-            largest = max(abs(strength.plausible[0] - strength.neutral), abs(strength.plausible[1] - strength.neutral))
-            if e.effect.name in chosen:
-                continue
-            if e.smallest_detectable is None or e.smallest_detectable > largest:
-                why = "these data carry no trace of it at any strength" if e.smallest_detectable is None else \
-                    f"only {strength.name} above {e.smallest_detectable:.3g} {strength.unit} would show".rstrip()
-                out.append(CannotTell(e.effect.name, why, e.smallest_detectable, strength.unit, e.effect.experiment))
-        return tuple(out)
-
-    def _noise(self, predictable: float) -> Mapping[str, Any]:
-        w = self.problem.whitening
-        return {"name": "coloured-noise" if w.is_coloured else "white-noise", "order": w.order, "level": w.level,
-                "coefficients": w.coefficients.tolist(), "from_repeats": self.level.says,
-                "predictable_share": predictable}
-
-    def _evidence(self) -> dict[str, dict[str, Any]]:
-        return {e.effect.name: {"likelihood_ratio": e.likelihood_ratio, "p_value": e.p_value,
-                                "smallest_detectable": e.smallest_detectable} for e in self.screened}
-
 
 def _usable(catalogue: tuple[Effect, ...], baseline: Baseline, signals: tuple) -> tuple[
         tuple[Effect, ...], tuple[CannotTell, ...]]:
@@ -374,11 +276,3 @@ def _usable(catalogue: tuple[Effect, ...], baseline: Baseline, signals: tuple) -
         else:
             unusable.append(CannotTell(effect.name, why, None, effect.parameters[0].unit, effect.experiment))
     return tuple(usable), tuple(unusable)
-
-
-def _estimates(effect: Effect, values: np.ndarray, deviation: np.ndarray | None) -> tuple[Estimated, ...]:
-    found = []
-    for k, p in enumerate(effect.parameters):
-        std = None if deviation is None or not np.isfinite(deviation[k]) else float(deviation[k])
-        found.append(Estimated(p.name, float(values[k]), std, p.unit, p.choice(float(values[k]))))
-    return tuple(found)
