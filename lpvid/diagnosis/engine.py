@@ -42,6 +42,8 @@ MOST_REGROWN = 2
 """times that the set may grow anew after one of it has gone"""
 MOST_TURNS = 5
 """times that one of the set may give way to another"""
+DONE_AS_WELL = "functions of the inputs without a name do its work as well, and explain {:.0%} more"
+"""what is said of a cause whose name says too much"""
 PREDICTABLE = 0.02
 """share of the remaining error, beyond two standard errors, that a regression must predict to count as structure"""
 
@@ -127,7 +129,7 @@ class _Case:
         problem = Problem(signals, blocks, Whitening(np.ones(1), 1.0))
         composition = Composition(baseline)
         first = refit(problem, composition, baseline.vector)
-        level = noise_level(signals, [c for c in baseline.channels if c != baseline.output], blocks.mask())
+        level = noise_level(signals, _driving(baseline), blocks.mask())
         usable, unusable = _usable(catalogue, baseline, signals)
         say(f"screening {len(usable)} candidates")
         search, evidence, found = Search.begin(problem, first, usable, np.random.default_rng(settings.seed), say)
@@ -149,9 +151,13 @@ class _Case:
         problem, fit = self.problem, self.search.fit
         bare = refit(problem, Composition(self.baseline), self.first.vector)
         judged = sorted(judged, key=lambda j: -j.contribution)
-        beyond, judged, resembling = self._with_a_name(bare, judged)
+        beyond, resembling = self._without_a_name(bare, judged)
+        judged = [next((r for r in resembling if r.without is j.without), j) for j in judged]
         named = [j for j in judged if not j.objections and not j.rivals]
         contested = [j for j in judged if not j.objections and j.rivals]
+        if resembling:  # they must not lend the others their share
+            fit = self._final(fit, [*named, *contested])
+            after = out_of_fold(problem, fit)
         predictable = self._predictable(fit)
         phi = explained_share(problem, before, after, self.level.variance, predictable) if named or contested else None
         verdict, reason = told(Findings(
@@ -162,23 +168,21 @@ class _Case:
             spread=problem.spread, unshared=self._unshared(bare) if phi is None else None,
             least=min((e.p_value for e in self.screened), default=1.0), coloured=problem.whitening.is_coloured,
             unit=self.baseline.output_unit))
-        kept = [j for j in judged if j in named or j in contested or j in resembling]
-        decided = Decided(verdict, reason, bare, self._final(fit, kept), before, judged, named, contested,
+        kept = [*named, *contested, *resembling]
+        decided = Decided(verdict, reason, bare, self._final(self.search.fit, kept), before, judged, named, contested,
                           [*dropped, *resembling], phi, predictable)
         return Telling(self.baseline, self.search, self.level, self.unusable, self.screened, held_out,
                        decided).diagnosis()
 
-    def _with_a_name(self, bare: Refit, judged: list[Judged]) -> tuple[float, list[Judged], list[Judged]]:
-        """What nameless functions explain beyond the set; the judged, objecting to those that they replace; these."""
-        fit = self.search.fit
-        nameless = Nameless(self.problem, [c for c in self.baseline.channels if c != self.baseline.output])
-        beyond = nameless.share(bare, fit)
-        if beyond < BEYOND:
-            return 0.0, judged, []
-        said = (f"functions of the inputs without a name do its work, and explain {beyond:.0%} more",)
-        out = [replace(j, objections=said) if not j.objections and nameless.replaces(fit, j.without) else j
-               for j in judged]
-        return beyond, out, [new for new, old in zip(out, judged, strict=True) if new is not old]
+    def _without_a_name(self, bare: Refit, judged: list[Judged]) -> tuple[float, list[Judged]]:
+        """Those whose work functions without a name do, with that objection, and what these explain beyond the set."""
+        standing = [j for j in judged if not j.objections]
+        if not standing:
+            return 0.0, []
+        functions = Nameless(self.problem, _driving(self.baseline))
+        shares = [functions.beyond(bare, self.search.fit, j.without) for j in standing]
+        return max(shares), [replace(j, objections=(DONE_AS_WELL.format(share),))
+                             for j, share in zip(standing, shares, strict=True) if share > BEYOND]
 
     def _judged(self, before: Folds) -> tuple[list[Judged], list[Judged], Folds]:
         """The chosen set judged; those objected to; the errors of the set out of fold.
@@ -251,16 +255,21 @@ class _Case:
 
     def _unshared(self, bare: Refit) -> float | None:
         """Variance of that part of the baseline's error which repeats of the same input do not share."""
-        signals, inputs = self.problem.signals, [c for c in self.baseline.channels if c != self.baseline.output]
+        signals = self.problem.signals
         errors = self.problem.errors(bare.composition, bare.vector)
         left = [replace(s, output=e) for s, e in zip(signals, errors, strict=True)]
-        return noise_level(left, inputs, self.problem.blocks.mask()).variance
+        return noise_level(left, _driving(self.baseline), self.problem.blocks.mask()).variance
 
     def _final(self, fit: Refit, kept: Sequence[Judged]) -> Refit:
         """The fit with the kept effects only."""
         if len(kept) == len(fit.composition.effects):
             return fit
         return self.search.refitted(Composition(self.baseline, tuple(j.effect for j in kept)))
+
+
+def _driving(baseline: Baseline) -> list[str]:
+    """Channels that a baseline reads but the one that it simulates."""
+    return [c for c in baseline.channels if c != baseline.output]
 
 
 def _usable(catalogue: tuple[Effect, ...], baseline: Baseline, signals: tuple) -> tuple[

@@ -1,8 +1,9 @@
-"""Nameless functions of the inputs: what they explain in the place of a cause, and beyond it."""
+"""Nameless functions of the inputs: what they explain in the place of a cause, and beyond all causes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -12,21 +13,28 @@ from lpvid.diagnosis.signals import Signals
 
 PLAYS = (0.05, 0.1, 0.2, 0.3)
 """half widths of the plays, as shares of an input's range"""
+SOFT = 0.02
+"""width of the soft sign, as a share of an input's range"""
 WITHIN = 0.1
-"""share of what a cause wins that nameless functions may miss and still count as doing what it does"""
-BEYOND = 0.06
-"""share of what all causes win that nameless functions must explain beyond them for those that they replace to lose
-their names: an entry that misses a twentieth of the likelihood is no name for it"""
+"""share of what a cause wins that functions may miss and still count as doing its work"""
+BEYOND = 0.05
+"""share of what all causes win that the same functions must explain beyond them for the cause to lose its name: what
+misses a twentieth of the likelihood is no name for it"""
 CHANCE = 3.0
-"""standard deviations above its mean of what nameless functions explain of noise"""
+"""standard deviations above its mean of what functions explain of noise"""
+NEW = 1e-9
+"""share of a function beyond what parameters can do, below which it is rounding"""
 
 
 class Nameless:
-    """Plays and low powers of the inputs: hysteresis and bent characteristics, whatever makes them.
+    """Plays and low powers of one input or of two: a hysteresis or a bent characteristic, whatever makes it.
 
-    With x, y any two inputs about their means: x, x y, x² y, and plays of x of several widths, which remember where it
-    turned (Prandtl's and Ishlinskii's model: Krasnoselskii, Pokrovskii 1989). An effect whose work these do better has
-    the right direction and the wrong name: a spring does most of what a mass does that is dragged along by friction.
+    Of one input x, measured from its mean in parts of its range: x, x², x³, its soft sign, and plays of several widths,
+    which remember where it turned (Prandtl's and Ishlinskii's model: Krasnoselskii, Pokrovskii 1989). Of two, x and y:
+    those of each, x y, x² y, x y², and the soft sign of either times the first three powers of the other. An effect
+    that they replace, and that leaves them much to explain, has the right direction and the wrong name: a spring does
+    most of what a mass does that is dragged along by friction. They cannot tell whether what is left belongs to the
+    same thing; a spring beside something unknown that depends on position, too, is a spring of no known form.
 
     Parameters
     ----------
@@ -36,49 +44,68 @@ class Nameless:
     """
 
     def __init__(self, problem: Problem, channels: Sequence[str]) -> None:
-        spans = {c: float(np.ptp(np.concatenate([s[c] for s in problem.signals]))) for c in channels}
-        self._spans = {c: span for c, span in spans.items() if span > 0}
+        joined = {c: np.concatenate([s[c] for s in problem.signals]) for c in channels}
         self._problem = problem
-        self._columns = problem.stack([self._functions(s) for s in problem.signals])
+        self._scales = {c: (float(x.mean()), float(np.ptp(x))) for c, x in joined.items()
+                        if np.ptp(x) > NEW * np.abs(x).max()}
+        self.families = [(c,) for c in self._scales] + list(combinations(self._scales, 2))
+        self._known: dict[Refit, np.ndarray] = {}
+        self._gains: dict[tuple[Refit, tuple[str, ...]], tuple[float, float]] = {}
 
-    def _functions(self, s: Signals) -> np.ndarray:
+    def gain(self, fit: Refit, family: tuple[str, ...]) -> tuple[float, float]:
+        """By how much those of one input or two lower the cost of a fit, to first order, and what of that may be noise.
+
+        With U an orthonormal basis of what the fit's parameters leave of them and e its errors: |Uᵀe|². For noise whose
+        blocks are independent its mean is Σ_b |U_bᵀe_b|², taken to be not below the number of functions times the
+        variance, and its distribution about that of χ², whose `CHANCE` standard deviations are added.
+        """
+        if (fit, family) not in self._gains:
+            if fit not in self._known:
+                self._known[fit] = projector(fit.jacobian)
+            columns = self._problem.stack([self._functions(s, family) for s in self._problem.signals])
+            norms = np.linalg.norm(columns, axis=0)
+            left = without(self._known[fit], columns)
+            basis = projector(left[:, np.linalg.norm(left, axis=0) > NEW * norms])
+            scores, size = self._problem.block_sums(basis * fit.errors[:, None]), max(basis.shape[1], 1)
+            mean, total = max(float(np.sum(scores**2)), size * fit.variance), scores.sum(axis=0)
+            self._gains[fit, family] = float(total @ total), mean * (1 + CHANCE * np.sqrt(2 / size))
+        return self._gains[fit, family]
+
+    def beyond(self, bare: Refit, fit: Refit, rest: Refit) -> float:
+        """What functions that do the work of a cause surely explain beyond the whole set; 0 where none do its work.
+
+        Parameters
+        ----------
+        bare, fit, rest : Refit
+            The baseline; the set; the set without the cause.
+
+        Returns
+        -------
+        float
+            As a share of what the set wins over the baseline.
+        """
+        found = [0.0]
+        for family in self.families:
+            gained, by_chance = self.gain(fit, family)
+            won = rest.cost - fit.cost
+            if gained > by_chance and won + gained - self.gain(rest, family)[0] < WITHIN * won:
+                found.append((gained - by_chance) / max(bare.cost - fit.cost, fit.variance))
+        return max(found)
+
+    def _functions(self, s: Signals, family: tuple[str, ...]) -> np.ndarray:
         """(n, k) values along a record."""
         from lpvid.diagnosis._play_kernel import play
 
-        columns = []
-        for c, span in self._spans.items():
-            x = np.ascontiguousarray(s[c], dtype=float)
-            for share in PLAYS:
+        columns, scaled = [], []
+        for c in family:
+            mean, span = self._scales[c]
+            x = np.ascontiguousarray((s[c] - mean) / span)
+            scaled.append(x)
+            columns += [x, x**2, x**3, np.tanh(x / SOFT)]
+            for half_width in PLAYS:
                 columns.append(np.empty(x.size))
-                play(x, share * span, columns[-1])
-        z = [(s[c] - s[c].mean()) / span for c, span in self._spans.items()]
-        columns += z
-        columns += [x * y for k, x in enumerate(z) for y in z[k:]]
-        columns += [x * x * y for x in z for y in z]
-        return np.column_stack(columns) if columns else np.zeros((s.n_samples, 0))
-
-    def gain(self, fit: Refit) -> tuple[float, float]:
-        """By how much they lower the cost of a fit, to first order, and what of that noise may account for.
-
-        With U an orthonormal basis of what the fit's parameters leave of them and e its errors: |Uᵀe|², and its
-        expectation for noise whose blocks are independent, Σ_b |U_bᵀe_b|², not below the number of functions, plus
-        `CHANCE` standard deviations.
-        """
-        if not self._columns.shape[1]:
-            return 0.0, 0.0
-        basis = projector(without(projector(fit.jacobian), self._columns))
-        scores = self._problem.block_sums(basis * fit.errors[:, None])
-        size = basis.shape[1]
-        by_chance = max(float(np.sum(scores**2)), size * fit.variance) + CHANCE * np.sqrt(2 * size) * fit.variance
-        total = scores.sum(axis=0)
-        return float(total @ total), by_chance
-
-    def share(self, bare: Refit, fit: Refit) -> float:
-        """What they surely explain beyond all causes, as a share of what these win over the baseline."""
-        gained, by_chance = self.gain(fit)
-        return max(gained - by_chance, 0.0) / max(bare.cost - fit.cost, fit.variance)
-
-    def replaces(self, fit: Refit, rest: Refit) -> bool:
-        """Whether they do what a cause does, beyond which they explain more: `rest` is the set without it."""
-        missed = rest.cost - fit.cost + self.gain(fit)[0] - self.gain(rest)[0]
-        return missed < WITHIN * (rest.cost - fit.cost)
+                play(x, half_width, columns[-1])
+        for x, y in combinations(scaled, 2):
+            columns += [x * y, x**2 * y, x * y**2]
+            columns += [np.tanh(a / SOFT) * b**k for a, b in ((x, y), (y, x)) for k in (1, 2, 3)]
+        return np.column_stack(columns)

@@ -187,8 +187,7 @@ class Search:
                            chosen)
         tried = [(e, f) for (e, _), f in zip(chosen, fits, strict=True)]
         tried = [(e, f) for e, f in tried if f.bic() < self.fit.bic() - BIC_GAIN]
-        if any(e.abrupt for e in self.fit.composition.effects):
-            tried = [(e, f) for e, f in tried if is_there(self.problem, f, e)]
+        tried = [(e, f) for e, f in tried if self.sure((e,), f)]
         if not tried:
             return None
         tried = [(e, f) for e, f in tried if not self.negligible((e,), f)] or tried
@@ -212,6 +211,11 @@ class Search:
     def worth(self, effect: Effect, found: Sequence[Direction]) -> float:
         """What an effect may change in the output, by proportion and with room: root mean square, in its unit."""
         return max((d.worth for d in found if d.effect is effect), default=0.0)
+
+    def sure(self, added: Sequence[Effect], fit: Refit) -> bool:
+        """Whether what a refit adds is surely there: asked where one of the set jumps, else the likelihood is enough."""
+        jumps = any(e.abrupt for e in self.fit.composition.effects)
+        return not jumps or all(is_there(self.problem, fit, e) for e in added)
 
     def negligible(self, added: Sequence[Effect], fit: Refit) -> bool:
         """Whether what a refit adds to the simulation is too small to be worth naming."""
@@ -238,7 +242,7 @@ class Search:
             return None
         self.say(f"refitting with {' and '.join(e.name for e in best[0])} together")
         fit = refit(self.problem, best[1].composition, best[1].vector, near=self.fit)
-        return None if self.negligible(best[0], fit) else (best[0], fit)
+        return (best[0], fit) if self.sure(best[0], fit) and not self.negligible(best[0], fit) else None
 
     def promising(self, pair: tuple[Effect, Effect], found: Sequence[Direction]) -> bool:
         """Whether both together, each at its best grid points, lie along what is left: a look before a costly refit.

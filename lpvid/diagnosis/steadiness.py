@@ -19,7 +19,7 @@ WEIGHT = 0.05
 CERTAIN = 3.0
 """standard errors taken off a difference"""
 THERE = 0.95
-"""probability within whose bounds all strengths must not be neutral"""
+"""probability with which chance alone must not take a strength so far from neutral"""
 
 
 @dataclass(frozen=True)
@@ -38,26 +38,32 @@ class Steadiness:
 
 
 def is_there(problem: Problem, fit: Refit, effect: Effect) -> bool:
-    """Whether the strengths s of an effect are surely not neutral, by their covariance C over the blocks (Wald's test).
-
-    They are where sᵀ C⁻¹ s lies beyond the quantile `THERE` of χ² with as many degrees of freedom: for a single one,
-    two standard errors.
+    """Whether the strengths s of an effect are surely not neutral, by their covariance C over the B blocks.
 
     A few large errors, those of samples at which something jumps nobody knows when, let much win a likelihood in which
     all samples are alike: the cost has many valleys, and every further parameter finds a deeper one. Elsewhere a wide
     interval says only that the parameters of an effect and of the law move against each other, as those of two networks
-    of losses do. One on a bound has none and is taken to be there.
+    of losses do.
+
+    Hotelling's test: with T² = sᵀ C⁻¹ s of k strengths and d = B − 1, (d − k + 1) T²/(d k) is compared with a quantile
+    of F(k, d − k + 1); for a single strength about two standard errors. Blocks too few for so many strengths show
+    nothing. One on a bound has no C and is there where that bound is not neutral.
     """
-    from scipy.special import chdtri
+    from scipy.special import fdtri
 
     place = fit.composition.places[fit.composition.effects.index(effect)]
     away = (fit.vector[place] - effect.neutral)[: effect.strengths]
     spread = covariance(problem, fit)[place, place][: effect.strengths, : effect.strengths]
-    known = np.isfinite(np.diag(spread))
-    if not known.any():
+    known = np.isfinite(np.diag(spread)) & (np.diag(spread) > 0)
+    if np.any(away[~known] != 0):
         return True
-    away, spread = away[known], spread[np.ix_(known, known)]
-    return bool(away @ np.linalg.pinv(spread, hermitian=True) @ away > chdtri(away.size, 1 - THERE))
+    size, free = int(known.sum()), problem.blocks.count - int(known.sum())
+    if not size or free < 1:
+        return False
+    scale = np.sqrt(np.diag(spread)[known])
+    s, correlation = away[known] / scale, spread[np.ix_(known, known)] / np.outer(scale, scale)
+    square = float(s @ np.linalg.pinv(correlation, rcond=1e-12, hermitian=True) @ s)
+    return bool(free / ((problem.blocks.count - 1) * size) * square > fdtri(size, free, THERE))
 
 
 def steadiness(problem: Problem, fit: Refit, effect: Effect, channels: Sequence[str]) -> Steadiness:

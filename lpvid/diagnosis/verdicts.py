@@ -38,9 +38,9 @@ class Findings:
     dropped : sequence of Judged
         What was objected to.
     resembling : sequence of Effect
-        Of the set, whose work functions of the inputs without a name do better.
+        Of the set, whose work functions of the inputs without a name do as well.
     beyond : float
-        By how much, as a share of what all causes win.
+        What these explain beyond the set, at most, as a share of what all causes win.
     phi : (share, standard error) or None
         Of the excess error that the causes explain; None where there are none.
     predictable : float
@@ -78,10 +78,20 @@ class Findings:
 
 def told(f: Findings) -> tuple[str, str]:
     """Verdict and reason."""
-    alike = (f"{', '.join(e.name for e in f.resembling)} resembles it, but so do functions of the inputs without a "
-             f"name, which explain {f.beyond:.0%} more")
+    if not f.resembling:
+        return _of_the_named(f)
+    alike = (f"{', '.join(e.name for e in f.resembling)} would do for a part, but functions of the inputs without a "
+             f"name do that as well, and explain {f.beyond:.0%} more")
     if f.phi is None:
-        return ("unexplained", alike) if f.resembling else _nothing(f)
+        return "unexplained", alike
+    verdict, reason = _of_the_named(f)
+    return "partly-explained" if verdict == "explained" else verdict, f"{reason}; {alike}"
+
+
+def _of_the_named(f: Findings) -> tuple[str, str]:
+    """The same, whatever else stays in the simulation."""
+    if f.phi is None:
+        return _nothing(f)
     share, uncertain = f.phi
     causes = [*f.named, *(e for e, _ in f.contested)]
     forms = all(e.catch_all for e in causes)  # what is flexible has no excuse
@@ -99,9 +109,8 @@ def told(f: Findings) -> tuple[str, str]:
         groups = "; ".join(f"{e.name} or {' or '.join(r.name for r in rivals)}" for e, rivals in f.contested)
         return "cannot-tell", f"these data cannot keep apart {groups}"
     text = f"{', '.join(e.name for e in f.named)} explains {min(share, 1.0):.0%} of the excess error"
-    if f.contested or f.resembling:
-        more = [f"{', '.join(e.name for e, _ in f.contested)} has rivals"] * bool(f.contested)
-        return "partly-explained", "; ".join([text, *more, *[f"for the rest, {alike}"] * bool(f.resembling)])
+    if f.contested:
+        return "partly-explained", text + f"; {', '.join(e.name for e, _ in f.contested)} has rivals"
     if left > LEFT:
         text += f", but what is left still follows the inputs, by {left:.0%} of the output's spread"
         return "partly-explained", text

@@ -14,6 +14,7 @@ from toy_diagnosis import (
     CAUSES,
     PERIOD,
     TRUE,
+    Added,
     Bent,
     Cubic,
     Dry,
@@ -27,6 +28,7 @@ from toy_diagnosis import (
     record,
 )
 
+from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import FEWEST, Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.deciding import (
@@ -39,7 +41,7 @@ from lpvid.diagnosis.deciding import (
     out_of_fold,
     stands_apart,
 )
-from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.effect import Effect, EffectParameter
 from lpvid.diagnosis.engine import diagnose
 from lpvid.diagnosis.localise import localise
 from lpvid.diagnosis.noise import FLOOR, Whitening, noise_level
@@ -49,7 +51,7 @@ from lpvid.diagnosis.remainder import predictable_share
 from lpvid.diagnosis.rivals import DISTINCT, SEPARATED, _unwhitened, in_both, separation
 from lpvid.diagnosis.screening import DETECT, Evidence, directions, moves, saturated, screen
 from lpvid.diagnosis.selection import BIC_GAIN, Search
-from lpvid.diagnosis.signals import Signals
+from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.steadiness import is_there
 from lpvid.errors import InputError
 from lpvid.record import Channel, Record
@@ -467,6 +469,20 @@ class Abrupt(Dry):
     name, title, abrupt = "abrupt", "sign of the input, at instants that nobody knows", True
 
 
+class Waves(Added):
+    """Five strengths."""
+
+    name, title, strengths = "waves", "five waves of the input", 5
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return tuple(EffectParameter(f"gain_{k}", "V", "g", 0.0, (-10.0, 10.0), (-100.0, 100.0), (-0.1, 0.1))
+                     for k in range(5))
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        return lambda s: core(s) + np.sin(np.outer(s["u"], np.arange(4, 9))) @ values
+
+
 class TestStrengthOfNothing:
     """One that changes from block to block wins a likelihood of independent samples, wherever its mean comes to lie."""
 
@@ -494,6 +510,15 @@ class TestStrengthOfNothing:
                                               rng: np.random.Generator) -> None:
         search, evidence, found = self.search(scatter, rng, *beside)
         assert (search.best_addition(evidence, found) is not None) == added
+
+    def test_several_strengths_are_rarely_there_where_nothing_is(self) -> None:
+        there = []
+        for seed in range(100):
+            problem, _ = problem_of(record(np.random.default_rng(seed), n=2000))
+            composition = Composition(Bent(), (Waves(),))
+            fit = refit(problem, composition, composition.neutral)
+            there.append(is_there(problem, fit, composition.effects[0]))
+        assert sum(there) <= 12
 
     def test_is_an_objection_there(self, rng: np.random.Generator) -> None:
         search, _, found = self.search(6.0, rng, Abrupt())
