@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.input_noise import gain_without_input_noise
+from lpvid.diagnosis.noise import NoiseLevel, Whitening
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.rivals import SEPARATED, Alternative, alternatives, separation, taken_over
@@ -16,6 +17,8 @@ from lpvid.diagnosis.screening import DETECT
 from lpvid.diagnosis.selection import BIC_GAIN, Search
 from lpvid.diagnosis.steadiness import is_there, steadiness
 
+WHITE = Whitening(np.ones(1), 1.0)
+"""of noise that is white"""
 BLOCKS_BETTER, MAJORITY = 0.8, 0.6
 """share of held-out blocks in which a cause must help, and the least where one of its size would not show in more"""
 LUCK = 1.64
@@ -254,8 +257,38 @@ def _small(problem: Problem, effect: Effect, values: np.ndarray, contribution: f
     return found + effect.unresolved(values, problem.signals[0].sample_time)
 
 
-def explained_share(problem: Problem, before: Folds, after: Folds, floor: float | None, predictable: float
-                    ) -> tuple[float, float]:
+def surer_share(problem: Problem, before: Folds, after: Folds, level: NoiseLevel, whitened: NoiseLevel,
+                predictable: float) -> tuple[float, float]:
+    """`explained_share` in the output's unit, or of the whitened errors where that is surer.
+
+    An effect of a hundredth of the noise's power drowns in what repeats leave open of that power, if the noise is slow:
+    its level then rests on few independent samples. Whitened, it rests on all of them.
+
+    Parameters
+    ----------
+    problem : Problem
+    before, after : Folds
+    level, whitened : NoiseLevel
+        From repeats, of the output and of the whitened errors that are left.
+    predictable : float
+    """
+    plain = explained_share(problem, before, after, level.variance, predictable)
+    if level.variance is None or whitened.variance is None:
+        return plain
+    white = explained_share(problem, before, after, whitened.variance, 0.0, whitened=True)
+
+    def spread(share: tuple[float, float], errors: np.ndarray, floor: float, error: float) -> float:
+        return float(np.hypot(share[1], share[0] * error / max(float(np.mean(errors**2)) - floor, 1e-300)))
+
+    unsure = spread(plain, before.plain, level.variance, level.error(problem.whitening))
+    surely = spread(white, before.errors, whitened.variance, whitened.error(WHITE))
+    if unsure * white[0] <= surely * plain[0]:  # each in proportion: a share told too small has a small error
+        return plain
+    return white[0], surely
+
+
+def explained_share(problem: Problem, before: Folds, after: Folds, floor: float | None, predictable: float,
+                    whitened: bool = False) -> tuple[float, float]:
     """φ = (σ²_base − σ²_ext)/(σ²_base − σ₀²) out of fold, and its standard error over blocks.
 
     Parameters
@@ -266,8 +299,10 @@ def explained_share(problem: Problem, before: Folds, after: Folds, floor: float 
         σ₀² from repeats; without them the part of the remaining error that no regression on the inputs predicts.
     predictable : float
         Share of the remaining error that one does predict.
+    whitened : bool
+        Whether of the whitened errors, whose floor is given.
     """
-    b, a = problem.block_sums(before.plain**2), problem.block_sums(after.plain**2)
+    b, a = (problem.block_sums((f.errors if whitened else f.plain)**2) for f in (before, after))
     n = problem.blocks.sizes().astype(float)
     rest = max(predictable, 0.0)
 

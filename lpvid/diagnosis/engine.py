@@ -15,10 +15,10 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.deciding import (
     Folds,
     Judged,
-    explained_share,
     judge,
     out_of_fold,
     shadowed,
+    surer_share,
     with_small_print,
     with_takeovers,
 )
@@ -159,13 +159,14 @@ class _Case:
             fit = self._final(fit, [*named, *contested])
             after = out_of_fold(problem, fit)
         predictable = self._predictable(fit)
-        phi = explained_share(problem, before, after, self.level.variance, predictable) if named or contested else None
+        phi = surer_share(problem, before, after, self.level, self._unshared(fit, whiten=True),
+                          predictable) if named or contested else None
         verdict, reason = told(Findings(
             named=[j.effect for j in named],
             contested=[(j.effect, tuple(a.effect for a in j.rivals)) for j in contested], dropped=dropped,
             resembling=[j.effect for j in resembling], beyond=beyond, phi=phi,
             predictable=predictable, before=float(np.mean(before.plain**2)), after=float(np.mean(after.plain**2)),
-            spread=problem.spread, unshared=self._unshared(bare) if phi is None else None,
+            spread=problem.spread, unshared=self._unshared(bare).variance if phi is None else None,
             least=min((e.p_value for e in self.screened), default=1.0), coloured=problem.whitening.is_coloured,
             unit=self.baseline.output_unit))
         kept = [*named, *contested, *resembling]
@@ -253,12 +254,13 @@ class _Case:
         share, spread = predictable_share(self.problem, errors, self._inputs)
         return share if share - 2 * spread > PREDICTABLE else 0.0
 
-    def _unshared(self, bare: Refit) -> float | None:
-        """Variance of that part of the baseline's error which repeats of the same input do not share."""
-        signals = self.problem.signals
-        errors = self.problem.errors(bare.composition, bare.vector)
-        left = [replace(s, output=e) for s, e in zip(signals, errors, strict=True)]
-        return noise_level(left, _driving(self.baseline), self.problem.blocks.mask()).variance
+    def _unshared(self, fit: Refit, whiten: bool = False) -> NoiseLevel:
+        """That part of the error of a fit which repeats of the same input do not share."""
+        signals, problem = self.problem.signals, self.problem
+        errors = problem.errors(fit.composition, fit.vector)
+        left = [replace(s, output=problem.whitening.apply(e) if whiten else e)
+                for s, e in zip(signals, errors, strict=True)]
+        return noise_level(left, _driving(self.baseline), problem.blocks.mask())
 
     def _final(self, fit: Refit, kept: Sequence[Judged]) -> Refit:
         """The fit with the kept effects only."""

@@ -10,6 +10,8 @@ import numpy as np
 from lpvid.diagnosis.signals import Signals
 
 ORDERS = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24)
+SPECTRUM = 4096
+"""points of a spectrum"""
 FLOOR = 1e-3
 """share of the noise power taken as white, so that whitening never amplifies a band where there is none"""
 ALIKE = 0.02
@@ -40,6 +42,12 @@ class Whitening:
     def is_coloured(self) -> bool:
         """Whether the noise is anything but white."""
         return self.order > 0 and float(np.abs(self.coefficients[1:]).max()) > 0.1
+
+    @property
+    def memory(self) -> float:
+        """Σ_k ρ_k² of the noise that it whitens, by Parseval mean(S²)/mean(S)², S = 1/|A|²; 1 if white."""
+        power = 1 / np.abs(np.fft.rfft(self.coefficients, SPECTRUM)) ** 2
+        return float(np.mean(power**2) / np.mean(power) ** 2)
 
     def apply(self, values: np.ndarray) -> np.ndarray:
         """(n,) or (n, k) filtered along time; before its start the signal is taken as zero."""
@@ -116,6 +124,16 @@ class NoiseLevel:
     variance: float | None
     samples: int
     says: str
+
+    def error(self, whitening: Whitening) -> float:
+        """Standard error of the variance for noise that a filter whitens; 0 where none is known.
+
+        σ² √(2 Σ_k ρ_k²/N), ρ_k the autocorrelation of the noise, k over all lags (Bartlett 1946): that of slow noise
+        rests on few independent samples.
+        """
+        if self.variance is None:
+            return 0.0
+        return self.variance * float(np.sqrt(2 * whitening.memory / self.samples))
 
 
 def noise_level(signals: Sequence[Signals], channels: Sequence[str], masks: Sequence[np.ndarray]) -> NoiseLevel:

@@ -213,7 +213,7 @@ class Search:
         return max((d.worth for d in found if d.effect is effect), default=0.0)
 
     def sure(self, added: Sequence[Effect], fit: Refit) -> bool:
-        """Whether what a refit adds is surely there: asked where one of the set jumps, else the likelihood is enough."""
+        """Whether what a refit adds is surely there: asked where one of the set jumps, else BIC is enough."""
         jumps = any(e.abrupt for e in self.fit.composition.effects)
         return not jumps or all(is_there(self.problem, fit, e) for e in added)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -40,6 +41,7 @@ from lpvid.diagnosis.deciding import (
     judge,
     out_of_fold,
     stands_apart,
+    surer_share,
 )
 from lpvid.diagnosis.effect import Effect, EffectParameter
 from lpvid.diagnosis.engine import diagnose
@@ -120,6 +122,19 @@ class TestNoiseLevel:
         u = drive(4000, rng)
         runs = [Bent().signals(record(rng, level=0.4, u=u, hidden=lambda x: 5 * np.sign(x))) for _ in range(2)]
         assert noise_level(runs, ["u"], [np.ones(4000, bool)] * 2).variance == pytest.approx(0.16, rel=0.15)
+
+    @pytest.mark.parametrize("pole", [0.0, 0.95])
+    def test_how_sure_it_is(self, pole: float) -> None:
+        u, found = drive(3000, np.random.default_rng(0)), []
+        for seed in range(60):
+            rng = np.random.default_rng(seed)
+            pair = [Signals(PERIOD, {"u": u}, np.asarray(lfilter([1.0], [1.0, -pole], rng.standard_normal(3300)))[300:])
+                    for _ in range(2)]
+            found.append(noise_level(pair, ["u"], [np.ones(3000, bool)] * 2))
+        whitening = Whitening(np.array([1.0, -pole]), 1.0)
+        assert whitening.memory == pytest.approx((1 + pole**2) / (1 - pole**2), rel=1e-3)
+        errors = [level.error(whitening) for level in found]
+        assert np.std([level.variance for level in found]) == pytest.approx(np.mean(errors), rel=0.3)
 
     def test_none_where_nothing_repeats(self, rng: np.random.Generator) -> None:
         runs = [Bent().signals(record(rng)) for _ in range(2)]
@@ -282,6 +297,26 @@ class TestBothMetrics:
         assert plainly(other.vector) < 0.999 * plainly(fit.vector)
         stacked = whitened_problem.stack(whitened_problem.errors(fit.composition, other.vector))
         assert stacked @ stacked > 1.001 * fit.cost
+
+    def test_a_share_that_slow_noise_drowns_is_told_by_the_whitened_errors(self) -> None:
+        """A cause of a twentieth of the noise's power, of which an extended model leaves nothing."""
+        plain, surer = [], []
+        for seed in range(12):
+            rng = np.random.default_rng(seed)
+            u = drive(6000, rng)
+            pair = [record(rng, "ar1", level=1.0, u=u, hidden=lambda u: 0.3 * np.sin(9 * u)) for _ in range(2)]
+            problem, composition = problem_of(*pair)
+            problem = problem.with_whitening(Whitening(np.array([1.0, -0.95]), 1.0))
+            bare = refit(problem, composition, composition.neutral)
+            both = Composition(Bent(), (Wave(),))
+            fit = refit(problem, both, both.neutral)
+            errors = [problem.whitening.apply(e) for e in problem.errors(both, fit.vector)]
+            left = [replace(s, output=e) for s, e in zip(problem.signals, errors, strict=True)]
+            level, white = (noise_level(s, ["u"], problem.blocks.mask()) for s in (problem.signals, left))
+            before, after = out_of_fold(problem, bare), out_of_fold(problem, fit)
+            plain.append(explained_share(problem, before, after, level.variance, 0.0)[0])
+            surer.append(surer_share(problem, before, after, level, white, 0.0)[0])
+        assert np.std(plain) > 3 * np.std(surer) and np.mean(surer) == pytest.approx(1.0, abs=0.15)
 
     def test_a_worse_model_explains_nothing(self, rng: np.random.Generator) -> None:
         problem, _ = problem_of(record(rng))
