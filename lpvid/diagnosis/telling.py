@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.deciding import Folds, Judged, out_of_fold
+from lpvid.diagnosis.deciding import EXPLAINED, Folds, Judged, out_of_fold
 from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Errors, Estimated, Rejected, Rivals
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.intervals import deviations, of_effect
@@ -99,8 +99,9 @@ class Telling:
             f"{len(self.held_out)} further record(s)"
         rejected = [Rejected(j.effect.name, "; ".join(j.objections)) for j in d.dropped]
         if not spoken:
-            rejected += [Rejected(j.effect.name, f"resembles it, but explains {d.phi[0]:.0%} of the excess error only"
-                                  if d.phi else "explains too little") for j in (*d.named, *d.contested)]
+            why = "what is left still follows the inputs" if d.phi is None or d.phi[0] >= EXPLAINED else \
+                f"explains {d.phi[0]:.0%} of the excess error only"
+            rejected += [Rejected(j.effect.name, f"resembles it, but {why}") for j in (*d.named, *d.contested)]
         return Diagnosis(
             d.verdict, d.reason, {**self.baseline.with_vector(d.bare.vector).describe()},
             self._errors(d.bare, d.before), self._errors(d.final, after),
