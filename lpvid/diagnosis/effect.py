@@ -192,6 +192,10 @@ class Effect(ABC):
         """(k,) parameters at which it is not there."""
         return np.array([p.neutral for p in self.parameters])
 
+    def inseparable(self, signals: Sequence[Signals]) -> tuple[str, ...]:
+        """Names of more general effects that do the same on these signals, whatever their further parameters."""
+        return ()
+
     def missing(self, signals: tuple[Signals, ...]) -> tuple[str, ...]:
         """Needed roles that some record does not have."""
         return tuple(n for n in self.needs if not all(s.has(n) for s in signals))

@@ -34,6 +34,9 @@ PLAIN, HINTED, HINTED_KIN = 0.1, 0.03, 0.005
 """share of the squared error in the output's unit by which a rival must surely do better there to be the better name
 whatever the whitened error says, and by which it must seem to for the whitened error alone not to decide; the last for
 two on one path, which differ by little else than bands that whitening weighs most"""
+CHAINED = 1000.0
+"""log-likelihood by which a lag of one channel may trail another for a filter of all channels to be put beside both: a
+low-pass and a delay that lags differ by as little as a filter that is too weak to be found"""
 SURE = 3.0
 """standard errors over the blocks from which on a difference is sure"""
 
@@ -62,12 +65,16 @@ class Alternative:
 def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternative, ...]:
     """Plausible effects, half as likely or more, put in the place of one of the set and refitted; best first.
 
+    A more general one is no rival, unless these signals cannot tell it from the effect.
+
     Those on the same path are tried however likely they seem: a lag of many samples looks like no other from afar.
     """
     problem, now = search.problem, search.fit
     chosen = {x.name for x in now.composition.effects}
     kept = [x for x in now.composition.effects if x is not effect]
-    others = [e for e in search.candidates if e.name not in chosen and effect.name not in e.contains
+    alike = effect.inseparable(problem.signals)
+    others = [e for e in search.candidates if e.name not in chosen
+              and (effect.name not in e.contains or e.name in alike)
               and not any((e.name in x.contains and e.name not in x.beside) or x.name in e.contains for x in kept)]
     found = directions(problem, rest, moves(problem, rest, [effect, *others]))
     evidence = {e.effect.name: e for e in screen(problem, rest, found, np.random.default_rng(0))}
@@ -100,6 +107,8 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
             apart -= COMPONENT * (rest.cost - now.cost) / now.variance
         else:
             apart = _weighed(problem, apart, now, fit, separation(rest, now), _kin(e.effect, effect))
+            if e.effect.path == "motion" and _kin(e.effect, effect) and SEPARATED < apart < CHAINED:
+                apart, fit = _behind_a_filter(search, apart, fit)
         if e.effect.name in effect.contains:
             apart -= REFINED * (rest.cost - now.cost) / now.variance
         if not e.effect.implausible(own_values(fit, e.effect)):
@@ -110,6 +119,28 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
 def _kin(one: Effect, other: Effect) -> bool:
     """Whether two effects lie on the same path."""
     return bool(one.path) and one.path == other.path
+
+
+def _behind_a_filter(search: Search, apart: float, fit: Refit) -> tuple[float, Refit]:
+    """By how much a rival trails if either may have a filter of all channels beside it, and its best fit.
+
+    Every measurement has such filters, so that none of them counts as a further parameter.
+    """
+    problem, now = search.problem, search.fit
+    filters = [e for e in search.outside() if e.path == "all"]
+    if not filters or any(e.path == "all" for e in now.composition.effects):
+        return apart, fit
+    best = []
+    for alone in (now, fit):
+        found = [alone]
+        for e in filters:
+            composition = Composition(alone.composition.baseline, (*alone.composition.effects, e))
+            begun = [placed(composition, alone, {e.name: v}) for v in e.points(problem.signals)]
+            begun = sorted(begun, key=lambda v: _cost(problem, composition, v))[:2]
+            found += [refit(problem, composition, v, near=alone, rough=True) for v in begun]
+        best.append(min(found, key=lambda f: f.cost))
+    behind = (best[1].cost - best[0].cost) / now.variance
+    return (float(behind), best[1]) if behind < apart else (apart, fit)
 
 
 def _without_chain(problem: Problem, now: Refit, composition: Composition, effect: Effect) -> list[np.ndarray]:

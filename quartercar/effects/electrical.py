@@ -80,6 +80,23 @@ def levels(signals: Sequence[Signals]) -> int:
     return len(groups) if all(np.ptp(g) < LEVELS_APART * span for g in groups) and len(groups) < 0.1 * i.size else 0
 
 
+def edges_go_one_way(signals: Sequence[Signals]) -> bool:
+    """Whether all edges of the current's modulus, over all records, rise or all fall; False where there are none.
+
+    Examples
+    --------
+    >>> def current(*levels):
+    ...     return Signals(0.01, {"current": np.repeat(levels, 9)}, np.zeros(9 * len(levels)))
+    >>> [edges_go_one_way([current(*i)]) for i in ((0.0, 1.0, 2.0), (2.0, 1.5, 0.0), (0.0, 2.0, 1.0), (1.0, 1.0))]
+    [True, True, False, False]
+    """
+    sizes = [np.abs(s["current"]) for s in signals]
+    span = max(float(i.max()) for i in sizes) - min(float(i.min()) for i in sizes)
+    steps = np.concatenate([np.diff(i) for i in sizes])
+    edges = steps[np.abs(steps) > LEVELS_APART * max(span, 1e-12)]
+    return bool(edges.size) and abs(int(np.sum(np.sign(edges)))) == edges.size
+
+
 def later(s: Signals, delay: float) -> np.ndarray:
     """(n,) current that acts `delay` [s] later.
 
@@ -165,6 +182,9 @@ class CoilLag(CurrentEffect):
 
     def clock_error(self, signals: Sequence[Signals]) -> float:
         return _jump_error(signals)
+
+    def inseparable(self, signals: Sequence[Signals]) -> tuple[str, ...]:
+        return ("rise-fall-lag",) if edges_go_one_way(signals) else ()
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         tau = float(values[0])

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
-from effect_signals import guo, road_like
+import pytest
+from effect_signals import PERIOD, guo, motion, road_like
 
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.engine import DiagnosisSettings, diagnose
 from lpvid.diagnosis.noise import Whitening
 from lpvid.diagnosis.problem import Problem
-from lpvid.diagnosis.refitting import refit
-from lpvid.diagnosis.rivals import _without_chain
+from lpvid.diagnosis.refitting import Refit, refit
+from lpvid.diagnosis.rivals import _behind_a_filter, _without_chain
+from lpvid.diagnosis.selection import Search
+from lpvid.diagnosis.signals import Signals
+from lpvid.diagnosis.spectra import low_passed
+from lpvid.record import Channel, Record
+from quartercar.effects.electrical import CoilLag, RiseFallLag
 from quartercar.effects.measurement import ForceDelay, ForceOffset
+from quartercar.effects.shared_filter import SharedFilter
 from quartercar.effects.structure import FixtureResonance
 
 
@@ -38,3 +46,45 @@ def test_what_the_measurement_does_is_put_back() -> None:
     places = dict(zip((e.name for e in composition.effects), composition.places, strict=True))
     assert np.all(start[places["force-offset"]] != ForceOffset().neutral)
     assert np.any(start[places["fixture-resonance"]] != FixtureResonance().neutral)
+
+
+def behind(candidates: tuple[Effect, ...]) -> tuple[float, Refit, Refit]:
+    """A rival that trails by 50, which is but the cause itself, on a record that has passed a filter of 80 Hz."""
+    fine, (x, v) = 8, motion(PERIOD / 8 * np.arange(8 * 4096))
+    passed = [low_passed(channel, PERIOD / fine, 1 / (2 * np.pi * 80), np.sqrt(0.5)) for channel in (x, v)]
+    whole = Signals(PERIOD / fine, {"displacement": x, "velocity": v, "current": np.ones(x.size)}, np.zeros(x.size))
+    force = low_passed(guo().core(guo().vector)(whole), PERIOD / fine, 1 / (2 * np.pi * 80), np.sqrt(0.5))[::fine]
+    channels = {"displacement": passed[0][::fine], "velocity": passed[1][::fine], "current": np.ones(force.size)}
+    s = Signals(PERIOD, channels, force + np.random.default_rng(0).standard_normal(force.size))
+    problem = Problem((s,), Blocks.of((s,)), Whitening(np.ones(1), 1.0))
+    composition = Composition(guo(), (ForceOffset(),))
+    fit = refit(problem, composition, composition.neutral)
+    return *_behind_a_filter(Search(problem, fit, candidates, np.random.default_rng(0), print), 50.0, fit), fit
+
+
+def test_a_filter_of_all_channels_is_put_beside_both() -> None:
+    apart, found, alone = behind((SharedFilter(),))
+    assert [e.name for e in found.composition.effects] == ["force-offset", "shared-filter"]
+    assert apart == 0.0 and found.cost < 0.9 * alone.cost, "either gains as much by it"
+
+
+def test_where_no_filter_is_a_candidate_nothing_changes() -> None:
+    apart, found, alone = behind(())
+    assert apart == 50.0 and found is alone
+
+
+@pytest.mark.parametrize(("levels", "told"), [((0.0, 0.4, 0.8, 1.2, 1.6, 2.0), {"coil-lag", "rise-fall-lag"}),
+                                              ((0.0, 0.8, 1.2, 0.4, 2.0, 1.6), {"coil-lag"})])
+def test_edges_that_only_rise_do_not_tell_a_lag_from_one_that_falls_faster(levels: tuple[float, ...], told: set,
+                                                                           rng: np.random.Generator) -> None:
+    x, v = motion(PERIOD * np.arange(6000))
+    s = Signals(PERIOD, {"displacement": x, "velocity": v, "current": np.repeat(levels, 1000)}, np.zeros(6000))
+    lag = Composition(guo(), (CoilLag(),))
+    vector = lag.neutral
+    vector[lag.places[0]] = 0.03
+    force = lag.predict(s, vector) + rng.standard_normal(6000)
+    units = {"displacement": "m", "velocity": "m/s", "current": "A"}
+    record = Record({**{c: Channel(s[c], u) for c, u in units.items()}, "force": Channel(force, "N")}, PERIOD, name="r")
+    found = diagnose([record], guo(), (CoilLag(), RiseFallLag()), settings=DiagnosisSettings(fit_baseline=False))
+    assert {name for group in found.rivals for name in group.names} | {c.name for c in found.causes} == told
+    assert found.verdict == ("explained" if len(told) == 1 else "cannot-tell")
