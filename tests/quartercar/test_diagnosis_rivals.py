@@ -19,6 +19,7 @@ from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.spectra import low_passed
 from lpvid.record import Channel, Record
 from quartercar.effects.electrical import CoilLag, RiseFallLag
+from quartercar.effects.friction_gas import GasStiffness
 from quartercar.effects.measurement import ForceDelay, ForceOffset
 from quartercar.effects.shared_filter import SharedFilter
 from quartercar.effects.structure import FixtureResonance
@@ -48,18 +49,24 @@ def test_what_the_measurement_does_is_put_back() -> None:
     assert np.any(start[places["fixture-resonance"]] != FixtureResonance().neutral)
 
 
-def behind(candidates: tuple[Effect, ...]) -> tuple[float, Refit, Refit]:
-    """A rival that trails by 50, which is but the cause itself, on a record that has passed a filter of 80 Hz."""
+FAR = 1e7
+"""log-likelihood by which a rival trails at first"""
+
+
+def behind(candidates: tuple[Effect, ...], rival: Effect | None = None) -> tuple[float, Refit, Refit]:
+    """A rival that trails far, by default but the cause itself, on a record that has passed a filter of 80 Hz."""
     fine, (x, v) = 8, motion(PERIOD / 8 * np.arange(8 * 4096))
     passed = [low_passed(channel, PERIOD / fine, 1 / (2 * np.pi * 80), np.sqrt(0.5)) for channel in (x, v)]
     whole = Signals(PERIOD / fine, {"displacement": x, "velocity": v, "current": np.ones(x.size)}, np.zeros(x.size))
     force = low_passed(guo().core(guo().vector)(whole), PERIOD / fine, 1 / (2 * np.pi * 80), np.sqrt(0.5))[::fine]
     channels = {"displacement": passed[0][::fine], "velocity": passed[1][::fine], "current": np.ones(force.size)}
-    s = Signals(PERIOD, channels, force + np.random.default_rng(0).standard_normal(force.size))
+    s = Signals(PERIOD, channels, 20.0 + force + np.random.default_rng(0).standard_normal(force.size))
     problem = Problem((s,), Blocks.of((s,)), Whitening(np.ones(1), 1.0))
     composition = Composition(guo(), (ForceOffset(),))
     fit = refit(problem, composition, composition.neutral)
-    return *_behind_a_filter(Search(problem, fit, candidates, np.random.default_rng(0), print), 50.0, fit), fit
+    other = fit if rival is None else refit(problem, Composition(guo(), (rival,)), Composition(guo(), (rival,)).neutral)
+    search = Search(problem, fit, candidates, np.random.default_rng(0), print)
+    return *_behind_a_filter(search, FAR, other), fit
 
 
 def test_a_filter_of_all_channels_is_put_beside_both() -> None:
@@ -70,7 +77,13 @@ def test_a_filter_of_all_channels_is_put_beside_both() -> None:
 
 def test_where_no_filter_is_a_candidate_nothing_changes() -> None:
     apart, found, alone = behind(())
-    assert apart == 50.0 and found is alone
+    assert apart == FAR and found is alone
+
+
+def test_one_that_trails_behind_a_filter_as_well_is_no_nearer_than_that() -> None:
+    apart, found, _ = behind((SharedFilter(),), GasStiffness())
+    assert [e.name for e in found.composition.effects] == ["gas-stiffness", "shared-filter"]
+    assert 100 < apart < FAR and found.cost > 1.1 * behind((SharedFilter(),))[1].cost
 
 
 @pytest.mark.parametrize(("levels", "told"), [((0.0, 0.4, 0.8, 1.2, 1.6, 2.0), {"coil-lag", "rise-fall-lag"}),
