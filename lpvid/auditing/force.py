@@ -88,7 +88,8 @@ def _at_rest(view: View) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     before = _turns(velocity)
     if not before.size:
         return None
-    share = velocity[before] / (velocity[before] - velocity[before + 1])
+    gap = velocity[before] - velocity[before + 1]
+    share = np.divide(velocity[before], gap, out=np.full(gap.size, 0.5), where=gap != 0)  # a rounded velocity may rest
     rising = velocity[before + 1] > velocity[before]
     return before + share, force[before] + share * (force[before + 1] - force[before]), rising
 
