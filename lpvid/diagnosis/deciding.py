@@ -9,16 +9,14 @@ import numpy as np
 
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.input_noise import gain_without_input_noise
-from lpvid.diagnosis.noise import NoiseLevel, Whitening
+from lpvid.diagnosis.noise import WHITE, NoiseLevel
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.rivals import SEPARATED, Alternative, alternatives, separation, taken_over
 from lpvid.diagnosis.screening import DETECT
 from lpvid.diagnosis.selection import BIC_GAIN, Search
-from lpvid.diagnosis.steadiness import is_there, steadiness
+from lpvid.diagnosis.steadiness import steadiness, surely_there
 
-WHITE = Whitening(np.ones(1), 1.0)
-"""of noise that is white"""
 BLOCKS_BETTER, MAJORITY = 0.8, 0.6
 """share of held-out blocks in which a cause must help, and the least where one of its size would not show in more"""
 LUCK = 1.64
@@ -146,7 +144,7 @@ def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str])
     if largest > LARGEST_BLOCK and others < wanted:
         objections.append(f"one block carries {largest:.0%} of the gain")
     objections += effect.implausible(values)
-    if any(e.abrupt for e in rest.composition.effects) and not is_there(problem, fit, effect):
+    if not surely_there(problem, fit, effect):
         objections.append("its strength is not surely different from none")
     if not objections and not small:
         steady = steadiness(problem, fit, effect, channels)

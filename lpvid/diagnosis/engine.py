@@ -25,7 +25,7 @@ from lpvid.diagnosis.deciding import (
 from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis
 from lpvid.diagnosis.effect import Effect, by_name
 from lpvid.diagnosis.nameless import BEYOND, Nameless
-from lpvid.diagnosis.noise import NoiseLevel, Whitening, noise_level
+from lpvid.diagnosis.noise import WHITE, NoiseLevel, noise_level
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.remainder import predictable_share
@@ -126,7 +126,7 @@ class _Case:
             baseline = baseline.fit(records)
         signals = in_turn([baseline.signals(r) for r in records])
         blocks = Blocks.of(signals, baseline.start)
-        problem = Problem(signals, blocks, Whitening(np.ones(1), 1.0))
+        problem = Problem(signals, blocks, WHITE)
         composition = Composition(baseline)
         first = refit(problem, composition, baseline.vector)
         level = noise_level(signals, _driving(baseline), blocks.mask())

@@ -10,7 +10,7 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.diagnosis import Diagnosis, Errors
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.localise import localise
-from lpvid.diagnosis.noise import Whitening
+from lpvid.diagnosis.noise import WHITE
 from lpvid.diagnosis.preparing import Prepared
 from lpvid.diagnosis.problem import Problem
 
@@ -27,7 +27,7 @@ def interrupted(baseline: Baseline, prepared: Prepared, stage: str) -> Diagnosis
         What was being done.
     """
     signals = tuple(baseline.signals(r) for r in prepared.training)
-    problem = Problem(signals, Blocks.of(signals, baseline.start), Whitening(np.ones(1), 1.0))
+    problem = Problem(signals, Blocks.of(signals, baseline.start), WHITE)
     vector = baseline.vector
     errors = problem.errors(Composition(baseline), vector)
     stacked = problem.stack(errors, whiten=False)

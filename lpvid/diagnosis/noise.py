@@ -92,6 +92,10 @@ class Whitening:
         return cls(chosen[0], float(np.sqrt(chosen[1])))
 
 
+WHITE = Whitening(np.ones(1), 1.0)
+"""of noise that is white, of level one: it changes nothing"""
+
+
 def _levinson(r: np.ndarray, order: int) -> list[tuple[np.ndarray, float]]:
     """Prediction-error filters of order 0 … `order` and their error powers."""
     a: np.ndarray = np.ones(1)

@@ -8,7 +8,7 @@ import numpy as np
 
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.noise import Whitening
+from lpvid.diagnosis.noise import WHITE
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import directions, moves, placed, screen, similarity
@@ -193,7 +193,7 @@ def _unwhitened(problem: Problem, fit: Refit) -> Refit:
     Two lags on one path differ by little else than the bands that whitening weighs most, so that the parameters of the
     right one, fitted there to the noise that it raises, would lose by the error in the output's unit as well.
     """
-    return refit(problem.with_whitening(Whitening(np.ones(1), 1.0)), fit.composition, fit.vector, rough=True)
+    return refit(problem.with_whitening(WHITE), fit.composition, fit.vector, rough=True)
 
 
 def _weighed(problem: Problem, apart: float, now: Refit, other: Refit, margin: float, kin: bool) -> float:

@@ -24,7 +24,7 @@ from lpvid.diagnosis.screening import (
     screen,
 )
 from lpvid.diagnosis.starting import STARTS, own_values, starts
-from lpvid.diagnosis.steadiness import is_there
+from lpvid.diagnosis.steadiness import surely_there
 
 SIGNIFICANT = 0.05
 """p-value of the largest block statistic"""
@@ -187,7 +187,7 @@ class Search:
                            chosen)
         tried = [(e, f) for (e, _), f in zip(chosen, fits, strict=True)]
         tried = [(e, f) for e, f in tried if f.bic() < self.fit.bic() - BIC_GAIN]
-        tried = [(e, f) for e, f in tried if self.sure((e,), f)]
+        tried = [(e, f) for e, f in tried if surely_there(self.problem, f, e)]
         if not tried:
             return None
         tried = [(e, f) for e, f in tried if not self.negligible((e,), f)] or tried
@@ -211,11 +211,6 @@ class Search:
     def worth(self, effect: Effect, found: Sequence[Direction]) -> float:
         """What an effect may change in the output, by proportion and with room: root mean square, in its unit."""
         return max((d.worth for d in found if d.effect is effect), default=0.0)
-
-    def sure(self, added: Sequence[Effect], fit: Refit) -> bool:
-        """Whether what a refit adds is surely there: asked where one of the set jumps, else BIC is enough."""
-        jumps = any(e.abrupt for e in self.fit.composition.effects)
-        return not jumps or all(is_there(self.problem, fit, e) for e in added)
 
     def negligible(self, added: Sequence[Effect], fit: Refit) -> bool:
         """Whether what a refit adds to the simulation is too small to be worth naming."""
@@ -242,7 +237,8 @@ class Search:
             return None
         self.say(f"refitting with {' and '.join(e.name for e in best[0])} together")
         fit = refit(self.problem, best[1].composition, best[1].vector, near=self.fit)
-        return (best[0], fit) if self.sure(best[0], fit) and not self.negligible(best[0], fit) else None
+        sure = all(surely_there(self.problem, fit, e) for e in best[0])
+        return (best[0], fit) if sure and not self.negligible(best[0], fit) else None
 
     def promising(self, pair: tuple[Effect, Effect], found: Sequence[Direction]) -> bool:
         """Whether both together, each at its best grid points, lie along what is left: a look before a costly refit.

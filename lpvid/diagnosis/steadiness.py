@@ -37,6 +37,11 @@ class Steadiness:
     where: str
 
 
+def surely_there(problem: Problem, fit: Refit, effect: Effect) -> bool:
+    """Whether an effect is more than chance: asked beside another that jumps, elsewhere BIC has said so."""
+    return not any(e.abrupt for e in fit.composition.effects if e is not effect) or is_there(problem, fit, effect)
+
+
 def is_there(problem: Problem, fit: Refit, effect: Effect) -> bool:
     """Whether the strengths s of an effect are surely not neutral, by their covariance C over the B blocks.
 

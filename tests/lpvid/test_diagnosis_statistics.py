@@ -3,170 +3,37 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy import stats
 from scipy.optimize import lsq_linear
-from scipy.signal import lfilter
 from toy_diagnosis import (
     CAUSES,
     PERIOD,
     TRUE,
-    Added,
     Bent,
     Cubic,
     Dry,
     DryTwin,
     Explosive,
     LaggedConstant,
-    Wave,
-    coloured,
     drive,
     problem_of,
     record,
+    whitened,
 )
 
-from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.blocks import FEWEST, Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.deciding import (
-    BLOCKS_BETTER,
-    MAJORITY,
-    Folds,
-    _enough,
-    explained_share,
-    judge,
-    out_of_fold,
-    stands_apart,
-    surer_share,
-)
-from lpvid.diagnosis.effect import Effect, EffectParameter
 from lpvid.diagnosis.engine import diagnose
 from lpvid.diagnosis.localise import localise
-from lpvid.diagnosis.noise import FLOOR, Whitening, noise_level
 from lpvid.diagnosis.problem import Problem, projector, without
 from lpvid.diagnosis.refitting import Refit, _step, covariance, refit
 from lpvid.diagnosis.remainder import predictable_share
-from lpvid.diagnosis.rivals import DISTINCT, SEPARATED, _unwhitened, in_both, separation
-from lpvid.diagnosis.screening import DETECT, Evidence, directions, moves, saturated, screen
-from lpvid.diagnosis.selection import BIC_GAIN, Search
-from lpvid.diagnosis.signals import Core, Signals
-from lpvid.diagnosis.steadiness import is_there
-from lpvid.errors import InputError
+from lpvid.diagnosis.screening import DETECT, Evidence, directions, moves, screen
+from lpvid.diagnosis.selection import Search
+from lpvid.diagnosis.signals import Signals
 from lpvid.record import Channel, Record
-
-
-def plain(n: int, name: str = "record") -> Signals:
-    return Signals(PERIOD, {"u": np.zeros(n)}, np.zeros(n), name)
-
-
-def whitened(*records: Record) -> tuple[Problem, Refit]:
-    """Problem and baseline fit with the noise's colour found as the engine finds it."""
-    problem, composition = problem_of(*records)
-    first = refit(problem, composition, composition.neutral)
-    left = saturated(problem, first, moves(problem, first, CAUSES))
-    problem = problem.with_whitening(Whitening.of(left, problem.blocks.mask()))
-    return problem, refit(problem, composition, first.vector)
-
-
-class TestWhitening:
-    @pytest.mark.parametrize("poles", [(0.95,), (0.6,), (0.9 * np.exp(0.5j), 0.9 * np.exp(-0.5j)), (0.97, 0.5)])
-    def test_recovers_an_autoregression(self, poles: tuple, rng: np.random.Generator) -> None:
-        a = np.real(np.poly(poles))
-        e = np.asarray(lfilter([1.0], a, 2.5 * rng.standard_normal(40500)))[500:]
-        found = Whitening.of([e], [np.ones(e.size, bool)])
-        turns = np.exp(-1j * np.linspace(0.05, np.pi, 60))
-        power = found.level**2 / np.abs(np.polyval(found.coefficients[::-1], turns)) ** 2
-        exact = 2.5**2 / np.abs(np.polyval(a[::-1], turns)) ** 2
-        np.testing.assert_allclose(power, exact + FLOOR * np.var(e), rtol=0.25)
-        assert found.level == pytest.approx(2.5, rel=0.12)
-        assert found.is_coloured
-
-    def test_leaves_white_noise_alone(self, rng: np.random.Generator) -> None:
-        orders = [Whitening.of([rng.standard_normal(3000)], [np.ones(3000, bool)]).order for _ in range(40)]
-        assert sum(o > 0 for o in orders) <= 3
-
-    def test_what_it_makes_is_white(self, rng: np.random.Generator) -> None:
-        e = coloured(20000, rng, np.zeros(0))
-        w = Whitening.of([e], [np.ones(e.size, bool)]).apply(e)[50:]
-        lags = [float(w[k:] @ w[:-k]) / float(w @ w) for k in range(1, 21)]
-        assert np.abs(lags).max() < 4.5 / np.sqrt(w.size)
-
-    def test_gaps_do_not_colour_it(self, rng: np.random.Generator) -> None:
-        """Samples outside the masks count for nothing, however large."""
-        e = coloured(20000, rng, np.zeros(0))
-        mask = (np.arange(e.size) // 200) % 3 > 0
-        found = Whitening.of([np.where(mask, e, 1e6)], [mask])
-        assert found.coefficients[1] == pytest.approx(-0.95, abs=0.03)
-
-
-class TestNoiseLevel:
-    def test_from_records_that_repeat(self, rng: np.random.Generator) -> None:
-        u = drive(4000, rng)
-        for kind in ("white", "proportional"):
-            runs = [Bent().signals(record(rng, kind, 0.7, u=u)) for _ in range(3)]
-            found = noise_level(runs, ["u"], [np.ones(4000, bool)] * 3)
-            assert found.variance == pytest.approx(0.49, rel=0.1) and found.samples == 12000
-
-    def test_from_periods_within_a_record(self, rng: np.random.Generator) -> None:
-        u = np.tile(drive(700, rng), 6)
-        s = Bent().signals(record(rng, "white", 0.5, u=u))
-        found = noise_level([s], ["u", "c"], [np.ones(4200, bool)])
-        assert found.variance == pytest.approx(0.25, rel=0.1) and "7 s" in found.says
-
-    def test_whatever_the_model_misses(self, rng: np.random.Generator) -> None:
-        """A hidden cause repeats with the input and is no noise."""
-        u = drive(4000, rng)
-        runs = [Bent().signals(record(rng, level=0.4, u=u, hidden=lambda x: 5 * np.sign(x))) for _ in range(2)]
-        assert noise_level(runs, ["u"], [np.ones(4000, bool)] * 2).variance == pytest.approx(0.16, rel=0.15)
-
-    @pytest.mark.parametrize("pole", [0.0, 0.95])
-    def test_how_sure_it_is(self, pole: float) -> None:
-        u, found = drive(3000, np.random.default_rng(0)), []
-        for seed in range(60):
-            rng = np.random.default_rng(seed)
-            pair = [Signals(PERIOD, {"u": u}, np.asarray(lfilter([1.0], [1.0, -pole], rng.standard_normal(3300)))[300:])
-                    for _ in range(2)]
-            found.append(noise_level(pair, ["u"], [np.ones(3000, bool)] * 2))
-        whitening = Whitening(np.array([1.0, -pole]), 1.0)
-        assert whitening.memory == pytest.approx((1 + pole**2) / (1 - pole**2), rel=1e-3)
-        errors = [level.error(whitening) for level in found]
-        assert np.std([level.variance for level in found]) == pytest.approx(np.mean(errors), rel=0.3)
-
-    def test_none_where_nothing_repeats(self, rng: np.random.Generator) -> None:
-        runs = [Bent().signals(record(rng)) for _ in range(2)]
-        assert noise_level(runs, ["u"], [np.ones(3000, bool)] * 2).variance is None
-
-
-class TestBlocks:
-    @pytest.mark.parametrize("sizes", [(3000,), (900, 2500, 400), (15000, 15000)])
-    def test_cover_and_alternate(self, sizes: tuple[int, ...]) -> None:
-        blocks = Blocks.of([plain(n) for n in sizes])
-        assert blocks.count >= FEWEST and 0.4 <= blocks.length <= 2.0
-        np.testing.assert_array_equal(np.unique(np.concatenate(blocks.number)), np.arange(-1, blocks.count))
-        np.testing.assert_array_equal(blocks.fold, np.arange(blocks.count) % 2)
-        assert np.ptp(blocks.sizes()) == 0
-        for number in blocks.number:
-            inside = number[number >= 0]
-            assert np.all(np.diff(inside) >= 0) and inside.size > 0.75 * number.size - 200
-            edges = np.flatnonzero(np.diff(number) > 0)
-            assert np.all(number[edges] == -1), "neighbours have a gap between them"
-        masks = [blocks.mask(f) for f in (None, 0, 1)]
-        for whole, even, odd in zip(*masks, strict=True):
-            np.testing.assert_array_equal(whole, even | odd)
-            assert not np.any(even & odd)
-
-    def test_sums(self) -> None:
-        blocks = Blocks.of([plain(1200), plain(1300)])
-        ones = [np.ones(1200), np.ones(1300)]
-        np.testing.assert_array_equal(blocks.sums(ones), blocks.sizes())
-
-    def test_too_little_data(self) -> None:
-        with pytest.raises(InputError, match="too little data"):
-            Blocks.of([plain(300)])
 
 
 class TestScreening:
@@ -273,57 +140,6 @@ class TestRefit:
         test = problem.in_fold(1)
         assert half.n_samples == int((~test).sum())
         assert half.cost == pytest.approx(float(half.errors[~test] @ half.errors[~test]), rel=1e-12)
-
-
-class TestBothMetrics:
-    @pytest.mark.parametrize(("apart", "share", "certain", "says"), [
-        (50.0, 0.0, 0.0, 50.0), (-50.0, 0.0, 0.0, -50.0),  # the error in the output's unit is silent
-        (50.0, 0.4, 4.0, -20.0), (-50.0, -0.4, -4.0, 20.0),  # it surely says otherwise
-        (50.0, -0.4, -4.0, 50.0), (-50.0, 0.4, 4.0, -50.0),  # it agrees
-        (50.0, 0.05, 2.0, 0.0), (-50.0, -0.05, -2.0, 0.0),  # it seems to say otherwise: nobody can tell
-        (5.0, 0.05, 2.0, 0.0), (50.0, 0.4, 0.5, 50.0)])
-    def test_who_decides(self, apart: float, share: float, certain: float, says: float) -> None:
-        assert in_both(apart, share, certain) == says
-
-    def test_a_fit_in_the_unit_of_the_output_is_best_there(self, rng: np.random.Generator) -> None:
-        """Under a whitening, what a law cannot do pulls its parameters elsewhere."""
-        whitened_problem, fit = whitened(record(rng, "ar1", hidden=lambda u: 1.5 * np.sin(9 * u)))
-
-        def plainly(vector: np.ndarray) -> float:
-            errors = whitened_problem.stack(whitened_problem.errors(fit.composition, vector), whiten=False)
-            return float(errors @ errors)
-
-        other = _unwhitened(whitened_problem, fit)
-        assert plainly(other.vector) < 0.999 * plainly(fit.vector)
-        stacked = whitened_problem.stack(whitened_problem.errors(fit.composition, other.vector))
-        assert stacked @ stacked > 1.001 * fit.cost
-
-    def test_a_share_that_slow_noise_drowns_is_told_by_the_whitened_errors(self) -> None:
-        """A cause of a twentieth of the noise's power, of which an extended model leaves nothing."""
-        plain, surer = [], []
-        for seed in range(12):
-            rng = np.random.default_rng(seed)
-            u = drive(6000, rng)
-            pair = [record(rng, "ar1", level=1.0, u=u, hidden=lambda u: 0.3 * np.sin(9 * u)) for _ in range(2)]
-            problem, composition = problem_of(*pair)
-            problem = problem.with_whitening(Whitening(np.array([1.0, -0.95]), 1.0))
-            bare = refit(problem, composition, composition.neutral)
-            both = Composition(Bent(), (Wave(),))
-            fit = refit(problem, both, both.neutral)
-            errors = [problem.whitening.apply(e) for e in problem.errors(both, fit.vector)]
-            left = [replace(s, output=e) for s, e in zip(problem.signals, errors, strict=True)]
-            level, white = (noise_level(s, ["u"], problem.blocks.mask()) for s in (problem.signals, left))
-            before, after = out_of_fold(problem, bare), out_of_fold(problem, fit)
-            plain.append(explained_share(problem, before, after, level.variance, 0.0)[0])
-            surer.append(surer_share(problem, before, after, level, white, 0.0)[0])
-        assert np.std(plain) > 3 * np.std(surer) and np.mean(surer) == pytest.approx(1.0, abs=0.15)
-
-    def test_a_worse_model_explains_nothing(self, rng: np.random.Generator) -> None:
-        problem, _ = problem_of(record(rng))
-        small, large = (Folds(np.zeros(problem.n_samples), np.full(problem.n_samples, e)) for e in (1.0, 1.1))
-        for floor in (None, 0.5, 2.0):
-            assert explained_share(problem, small, large, floor, 0.0)[0] == 0.0
-            assert explained_share(problem, large, small, floor, 0.0)[0] > 0.0
 
 
 class TestRemainder:
@@ -446,118 +262,3 @@ class TestDiagnosis:
         for found in (first, second):
             del found["seconds"]
         assert first == second
-
-
-class TestSmallPrint:
-    def margin(self, won: float) -> float:
-        rest, now = (SimpleNamespace(cost=c, variance=2.0) for c in (2.0 * won + 500.0, 500.0))
-        return separation(rest, now)  # type: ignore[arg-type]
-
-    def test_what_lies_between_rivals_grows_with_what_is_won(self) -> None:
-        assert self.margin(1e3) == SEPARATED
-        assert SEPARATED < self.margin(2e4) < DISTINCT
-        assert self.margin(1e7) == DISTINCT
-
-
-class TestFaintCauses:
-    """A strong cause that acts in bursts, and a faint change beside it."""
-
-    def asked(self, rng: np.random.Generator, size: float, quiet_share: float) -> bool:
-        """Whether a change of this size stands apart, of which the data hold so much where the strong one is quiet."""
-        problem, _ = problem_of(record(rng))
-        n = problem.n_samples
-        bursts = np.sin(np.arange(n) / 40) > 0.3
-        noise, change = rng.standard_normal(n), size * np.sin(np.arange(n) / 7)
-        errors = noise - (1 - quiet_share) * change * ~bursts  # the fit believes in it everywhere
-        fit = SimpleNamespace(errors=errors, variance=1.0)
-        strong = SimpleNamespace(without=SimpleNamespace(errors=errors + 20.0 * bursts * np.sin(np.arange(n) / 5)))
-        faint = SimpleNamespace(without=SimpleNamespace(errors=errors + change))
-        return stands_apart(SimpleNamespace(problem=problem, fit=fit), faint, strong)  # type: ignore[arg-type]
-
-    def test_one_of_its_own_stands_apart(self, rng: np.random.Generator) -> None:
-        assert self.asked(rng, 0.6, 1.0)
-
-    def test_the_small_print_of_the_strong_one_does_not(self, rng: np.random.Generator) -> None:
-        assert not self.asked(rng, 0.6, 0.0) and not self.asked(rng, 0.6, 0.4)
-
-    def test_one_that_noise_drowns_does_not(self, rng: np.random.Generator) -> None:
-        assert not self.asked(rng, 0.02, 1.0)
-
-
-class TestBlocksInWhichACauseMustHelp:
-    def test_one_that_dwarfs_the_noise_in_most(self) -> None:
-        assert _enough(np.full(30, 400.0)) == BLOCKS_BETTER
-
-    def test_a_faint_one_in_as_many_as_it_would_by_chance(self, rng: np.random.Generator) -> None:
-        """Held-out gains of a true change of energy E: 2 (d·e) + E, drawn; 5 % of them help in fewer blocks."""
-        energy, draws = np.full(40, 1.5), 4000
-        gains = 2 * np.sqrt(energy) * rng.standard_normal((draws, energy.size)) + energy
-        enough = _enough(energy)
-        assert MAJORITY < enough < BLOCKS_BETTER
-        assert np.mean((gains > 0).mean(axis=1) < enough) < 0.08
-
-    def test_never_fewer_than_a_clear_majority(self) -> None:
-        assert _enough(np.full(12, 1e-6)) == MAJORITY
-
-
-class Abrupt(Dry):
-    name, title, abrupt = "abrupt", "sign of the input, at instants that nobody knows", True
-
-
-class Waves(Added):
-    """Five strengths."""
-
-    name, title, strengths = "waves", "five waves of the input", 5
-
-    @property
-    def parameters(self) -> tuple[EffectParameter, ...]:
-        return tuple(EffectParameter(f"gain_{k}", "V", "g", 0.0, (-10.0, 10.0), (-100.0, 100.0), (-0.1, 0.1))
-                     for k in range(5))
-
-    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
-        return lambda s: core(s) + np.sin(np.outer(s["u"], np.arange(4, 9))) @ values
-
-
-class TestStrengthOfNothing:
-    """One that changes from block to block wins a likelihood of independent samples, wherever its mean comes to lie."""
-
-    def search(self, scatter: float, rng: np.random.Generator, *beside: Effect) -> tuple[Search, list, list]:
-        """A wave of .2 V, or of a gain with such a mean and so many times that spread, by stretches of 100 samples."""
-        u = drive(6000, rng)
-        gains = rng.standard_normal(60)
-        gains = 0.2 * np.repeat((gains - gains.mean()) * scatter + 1.0, 100)
-        problem, _ = problem_of(record(rng, hidden=lambda u: gains * np.sin(9 * u), u=u))
-        composition = Composition(Bent(), beside)
-        first = refit(problem, composition, composition.neutral)
-        found = directions(problem, first, moves(problem, first, (Wave(),)))
-        return Search(problem, first, (Wave(),), rng, lambda text: None), screen(problem, first, found, rng), found
-
-    @pytest.mark.parametrize(("scatter", "there"), [(0.0, True), (1.0, True), (6.0, False)])
-    def test_is_told_by_its_blocks(self, scatter: float, there: bool, rng: np.random.Generator) -> None:
-        search, _, found = self.search(scatter, rng)
-        fit = search.taste((Wave(),), found)
-        assert fit.bic() < search.fit.bic() - BIC_GAIN, "the likelihood is for it either way"
-        assert is_there(search.problem, fit, fit.composition.effects[0]) == there
-
-    @pytest.mark.parametrize(("beside", "scatter", "added"), [
-        ((Abrupt(),), 0.0, True), ((Abrupt(),), 6.0, False), ((Dry(),), 6.0, True)])
-    def test_is_not_added_where_another_jumps(self, beside: tuple[Effect, ...], scatter: float, added: bool,
-                                              rng: np.random.Generator) -> None:
-        search, evidence, found = self.search(scatter, rng, *beside)
-        assert (search.best_addition(evidence, found) is not None) == added
-
-    def test_several_strengths_are_rarely_there_where_nothing_is(self) -> None:
-        there = []
-        for seed in range(100):
-            problem, _ = problem_of(record(np.random.default_rng(seed), n=2000))
-            composition = Composition(Bent(), (Waves(),))
-            fit = refit(problem, composition, composition.neutral)
-            there.append(is_there(problem, fit, composition.effects[0]))
-        assert sum(there) <= 12
-
-    def test_is_an_objection_there(self, rng: np.random.Generator) -> None:
-        search, _, found = self.search(6.0, rng, Abrupt())
-        search.fit = search.taste((Wave(),), found)
-        told = judge(search, search.fit.composition.effects[-1], out_of_fold(search.problem, search.fit), ())
-        assert told.effect.name == "wave" and not told.minor
-        assert "its strength is not surely different from none" in told.objections

@@ -13,8 +13,10 @@ from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
-from lpvid.diagnosis.noise import Whitening
+from lpvid.diagnosis.noise import WHITE, Whitening
 from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.refitting import Refit, refit
+from lpvid.diagnosis.screening import moves, saturated
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.record import Channel, Record
 
@@ -194,4 +196,13 @@ def record(rng: np.random.Generator, noise: str = "white", level: float = 0.3, n
 def problem_of(*records: Record) -> tuple[Problem, Composition]:
     """The problem that the engine poses before it knows the noise's colour."""
     signals = tuple(Bent().signals(r) for r in records)
-    return Problem(signals, Blocks.of(signals), Whitening(np.ones(1), 1.0)), Composition(Bent())
+    return Problem(signals, Blocks.of(signals), WHITE), Composition(Bent())
+
+
+def whitened(*records: Record) -> tuple[Problem, Refit]:
+    """Problem and baseline fit with the noise's colour found as the engine finds it."""
+    problem, composition = problem_of(*records)
+    first = refit(problem, composition, composition.neutral)
+    left = saturated(problem, first, moves(problem, first, CAUSES))
+    problem = problem.with_whitening(Whitening.of(left, problem.blocks.mask()))
+    return problem, refit(problem, composition, first.vector)

@@ -10,7 +10,7 @@ from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.deciding import judge, out_of_fold
 from lpvid.diagnosis.input_noise import _quiet, gain_without_input_noise
-from lpvid.diagnosis.noise import Whitening
+from lpvid.diagnosis.noise import WHITE
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.selection import Search
@@ -36,7 +36,7 @@ def fits(rng: np.random.Generator, valve: bool, velocity: np.ndarray | None = No
         vector[with_valve.places[0]] = LAG
     force = with_valve.predict(clean, vector) + rng.standard_normal(v.size)
     recorded = Signals(PERIOD, {**clean.channels, "velocity": v + noise * rng.standard_normal(v.size)}, force)
-    problem = Problem((recorded,), Blocks.of((recorded,)), Whitening(np.ones(1), 1.0))
+    problem = Problem((recorded,), Blocks.of((recorded,)), WHITE)
     begun = with_valve.neutral
     begun[with_valve.places[0]] = LAG
     return problem, refit(problem, with_valve, begun), refit(problem, alone, alone.neutral)

@@ -12,7 +12,7 @@ from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.intervals import deviations, of_effect
-from lpvid.diagnosis.noise import Whitening
+from lpvid.diagnosis.noise import WHITE
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import covariance, refit
 from lpvid.diagnosis.selection import Search
@@ -47,7 +47,7 @@ def search_of(chain: Callable[[np.ndarray], np.ndarray], candidates: tuple[Effec
     force = chain(composition.predict(fine, vector))
     s = Signals(PERIOD, {c: chain(value) for c, value in fine.channels.items()},
                 force + rng.standard_normal(force.size))
-    problem = Problem((s,), Blocks.of((s,)), Whitening(np.ones(1), 1.0))
+    problem = Problem((s,), Blocks.of((s,)), WHITE)
     begun = vector.copy()
     begun[composition.places[0].start] = 0.7 * TRUE
     return Search(problem, refit(problem, composition, begun), candidates, rng, lambda text: None)

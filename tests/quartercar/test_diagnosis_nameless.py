@@ -1,4 +1,4 @@
-"""An entry that has the right direction and the wrong name: functions without a name do its work better."""
+"""An entry that has the right direction and the wrong name: functions without a name do its work as well, and more."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from scipy.signal import lfilter
 
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.engine import DiagnosisSettings, diagnose
 from lpvid.diagnosis.nameless import BEYOND, Nameless
-from lpvid.diagnosis.noise import Whitening
+from lpvid.diagnosis.noise import WHITE
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.signals import Signals
@@ -44,11 +45,19 @@ def dragged(x: np.ndarray, share: float) -> np.ndarray:
     return 2e4 * out
 
 
-def problem_of(hidden: np.ndarray, noise: np.ndarray, record: Signals | None = None) -> Problem:
+def behind_a_coil() -> np.ndarray:
+    """(n,) [N] what a lag of the coil changes in Guo's force."""
+    s, lag = inputs(), Composition(guo(), (CoilLag(),))
+    vector = lag.neutral
+    vector[lag.places[0]] = STARTS["coil-lag"]
+    return lag.predict(s, vector) - guo().core(guo().vector)(s)
+
+
+def problem_of(hidden: np.ndarray, noise: np.ndarray) -> Problem:
     """Guo's force, something hidden, and noise."""
-    s = record or inputs()
+    s = inputs()
     recorded = Signals(PERIOD, s.channels, guo().core(guo().vector)(s) + hidden + noise)
-    return Problem((recorded,), Blocks.of((recorded,)), Whitening(np.ones(1), 1.0))
+    return Problem((recorded,), Blocks.of((recorded,)), WHITE)
 
 
 def fits(problem: Problem, *effects: Effect) -> list[Refit]:
@@ -74,11 +83,7 @@ def test_a_spring_has_a_name_and_what_is_dragged_has_none(share: float, rng: np.
 
 def test_only_what_they_can_do_loses_its_name(rng: np.random.Generator) -> None:
     """A lag beside something that is dragged, for which a spring stands in."""
-    s, lag = inputs(), Composition(guo(), (CoilLag(),))
-    vector = lag.neutral
-    vector[lag.places[0]] = STARTS["coil-lag"]
-    behind = lag.predict(s, vector) - guo().core(guo().vector)(s)
-    problem = problem_of(behind + dragged(s["displacement"], 0.12), NOISE * rng.standard_normal(6000))
+    problem = problem_of(behind_a_coil() + dragged(inputs()["displacement"], 0.12), NOISE * rng.standard_normal(6000))
     fit, without_lag, without_spring, bare = fits(problem, CoilLag(), GasStiffness())
     functions = Nameless(problem, INPUTS)
     assert functions.beyond(bare, fit, without_spring) > BEYOND and functions.beyond(bare, fit, without_lag) == 0.0
@@ -111,31 +116,29 @@ def test_an_input_that_rests_or_all_but_rests_has_no_functions() -> None:
     s = inputs(3000)
     levels = [Signals(PERIOD, {**s.channels, "current": np.full(3000, i * (1 + 1e-8))}, s["velocity"])
               for i in (0.5, 1.0, 2.0)]
-    problem = Problem(tuple(levels), Blocks.of(levels), Whitening(np.ones(1), 1.0))
+    problem = Problem(tuple(levels), Blocks.of(levels), WHITE)
     assert len(Nameless(problem, INPUTS).families) == 6
     assert len(Nameless(Problem(levels[:1] * 3, problem.blocks, problem.whitening), INPUTS).families) == 3
     values = Nameless(problem, INPUTS)._functions(levels[0], ("current",))
     assert np.ptp(values, axis=0).max() == 0.0 and np.abs(values[0, :3]).min() > 1e-3
 
 
-def test_nothing_is_named_whose_work_they_do_better(rng: np.random.Generator) -> None:
-    s = inputs()
-    force = guo().core(guo().vector)(s) + dragged(s["displacement"], 0.12) + NOISE * rng.standard_normal(s.n_samples)
-    units = {"displacement": "m", "velocity": "m/s", "current": "A"}
+def diagnosed(hidden: np.ndarray, rng: np.random.Generator, *candidates: Effect) -> Diagnosis:
+    """Guo's damper, the same beside something hidden."""
+    s, units = inputs(), {"displacement": "m", "velocity": "m/s", "current": "A"}
+    force = guo().core(guo().vector)(s) + hidden + NOISE * rng.standard_normal(s.n_samples)
     record = Record({**{c: Channel(s[c], units[c]) for c in INPUTS}, "force": Channel(force, "N")}, PERIOD, name="run")
-    found = diagnose([record], guo(), (GasStiffness(),), settings=DiagnosisSettings(fit_baseline=False))
+    return diagnose([record], guo(), candidates, settings=DiagnosisSettings(fit_baseline=False))
+
+
+def test_nothing_is_named_whose_work_they_do_as_well(rng: np.random.Generator) -> None:
+    found = diagnosed(dragged(inputs()["displacement"], 0.12), rng, GasStiffness())
     assert found.verdict == "unexplained" and not found.causes
     assert "functions of the inputs without a name" in found.reason
     assert found.stand_ins == ("gas-stiffness",) and [r.name for r in found.rejected] == ["gas-stiffness"]
 
 
 def test_the_others_are_not_credited_with_what_a_stand_in_explains(rng: np.random.Generator) -> None:
-    s, lag = inputs(), Composition(guo(), (CoilLag(),))
-    vector = lag.neutral
-    vector[lag.places[0]] = STARTS["coil-lag"]
-    force = lag.predict(s, vector) + dragged(s["displacement"], 0.12) + NOISE * rng.standard_normal(s.n_samples)
-    units = {"displacement": "m", "velocity": "m/s", "current": "A"}
-    record = Record({**{c: Channel(s[c], units[c]) for c in INPUTS}, "force": Channel(force, "N")}, PERIOD, name="run")
-    found = diagnose([record], guo(), (GasStiffness(), CoilLag()), settings=DiagnosisSettings(fit_baseline=False))
+    found = diagnosed(behind_a_coil() + dragged(inputs()["displacement"], 0.12), rng, GasStiffness(), CoilLag())
     assert found.verdict == "unexplained" and found.explained_share is not None and found.explained_share[0] < 0.9
     assert "coil-lag" in found.reason and "gas-stiffness would do for a part" in found.reason

@@ -10,7 +10,7 @@ from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.engine import DiagnosisSettings, diagnose
-from lpvid.diagnosis.noise import Whitening
+from lpvid.diagnosis.noise import WHITE
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.rivals import _behind_a_filter, _without_chain
@@ -28,7 +28,7 @@ from quartercar.effects.structure import FixtureResonance
 def starts_of(rival: Effect, *beside: Effect) -> tuple[Composition, list[np.ndarray]]:
     """Starts of a rival in the place of a force delay, beside other effects of the set."""
     s = road_like(2, 2048)
-    problem = Problem((s,), Blocks.of((s,)), Whitening(np.ones(1), 1.0))
+    problem = Problem((s,), Blocks.of((s,)), WHITE)
     present, composition = Composition(guo(), (ForceDelay(), *beside)), Composition(guo(), (rival, *beside))
     vector = present.neutral
     for effect, place in zip(present.effects, present.places, strict=True):
@@ -61,7 +61,7 @@ def behind(candidates: tuple[Effect, ...], rival: Effect | None = None) -> tuple
     force = low_passed(guo().core(guo().vector)(whole), PERIOD / fine, 1 / (2 * np.pi * 80), np.sqrt(0.5))[::fine]
     channels = {"displacement": passed[0][::fine], "velocity": passed[1][::fine], "current": np.ones(force.size)}
     s = Signals(PERIOD, channels, 20.0 + force + np.random.default_rng(0).standard_normal(force.size))
-    problem = Problem((s,), Blocks.of((s,)), Whitening(np.ones(1), 1.0))
+    problem = Problem((s,), Blocks.of((s,)), WHITE)
     composition = Composition(guo(), (ForceOffset(),))
     fit = refit(problem, composition, composition.neutral)
     other = fit if rival is None else refit(problem, Composition(guo(), (rival,)), Composition(guo(), (rival,)).neutral)
