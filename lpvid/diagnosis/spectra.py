@@ -6,12 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 
-from lpvid.diagnosis.signals import Signals
+from lpvid.diagnosis.signals import Signals, jumps
 
 QUIET = 0.3
 """share of the Nyquist frequency, at the top of a channel's spectrum, whose level counts as its sensor's noise"""
 SHORT = 100
 """samples below which nothing is undone"""
+BAND = 1.5
+"""times the highest frequency of a motion up to which all of it is differentiated; nothing from twice that on"""
 STRETCH, ABOVE = 1.0, 2.0
 """length of the stretches whose spectra are averaged before they are compared with that level [s]; times that they must
 stand above it"""
@@ -32,6 +34,24 @@ def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: i
 def without_noise(s: Signals, channel: str) -> np.ndarray:
     """(n,) a channel with each frequency weighed by that share of its power which is not its sensor's noise."""
     return _weighed(s, channel, lambda omega, share: share)
+
+
+def derivative(s: Signals, channel: str) -> np.ndarray:
+    """(n,) rate of change of a channel without the noise of its sensor beyond the band in which it moves.
+
+    In the frequency domain: what multiplies noise besides motion is fitted too small, and central differences of a
+    frequency f are too small by sin(x)/x, x = 2π f times the sample time. Up to `BAND` times the highest frequency of
+    which half the power is motion all counts, from there on less and less: weights that fall at once would ring. One
+    that jumps, or has few samples, by central differences.
+    """
+    if s[channel].size < SHORT or jumps(s[channel]):
+        return np.gradient(s[channel], s.sample_time)
+
+    def weights(omega: np.ndarray, share: np.ndarray) -> np.ndarray:
+        place = omega / omega[share > 0.5].max() / BAND - 1  # 0 at the end of the band, 1 at twice that
+        return 1j * omega * np.cos(np.pi / 2 * np.clip(place, 0.0, 1.0)) ** 2
+
+    return _weighed(s, channel, weights)
 
 
 def low_passed(x: np.ndarray, sample_time: float, t: float, zeta: float) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from lpvid.diagnosis.spectra import derivative
 from quartercar.effects.electrical import SEEN_AFTER, held
 
 DEPTH = 1e-3
@@ -120,10 +121,10 @@ class FixtureResonance(GridEffect):
 
 
 def acceleration(s: Signals) -> np.ndarray:
-    """(n,) measured acceleration, or the derivative of the velocity by central differences."""
+    """(n,) measured acceleration, or the derivative of the velocity without its sensor's noise."""
     if s.has("acceleration"):
         return s["acceleration"]
-    return s.cached("acceleration", lambda: np.gradient(s["velocity"], s.sample_time))
+    return s.fact("velocity", "rate of change", lambda v: derivative(s, "velocity"))
 
 
 def before_steps(core: Core, s: Signals) -> np.ndarray | None:
