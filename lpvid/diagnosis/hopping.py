@@ -21,8 +21,8 @@ def hopped(composition: Composition) -> list[tuple[int, bool]]:
             if e.stepwise or e.rugged]
 
 
-def hop(problem: Problem, composition: Composition, vector: np.ndarray, cost: float, jacobian: np.ndarray,
-        inside: np.ndarray) -> tuple[np.ndarray, float]:
+def hop(problem: Problem, composition: Composition, vector: np.ndarray, cost: float, jacobian: np.ndarray
+        ) -> tuple[np.ndarray, float]:
     """Move each such strength while that lowers the cost, the other parameters following by one Gauss-Newton step.
 
     A current that is held between samples makes the error jump where a delay passes a whole sample, so that the
@@ -34,10 +34,9 @@ def hop(problem: Problem, composition: Composition, vector: np.ndarray, cost: fl
     composition : Composition
     vector : (P,) array
     cost : float
-        Squared whitened error over `inside` at `vector`.
+        Squared whitened error at `vector`.
     jacobian : (N, P) array
         Taken nearby.
-    inside : (N,) bool array
 
     Returns
     -------
@@ -48,7 +47,7 @@ def hop(problem: Problem, composition: Composition, vector: np.ndarray, cost: fl
     clock = problem.signals[0].sample_time
     for j, rugged in hopped(composition):
         others = np.delete(np.arange(vector.size), j)
-        norms = np.maximum(np.linalg.norm(jacobian[inside][:, others], axis=0), 1e-300)
+        norms = np.maximum(np.linalg.norm(jacobian[:, others], axis=0), 1e-300)
         sizes = [share * vector[j] for share in SHARES] if rugged else [size * clock for size in SIZES]
         for move in [sign * size for size in sizes for sign in (1.0, -1.0)]:
             for _ in range(MOST):
@@ -56,12 +55,12 @@ def hop(problem: Problem, composition: Composition, vector: np.ndarray, cost: fl
                 trial[j] = np.clip(trial[j] + move, low[j], high[j])
                 if trial[j] == vector[j]:
                     break
-                errors = problem.stack(problem.errors(composition, trial))[inside]
-                step = np.linalg.lstsq(jacobian[inside][:, others] / norms, errors, rcond=1e-8)[0] / norms
+                errors = problem.stack(problem.errors(composition, trial))
+                step = np.linalg.lstsq(jacobian[:, others] / norms, errors, rcond=1e-8)[0] / norms
                 followed = trial.copy()
                 followed[others] = np.clip(trial[others] + step, low[others], high[others])
                 tried = [(float(errors @ errors), trial)]
-                errors = problem.stack(problem.errors(composition, followed))[inside]
+                errors = problem.stack(problem.errors(composition, followed))
                 tried.append((float(errors @ errors), followed))
                 least, where = min(tried, key=lambda t: t[0])
                 if not least < cost * (1 - 1e-6):

@@ -19,6 +19,8 @@ KEPT = 0.25
 SHORTER = (1.0, 0.3, 0.1)
 """shares of a step that are tried one after the other before it is damped: the valley may be bent"""
 MAX_DAMPING = 1e10
+LENT = 0.01
+"""weight of the other fold in a fit to one: it holds what the samples of the one say nothing of, and little else"""
 SECANTS = 4
 """steps for which a Jacobian is carried on by secants (Broyden 1965) before it is taken anew"""
 
@@ -101,15 +103,14 @@ def _bounded(derivatives: np.ndarray) -> np.ndarray:
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a law that explodes loses by its cost
 def refit(problem: Problem, composition: Composition, start: np.ndarray, fold: int | None = None,
           iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False) -> Refit:
-    """Minimise the whitened squared error over the blocks (or one fold of them), from `start`, inside the bounds.
+    """Minimise the whitened squared error over the blocks, or all but those of one fold, from `start`, in the bounds.
 
     By `descend`; lags that act in whole samples are hopped in between, unless only one fold is asked for.
     """
     found = descend(problem, composition, start, fold, iterations, near, rough)
     if fold is not None or not hopped(composition):
         return found
-    inside = np.ones(problem.n_samples, dtype=bool)
-    vector, cost = hop(problem, composition, found.vector, found.cost, found.jacobian, inside)
+    vector, cost = hop(problem, composition, found.vector, found.cost, found.jacobian)
     if not cost < found.cost:
         return found
     after = descend(problem, composition, vector, None, iterations, None, rough)
@@ -130,6 +131,8 @@ def descend(problem: Problem, composition: Composition, start: np.ndarray, fold:
     composition : Composition
     start : (P,) array
     fold : {None, 0, 1}
+        Whose samples count, those of the other by `LENT` only: a level of the current that stands in one block alone
+        belongs to one fold, and without a trace of it the law runs away there.
     iterations : int
     near : Refit, optional
         Of a related composition under the same whitening, whose derivatives serve until they fail.
@@ -141,12 +144,12 @@ def descend(problem: Problem, composition: Composition, start: np.ndarray, fold:
     Refit
     """
     low, high = composition.bounds
-    inside = np.ones(problem.n_samples, dtype=bool) if fold is None else problem.in_fold(fold)
-    count = int(inside.sum())
+    own = np.ones(problem.n_samples, dtype=bool) if fold is None else problem.in_fold(fold)
+    count, weights = int(own.sum()), np.where(own, 1.0, LENT)
     vector = np.clip(np.asarray(start, dtype=float), low, high)
     errors = problem.errors(composition, vector)
     stacked = problem.stack(errors)
-    cost = float(stacked[inside] @ stacked[inside])
+    cost = float(weights @ stacked**2)
     if near is None:
         jacobian, age, damping = _jacobian(problem, composition, vector, errors), 0, 1e-3
     else:
@@ -154,7 +157,7 @@ def descend(problem: Problem, composition: Composition, start: np.ndarray, fold:
     for _ in range(iterations):
         if age > SECANTS:
             jacobian, age = _jacobian(problem, composition, vector, errors), 0
-        step, promised = _step(jacobian[inside], stacked[inside], vector, damping, low, high)
+        step, promised = _step(jacobian, stacked, weights, vector, damping, low, high)
         if promised < (ROUGHLY if rough else PROMISE) * cost / count:
             if age == 0 or rough:
                 break
@@ -164,7 +167,7 @@ def descend(problem: Problem, composition: Composition, start: np.ndarray, fold:
             trial = np.clip(vector + share * step, low, high)
             moved = problem.errors(composition, trial)
             trial_stacked = problem.stack(moved)
-            trial_cost = float(trial_stacked[inside] @ trial_stacked[inside])
+            trial_cost = float(weights @ trial_stacked**2)
             if cost - trial_cost > (KEPT * promised if age else 0.0):
                 _carry(jacobian, trial - vector, stacked - trial_stacked)
                 vector, errors, stacked, cost, age = trial, moved, trial_stacked, trial_cost, age + 1
@@ -189,13 +192,14 @@ def _carry(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:
         jacobian += np.outer(change - jacobian @ step, scaled * norms / length)
 
 
-def _step(jacobian: np.ndarray, errors: np.ndarray, vector: np.ndarray, damping: float, low: np.ndarray,
-          high: np.ndarray) -> tuple[np.ndarray, float]:
+def _step(jacobian: np.ndarray, errors: np.ndarray, weights: np.ndarray, vector: np.ndarray, damping: float,
+          low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
     """Damped step in the free parameters, and the fall of the cost that it promises (0 where there is none to take).
 
     Where that would carry some beyond their bounds, the best step inside them (bounded least squares).
     """
-    gradient, hessian = jacobian.T @ errors, jacobian.T @ jacobian
+    weighted = jacobian if (weights == 1.0).all() else jacobian * weights[:, None]
+    gradient, hessian = weighted.T @ errors, weighted.T @ jacobian
     norms = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
     held = ((vector <= low) & (gradient < 0)) | ((vector >= high) & (gradient > 0)) | (norms <= 1e-140)
     free = np.flatnonzero(~held)

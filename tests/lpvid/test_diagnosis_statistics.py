@@ -12,6 +12,7 @@ from toy_diagnosis import (
     CAUSES,
     PERIOD,
     TRUE,
+    Added,
     Bent,
     Cubic,
     Dry,
@@ -28,7 +29,7 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.engine import diagnose
 from lpvid.diagnosis.localise import localise
 from lpvid.diagnosis.problem import Problem, projector, without
-from lpvid.diagnosis.refitting import Refit, _step, covariance, refit
+from lpvid.diagnosis.refitting import LENT, Refit, _step, covariance, refit
 from lpvid.diagnosis.remainder import predictable_share
 from lpvid.diagnosis.screening import DETECT, Evidence, directions, moves, screen
 from lpvid.diagnosis.selection import Search
@@ -95,6 +96,15 @@ def _named(name: str, problem: Problem, fit: Refit, rng: np.random.Generator) ->
     return next(e for e in found if e.effect.name == name)
 
 
+def once(u: np.ndarray) -> np.ndarray:
+    return np.where(np.abs(np.arange(u.size) - 1240) < 30, 1.0, 1e-3 * np.sin(9 * u))
+
+
+class Once(Added):
+    name, title = "once", "in one block, and next to nothing elsewhere"
+    shape = staticmethod(lambda s: once(s["u"]))
+
+
 class TestRefit:
     def test_recovers_baseline_and_cause_without_noise(self, rng: np.random.Generator) -> None:
         problem, _ = problem_of(record(rng, level=0.0, hidden=lambda u: 0.7 * np.sign(u)))
@@ -127,19 +137,32 @@ class TestRefit:
             jacobian = rng.standard_normal((60, size)) @ rng.standard_normal((size, size))
             errors, low, high = 5 * rng.standard_normal(60), -rng.uniform(0, 1, size), rng.uniform(0, 1, size)
             here = rng.uniform(0.98 * low, 0.98 * high)
-            step, promised = _step(jacobian, errors, here, 0.0, low, high)
+            step, promised = _step(jacobian, errors, np.ones(errors.size), here, 0.0, low, high)
             best = lsq_linear(jacobian, errors, bounds=(low - here, high - here), method="bvls").x
             assert ((here + step >= low) & (here + step <= high)).all()
             left = [float(np.sum((errors - jacobian @ s) ** 2)) for s in (step, best)]
             assert left[0] == pytest.approx(left[1], rel=1e-6)
             assert promised == pytest.approx(float(errors @ errors) - left[0], rel=1e-6, abs=1e-9)
 
-    def test_a_fold_sees_only_its_blocks(self, rng: np.random.Generator) -> None:
+    def test_a_fold_sees_little_but_its_blocks(self, rng: np.random.Generator) -> None:
+        """As much as a fit to its blocks alone and the other's a hundredfold diluted."""
         problem, composition = problem_of(record(rng))
         half = refit(problem, composition, TRUE, fold=0)
         test = problem.in_fold(1)
         assert half.n_samples == int((~test).sum())
-        assert half.cost == pytest.approx(float(half.errors[~test] @ half.errors[~test]), rel=1e-12)
+        weights = np.where(test, LENT, 1.0)
+        assert half.cost == pytest.approx(float(weights @ half.errors**2), rel=1e-12)
+        for nudge in 1e-3 * np.eye(3):
+            moved = problem.stack(problem.errors(composition, half.vector + nudge))
+            assert float(weights @ moved**2) > half.cost * (1 - 1e-4)
+
+    def test_the_other_holds_what_a_fold_says_nothing_of(self, rng: np.random.Generator) -> None:
+        """A cause that acts in one block and hardly elsewhere: without that block noise would drive it anywhere."""
+        problem, composition = problem_of(record(rng, hidden=lambda u: 3 * once(u)))
+        composition = Composition(composition.baseline, (Once(),))
+        fit = refit(problem, composition, composition.neutral)
+        for fold in (0, 1):
+            assert refit(problem, composition, fit.vector, fold=fold).vector[-1] == pytest.approx(3.0, abs=0.3)
 
 
 class TestRemainder:
