@@ -196,6 +196,10 @@ class Effect(ABC):
         """Names of more general effects that do the same on these signals, whatever their further parameters."""
         return ()
 
+    def shown(self, signals: Sequence[Signals]) -> np.ndarray | None:
+        """(k,) parameters at which the inputs by themselves show that it is there; None where they do not."""
+        return None
+
     def missing(self, signals: tuple[Signals, ...]) -> tuple[str, ...]:
         """Needed roles that some record does not have."""
         return tuple(n for n in self.needs if not all(s.has(n) for s in signals))

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.refitting import covariance
-from lpvid.diagnosis.screening import directions, moves
+from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.refitting import Refit, covariance
+from lpvid.diagnosis.screening import directions, move, moves
 from lpvid.diagnosis.selection import Search
 
 
@@ -17,7 +18,8 @@ def deviations(search: Search) -> np.ndarray:
     signals do between their samples (`Effect.clock_errors`); and the pull of a filter of all channels, which every
     chain has and which is often too weak to be found. With J the sensitivities of the set, d what such a filter changes
     and γ = (d·e)/(d·d) the share of it, at most 1, that fits the error e beyond J, leaving it out moves the parameters
-    by γ J⁺ d. γ is what fits best: where noise hides the filter altogether, it pulls nothing.
+    by γ J⁺ d. γ is what fits best: where noise hides the filter altogether, it pulls nothing; but 1 where the inputs by
+    themselves show the filter (`Effect.shown`), however badly noise lets it be undone.
     """
     fit, problem = search.fit, search.problem
     variance = np.diag(covariance(problem, fit)).copy()
@@ -41,12 +43,25 @@ def _pull(search: Search) -> np.ndarray:
     for effect in search.outside():
         if effect.path != "all" or not free.size:
             continue
-        moved = moves(problem, fit, (effect,))
-        found = [(d, m) for d, m in zip(directions(problem, fit, moved), moved, strict=True) if d.visible]
-        if not found:
+        found = _at_work(problem, fit, effect)
+        if found is None:
             continue
-        best, move = max(found, key=lambda pair: pair[0].gain)
+        share, change = found
         scale = np.linalg.norm(fit.jacobian[:, free], axis=0)
-        step = np.linalg.lstsq(fit.jacobian[:, free] / scale, problem.stack(move.change), rcond=1e-6)[0] / scale
-        total[free] += (min(best.share, 1.0) * step) ** 2
+        step = np.linalg.lstsq(fit.jacobian[:, free] / scale, problem.stack(change), rcond=1e-6)[0] / scale
+        total[free] += (share * step) ** 2
     return np.sqrt(total)
+
+
+def _at_work(problem: Problem, fit: Refit, effect: Effect) -> tuple[float, tuple[np.ndarray, ...]] | None:
+    """Share of an effect's change that is to be reckoned with, and that change per record, (n,) each."""
+    values = effect.shown(problem.signals)
+    known = None if values is None else move(problem, fit, effect, values)
+    if known is not None:
+        return 1.0, known.change
+    moved = moves(problem, fit, (effect,))
+    found = [(d, m) for d, m in zip(directions(problem, fit, moved), moved, strict=True) if d.visible]
+    if not found:
+        return None
+    best, likely = max(found, key=lambda pair: pair[0].gain)
+    return min(best.share, 1.0), likely.change

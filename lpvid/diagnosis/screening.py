@@ -119,16 +119,21 @@ class Move:
 def moves(problem: Problem, fit: Refit, effects: Sequence[Effect]) -> list[Move]:
     """Every candidate at every grid point, around a fitted composition; those that do not simulate are left out."""
     now = [fit.composition.predict(s, fit.vector) for s in problem.signals]
-    found = []
-    for effect in effects:
-        bigger = Composition(fit.composition.baseline, (*fit.composition.effects, effect))
-        for values in effect.points(problem.signals):
-            vector = placed(bigger, fit, {effect.name: values})
-            with np.errstate(all="ignore"):
-                change = tuple(bigger.predict(s, vector) - f for s, f in zip(problem.signals, now, strict=True))
-            if all(np.isfinite(c).all() for c in change):
-                found.append(Move(effect, values, change))
-    return found
+    every = [_move(problem, fit, now, e, values) for e in effects for values in e.points(problem.signals)]
+    return [m for m in every if m is not None]
+
+
+def move(problem: Problem, fit: Refit, effect: Effect, values: np.ndarray) -> Move | None:
+    """One candidate at given values; None where it does not simulate."""
+    return _move(problem, fit, [fit.composition.predict(s, fit.vector) for s in problem.signals], effect, values)
+
+
+def _move(problem: Problem, fit: Refit, now: Sequence[np.ndarray], effect: Effect, values: np.ndarray) -> Move | None:
+    bigger = Composition(fit.composition.baseline, (*fit.composition.effects, effect))
+    vector = placed(bigger, fit, {effect.name: values})
+    with np.errstate(all="ignore"):
+        change = tuple(bigger.predict(s, vector) - f for s, f in zip(problem.signals, now, strict=True))
+    return Move(effect, values, change) if all(np.isfinite(c).all() for c in change) else None
 
 
 def directions(problem: Problem, fit: Refit, moved: Sequence[Move]) -> list[Direction]:

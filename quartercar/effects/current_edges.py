@@ -27,6 +27,8 @@ SEEN = 5
 """samples after its start by which a jump is placed"""
 PLACES = np.linspace(-0.3, 1.05, 28)
 """where a jump may begin, in samples after the last one that has not moved by `STEP`"""
+TIMES = np.geomspace(0.05, 5.0, 60)
+"""time constants of a filter that are compared with the edges, in samples"""
 
 
 def jumps(x: np.ndarray) -> bool:
@@ -134,6 +136,29 @@ def step_response(time: np.ndarray, t: float, zeta: float) -> np.ndarray:
     return np.real(1 + (two * np.exp(one * late) - one * np.exp(two * late)) / (one - two))
 
 
+def time_constant(current: np.ndarray, edges: Edges, zeta: float) -> float:
+    """T of the low-pass 1/(1 + 2ζTs + T²s²) behind which a current was recorded, in samples, by its edges alone.
+
+    The one for which the median edge misfits least, each begun where it fits best.
+
+    Parameters
+    ----------
+    current : (n,) array
+    edges : Edges
+        Of which some are known.
+    zeta : float
+
+    Examples
+    --------
+    >>> t = np.arange(60) - 10 * np.arange(6)[:, None] - 0.4
+    >>> behind = sum(step_response(k, 0.5, 0.7) * (-1) ** i for i, k in enumerate(t))
+    >>> round(time_constant(behind, find_edges(behind, 0.002), 0.7), 1)
+    0.5
+    """
+    misfits = [float(np.median(_misfit(current, edges, t, zeta).min(axis=1))) for t in TIMES]
+    return float(TIMES[int(np.argmin(misfits))])
+
+
 def current_before(s: Signals, edges: Edges, t: float, zeta: float, finer: int) -> np.ndarray:
     """(n finer,) a current before the low-pass, on a clock `finer` times as fast: its known edges jump at once.
 
@@ -147,18 +172,24 @@ def current_before(s: Signals, edges: Edges, t: float, zeta: float, finer: int) 
     size = edges.after[known] - before
     if not first.size:
         return fine
-    after = np.arange(1, SEEN + 1)
-    expected = step_response(period * (after[None, :] - PLACES[:, None]), t, zeta)
-    seen = np.minimum(first[:, None] + after, current.size - 1)
-    counts = (seen < edges.next[known][:, None]).astype(float)
-    part = (current[seen] - before[:, None]) / size[:, None]
-    misfit = np.sum(counts[:, None, :] * (part[:, None, :] - expected[None]) ** 2, axis=2)
-    begun = finer * (first + _lowest(misfit))
+    begun = finer * (first + _lowest(_misfit(current, edges, t / period, zeta)))
     cells = finer * first[:, None] + np.arange(finer * (1 + round(SLOWEST / period)))
     inside = cells < finer * edges.next[known][:, None]
     covered = np.clip(cells - begun[:, None] + 0.5, 0.0, 1.0)
     fine[cells[inside]] = (before[:, None] + size[:, None] * covered)[inside]
     return fine
+
+
+def _misfit(current: np.ndarray, edges: Edges, t: float, zeta: float) -> np.ndarray:
+    """(k, places) squared misfit of a filter's step response to the known edges; t in samples."""
+    known = edges.known
+    first, before = edges.first[known], edges.before[known]
+    after = np.arange(1, SEEN + 1)
+    expected = step_response(after[None, :] - PLACES[:, None], t, zeta)
+    seen = np.minimum(first[:, None] + after, current.size - 1)
+    counts = (seen < edges.next[known][:, None]).astype(float)
+    part = (current[seen] - before[:, None]) / (edges.after[known] - before)[:, None]
+    return np.sum(counts[:, None, :] * (part[:, None, :] - expected[None]) ** 2, axis=2)
 
 
 def _lowest(misfit: np.ndarray) -> np.ndarray:

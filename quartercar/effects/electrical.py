@@ -10,6 +10,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import BETWEEN, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals, jumps
+from quartercar.effects.current_edges import at_once, find_edges
 
 SEEN_AFTER = 0.05
 """part of a sample after a step of a held current at which the force is taken"""
@@ -18,6 +19,8 @@ LEVELS_APART = 0.05
 NO_BEND = "every law passes through both, bent or not"
 REST = 0.05
 """ripple, as a share of the largest current, below which a current without memory counts as resting"""
+PLACED = 0.05
+"""part of a sample to which the edges that a filter has made round tell a jump"""
 ALIKE = 0.15
 """correlation of neighbouring increments from which on edges take more than one sample, as behind a filter"""
 
@@ -58,8 +61,8 @@ def rests(current: np.ndarray, largest: float) -> bool:
 
 
 def held(s: Signals) -> bool:
-    """Whether the current of these signals is held between samples, found once."""
-    return s.fact("current", "is held", is_held)
+    """Whether the current of these signals is held between samples, and no filter shows at its jumps; found once."""
+    return s.fact("current", "is held", lambda i: is_held(i) and at_once(i, find_edges(i, s.sample_time)))
 
 
 def levels(signals: Sequence[Signals]) -> int:
@@ -138,8 +141,13 @@ def lagged(s: Signals, rise: float, fall: float, between: bool = False) -> np.nd
 
 
 def _jump_error(signals: Sequence[Signals]) -> float:
-    """Standard error of a lag because a held current jumps somewhere between two samples [s]."""
-    return signals[0].sample_time * (1 / np.sqrt(12) if any(held(s) for s in signals) else BETWEEN)
+    """Standard error of a lag because a current jumps somewhere between two samples [s].
+
+    Anywhere, if it is held; behind a filter its edges tell where.
+    """
+    share = 1 / np.sqrt(12) if any(held(s) for s in signals) else PLACED if any(jumps(s["current"]) for s in signals) \
+        else BETWEEN
+    return signals[0].sample_time * share
 
 
 class CurrentEffect(GridEffect):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -11,7 +12,7 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.spectra import SHORT, before_filter, low_passed
-from quartercar.effects.current_edges import Edges, at_once, current_before, find_edges, jumps
+from quartercar.effects.current_edges import Edges, at_once, current_before, find_edges, jumps, time_constant
 from quartercar.effects.measurement import ChainEffect
 
 FAST, FINEST = 2000.0, 8
@@ -49,6 +50,15 @@ class SharedFilter(ChainEffect):
             if edges is not None and at_once(s["current"], edges):
                 return "the current jumps, and its edges show no trace of a filter"
         return super().applies(baseline, signals)
+
+    def shown(self, signals: Sequence[Signals]) -> np.ndarray | None:
+        """By the edges of a current that jumps."""
+        found, zeta = [], self.parameters[1].neutral
+        for s in signals:
+            edges = _edges(s)
+            if edges is not None and not at_once(s["current"], edges):
+                found.append(s.sample_time * time_constant(s["current"], edges, zeta))
+        return np.array([float(np.median(found)), zeta]) if found else None
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         t, zeta = float(values[0]), float(values[1])
