@@ -7,10 +7,13 @@ import numpy as np
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit
 from lpvid.diagnosis.signals import Signals, jumps
-from lpvid.diagnosis.spectra import without_noise
+from lpvid.diagnosis.spectra import weighed_alike, without_noise
 
 NOISE = 0.05
 """share of a channel's variance above which what looks like noise was rather meant to excite: a white input"""
+
+ENDS = 0.25
+"""time at either end of a record over which the noise is left in, less and less: what lies beyond is guessed [s]"""
 
 
 def gain_without_input_noise(problem: Problem, fit: Refit, rest: Refit) -> float:
@@ -34,10 +37,19 @@ def gain_without_input_noise(problem: Problem, fit: Refit, rest: Refit) -> float
     """
     if not rest.cost > fit.cost:
         return 1.0
-    quiet = [s.replace(**{c: _quiet(s, c) for c in s.channels}) for s in problem.signals]
+    quiet = [_without(s) for s in problem.signals]
     change = problem.stack([fit.composition.predict(s, fit.vector) - rest.composition.predict(s, rest.vector)
                             for s in quiet])
     return float(2 * change @ rest.errors - change @ change) / (rest.cost - fit.cost)
+
+
+def _without(s: Signals) -> Signals:
+    """Signals without their sensors' noise, of which a filter is undone where it would be undone with it."""
+    quiet = {c: x for c in s.channels if (x := _quiet(s, c)) is not s[c]}
+    found = s.replace(**quiet)
+    for c in quiet:
+        weighed_alike(found, s, c)
+    return found
 
 
 def _quiet(s: Signals, channel: str) -> np.ndarray:
@@ -48,5 +60,8 @@ def _quiet(s: Signals, channel: str) -> np.ndarray:
     values = s[channel]
     if jumps(values):
         return values
-    quiet = without_noise(s, channel)
-    return quiet if np.mean((values - quiet) ** 2) < NOISE * np.var(values) else values
+    noise = values - without_noise(s, channel)
+    if not np.mean(noise**2) < NOISE * np.var(values):
+        return values
+    ends = np.minimum(np.arange(values.size), np.arange(values.size)[::-1]) * s.sample_time / ENDS
+    return values - np.clip(ends, 0.0, 1.0) * noise

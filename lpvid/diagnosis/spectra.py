@@ -68,9 +68,23 @@ def _weighed(s: Signals, channel: str, weights: Callable[[np.ndarray, np.ndarray
     n = s[channel].size
     if n < SHORT:
         return np.repeat(s[channel], finer)
-    spectrum, omega, share = s.cached(("spectrum", channel), lambda: _spectrum(s[channel], s.sample_time, s.finer))
+    spectrum, omega, share = _known(s, channel)
     size = finer * (2 * spectrum.size - 2)
     return finer * np.fft.irfft(spectrum * weights(omega, share), size)[finer * (n // 2): finer * (n // 2 + n)]
+
+
+def _known(s: Signals, channel: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`_spectrum` of a channel, found once."""
+    return s.fact(channel, "spectrum", lambda x: _spectrum(x, s.sample_time, s.finer))
+
+
+def weighed_alike(s: Signals, like: Signals, channel: str) -> None:
+    """Let a channel, of as many samples, be weighed with the share of motion that it has in other signals.
+
+    One whose noise was taken away seems to move at every frequency: a filter would be undone where there is nothing.
+    """
+    if s[channel].size >= SHORT:
+        s.facts[channel, "spectrum"] = (_continued(s[channel], s.sample_time)[0], *_known(like, channel)[1:])
 
 
 def _spectrum(x: np.ndarray, sample_time: float, finer: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

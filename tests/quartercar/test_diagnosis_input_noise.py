@@ -5,18 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from effect_signals import PERIOD, guo, motion
+from scipy.signal import lsim, lti
 
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.deciding import judge, out_of_fold
 from lpvid.diagnosis.input_noise import _quiet, gain_without_input_noise
-from lpvid.diagnosis.noise import WHITE
+from lpvid.diagnosis.noise import WHITE, Whitening
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.selection import Search
 from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.spectra import without_noise
 from quartercar.effects.hydraulics import ValveDynamics
+from quartercar.effects.measurement import OneSidedFilter
 
 LAG = np.array([0.35, 25.0, 0.5])
 NOISE = 0.004
@@ -70,6 +72,25 @@ def test_where_the_motion_is_measured_from_does_not_matter(offset: float, rng: n
     quiet, moved = (without_noise(s, "displacement") for s in (here, there))
     np.testing.assert_allclose(moved - offset, quiet, atol=1e-9)
     assert np.std(quiet - x) < 0.5 * np.std(noisy - x)
+
+
+@pytest.mark.parametrize("noise", [0.0, 2e-3])
+def test_a_filter_that_is_undone_by_much_stays_one(noise: float, rng: np.random.Generator) -> None:
+    """Of 5 Hz, so that the top of the band is raised two thousandfold and whatever has no place there with it."""
+    t, period = PERIOD * np.arange(6000), 0.03
+    x, v = motion(t)
+    current = np.ones(t.size)
+    force = guo().core(guo().vector)(Signals(PERIOD, {"displacement": x, "velocity": v, "current": current}, v))
+    system = lti([1.0], [period**2, 1.4142 * period, 1.0])
+    late = {c: lsim(system, m, t)[1] for c, m in (("displacement", x), ("velocity", v))}
+    late = {c: m + noise * m.std() * rng.standard_normal(t.size) for c, m in late.items()}
+    recorded = Signals(PERIOD, {**late, "current": current}, force + rng.standard_normal(t.size))
+    problem = Problem((recorded,), Blocks.of((recorded,)), Whitening(np.array([1.0, -0.95]), 1.0))
+    filtered, alone = Composition(guo(), (OneSidedFilter(),)), Composition(guo())
+    begun = filtered.neutral
+    begun[filtered.places[0]] = period, 0.7071, 0.0
+    fit, rest = refit(problem, filtered, begun), refit(problem, alone, alone.neutral)
+    assert gain_without_input_noise(problem, fit, rest) == pytest.approx(1.0, abs=1e-3)
 
 
 def test_edges_are_no_noise(rng: np.random.Generator) -> None:
