@@ -81,7 +81,7 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     catalogue : sequence of Effect
     held_out : sequence of Record, optional
         Further records on which the gain is measured; without them alternating blocks, each judged by the fit to the
-        others.
+        others, in which it weighs a hundredth (`refitting.LENT`).
     settings : DiagnosisSettings, optional
     progress : callable, optional
         Told in words what is being done.

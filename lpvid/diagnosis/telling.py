@@ -95,8 +95,8 @@ class Telling:
         model = ExtendedModel.of(d.final, covariance(problem, d.final), self.baseline)
         errors = problem.errors(d.bare.composition, d.bare.vector)
         sure = deviations(self.search) if spoken and d.named else np.empty(0)
-        where = "alternating blocks, each judged by the fit to the others" if not self.held_out else \
-            f"{len(self.held_out)} further record(s)"
+        where = f"{len(self.held_out)} further record(s)" if self.held_out else \
+            "alternating blocks, each judged by the fit to the others, in which it weighs a hundredth"
         rejected = [Rejected(j.effect.name, "; ".join(j.objections)) for j in d.dropped]
         if not spoken:
             why = "what is left still follows the inputs" if d.phi is None or d.phi[0] >= EXPLAINED else \

@@ -30,8 +30,8 @@ def integrate(x, v, command, physics, dt, out):
     p = physics
     driver = magnet = coil = late = flux = command[0]
     temperature = void = deflection = 0.0
-    valve = np.zeros(2)
-    mode = np.zeros(2)
+    valve = np.zeros(3)
+    mode = np.zeros(3)
     w, force, gain = v[0], 0.0, _yield_force(flux, p)
     parts = _parts(p, dt)
     step = dt / parts
@@ -87,23 +87,27 @@ def _parts(p, dt):
 @njit()
 def second_order(signal, frequency, damping, dt, out):
     """ω²/(s² + 2ζωs + ω²) by the trapezoidal rule, started at rest on the first sample."""
-    state = np.zeros(2)
-    state[0] = signal[0]
+    state = np.array([signal[0], 0.0, signal[0]])
     for k in range(signal.size):
         out[k] = _oscillator(state, signal[k], frequency, damping, dt)
 
 
 @njit()
 def _oscillator(state, target, frequency, damping, dt):
-    """One trapezoidal step of q̈ + 2ζω q̇ + ω² q = ω² target; the input is held over the step."""
+    """One trapezoidal step of q̈ + 2ζω q̇ + ω² q = ω² target.
+
+    The state holds q, q̇ and the last target, from which the input runs in a straight line: held over the step, it would
+    act half a step early.
+    """
     omega = 2.0 * math.pi * frequency
     h = 0.5 * dt
     q, rate = state[0], state[1]
-    acceleration = omega * omega * (target - q) - 2.0 * damping * omega * rate
+    acceleration = omega * omega * (0.5 * (state[2] + target) - q) - 2.0 * damping * omega * rate
     new_rate = rate + dt * (acceleration - h * omega * omega * rate) / (
         1.0 + 2.0 * damping * omega * h + h * h * omega * omega)
     state[0] = q + h * (rate + new_rate)
     state[1] = new_rate
+    state[2] = target
     return state[0]
 
 

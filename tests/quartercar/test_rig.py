@@ -9,9 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lsim
 
 from lpvid.errors import InputError
 from quartercar.rig import CAUSES, EXPERIMENTS, Experiment, Motion, Rig, RigDamper, Sensors, effect, respond
+from quartercar.rig.damper import low_passed
 from quartercar.rig.patterns import Constant, Creep, Road, Sine, Triangle
 from quartercar.rig.setup import Chain, Setup
 
@@ -84,6 +86,17 @@ def test_rigid_viscous_damper_is_exact():
     motion = sine_motion(0.01, 5.0, 2)
     force = run(RigDamper.viscous_only(1500.0), motion).force
     np.testing.assert_allclose(force, 1500.0 * motion.velocity, rtol=1e-10, atol=1e-9)
+
+
+def test_filters_of_the_chain_are_neither_early_nor_late():
+    """Against scipy's exact response to straight lines: half a step would be 60 µs."""
+    period = 1 / 8192
+    t = period * np.arange(24000)
+    signal = np.sin(2 * np.pi * 3 * t) + 0.4 * np.sin(2 * np.pi * 11 * t)
+    exact = lsim(([1.0], [0.01**2, 2 * 0.7 * 0.01, 1.0]), signal, t)[1]
+    slope, error = np.gradient(exact, t), low_passed(signal, 1 / (2 * np.pi * 0.01), 0.7, 8192.0) - exact
+    assert abs(slope @ error) < 1e-6 * (slope @ slope)
+    assert np.abs(error[4000:]).max() < 1e-5
 
 
 def test_step_size_is_second_order():
