@@ -11,7 +11,7 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.input_noise import gain_without_input_noise
 from lpvid.diagnosis.noise import WHITE, NoiseLevel
 from lpvid.diagnosis.problem import Problem
-from lpvid.diagnosis.refitting import Refit, refit
+from lpvid.diagnosis.refitting import LENT, Refit, refit
 from lpvid.diagnosis.rivals import SEPARATED, Alternative, alternatives, separation, taken_over
 from lpvid.diagnosis.screening import DETECT
 from lpvid.diagnosis.selection import BIC_GAIN, Search
@@ -127,6 +127,7 @@ def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str])
     delta = fit.bic() - rest.bic()
     before = out_of_fold(problem, rest)
     gains = problem.block_sums(before.errors**2 - whole.errors**2)
+    gains[_untold(problem, fit, effect)] = 0.0
     total = float(gains.sum())
     acting = _acting(problem, fit, rest)
     better = float(np.mean(gains[acting] > 0))
@@ -315,6 +316,19 @@ def explained_share(problem: Problem, before: Folds, after: Folds, floor: float 
     leave = np.array([share(np.delete(every, k)) for k in every])
     error = float(np.sqrt((b.size - 1) / b.size * np.sum((leave - leave.mean()) ** 2)))
     return share(every), error
+
+
+def _untold(problem: Problem, fit: Refit, effect: Effect) -> np.ndarray:
+    """(blocks,) bool: those that were fitted to themselves, being all that tells of the effect.
+
+    In a fit to one fold the samples of the other are lent a weight (`refitting.LENT`); where the one has less to say of
+    the effect than these, they would be judged by themselves.
+    """
+    fold, absent = problem.blocks.fold, fit.vector.copy()
+    absent[fit.composition.places[fit.composition.effects.index(effect)]] = effect.neutral
+    changed = problem.block_sums((problem.stack(problem.errors(fit.composition, absent)) - fit.errors) ** 2)
+    told = np.array([changed[fold == k].sum() for k in (0, 1)])
+    return LENT * told[fold] > told[1 - fold]
 
 
 def _acting(problem: Problem, fit: Refit, rest: Refit) -> np.ndarray:

@@ -7,10 +7,7 @@ import numpy as np
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit
 from lpvid.diagnosis.signals import Signals, jumps
-from lpvid.diagnosis.spectra import weighed_alike, without_noise
-
-NOISE = 0.05
-"""share of a channel's variance above which what looks like noise was rather meant to excite: a white input"""
+from lpvid.diagnosis.spectra import is_meant, weighed_alike, without_noise
 
 ENDS = 0.25
 """time at either end of a record over which the noise is left in, less and less: what lies beyond is guessed [s]"""
@@ -61,7 +58,7 @@ def _quiet(s: Signals, channel: str) -> np.ndarray:
     if jumps(values):
         return values
     noise = values - without_noise(s, channel)
-    if not np.mean(noise**2) < NOISE * np.var(values):
+    if is_meant(noise, values):
         return values
     ends = np.minimum(np.arange(values.size), np.arange(values.size)[::-1]) * s.sample_time / ENDS
     return values - np.clip(ends, 0.0, 1.0) * noise

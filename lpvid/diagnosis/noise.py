@@ -94,6 +94,7 @@ class Whitening:
 
 WHITE = Whitening(np.ones(1), 1.0)
 """of noise that is white, of level one: it changes nothing"""
+WHITE.coefficients.flags.writeable = False
 
 
 def _levinson(r: np.ndarray, order: int) -> list[tuple[np.ndarray, float]]:

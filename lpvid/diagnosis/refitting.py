@@ -35,11 +35,11 @@ class Refit:
     composition : Composition
     vector : (P,) array
     cost : float
-        Sum of squared whitened errors over the samples it was fitted to.
+        Sum of squared whitened errors over the samples it was fitted to; of a fit to one fold with the lent ones.
     errors : (N,) array
         Whitened errors on all stacked samples.
     n_samples : int
-        Samples it was fitted to.
+        Samples it was fitted to, without lent ones.
     """
 
     problem: Problem
@@ -103,7 +103,7 @@ def _bounded(derivatives: np.ndarray) -> np.ndarray:
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a law that explodes loses by its cost
 def refit(problem: Problem, composition: Composition, start: np.ndarray, fold: int | None = None,
           iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False) -> Refit:
-    """Minimise the whitened squared error over the blocks, or all but those of one fold, from `start`, in the bounds.
+    """Minimise the whitened squared error over the blocks, or those of one fold, from `start`, inside the bounds.
 
     By `descend`; lags that act in whole samples are hopped in between, unless only one fold is asked for.
     """

@@ -85,7 +85,7 @@ class Signals:
 
     def replace(self, **channels: np.ndarray) -> Signals:
         """The same signals with some channels replaced or added; what was cached is forgotten, but for `fact`."""
-        facts = {key: found for key, found in self.facts.items() if key[0] not in channels}
+        facts = {key: found for key, found in self.facts.copy().items() if key[0] not in channels}
         return Signals(self.sample_time, {**self.channels, **channels}, self.output, self.name, self.span, facts=facts,
                        record=self.record, at=self.at, finer=self.finer)
 

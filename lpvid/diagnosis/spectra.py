@@ -14,6 +14,8 @@ SHORT = 100
 """samples below which nothing is undone"""
 BAND = 1.5
 """times the highest frequency of a motion up to which all of it is differentiated; nothing from twice that on"""
+MANY, MEANT = 4, 0.05
+"""stretches from which on the end of the band is told; share of a channel's variance that is no sensor's noise"""
 STRETCH, ABOVE = 1.0, 2.0
 """length of the stretches whose spectra are averaged before they are compared with that level [s]; times that they must
 stand above it"""
@@ -41,17 +43,26 @@ def derivative(s: Signals, channel: str) -> np.ndarray:
 
     In the frequency domain: what multiplies noise besides motion is fitted too small, and central differences of a
     frequency f are too small by sin(x)/x, x = 2π f times the sample time. Up to `BAND` times the highest frequency of
-    which half the power is motion all counts, from there on less and less: weights that fall at once would ring. One
-    that jumps, or has few samples, by central differences.
+    which more than half counts as motion all does, from there on less and less: weights that fall at once would ring.
+    Where that would take away what was meant to excite, all of the band does. One that jumps, or of so few stretches
+    that chance makes noise stand out, by central differences.
     """
-    if s[channel].size < SHORT or jumps(s[channel]):
-        return np.gradient(s[channel], s.sample_time)
+    values = s[channel]
+    if values.size * s.sample_time < MANY * STRETCH or jumps(values):
+        return np.gradient(values, s.sample_time)
 
-    def weights(omega: np.ndarray, share: np.ndarray) -> np.ndarray:
+    def inside(omega: np.ndarray, share: np.ndarray) -> np.ndarray:
         place = omega / omega[share > 0.5].max() / BAND - 1  # 0 at the end of the band, 1 at twice that
-        return 1j * omega * np.cos(np.pi / 2 * np.clip(place, 0.0, 1.0)) ** 2
+        return np.cos(np.pi / 2 * np.clip(place, 0.0, 1.0)) ** 2
 
-    return _weighed(s, channel, weights)
+    if is_meant(values - _weighed(s, channel, inside), values):
+        return _weighed(s, channel, lambda omega, share: 1j * omega)
+    return _weighed(s, channel, lambda omega, share: 1j * omega * inside(omega, share))
+
+
+def is_meant(taken: np.ndarray, values: np.ndarray) -> bool:
+    """Whether what would be taken away as noise, (n,), is so much that it was rather meant to excite: a white input."""
+    return not np.mean(taken**2) < MEANT * np.var(values)
 
 
 def low_passed(x: np.ndarray, sample_time: float, t: float, zeta: float) -> np.ndarray:

@@ -21,8 +21,11 @@ the way that it may go, to and fro, in jumps"""
 LASTS, LEAST, RIPPLE = 6, 2, 0.1
 """samples after a jump and before the next by which a level is told, the least of them, and the share of the jump by
 which it may change meanwhile"""
-MISSED = 0.01
-"""share of a jump by which the first sample after it misses the level where a filter has been at work"""
+MISSED, CERTAIN = 0.01, 3.0
+"""share of a jump by which the first sample after it misses the level where a filter has been at work, and standard
+errors by which that must be sure"""
+RESTLESS = 6.0
+"""times the median step from sample to sample, the sensor's noise, below which nothing is on its way"""
 SEEN = 5
 """samples after its start by which a jump is placed"""
 PLACES = np.linspace(-0.3, 1.05, 28)
@@ -31,7 +34,7 @@ TIMES = np.geomspace(0.05, 5.0, 60)
 """time constants of a filter that are compared with the edges, in samples"""
 
 
-def jumps(x: np.ndarray) -> bool:
+def leaps(x: np.ndarray) -> bool:
     """Whether a channel moves by a large part of its range from one sample to the next."""
     return bool(x.size > 1 and np.abs(np.diff(x)).max() > EDGE * np.ptp(x) > NOISY * np.abs(x).max())
 
@@ -71,6 +74,13 @@ class Edges:
         return np.cumsum(change)[:-1] > 0
 
 
+def edges_of(s: Signals) -> Edges | None:
+    """Of the current, found once; None where there is none or it does not leap."""
+    if not s.has("current"):
+        return None
+    return s.fact("current", "edges", lambda c: find_edges(c, s.sample_time) if leaps(c) else None)
+
+
 def find_edges(current: np.ndarray, sample_time: float) -> Edges:
     """The jumps of a current.
 
@@ -80,14 +90,16 @@ def find_edges(current: np.ndarray, sample_time: float) -> Edges:
     >>> e.first.tolist(), e.before.tolist(), e.after.tolist()
     ([9, 19], [0.0, 2.0], [2.0, 1.0])
     """
-    moving = np.flatnonzero(np.abs(np.diff(current)) > STEP * np.ptp(current))
+    steps = np.abs(np.diff(current))
+    noise = RESTLESS * float(np.median(steps)) if steps.size else 0.0
+    moving = np.flatnonzero(steps > max(STEP * np.ptp(current), noise))
     if not moving.size:
         none, nowhere = np.zeros(0), np.zeros(0, int)
         return Edges(nowhere, nowhere, nowhere, none, none, current.size)
     parted = np.flatnonzero(np.diff(moving) > TURNS)
     first = moving[np.concatenate([[0], parted + 1])]
     last = moving[np.concatenate([parted, [moving.size - 1]])] + 1
-    seen = STEP * np.abs(current[last] - current[first])
+    seen = np.maximum(STEP * np.abs(current[last] - current[first]), noise)
     for _ in range(EARLIER):  # a small one is on its way before it is seen by the measure of the range
         begun = np.abs(current[first] - current[np.maximum(first - 1, 0)]) > seen
         first = np.where(begun & (np.append(-1, last[:-1]) < first - 1), first - 1, first)
@@ -109,7 +121,7 @@ def _level(rest: np.ndarray, size: float) -> float:
 
 
 def at_once(current: np.ndarray, edges: Edges) -> bool:
-    """Whether no jump between levels shows the trace of a filter.
+    """Whether jumps between levels show no trace of a filter, the noise of the sensor aside.
 
     One that lags misses its level at the first sample, and one that overshoots misses it by as much everywhere.
 
@@ -125,7 +137,9 @@ def at_once(current: np.ndarray, edges: Edges) -> bool:
         return True
     seen = np.minimum(edges.first[known] + 1, current.size - 1)
     missed = (current[seen] - edges.after[known]) / (edges.after[known] - edges.before[known])
-    return bool(abs(float(np.median(missed))) < MISSED)
+    middle = float(np.median(missed))
+    spread = 1.48 * float(np.median(np.abs(missed - middle)))  # of a normal distribution, by its median deviation
+    return abs(middle) < max(MISSED, CERTAIN * 1.25 * spread / np.sqrt(missed.size))
 
 
 def step_response(time: np.ndarray, t: float, zeta: float) -> np.ndarray:
@@ -136,10 +150,11 @@ def step_response(time: np.ndarray, t: float, zeta: float) -> np.ndarray:
     return np.real(1 + (two * np.exp(one * late) - one * np.exp(two * late)) / (one - two))
 
 
-def time_constant(current: np.ndarray, edges: Edges, zeta: float) -> float:
+def time_constant(current: np.ndarray, edges: Edges, zeta: float) -> float | None:
     """T of the low-pass 1/(1 + 2ζTs + T²s²) behind which a current was recorded, in samples, by its edges alone.
 
-    The one for which the median edge misfits least, each begun where it fits best.
+    The one for which the median edge misfits least, each begun where it fits best; None where the least or the largest
+    of them does.
 
     Parameters
     ----------
@@ -156,7 +171,8 @@ def time_constant(current: np.ndarray, edges: Edges, zeta: float) -> float:
     0.5
     """
     misfits = [float(np.median(_misfit(current, edges, t, zeta).min(axis=1))) for t in TIMES]
-    return float(TIMES[int(np.argmin(misfits))])
+    best = int(np.argmin(misfits))
+    return float(TIMES[best]) if 0 < best < TIMES.size - 1 else None
 
 
 def current_before(s: Signals, edges: Edges, t: float, zeta: float, finer: int) -> np.ndarray:

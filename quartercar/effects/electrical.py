@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import BETWEEN, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals, jumps
-from quartercar.effects.current_edges import at_once, find_edges
+from quartercar.effects.current_edges import at_once, edges_of
 
 SEEN_AFTER = 0.05
 """part of a sample after a step of a held current at which the force is taken"""
@@ -62,7 +62,8 @@ def rests(current: np.ndarray, largest: float) -> bool:
 
 def held(s: Signals) -> bool:
     """Whether the current of these signals is held between samples, and no filter shows at its jumps; found once."""
-    return s.fact("current", "is held", lambda i: is_held(i) and at_once(i, find_edges(i, s.sample_time)))
+    edges = edges_of(s)
+    return s.fact("current", "is held", lambda i: is_held(i) and (edges is None or at_once(i, edges)))
 
 
 def levels(signals: Sequence[Signals]) -> int:
@@ -145,9 +146,10 @@ def _jump_error(signals: Sequence[Signals]) -> float:
 
     Anywhere, if it is held; behind a filter its edges tell where.
     """
-    share = 1 / np.sqrt(12) if any(held(s) for s in signals) else PLACED if any(jumps(s["current"]) for s in signals) \
-        else BETWEEN
-    return signals[0].sample_time * share
+    if any(held(s) for s in signals):
+        return signals[0].sample_time / np.sqrt(12)
+    edges = [edges_of(s) for s in signals]
+    return signals[0].sample_time * (PLACED if any(e is not None and e.known.any() for e in edges) else BETWEEN)
 
 
 class CurrentEffect(GridEffect):

@@ -12,7 +12,7 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.spectra import SHORT, before_filter, low_passed
-from quartercar.effects.current_edges import Edges, at_once, current_before, find_edges, jumps, time_constant
+from quartercar.effects.current_edges import Edges, at_once, current_before, edges_of, time_constant
 from quartercar.effects.measurement import ChainEffect
 
 FAST, FINEST = 2000.0, 8
@@ -46,7 +46,7 @@ class SharedFilter(ChainEffect):
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         for s in signals if "current" in baseline.channels else ():
-            edges = _edges(s)
+            edges = edges_of(s)
             if edges is not None and at_once(s["current"], edges):
                 return "the current jumps, and its edges show no trace of a filter"
         return super().applies(baseline, signals)
@@ -55,9 +55,10 @@ class SharedFilter(ChainEffect):
         """By the edges of a current that jumps."""
         found, zeta = [], self.parameters[1].neutral
         for s in signals:
-            edges = _edges(s)
+            edges = edges_of(s)
             if edges is not None and not at_once(s["current"], edges):
-                found.append(s.sample_time * time_constant(s["current"], edges, zeta))
+                samples = time_constant(s["current"], edges, zeta)
+                found += [] if samples is None else [s.sample_time * samples]
         return np.array([float(np.median(found)), zeta]) if found else None
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
@@ -69,7 +70,7 @@ class SharedFilter(ChainEffect):
             if s.n_samples < SHORT:
                 return core(s)
             finer = int(np.clip(np.ceil(FAST * s.sample_time), 1, FINEST)) if baseline.static else 1
-            edges = _edges(s)
+            edges = edges_of(s)
             before = _before(s, t, zeta, finer, edges, baseline.static)
             passed = low_passed(core(before), s.sample_time / finer, t, zeta)[::finer]
             if edges is None:
@@ -89,13 +90,6 @@ class _Kept:
 
     key: tuple[float, float, int, bool]
     signals: Signals
-
-
-def _edges(s: Signals) -> Edges | None:
-    """Of the current, if there is one and it jumps."""
-    if not s.has("current"):
-        return None
-    return s.fact("current", "edges", lambda c: find_edges(c, s.sample_time) if jumps(c) else None)
 
 
 def _before(s: Signals, t: float, zeta: float, finer: int, edges: Edges | None, sharp: bool) -> Signals:

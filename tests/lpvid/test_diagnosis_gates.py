@@ -28,7 +28,7 @@ from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.rivals import DISTINCT, SEPARATED, _unwhitened, in_both, separation
 from lpvid.diagnosis.screening import directions, moves, screen
 from lpvid.diagnosis.selection import BIC_GAIN, Search
-from lpvid.diagnosis.signals import Core
+from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.steadiness import is_there
 
 
@@ -119,7 +119,29 @@ class TestFaintCauses:
         assert not self.asked(rng, 0.02, 1.0)
 
 
+class Twice(Added):
+    name, title = "twice", "in two blocks, both of one fold, and next to nothing elsewhere"
+
+    @staticmethod
+    def shape(s: Signals) -> np.ndarray:
+        k = np.arange(s.n_samples)
+        return np.where((np.abs(k - 1262) < 25) | (np.abs(k - 1462) < 25), 1.0, 1e-3 * np.sin(9 * s["u"]))
+
+
 class TestBlocksInWhichACauseMustHelp:
+    def test_those_that_were_fitted_to_themselves_do_not_count(self, rng: np.random.Generator) -> None:
+        """No other block tells of it, so that nothing was held out."""
+        problem, _ = problem_of(run := record(rng))
+        signals = replace(problem.signals[0], output=run["y"] + 3 * Twice.shape(problem.signals[0]))
+        problem = replace(problem, signals=(signals,))
+        numbers = problem.blocks.number[0][[1262, 1462]]
+        assert numbers[0] != numbers[1] and np.ptp(problem.blocks.fold[numbers]) == 0
+        composition = Composition(Bent(), (Twice(),))
+        search = Search(problem, refit(problem, composition, composition.neutral), (), rng, lambda text: None)
+        told = judge(search, composition.effects[0], out_of_fold(problem, search.fit), ())
+        assert told.delta_bic < -BIC_GAIN and told.blocks_better == 0.0
+        assert any("held-out blocks" in said for said in told.objections)
+
     def test_one_that_dwarfs_the_noise_in_most(self) -> None:
         assert _enough(np.full(30, 400.0)) == BLOCKS_BETTER
 

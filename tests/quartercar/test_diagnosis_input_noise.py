@@ -93,6 +93,16 @@ def test_a_filter_that_is_undone_by_much_stays_one(noise: float, rng: np.random.
     assert gain_without_input_noise(problem, fit, rest) == pytest.approx(1.0, abs=1e-3)
 
 
+def test_at_the_ends_no_more_is_taken_away_than_is_known(rng: np.random.Generator) -> None:
+    """What lies beyond a record is guessed: near its ends that errs by ten times the noise."""
+    t = PERIOD * np.arange(4096)
+    v = np.sin(2 * np.pi * (1.0 + 2.4 * t) * t)
+    s = Signals(PERIOD, {"velocity": v + 2e-3 * rng.standard_normal(t.size)}, v)
+    assert np.std((without_noise(s, "velocity") - v)[-40:]) > 1e-2
+    error = _quiet(s, "velocity") - v
+    assert np.std(error[-40:]) < 4e-3 and np.std(error[400:-400]) < 1.5e-3
+
+
 def test_edges_are_no_noise(rng: np.random.Generator) -> None:
     voltage = np.repeat(rng.uniform(0, 5, 60), 50) + 0.01 * rng.standard_normal(3000)
     s = Signals(PERIOD, {"voltage": voltage}, voltage)

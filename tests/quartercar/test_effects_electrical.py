@@ -24,6 +24,7 @@ from quartercar.effects.electrical import (
     levels,
 )
 from quartercar.effects.model_structure import SchedulingDegree
+from quartercar.effects.shared_filter import SharedFilter
 
 
 def of(current: np.ndarray) -> Signals:
@@ -112,6 +113,15 @@ class TestHold:
         fast = lfilter([1.02, -0.02], [1.0], edges)
         assert is_held(edges) and is_held(fast), "by their increments alone"
         assert held(of(edges)) and not held(of(fast))
+
+    @pytest.mark.parametrize("noise", [1e-3, 5e-3, 1e-2])
+    @pytest.mark.parametrize("levels", [30, 2])
+    def test_noise_of_the_current_is_no_filter(self, noise: float, levels: int, rng: np.random.Generator) -> None:
+        heights = rng.uniform(0, 2.5, 60) if levels > 2 else np.tile([0.0, 2.5], 30)
+        current = np.repeat(heights, rng.integers(20, 60, 60))
+        s = of(current + 2.5 * noise * rng.standard_normal(current.size))
+        assert held(s) and SharedFilter().shown((s,)) is None
+        assert CoilLag().clock_error((s,)) == pytest.approx(PERIOD / np.sqrt(12))
 
     @pytest.mark.parametrize(("heights", "count"), [((0.0, 2.0), 2), ((0.0, 1.0, 2.0), 3), ((1.5,), 1)])
     def test_levels_under_noise(self, heights: tuple, count: int, rng: np.random.Generator) -> None:

@@ -68,6 +68,21 @@ class TestInertia:
         assert np.std(force - 4 * exact) < (1e-3 + noise) * 4 * np.std(exact)
         assert 4.0 * (force @ exact) / (force @ force) == pytest.approx(1.0, abs=1e-3)
 
+    @pytest.mark.parametrize("top", [0.6, 0.9, 1.0])
+    def test_a_motion_of_the_whole_band_is_no_noise(self, top: float, rng: np.random.Generator) -> None:
+        """What excites up to a share of half the sample rate is differentiated up to there."""
+        spectrum = np.fft.rfft(rng.standard_normal(8192))
+        spectrum[round(top * spectrum.size):] = 0.0
+        v = np.fft.irfft(spectrum)
+        exact = np.fft.irfft(2j * np.pi * np.fft.rfftfreq(8192, PERIOD) * spectrum)
+        found = acceleration(Signals(PERIOD, {"velocity": v}, v))[256:-256]
+        assert found @ exact[256:-256] > 0.98 * np.sqrt(found @ found * (exact[256:-256] @ exact[256:-256]))
+
+    @pytest.mark.parametrize("samples", [120, 600, 1500])
+    def test_few_samples_tell_no_band(self, samples: int, rng: np.random.Generator) -> None:
+        v = motion(PERIOD * np.arange(samples))[1] + 1e-3 * rng.standard_normal(samples)
+        np.testing.assert_array_equal(acceleration(Signals(PERIOD, {"velocity": v}, v)), np.gradient(v, PERIOD))
+
     def test_a_velocity_that_jumps_is_taken_as_it_is(self) -> None:
         v = np.repeat([0.1, -0.1, 0.1], 200)
         s = Signals(PERIOD, {"velocity": v}, np.zeros(600))
