@@ -129,11 +129,17 @@ class Search:
              ) -> tuple[list[Evidence], list[Direction]]:
         """Add effects while one of them passes the block test and wins BIC; re-rank all after each.
 
-        The effect to be avoided is not the first to be added.
+        The effect to be avoided is not the first to be added. Where the set comes back to what it was, each that it
+        takes in making another superfluous, there is no more to be found.
         """
         evidence = [e for e in evidence if e.effect.name != avoid]
         faint_before = False
+        been: set[frozenset[str]] = set()
         while len(self.fit.composition.effects) < MOST_EFFECTS:
+            names = frozenset(e.name for e in self.fit.composition.effects)
+            if names in been:
+                break
+            been.add(names)
             least = min((e.p_value for e in evidence), default=1.0)
             best = self.best_addition(evidence, found) if least < SIGNIFICANT else None
             faint = best is not None and self.negligible(*best)

@@ -24,7 +24,7 @@ from lpvid.diagnosis.deciding import (
 )
 from lpvid.diagnosis.effect import Effect, EffectParameter
 from lpvid.diagnosis.noise import Whitening, noise_level
-from lpvid.diagnosis.refitting import refit
+from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.rivals import DISTINCT, SEPARATED, _unwhitened, in_both, separation
 from lpvid.diagnosis.screening import directions, moves, screen
 from lpvid.diagnosis.selection import BIC_GAIN, Search
@@ -155,6 +155,29 @@ class TestBlocksInWhichACauseMustHelp:
 
     def test_never_fewer_than_a_clear_majority(self) -> None:
         assert _enough(np.full(12, 1e-6)) == MAJORITY
+
+
+def test_a_search_that_goes_in_circles_ends(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each addition makes the one before superfluous, and is so itself beside that one."""
+    problem, composition = problem_of(record(rng, hidden=lambda u: 0.5 * np.sin(9 * u)))
+    first = refit(problem, composition, composition.neutral)
+    search, evidence, found = Search.begin(problem, first, (Wave(), Dry()), rng, lambda text: None)
+    taken: list[str] = []
+
+    def without_the_first(self: Search) -> None:
+        self.fit = self.without(*(e for e in self.fit.composition.effects if e.name != taken[-1]))
+
+    def the_other(self: Search, evidence: object, found: list) -> tuple[tuple[Effect, ...], Refit]:
+        other = self.outside()[0]
+        taken.append(other.name)
+        return (other,), self.taste((other,), found)
+
+    monkeypatch.setattr(Search, "prune", without_the_first)
+    monkeypatch.setattr(Search, "best_addition", the_other)
+    monkeypatch.setattr(Search, "negligible", lambda self, added, fit: False)
+    monkeypatch.setattr("lpvid.diagnosis.selection.SIGNIFICANT", 2.0)
+    search.grow(evidence, found)
+    assert taken == ["wave", "dry", "wave"]
 
 
 class Abrupt(Dry):
