@@ -85,7 +85,7 @@ class Judged:
 
 @dataclass(frozen=True, eq=False)
 class Folds:
-    """Out-of-fold errors of one composition: each sample by the fit to the other fold.
+    """Out-of-fold errors of one composition: each sample by the fit to the other fold, in which it weighs `LENT`.
 
     Attributes
     ----------
