@@ -62,8 +62,7 @@ def rests(current: np.ndarray, largest: float) -> bool:
 
 def held(s: Signals) -> bool:
     """Whether the current of these signals is held between samples, and no filter shows at its jumps; found once."""
-    edges = edges_of(s)
-    return s.fact("current", "is held", lambda i: is_held(i) and (edges is None or at_once(i, edges)))
+    return s.fact("current", "is held", lambda i: is_held(i) and ((e := edges_of(s)) is None or at_once(i, e)))
 
 
 def levels(signals: Sequence[Signals]) -> int:
