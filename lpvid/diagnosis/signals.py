@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-REMEMBERED = 24
-"""simulations that signals keep"""
+REMEMBERED, REPLACED = 24, 4
+"""simulations that signals keep, and what a cause makes of their channels for the last values that it was asked with"""
 STEPPED = 0.3
 """ratio of the median to the root mean square of its increments below which a channel jumps between levels"""
 
@@ -99,6 +99,18 @@ class Signals:
             self.cache[key] = make()
         return self.cache[key]
 
+    def remembered(self, kind: str, key: Hashable, make: Callable[[], Any], most: int = REPLACED) -> Any:
+        """What `make` returns for a key, of which the last few of one kind are kept."""
+        kept: OrderedDict = self.cached(kind, OrderedDict)
+        found = kept.pop(key, None)  # each step by itself is safe where several threads share the signals
+        if found is None:
+            found = make()
+        kept[key] = found
+        with suppress(KeyError):
+            if len(kept) > most:
+                kept.popitem(last=False)
+        return found
+
     def fact(self, role: str, key: object, make: Callable[[np.ndarray], Any]) -> Any:
         """What `make` finds about one channel, computed once for all signals that share it by `replace`."""
         if (role, key) not in self.facts:
@@ -168,13 +180,9 @@ class Remembered:
     key: Hashable
 
     def __call__(self, s: Signals) -> np.ndarray:
-        kept: OrderedDict = s.cached("simulations", OrderedDict)
-        out = kept.pop(self.key, None)  # each step by itself is safe where several threads share the signals
-        if out is None:
+        def run() -> np.ndarray:
             out = self.core(s).view()
             out.flags.writeable = False
-        kept[self.key] = out
-        with suppress(KeyError):
-            if len(kept) > REMEMBERED:
-                kept.popitem(last=False)
-        return out
+            return out
+
+        return s.remembered("simulations", self.key, run, REMEMBERED)

@@ -104,20 +104,26 @@ def find_edges(current: np.ndarray, sample_time: float) -> Edges:
         begun = np.abs(current[first] - current[np.maximum(first - 1, 0)]) > seen
         first = np.where(begun & (np.append(-1, last[:-1]) < first - 1), first - 1, first)
     size = np.abs(current[last] - current[first])
-    ends = np.append(first, current.size - 1)
-    starts = np.append(0, last)
-    rests = [current[a:b + 1] for a, b in zip(starts, ends, strict=True)]
-    before = np.array([_level(r[max(r.size - LASTS, r.size // 2):], d) for r, d in zip(rests[:-1], size, strict=True)])
-    after = np.array([_level(r[min(LASTS, r.size // 2):][:LASTS], d) for r, d in zip(rests[1:], size, strict=True)])
-    way = np.array([np.abs(np.diff(current[a:b + 1])).sum() for a, b in zip(first, last, strict=True)])
-    after[way > ASTRAY * size] = np.nan  # several jumps at once
-    until, then = (np.minimum(first + 1 + round(time / sample_time), ends[1:] + 1) for time in (BUSY, SLOWEST))
+    starts, ends = np.append(0, last), np.append(first, current.size - 1) + 1
+    rest = ends - starts
+    before = _levels(current, np.maximum(ends - LASTS, starts + rest // 2)[:-1], ends[:-1], size)
+    begun = (starts + np.minimum(LASTS, rest // 2))[1:]
+    after = _levels(current, begun, np.minimum(begun + LASTS, ends[1:]), size)
+    way = np.concatenate([[0.0], np.cumsum(steps)])
+    after[way[last] - way[first] > ASTRAY * size] = np.nan  # several jumps at once
+    until, then = (np.minimum(first + 1 + round(time / sample_time), ends[1:]) for time in (BUSY, SLOWEST))
     return Edges(first, until, then, before, after, current.size)
 
 
-def _level(rest: np.ndarray, size: float) -> float:
-    """Where a current rests beside a jump of a size; NaN where it does not."""
-    return float(np.median(rest)) if rest.size >= LEAST and np.ptp(rest) < RIPPLE * size else np.nan
+def _levels(current: np.ndarray, start: np.ndarray, end: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """(k,) medians of current[start:end], `LASTS` samples at most, beside jumps of a size; NaN where it is restless."""
+    count, k = end - start, np.arange(start.size)
+    at = start[:, None] + np.arange(LASTS)
+    rest = np.sort(np.where(at < end[:, None], current[np.minimum(at, current.size - 1)], np.inf), axis=1)
+    top = rest[k, np.maximum(count - 1, 0)]
+    middle = 0.5 * (rest[k, np.maximum(count - 1, 0) // 2] + rest[k, np.minimum(count // 2, LASTS - 1)])
+    with np.errstate(invalid="ignore"):
+        return np.where((count >= LEAST) & (top - rest[:, 0] < RIPPLE * size), middle, np.nan)
 
 
 def at_once(current: np.ndarray, edges: Edges) -> bool:

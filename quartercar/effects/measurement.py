@@ -69,12 +69,12 @@ class DisplacementDelay(ChainEffect, LateEffect):
         if delay <= 0:
             return core
 
-        def run(s: Signals) -> np.ndarray:
+        def prompt(s: Signals) -> Signals:
             lag = share * delay if s.n_samples >= SHORT else 0.0
-            prompt = {m: before_filter(s, m, (lag,)) if lag > 0 else s[m] for m in MOTION if s.has(m)}
-            return core(s.replace(**{m: glided(c, (delay - lag) / s.sample_time) for m, c in prompt.items()}))
+            sharp = {m: before_filter(s, m, (lag,)) if lag > 0 else s[m] for m in MOTION if s.has(m)}
+            return s.replace(**{m: glided(c, (delay - lag) / s.sample_time) for m, c in sharp.items()})
 
-        return run
+        return lambda s: core(s.remembered("prompt", (delay, share), lambda: prompt(s)))
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("the input's delay chosen anew", delay=True)
@@ -102,11 +102,11 @@ class ForceDelay(ChainEffect):
         if delay <= 0:
             return core
 
-        def run(s: Signals) -> np.ndarray:
-            early = {k: shifted(c, -delay / s.sample_time) for k, c in s.channels.items() if k != "current"}
-            return core(s.replace(**early, **({"current": read_earlier(s, delay)} if s.has("current") else {})))
+        def early(s: Signals) -> Signals:
+            read = {k: shifted(c, -delay / s.sample_time) for k, c in s.channels.items() if k != "current"}
+            return s.replace(**read, **({"current": read_earlier(s, delay)} if s.has("current") else {}))
 
-        return run
+        return lambda s: core(s.remembered("early", delay, lambda: early(s)))
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("the input's delay chosen anew", delay=True)
@@ -139,11 +139,12 @@ class OneSidedFilter(ChainEffect):
         if t <= 0:
             return core
 
-        def run(s: Signals) -> np.ndarray:
-            factors = (2 * zeta * t + third, t**2 + 2 * zeta * t * third, t**2 * third)
-            return core(s.replace(**{m: before_filter(s, m, factors) for m in MOTION if s.has(m)}))
+        factors = (2 * zeta * t + third, t**2 + 2 * zeta * t * third, t**2 * third)
 
-        return run
+        def sharp(s: Signals) -> Signals:
+            return s.replace(**{m: before_filter(s, m, factors) for m in MOTION if s.has(m)})
+
+        return lambda s: core(s.remembered("sharp", factors, lambda: sharp(s)))
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("two more samples of the input", order=2)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -71,7 +70,8 @@ class SharedFilter(ChainEffect):
                 return core(s)
             finer = int(np.clip(np.ceil(FAST * s.sample_time), 1, FINEST)) if baseline.static else 1
             edges = edges_of(s)
-            before = _before(s, t, zeta, finer, edges, baseline.static)
+            before = s.remembered("before the filter", (t, zeta, finer, baseline.static),
+                                  lambda: _before(s, t, zeta, finer, edges, baseline.static))
             passed = low_passed(core(before), s.sample_time / finer, t, zeta)[::finer]
             if edges is None:
                 return passed
@@ -84,27 +84,14 @@ class SharedFilter(ChainEffect):
         return LpvChange("two more samples of input and output", order=2)
 
 
-@dataclass(frozen=True, eq=False)
-class _Kept:
-    """Signals before a filter, and what they were asked for."""
-
-    key: tuple[float, float, int, bool]
-    signals: Signals
-
-
 def _before(s: Signals, t: float, zeta: float, finer: int, edges: Edges | None, sharp: bool) -> Signals:
-    """Signals before a filter that all channels have passed, `finer` times as fast; those asked for last are kept.
+    """Signals before a filter that all channels have passed, `finer` times as fast.
 
     The current's edges are made sharp only for a law that can be asked between the samples.
     """
-    kept = s.cache.get("before the filter")  # one object, so that threads that share the signals never see half of it
-    if kept is not None and kept.key == (t, zeta, finer, sharp):
-        return kept.signals
     factors = (2 * zeta * t, t**2)
     channels = {c: before_filter(s, c, factors, finer) for c in s.channels if c != "current" or edges is None}
     if edges is not None:
         channels["current"] = current_before(s, edges, t, zeta, finer) if sharp else s["current"]
-    undone = Signals(s.sample_time / finer, channels, np.repeat(s.output, finer), s.name, s.span, record=s.record,
-                     finer=finer * s.finer)
-    s.cache["before the filter"] = _Kept((t, zeta, finer, sharp), undone)
-    return undone
+    return Signals(s.sample_time / finer, channels, np.repeat(s.output, finer), s.name, s.span, record=s.record,
+                   finer=finer * s.finer)
