@@ -45,6 +45,11 @@ class Composition:
         return tuple(found)
 
     @property
+    def members(self) -> frozenset[str]:
+        """Names of the effects."""
+        return frozenset(e.name for e in self.effects)
+
+    @property
     def neutral(self) -> np.ndarray:
         """(P,) the baseline's parameters, and every effect absent."""
         return np.concatenate([self.baseline.vector, *(e.neutral for e in self.effects)])

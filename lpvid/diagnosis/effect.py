@@ -72,10 +72,10 @@ class EffectParameter:
 
     @property
     def reach(self) -> tuple[float, float]:
-        """The plausible range with some room: by a factor for a positive quantity, else by a share of the range."""
+        """The plausible range with some room: by a factor to either side of 0."""
         low, high = self.plausible
-        room = (BEYOND - 1) * (high - low)
-        return max(low / BEYOND if low > 0 else low - room, self.bounds[0]), min(high + room, self.bounds[1])
+        return (max(low / BEYOND if low > 0 else low * BEYOND, self.bounds[0]),
+                min(high / BEYOND if high < 0 else high * BEYOND, self.bounds[1]))
 
     def choice(self, value: float) -> str | None:
         """What a value means where there are choices; None for a number."""

@@ -193,10 +193,12 @@ class _Case:
         explain is then told once more: it must not lend them its share.
         """
         gone: list[Judged] = []
+        been: set[frozenset[str]] = set()
         turn = regrown = 0
         while True:
             turn += 1
             fit = self.search.fit
+            been.add(fit.composition.members)
             after = out_of_fold(self.problem, fit) if fit.composition.effects else before
             self.say("weighing rivals")
             effects = fit.composition.effects
@@ -205,7 +207,7 @@ class _Case:
                 judged = with_small_print(self.search, judged)
                 structure = float(np.sqrt(self._predictable(fit) * np.mean(after.plain**2)))
                 judged = with_takeovers(self.search, shadowed(self.search, judged, structure))
-            if turn < MOST_TURNS and self._give_way(judged, gone):
+            if turn < MOST_TURNS and self._give_way(judged, gone, been):
                 continue
             bad = [j for j in judged if j.objections]
             small = [j for j in judged if j.minor]
@@ -215,7 +217,7 @@ class _Case:
                 self.search.fit = self._final(fit, [j for j in judged if j is not least])
                 continue
             if len(bad) == len(judged) or all(j.minor for j in bad):
-                return [*judged, *gone], [*bad, *gone], after
+                return [*judged, *gone], [*bad, *reversed(gone)], after
             worst = min((j for j in bad if not j.minor), key=lambda j: j.contribution)
             gone.append(worst)
             self.search.fit = self._final(fit, [j for j in judged if j is not worst])
@@ -223,15 +225,20 @@ class _Case:
                 regrown += 1
                 self.search.grow(*self.search.rewhiten(), avoid=worst.effect.name)
 
-    def _give_way(self, judged: list[Judged], gone: list[Judged]) -> bool:
-        """Put a better name in the place of one of the set; whether there was one."""
+    def _give_way(self, judged: list[Judged], gone: list[Judged], been: set[frozenset[str]]) -> bool:
+        """Put a better name in the place of one of the set; whether there was one that leads to no set that has been.
+
+        Two that are better than each other, each by its own fit, would take turns.
+        """
         was = {j.effect.name for j in (*judged, *gone)}
         for j in judged:
             special = next((a for a in j.rivals if a.effect.name in j.effect.contains), None)
             instead = special or j.better
-            if instead is None and j.objections and not j.minor:
+            if instead is not None:
+                instead = None if instead.fit.composition.members in been else instead
+            elif j.objections and not j.minor:
                 others = alternatives(self.search, j.effect, j.without)
-                instead = next((a for a in others if a.effect.name not in was
+                instead = next((a for a in others if a.effect.name not in was and a.fit.composition.members not in been
                                 and a.fit.bic() < j.without.bic() - BIC_GAIN), None)
                 if instead is not None:
                     gone.append(j)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit
 from lpvid.diagnosis.signals import Signals, jumps
 from lpvid.diagnosis.spectra import is_meant, weighed_alike, without_noise
-
-ENDS = 0.25
-"""time at either end of a record over which the noise is left in, less and less: what lies beyond is guessed [s]"""
 
 
 def gain_without_input_noise(problem: Problem, fit: Refit, rest: Refit) -> float:
@@ -34,10 +33,14 @@ def gain_without_input_noise(problem: Problem, fit: Refit, rest: Refit) -> float
     """
     if not rest.cost > fit.cost:
         return 1.0
-    quiet = [_without(s) for s in problem.signals]
     change = problem.stack([fit.composition.predict(s, fit.vector) - rest.composition.predict(s, rest.vector)
-                            for s in quiet])
+                            for s in without_input_noise(problem).signals])
     return float(2 * change @ rest.errors - change @ change) / (rest.cost - fit.cost)
+
+
+def without_input_noise(problem: Problem) -> Problem:
+    """The same, driven by inputs of which each frequency is weighed with the share of it that is motion."""
+    return replace(problem, signals=tuple(_without(s) for s in problem.signals))
 
 
 def _without(s: Signals) -> Signals:
@@ -57,8 +60,5 @@ def _quiet(s: Signals, channel: str) -> np.ndarray:
     values = s[channel]
     if jumps(values):
         return values
-    noise = values - without_noise(s, channel)
-    if is_meant(noise, values):
-        return values
-    ends = np.minimum(np.arange(values.size), np.arange(values.size)[::-1]) * s.sample_time / ENDS
-    return values - np.clip(ends, 0.0, 1.0) * noise
+    quiet = without_noise(s, channel)
+    return values if is_meant(values - quiet, values) else quiet

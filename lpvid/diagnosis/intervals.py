@@ -7,7 +7,7 @@ import numpy as np
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, covariance
-from lpvid.diagnosis.screening import directions, move, moves
+from lpvid.diagnosis.screening import Direction, directions, move, moves
 from lpvid.diagnosis.selection import Search
 
 
@@ -63,5 +63,10 @@ def _at_work(problem: Problem, fit: Refit, effect: Effect) -> tuple[float, tuple
     found = [(d, m) for d, m in zip(directions(problem, fit, moved), moved, strict=True) if d.visible]
     if not found:
         return None
-    best, likely = max(found, key=lambda pair: pair[0].gain)
+    best, likely = max(found, key=lambda pair: _gain(pair[0], min(pair[0].share, 1.0)))
     return min(best.share, 1.0), likely.change
+
+
+def _gain(direction: Direction, share: float) -> float:
+    """Fall of the squared error by a share γ of a change d: 2 γ d·e − γ² d·d."""
+    return share * (2 * direction.share - share) * direction.norm**2

@@ -8,6 +8,7 @@ import numpy as np
 
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.input_noise import without_input_noise
 from lpvid.diagnosis.noise import WHITE
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
@@ -35,8 +36,8 @@ PLAIN, HINTED, HINTED_KIN = 0.1, 0.03, 0.005
 whatever the whitened error says, and by which it must seem to for the whitened error alone not to decide; the last for
 two on one path, which differ by little else than bands that whitening weighs most"""
 CHAINED = 1000.0
-"""log-likelihood by which a lag of one channel may trail another for a filter of all channels to be put beside both: a
-low-pass and a delay that lags differ by as little as a filter that is too weak to be found"""
+"""log-likelihood by which a lag of the motion may trail another for the noise of its sensors, and a filter of all
+channels beside both, to be reckoned with: a low-pass and a delay that lags differ by no more than these make of them"""
 SURE = 3.0
 """standard errors over the blocks from which on a difference is sure"""
 
@@ -105,10 +106,10 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
             apart += FORM * (rest.cost - now.cost) / now.variance
         elif effect.catch_all and not e.effect.catch_all:
             apart -= COMPONENT * (rest.cost - now.cost) / now.variance
+        elif e.effect.path == effect.path == "motion" and abs(apart) < CHAINED:
+            apart, fit = _of_motion(search, fit, apart, spared, separation(rest, now))
         else:
             apart = _weighed(problem, apart, now, fit, separation(rest, now), _kin(e.effect, effect))
-            if e.effect.path == "motion" and _kin(e.effect, effect) and SEPARATED < apart < CHAINED:
-                apart, fit = _behind_a_filter(search, apart, fit)
         if e.effect.name in effect.contains:
             apart -= REFINED * (rest.cost - now.cost) / now.variance
         if not e.effect.implausible(own_values(fit, e.effect)):
@@ -119,6 +120,32 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
 def _kin(one: Effect, other: Effect) -> bool:
     """Whether two effects lie on the same path."""
     return bool(one.path) and one.path == other.path
+
+
+def _of_motion(search: Search, fit: Refit, apart: float, spared: float, margin: float) -> tuple[float, Refit]:
+    """By how much a rival that acts on the motion trails a cause that does, and its best fit.
+
+    The noise of the motion's sensors, which a filter that is undone raises and a delay does not, must not speak against
+    the one whose simulation it moves more: where it does, inputs without that noise tell. Among sines that both bring
+    to where they were, it is all by which they differ.
+    """
+    problem, now = search.problem, search.fit
+    without = without_input_noise(problem)
+    own, other = (refit(without, f.composition, f.vector, rough=True) for f in (now, fit))
+    quietly = float(other.cost - own.cost) / own.variance + spared
+    relieved = _moved_by(problem, without, fit) > _moved_by(problem, without, now)
+    if quietly < apart if relieved else quietly > apart:
+        apart = _weighed(without, quietly, own, other, margin, True)
+    else:
+        apart = _weighed(problem, apart, now, fit, margin, True)
+    return _behind_a_filter(search, apart, fit) if SEPARATED < apart < CHAINED else (apart, fit)
+
+
+def _moved_by(problem: Problem, without: Problem, fit: Refit) -> float:
+    """Squared whitened change of a simulation where the noise of its inputs is taken away."""
+    change = problem.stack([fit.composition.predict(s, fit.vector) - fit.composition.predict(q, fit.vector)
+                            for s, q in zip(problem.signals, without.signals, strict=True)])
+    return float(change @ change)
 
 
 def _behind_a_filter(search: Search, apart: float, fit: Refit) -> tuple[float, Refit]:

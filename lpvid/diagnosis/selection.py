@@ -136,10 +136,9 @@ class Search:
         faint_before = False
         been: set[frozenset[str]] = set()
         while len(self.fit.composition.effects) < MOST_EFFECTS:
-            names = frozenset(e.name for e in self.fit.composition.effects)
-            if names in been:
+            if self.fit.composition.members in been:
                 break
-            been.add(names)
+            been.add(self.fit.composition.members)
             least = min((e.p_value for e in evidence), default=1.0)
             best = self.best_addition(evidence, found) if least < SIGNIFICANT else None
             faint = best is not None and self.negligible(*best)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from lpvid.diagnosis.continuation import Continued
 from lpvid.diagnosis.signals import Signals, jumps
 
 QUIET = 0.3
@@ -16,6 +17,8 @@ BAND = 1.5
 """times the highest frequency of a motion up to which all of it is differentiated; nothing from twice that on"""
 MANY, MEANT = 4, 0.05
 """stretches from which on the end of the band is told; share of a channel's variance that is no sensor's noise"""
+LASTING = 50.0
+"""times its time constant that a low-pass remembers what has been"""
 STRETCH, ABOVE = 1.0, 2.0
 """length of the stretches whose spectra are averaged before they are compared with that level [s]; times that they must
 stand above it"""
@@ -26,8 +29,8 @@ def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: i
 
     x + Σ_k c_k dᵏx/dtᵏ, differentiated in the frequency domain, each frequency weighed with Wiener's share (S − 2N)₊/S,
     N the sensor's noise taken twice to be safe, S the power: elsewhere to undo a filter raises little but noise. N is
-    the level at the top of the spectrum. The ends are continued by their odd reflection, which keeps the slope. On a
-    clock `finer` times as fast it is band-limited in between. A channel of few samples stays as it is.
+    the level at the top of the spectrum. Beyond its ends it goes on as it can be predicted (`ahead`). On a clock
+    `finer` times as fast it is band-limited in between. A channel of few samples stays as it is.
     """
     return _weighed(s, channel, lambda omega, share: 1 + share * sum(c * (1j * omega) ** (k + 1)
                                                                      for k, c in enumerate(factors)), finer)
@@ -67,24 +70,21 @@ def is_meant(taken: np.ndarray, values: np.ndarray) -> bool:
 
 def low_passed(x: np.ndarray, sample_time: float, t: float, zeta: float) -> np.ndarray:
     """(n,) x behind 1/(1 + 2ζTs + T²s²), in the frequency domain, its ends continued by their odd reflection."""
-    spectrum, omega = _continued(x, sample_time)
-    s = 1j * omega
-    passed = spectrum / (1 + 2 * zeta * t * s + (t * s) ** 2)
-    return np.fft.irfft(passed, 2 * spectrum.size - 2)[x.size // 2: x.size // 2 + x.size]
+    signal = Continued.reflected(x, sample_time, LASTING * t)
+    s = 1j * signal.omega
+    return signal.back(signal.spectrum / (1 + 2 * zeta * t * s + (t * s) ** 2))
 
 
 def _weighed(s: Signals, channel: str, weights: Callable[[np.ndarray, np.ndarray], np.ndarray],
              finer: int = 1) -> np.ndarray:
     """(n finer,) a channel, its spectrum times weights(ω, share that is motion); one of few samples as it is."""
-    n = s[channel].size
-    if n < SHORT:
+    if s[channel].size < SHORT:
         return np.repeat(s[channel], finer)
-    spectrum, omega, share = _known(s, channel)
-    size = finer * (2 * spectrum.size - 2)
-    return finer * np.fft.irfft(spectrum * weights(omega, share), size)[finer * (n // 2): finer * (n // 2 + n)]
+    signal, share = _known(s, channel)
+    return signal.back(signal.spectrum * weights(signal.omega, share), finer)
 
 
-def _known(s: Signals, channel: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _known(s: Signals, channel: str) -> tuple[Continued, np.ndarray]:
     """`_spectrum` of a channel, found once."""
     return s.fact(channel, "spectrum", lambda x: _spectrum(x, s.sample_time, s.finer))
 
@@ -95,34 +95,22 @@ def weighed_alike(s: Signals, like: Signals, channel: str) -> None:
     One whose noise was taken away seems to move at every frequency: a filter would be undone where there is nothing.
     """
     if s[channel].size >= SHORT:
-        s.facts[channel, "spectrum"] = (_continued(s[channel], s.sample_time)[0], *_known(like, channel)[1:])
+        s.facts[channel, "spectrum"] = (Continued.predicted(s[channel], s.sample_time), _known(like, channel)[1])
 
 
-def _spectrum(x: np.ndarray, sample_time: float, finer: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Spectrum of a channel continued at both ends, its frequencies [rad/s], and the share of each that is motion.
+def _spectrum(x: np.ndarray, sample_time: float, finer: int) -> tuple[Continued, np.ndarray]:
+    """Spectrum of a channel continued at both ends, and the share of each frequency that is motion.
 
     Of one on a clock `finer` times as fast as it was recorded only the band that was recorded counts.
     """
     from scipy.signal import welch
 
-    spectrum, omega = _continued(x, sample_time)
+    signal = Continued.predicted(x, sample_time)
+    omega = signal.omega
     at, power = welch(x, 1 / sample_time, nperseg=min(x.size, max(round(STRETCH / sample_time), 2)))
     recorded = at <= at[-1] / finer
     top = power[recorded]
     noise = float(np.median(top[-round(QUIET * top.size):]))
     share = np.maximum(1 - ABOVE * noise / np.maximum(np.interp(omega, 2 * np.pi * at, power), 1e-300), 0.0)
     share[omega < 2 * np.pi * at[1]] = 1.0  # where a mean lies no stretch tells
-    return spectrum, omega, np.where(omega <= omega[-1] / finer, share, 0.0)
-
-
-def _continued(x: np.ndarray, sample_time: float) -> tuple[np.ndarray, np.ndarray]:
-    """Spectrum of a signal continued by its odd reflection at both ends and closed by a ramp; frequencies [rad/s]."""
-    from scipy.fft import next_fast_len
-
-    n = x.size
-    before = 2 * x[0] - x[1: n // 2 + 1][::-1]
-    after = 2 * x[-1] - x[-2: -2 - n // 2: -1]
-    longer = np.concatenate([before, x, after])
-    size = 2 * int(next_fast_len((longer.size + 1) // 2, real=True) or 0)
-    ramp = np.linspace(longer[-1], longer[0], size - longer.size + 2)[1:-1]
-    return np.fft.rfft(np.concatenate([longer, ramp])), 2 * np.pi * np.fft.rfftfreq(size, sample_time)
+    return signal, np.where(omega <= omega[-1] / finer, share, 0.0)

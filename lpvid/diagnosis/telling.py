@@ -97,7 +97,9 @@ class Telling:
         sure = deviations(self.search) if spoken and d.named else np.empty(0)
         where = f"{len(self.held_out)} further record(s)" if self.held_out else \
             "alternating blocks, each judged by the fit to the others, in which it weighs a hundredth"
-        rejected = [Rejected(j.effect.name, "; ".join(j.objections)) for j in d.dropped]
+        standing = {j.effect.name for j in (*d.named, *d.contested)}
+        latest = {j.effect.name: j for j in reversed(d.dropped) if j.effect.name not in standing}
+        rejected = [Rejected(j.effect.name, "; ".join(j.objections)) for j in reversed(latest.values())]
         if not spoken:
             why = "what is left still follows the inputs" if d.phi is None or d.phi[0] >= EXPLAINED else \
                 f"explains {d.phi[0]:.0%} of the excess error only"

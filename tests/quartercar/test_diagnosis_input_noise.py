@@ -90,17 +90,16 @@ def test_a_filter_that_is_undone_by_much_stays_one(noise: float, rng: np.random.
     begun = filtered.neutral
     begun[filtered.places[0]] = period, 0.7071, 0.0
     fit, rest = refit(problem, filtered, begun), refit(problem, alone, alone.neutral)
-    assert gain_without_input_noise(problem, fit, rest) == pytest.approx(1.0, abs=1e-3)
+    assert gain_without_input_noise(problem, fit, rest) == pytest.approx(1.0, abs=5e-3)
 
 
-def test_at_the_ends_no_more_is_taken_away_than_is_known(rng: np.random.Generator) -> None:
-    """What lies beyond a record is guessed: near its ends that errs by ten times the noise."""
+def test_at_the_ends_a_channel_is_as_quiet_as_inside(rng: np.random.Generator) -> None:
+    """What lies beyond a record is guessed: continued by its reflection it erred there by ten times the noise."""
     t = PERIOD * np.arange(4096)
     v = np.sin(2 * np.pi * (1.0 + 2.4 * t) * t)
     s = Signals(PERIOD, {"velocity": v + 2e-3 * rng.standard_normal(t.size)}, v)
-    assert np.std((without_noise(s, "velocity") - v)[-40:]) > 1e-2
-    error = _quiet(s, "velocity") - v
-    assert np.std(error[-40:]) < 4e-3 and np.std(error[400:-400]) < 1.5e-3
+    error = without_noise(s, "velocity") - v
+    assert np.std(error[-40:]) < 1.5e-3 and np.std(error[:40]) < 1.5e-3 and np.std(error[400:-400]) < 1.5e-3
 
 
 def test_edges_are_no_noise(rng: np.random.Generator) -> None:
