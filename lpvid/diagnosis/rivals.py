@@ -36,8 +36,8 @@ PLAIN, HINTED, HINTED_KIN = 0.1, 0.03, 0.005
 whatever the whitened error says, and by which it must seem to for the whitened error alone not to decide; the last for
 two on one path, which differ by little else than bands that whitening weighs most"""
 CHAINED = 1000.0
-"""log-likelihood by which a lag of the motion may trail another for the noise of its sensors, and a filter of all
-channels beside both, to be reckoned with: a low-pass and a delay that lags differ by no more than these make of them"""
+"""log-likelihood by which a lag of the motion may trail another for a filter of all channels to be put beside both: a
+low-pass and a delay that lags differ by as little as a filter that is too weak to be found"""
 SURE = 3.0
 """standard errors over the blocks from which on a difference is sure"""
 
@@ -106,8 +106,8 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
             apart += FORM * (rest.cost - now.cost) / now.variance
         elif effect.catch_all and not e.effect.catch_all:
             apart -= COMPONENT * (rest.cost - now.cost) / now.variance
-        elif e.effect.path == effect.path == "motion" and abs(apart) < CHAINED:
-            apart, fit = _of_motion(search, fit, apart, spared, separation(rest, now))
+        elif e.effect.path == effect.path == "motion":
+            apart, fit = _of_motion(search, fit, spared, separation(rest, now))
         else:
             apart = _weighed(problem, apart, now, fit, separation(rest, now), _kin(e.effect, effect))
         if e.effect.name in effect.contains:
@@ -122,30 +122,16 @@ def _kin(one: Effect, other: Effect) -> bool:
     return bool(one.path) and one.path == other.path
 
 
-def _of_motion(search: Search, fit: Refit, apart: float, spared: float, margin: float) -> tuple[float, Refit]:
+def _of_motion(search: Search, fit: Refit, spared: float, margin: float) -> tuple[float, Refit]:
     """By how much a rival that acts on the motion trails a cause that does, and its best fit.
 
-    The noise of the motion's sensors, which a filter that is undone raises and a delay does not, must not speak against
-    the one whose simulation it moves more: where it does, inputs without that noise tell. Among sines that both bring
-    to where they were, it is all by which they differ.
+    Told by inputs without their sensors' noise, which a filter that is undone raises and a delay does not: among sines
+    that both bring to where they were, it is all by which they differ.
     """
-    problem, now = search.problem, search.fit
-    without = without_input_noise(problem)
-    own, other = (refit(without, f.composition, f.vector, rough=True) for f in (now, fit))
-    quietly = float(other.cost - own.cost) / own.variance + spared
-    relieved = _moved_by(problem, without, fit) > _moved_by(problem, without, now)
-    if quietly < apart if relieved else quietly > apart:
-        apart = _weighed(without, quietly, own, other, margin, True)
-    else:
-        apart = _weighed(problem, apart, now, fit, margin, True)
+    quiet = without_input_noise(search.problem)
+    now, other = (refit(quiet, f.composition, f.vector, rough=True) for f in (search.fit, fit))
+    apart = _weighed(quiet, float(other.cost - now.cost) / now.variance + spared, now, other, margin, True)
     return _behind_a_filter(search, apart, fit) if SEPARATED < apart < CHAINED else (apart, fit)
-
-
-def _moved_by(problem: Problem, without: Problem, fit: Refit) -> float:
-    """Squared whitened change of a simulation where the noise of its inputs is taken away."""
-    change = problem.stack([fit.composition.predict(s, fit.vector) - fit.composition.predict(q, fit.vector)
-                            for s, q in zip(problem.signals, without.signals, strict=True)])
-    return float(change @ change)
 
 
 def _behind_a_filter(search: Search, apart: float, fit: Refit) -> tuple[float, Refit]:

@@ -13,14 +13,14 @@ from lpvid.diagnosis.engine import DiagnosisSettings, diagnose
 from lpvid.diagnosis.noise import WHITE
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
-from lpvid.diagnosis.rivals import _behind_a_filter, _without_chain
+from lpvid.diagnosis.rivals import SEPARATED, _behind_a_filter, _of_motion, _without_chain
 from lpvid.diagnosis.selection import Search
 from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.spectra import low_passed
 from lpvid.record import Channel, Record
 from quartercar.effects.electrical import CoilLag, RiseFallLag
 from quartercar.effects.friction_gas import GasStiffness
-from quartercar.effects.measurement import ForceDelay, ForceOffset
+from quartercar.effects.measurement import DisplacementDelay, ForceDelay, ForceOffset, OneSidedFilter
 from quartercar.effects.shared_filter import SharedFilter
 from quartercar.effects.structure import FixtureResonance
 
@@ -84,6 +84,36 @@ def test_one_that_trails_behind_a_filter_as_well_is_no_nearer_than_that() -> Non
     apart, found, _ = behind((SharedFilter(),), GasStiffness())
     assert [e.name for e in found.composition.effects] == ["gas-stiffness", "shared-filter"]
     assert 100 < apart < FAR and found.cost > 1.1 * behind((SharedFilter(),))[1].cost
+
+
+def among_sines(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Displacement and velocity of three tones, which a delay and a low-pass bring to where they were alike."""
+    tones = [(0.01, 0.7, 0.0), (0.006, 1.9, 1.0), (0.003, 4.3, 2.0)]
+    x = sum(a * np.sin(2 * np.pi * f * t + p) for a, f, p in tones)
+    return x, sum(2 * np.pi * f * a * np.cos(2 * np.pi * f * t + p) for a, f, p in tones)
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.05])
+@pytest.mark.parametrize(("corner", "most"), [(53.0, SEPARATED), (16.0, -2 * SEPARATED)])
+def test_noise_of_the_motion_does_not_speak_against_the_filter_that_raises_it(noise: float, corner: float, most: float,
+                                                                              rng: np.random.Generator) -> None:
+    """A delay wins by hundreds as long as the noise counts; without it these data tell, or cannot."""
+    t, lag = PERIOD * np.arange(6000), 1 / (2 * np.pi * corner)
+    x, v = among_sines(t)
+    whole = Signals(PERIOD, {"displacement": x, "velocity": v, "current": np.ones(t.size)}, np.zeros(t.size))
+    passed = [low_passed(c, PERIOD, lag, np.sqrt(0.5)) for c in (x, v)]
+    late = [c + noise * c.std() * rng.standard_normal(t.size) for c in passed]
+    s = whole.replace(displacement=late[0], velocity=late[1])
+    s = Signals(PERIOD, s.channels, guo().core(guo().vector)(whole) + 5.0 * rng.standard_normal(t.size))
+    problem, fits = Problem((s,), Blocks.of((s,)), WHITE), []
+    for effect, begun in ((DisplacementDelay(), (1.4 * lag, 0.2)), (OneSidedFilter(), (lag, 0.7, 0.0))):
+        composition = Composition(guo(), (effect,))
+        vector = composition.neutral
+        vector[composition.places[0]] = begun
+        fits.append(refit(problem, composition, vector))
+    delay, filtered = fits
+    assert (filtered.cost - delay.cost) / delay.variance > 300
+    assert _of_motion(Search(problem, delay, (), rng, print), filtered, 0.0, SEPARATED)[0] < most
 
 
 @pytest.mark.parametrize(("levels", "told"), [((0.0, 0.4, 0.8, 1.2, 1.6, 2.0), {"coil-lag", "rise-fall-lag"}),
