@@ -23,6 +23,7 @@ from lpvid.diagnosis.deciding import (
     surer_share,
 )
 from lpvid.diagnosis.effect import Effect, EffectParameter
+from lpvid.diagnosis.engine import _Case
 from lpvid.diagnosis.noise import Whitening, noise_level
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.rivals import DISTINCT, SEPARATED, _unwhitened, in_both, separation
@@ -241,3 +242,27 @@ class TestStrengthOfNothing:
         told = judge(search, search.fit.composition.effects[-1], out_of_fold(search.problem, search.fit), ())
         assert told.effect.name == "wave" and not told.minor
         assert "its strength is not surely different from none" in told.objections
+
+
+class TestGivingWay:
+    """One of the set gives way to another that does clearly better in its place."""
+
+    @pytest.mark.parametrize("been", [set(), {frozenset({"dry"})}])
+    def test_not_to_one_that_leads_to_a_set_that_has_been(self, been: set[frozenset[str]]) -> None:
+        """Two that are better than each other, each by its own fit, would take turns as long as they may."""
+        better = SimpleNamespace(effect=Dry(), fit=SimpleNamespace(composition=Composition(Bent(), (Dry(),))))
+        one = SimpleNamespace(effect=Wave(), rivals=(), better=better, objections=(), minor=False, p_value=0.01)
+        search = SimpleNamespace(fit="as it is", p_values={})
+        case = SimpleNamespace(search=search, say=lambda text: None)
+        assert _Case._give_way(case, [one], [], been) == (not been)  # type: ignore[arg-type]
+        assert search.fit == ("as it is" if been else better.fit)
+
+
+class TestPlausibleRange:
+    @pytest.mark.parametrize(("plausible", "reach"), [
+        ((0.0, 2.0), (0.0, 3.0)), ((1.0, 2.0), (1.0 / 1.5, 3.0)), ((-0.5, 0.5), (-0.75, 0.75)),
+        ((-0.5, 1.0), (-0.75, 1.5)), ((-2.0, -1.0), (-3.0, -1.0 / 1.5)), ((0.0, 90.0), (0.0, 100.0))])
+    def test_it_has_room_by_a_factor(self, plausible: tuple[float, float], reach: tuple[float, float]) -> None:
+        """A damping less by 50 % may well be less by 75 %, and not by more than there is of it."""
+        found = EffectParameter("size", "N", "s", 0.0, plausible, (-100.0, 100.0), (1.0,)).reach
+        assert found == pytest.approx(reach)
