@@ -38,8 +38,8 @@ class SchedulingDegree(CurrentEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("quadratic", "1/A", "q", 0.0, (-0.9, 0.9), (-4.0, 4.0), (-0.08, 0.08)),
-                EffectParameter("cubic", "1/A^2", "r", 0.0, (-0.5, 0.5), (-4.0, 4.0), (0.0,)))
+        return (EffectParameter("quadratic", "1/A", "q", 0.0, (-1.2, 1.2), (-4.0, 4.0), (-0.08, 0.08)),
+                EffectParameter("cubic", "1/A^2", "r", 0.0, (-0.7, 0.7), (-4.0, 4.0), (0.0,)))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         q, r = float(values[0]), float(values[1])
@@ -80,7 +80,7 @@ class MissingScheduling(Effect):
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         named = [*((f"mode_{k}", f"m_{k}") for k in range(1, MODES + 1)), ("slope", "a"), ("bend", "b")]
-        return tuple(EffectParameter(name, "", says, 0.0, (-0.5, 0.5), (-0.9, 0.9), (-0.03, 0.03))
+        return tuple(EffectParameter(name, "", says, 0.0, (-0.65, 0.65), (-0.9, 0.9), (-0.03, 0.03))
                      for name, says in named)
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
