@@ -203,7 +203,7 @@ def critical_scheduling(model: Model, variable: str | Sequence[str] | None = Non
     >>> from lpvid.scheduling import Polynomial
     >>> model = LPVTransferFunction.siso(a=[[-0.5, 0.25]], b=[[0, 0], [1, 0]], sample_time=0.1,
     ...                                  basis=Polynomial("current", degree=1))
-    >>> [(c.value, c.direction, c.crossing) for c in critical_scheduling(model).values]
+    >>> [(round(c.value, 9), c.direction, c.crossing) for c in critical_scheduling(model).values]
     [(-2.0, 'to-stable', '+1'), (6.0, 'to-unstable', '-1')]
     """
     models = family(model)
