@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -40,7 +41,7 @@ def gain_without_input_noise(problem: Problem, fit: Refit, rest: Refit) -> float
 
 def without_input_noise(problem: Problem) -> Problem:
     """The same, driven by inputs of which each frequency is weighed with the share of it that is motion."""
-    return replace(problem, signals=tuple(_without(s) for s in problem.signals))
+    return replace(problem, signals=tuple(s.cached("without noise", partial(_without, s)) for s in problem.signals))
 
 
 def _without(s: Signals) -> Signals:

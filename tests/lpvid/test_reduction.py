@@ -54,7 +54,7 @@ def test_states_without_influence_are_dropped_and_unstable_systems_only_scaled()
                           Polynomial(), None)
     scaled = balanced_realization(badly)
     assert scaled.order == 2 and np.abs(scaled.A).max() < 1e5
-    np.testing.assert_allclose(scaled.to_control([])(2j), badly.to_control([])(2j), rtol=1e-9)
+    np.testing.assert_allclose(scaled.to_control([])(2j), badly.to_control([])(2j), rtol=1e-11)
 
 
 @pytest.mark.parametrize("sample_time", [None, 0.02])

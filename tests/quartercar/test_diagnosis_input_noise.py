@@ -90,7 +90,7 @@ def test_a_filter_that_is_undone_by_much_stays_one(noise: float, rng: np.random.
     begun = filtered.neutral
     begun[filtered.places[0]] = period, 0.7071, 0.0
     fit, rest = refit(problem, filtered, begun), refit(problem, alone, alone.neutral)
-    assert gain_without_input_noise(problem, fit, rest) == pytest.approx(1.0, abs=5e-3)
+    assert gain_without_input_noise(problem, fit, rest) == pytest.approx(1.0, abs=1e-3)
 
 
 def test_at_the_ends_a_channel_is_as_quiet_as_inside(rng: np.random.Generator) -> None:
