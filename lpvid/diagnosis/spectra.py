@@ -22,6 +22,11 @@ LASTING = 50.0
 STRETCH, ABOVE = 1.0, 2.0
 """length of the stretches whose spectra are averaged before they are compared with that level [s]; times that they must
 stand above it"""
+RATES = {"velocity": ("displacement",), "acceleration": ("displacement", "velocity")}
+"""channels that may have been derived from another one"""
+COHERENT, FLAT = 0.5, 1.5
+"""coherence with what is noise in another channel from which on one was derived from it; ratio of the two halves of
+the top of a spectrum up to which it is the level of a sensor's noise"""
 
 
 def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: int = 1) -> np.ndarray:
@@ -85,8 +90,17 @@ def _weighed(s: Signals, channel: str, weights: Callable[[np.ndarray, np.ndarray
 
 
 def _known(s: Signals, channel: str) -> tuple[Continued, np.ndarray]:
-    """`_spectrum` of a channel, found once."""
-    return s.fact(channel, "spectrum", lambda x: _spectrum(x, s.sample_time, s.finer))
+    """Spectrum of a channel continued at both ends, and the share of each frequency that is motion; found once.
+
+    A channel that was derived from another has the share of that one: what makes motion of it makes as much of the
+    noise, which then rises with the frequency up to where the derivative was smoothed.
+    """
+    def find(x: np.ndarray) -> tuple[Continued, np.ndarray]:
+        source = next((r for r in RATES.get(channel, ()) if s.has(r) and _derived(s, channel, r)), None)
+        signal = Continued.predicted(x, s.sample_time)
+        return signal, _share(signal.omega, x, s) if source is None else _known(s, source)[1]
+
+    return s.fact(channel, "spectrum", find)
 
 
 def weighed_alike(s: Signals, like: Signals, channel: str) -> None:
@@ -98,19 +112,42 @@ def weighed_alike(s: Signals, like: Signals, channel: str) -> None:
         s.facts[channel, "spectrum"] = (Continued.predicted(s[channel], s.sample_time), _known(like, channel)[1])
 
 
-def _spectrum(x: np.ndarray, sample_time: float, finer: int) -> tuple[Continued, np.ndarray]:
-    """Spectrum of a channel continued at both ends, and the share of each frequency that is motion.
-
-    Of one on a clock `finer` times as fast as it was recorded only the band that was recorded counts.
-    """
-    from scipy.signal import welch
-
-    signal = Continued.predicted(x, sample_time)
-    omega = signal.omega
-    at, power = welch(x, 1 / sample_time, nperseg=min(x.size, max(round(STRETCH / sample_time), 2)))
-    recorded = at <= at[-1] / finer
-    top = power[recorded]
-    noise = float(np.median(top[-round(QUIET * top.size):]))
+def _share(omega: np.ndarray, x: np.ndarray, s: Signals) -> np.ndarray:
+    """Share of motion in a channel at frequencies [rad/s], none beyond the band that was recorded."""
+    at, power, noise = _power(x, s, STRETCH)
     share = np.maximum(1 - ABOVE * noise / np.maximum(np.interp(omega, 2 * np.pi * at, power), 1e-300), 0.0)
     share[omega < 2 * np.pi * at[1]] = 1.0  # where a mean lies no stretch tells
-    return signal, np.where(omega <= omega[-1] / finer, share, 0.0)
+    return np.where(omega <= omega[-1] / s.finer, share, 0.0)
+
+
+def _power(x: np.ndarray, s: Signals, stretch: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Frequencies [Hz] and power of a channel, averaged over stretches [s], and the level at the top of its band."""
+    from scipy.signal import welch
+
+    at, power = welch(x, 1 / s.sample_time, nperseg=min(x.size, max(round(stretch / s.sample_time), 2)))
+    return at, power, float(np.median(_top(at, power, s)))
+
+
+def _top(at: np.ndarray, power: np.ndarray, s: Signals) -> np.ndarray:
+    """Power at the top of the band that was recorded."""
+    recorded = power[at <= at[-1] / s.finer]
+    return recorded[-round(QUIET * recorded.size):]
+
+
+def _derived(s: Signals, channel: str, source: str) -> bool:
+    """Whether a channel moves with the noise of another one's sensor, as one does that was computed from it.
+
+    Where the other holds no more than a level that is flat, as a sensor's is and leaks of a window are not, two that
+    were measured each by itself have nothing in common.
+    """
+    from scipy.signal import coherence
+
+    if s[source].size < SHORT:
+        return False
+    stretch = min(STRETCH, s[source].size * s.sample_time / MANY)
+    at, power, noise = _power(s[source], s, stretch)
+    lower, upper = (float(np.median(half)) for half in np.array_split(_top(at, power, s), 2))
+    if not 0 < max(lower, upper) < FLAT * min(lower, upper):
+        return False
+    common = coherence(s[source], s[channel], 1 / s.sample_time, nperseg=max(round(stretch / s.sample_time), 2))[1]
+    return float(np.median(common[(power < ABOVE * noise) & (at <= at[-1] / s.finer)])) > COHERENT
