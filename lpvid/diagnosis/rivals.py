@@ -38,6 +38,8 @@ two on one path, which differ by little else than bands that whitening weighs mo
 CHAINED = 1000.0
 """log-likelihood by which a lag of the motion may trail another for a filter of all channels to be put beside both: a
 low-pass and a delay that lags differ by as little as a filter that is too weak to be found"""
+GENERAL, GENERAL_LEAST = 0.015, 30.0
+"""share of what a cause wins, and the least log-likelihood, by which a more general one must do better to be its rival"""
 SURE = 3.0
 """standard errors over the blocks from which on a difference is sure"""
 
@@ -66,7 +68,8 @@ class Alternative:
 def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternative, ...]:
     """Plausible effects, half as likely or more, put in the place of one of the set and refitted; best first.
 
-    A more general one is no rival, unless these signals cannot tell it from the effect.
+    A more general one is no rival, unless these signals cannot tell it from the effect, or it does better by more than
+    the small print of a law is worth: an effect that gave way to its special case may then be the true one.
 
     Those on the same path are tried however likely they seem: a lag of many samples looks like no other from afar.
     """
@@ -75,7 +78,6 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
     kept = [x for x in now.composition.effects if x is not effect]
     alike = effect.inseparable(problem.signals)
     others = [e for e in search.candidates if e.name not in chosen
-              and (effect.name not in e.contains or e.name in alike)
               and not any((e.name in x.contains and e.name not in x.beside) or x.name in e.contains for x in kept)]
     found = directions(problem, rest, moves(problem, rest, [effect, *others]))
     evidence = {e.effect.name: e for e in screen(problem, rest, found, np.random.default_rng(0))}
@@ -83,9 +85,12 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
     wanted = max(own.likelihood_ratio, 1.0)
     near = [e for e in evidence.values() if e.effect.name != effect.name and e.best is not None
             and own.best is not None]
-    likely = sorted((e for e in near if e.likelihood_ratio > 0.5 * wanted), key=lambda e: -e.likelihood_ratio)[:RIVALS]
+    likely = sorted((e for e in near if e.likelihood_ratio > 0.5 * wanted), key=lambda e: -e.likelihood_ratio)
+    general = {e.effect.name for e in likely if effect.name in e.effect.contains and e.effect.name not in alike}
+    tried = [e for e in likely if e.effect.name not in general][:RIVALS]
+    tried += [e for e in near if e not in tried and (e.effect.name in general or _kin(e.effect, effect))]
     out = []
-    for e in (*likely, *(e for e in near if e not in likely and _kin(e.effect, effect))):
+    for e in tried:
         assert e.best is not None and own.best is not None
         composition = Composition(rest.composition.baseline, (*rest.composition.effects, e.effect))
         begun = [placed(composition, rest, {e.effect.name: v}) for v in starts(e.effect, found)[:2]]
@@ -110,8 +115,13 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
             apart, fit = _of_motion(search, fit, spared, separation(rest, now))
         else:
             apart = _weighed(problem, apart, now, fit, separation(rest, now), _kin(e.effect, effect))
+        won = (rest.cost - now.cost) / now.variance
         if e.effect.name in effect.contains:
-            apart -= REFINED * (rest.cost - now.cost) / now.variance
+            apart -= REFINED * won
+        elif e.effect.name in general:
+            if apart > -max(GENERAL_LEAST, GENERAL * won):
+                continue
+            apart = min(apart + REFINED * won, 0.0)
         if not e.effect.implausible(own_values(fit, e.effect)):
             out.append(Alternative(e.effect, fit, abs(similarity(own.best, e.best)), float(apart)))
     return tuple(sorted(out, key=lambda a: a.apart))
