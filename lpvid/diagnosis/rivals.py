@@ -39,7 +39,7 @@ CHAINED = 1000.0
 """log-likelihood by which a lag of the motion may trail another for a filter of all channels to be put beside both: a
 low-pass and a delay that lags differ by as little as a filter that is too weak to be found"""
 GENERAL, GENERAL_LEAST = 0.015, 30.0
-"""share of what a cause wins, and the least log-likelihood, by which a more general one must do better to be its rival"""
+"""share of what a cause wins, and the least log-likelihood, by which a more general one must lead to be its rival"""
 SURE = 3.0
 """standard errors over the blocks from which on a difference is sure"""
 

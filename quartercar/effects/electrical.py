@@ -62,7 +62,10 @@ def rests(current: np.ndarray, largest: float) -> bool:
 
 def held(s: Signals) -> bool:
     """Whether the current of these signals is held between samples, and no filter shows at its jumps; found once."""
-    return s.fact("current", "is held", lambda i: is_held(i) and ((e := edges_of(s)) is None or at_once(i, e)))
+    def find(current: np.ndarray) -> bool:
+        return is_held(current) and ((edges := edges_of(s)) is None or at_once(current, edges))
+
+    return s.has("current") and s.fact("current", "is held", find)
 
 
 def levels(signals: Sequence[Signals]) -> int:

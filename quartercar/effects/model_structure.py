@@ -10,7 +10,7 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.effects.electrical import NO_BEND, CurrentEffect
-from quartercar.effects.structure import before_steps, second_order
+from quartercar.effects.structure import swung
 
 MODES, SCANNED = 10, 7
 """slow cosines of which an unlogged modulation is built, and the slowest of them, by which it is looked for"""
@@ -153,8 +153,7 @@ class ModelOrder(GridEffect):
 
         def run(s: Signals) -> np.ndarray:
             force = core(s)
-            mode = second_order(force, period, damping, s.sample_time, before_steps(core, s))
-            return force + share * (mode - force)
+            return force + share * (swung(core, s, period, damping, baseline) - force)
 
         return run
 

@@ -11,12 +11,9 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.spectra import SHORT, before_filter, low_passed
+from quartercar.effects.between_samples import times_as_fast
 from quartercar.effects.current_edges import Edges, at_once, current_before, edges_of, time_constant
 from quartercar.effects.measurement import ChainEffect
-
-FAST, FINEST = 2000.0, 8
-"""rate at which a law without memory is asked [1/s]: what it makes of a motion goes beyond half the sample rate, where
-the filter would have taken it away; and the most samples that are put between two for that"""
 
 
 class SharedFilter(ChainEffect):
@@ -68,7 +65,7 @@ class SharedFilter(ChainEffect):
         def run(s: Signals) -> np.ndarray:
             if s.n_samples < SHORT:
                 return core(s)
-            finer = int(np.clip(np.ceil(FAST * s.sample_time), 1, FINEST)) if baseline.static else 1
+            finer = times_as_fast(baseline, s)
             edges = edges_of(s)
             before = s.remembered("before the filter", (t, zeta, finer, baseline.static),
                                   lambda: _before(s, t, zeta, finer, edges, baseline.static))

@@ -9,7 +9,8 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
-from lpvid.diagnosis.spectra import derivative
+from lpvid.diagnosis.spectra import SHORT, derivative
+from quartercar.effects.between_samples import between, times_as_fast
 from quartercar.effects.electrical import SEEN_AFTER, held
 
 DEPTH = 1e-3
@@ -89,7 +90,11 @@ class FixtureInertia(GridEffect):
 
 
 class FixtureResonance(GridEffect):
-    """The fixture swings: the force passes a second-order low-pass on its way to the load cell (sheet 3.19)."""
+    """The fixture swings: the force passes a second-order low-pass on its way to the load cell (sheet 3.19).
+
+    A law without memory is asked between the samples too: a resonance near half the sample rate rings by the moment at
+    which the force turns, which lies between two of them.
+    """
 
     name: ClassVar[str] = "fixture-resonance"
     path: ClassVar[str] = "force"
@@ -114,7 +119,7 @@ class FixtureResonance(GridEffect):
         period, damping = float(values[0]), float(values[1])
         if period <= 0:
             return core
-        return lambda s: second_order(core(s), period, damping, s.sample_time, before_steps(core, s))
+        return lambda s: swung(core, s, period, damping, baseline)
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("two orders more", order=2)
@@ -127,10 +132,16 @@ def acceleration(s: Signals) -> np.ndarray:
     return s.fact("velocity", "rate of change", lambda v: derivative(s, "velocity"))
 
 
-def before_steps(core: Core, s: Signals) -> np.ndarray | None:
-    """(n,) simulation just before each sample, where a held current steps at samples; None for a smooth current."""
-    if not s.has("current") or not held(s):
-        return None
+def swung(core: Core, s: Signals, period: float, damping: float, baseline: Baseline) -> np.ndarray:
+    """(n,) simulation behind 1/(1 + 2ζTs + T²s²), asked between the samples where it has no memory."""
+    finer = times_as_fast(baseline, s) if s.n_samples >= SHORT else 1
+    fine = between(s, finer)
+    before = _before_steps(core, fine) if held(s) else None
+    return second_order(core(fine), period, damping, fine.sample_time, before, finer * SEEN_AFTER)[::finer]
+
+
+def _before_steps(core: Core, s: Signals) -> np.ndarray:
+    """(n,) simulation just before each sample, where a current that is held steps at samples."""
     def late() -> Signals:
         return s.replace(current=np.concatenate([s["current"][:1], s["current"][:-1]]))
 
@@ -138,11 +149,11 @@ def before_steps(core: Core, s: Signals) -> np.ndarray | None:
 
 
 def second_order(values: np.ndarray, period: float, damping: float, step: float,
-                 before: np.ndarray | None = None) -> np.ndarray:
+                 before: np.ndarray | None = None, seen_after: float = SEEN_AFTER) -> np.ndarray:
     """Values behind 1/(1 + 2ζTs + T²s²), settled on the first; exact for signals that are linear between samples.
 
     A signal that jumps at its samples is cut in two: what runs linearly, and what is held between jumps, whose response
-    is seen `SEEN_AFTER` of a step behind each of them. Both run to the values themselves as T → 0.
+    is seen `seen_after` of a step behind each of them. Both run to the values themselves as T → 0.
 
     Parameters
     ----------
@@ -155,7 +166,7 @@ def second_order(values: np.ndarray, period: float, damping: float, step: float,
     if before is None:
         return _ramped(values, period, damping, step)
     jumps = np.cumsum(values - before)
-    return _ramped(values - jumps, period, damping, step) + _held(jumps, period, damping, step)
+    return _ramped(values - jumps, period, damping, step) + _held(jumps, period, damping, step, seen_after)
 
 
 def _ramped(values: np.ndarray, period: float, damping: float, step: float) -> np.ndarray:
@@ -168,12 +179,12 @@ def _ramped(values: np.ndarray, period: float, damping: float, step: float) -> n
     return np.asarray(lfilter(both, [1.0, b1, b2], values - values[0])) + values[0]
 
 
-def _held(values: np.ndarray, period: float, damping: float, step: float) -> np.ndarray:
+def _held(values: np.ndarray, period: float, damping: float, step: float, seen_after: float) -> np.ndarray:
     """Response to a signal that is held between samples, taken shortly after each of them."""
     from scipy.signal import lfilter
 
     f, early, late = _propagated(period, damping, step)
-    g, seen = early + late, _propagated(period, damping, SEEN_AFTER * step)[0][0]
+    g, seen = early + late, _propagated(period, damping, seen_after * step)[0][0]
     direct, b1, b2 = 1 - seen[0], -(f[0, 0] + f[1, 1]), f[0, 0] * f[1, 1] - f[0, 1] * f[1, 0]
     turned = np.array([f[0, 1] * g[1] - f[1, 1] * g[0], f[1, 0] * g[0] - f[0, 0] * g[1]])
     above = [direct, direct * b1 + seen @ g, direct * b2 + seen @ turned]

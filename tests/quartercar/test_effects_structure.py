@@ -137,6 +137,20 @@ class TestResonance:
         fine = lsim(system, np.repeat(current - current[0], 20), PERIOD / 20 * np.arange(20 * 1024), interp=False)[1]
         np.testing.assert_allclose(got, current[0] + fine[round(20 * SEEN_AFTER)::20], atol=1e-9)
 
+    @pytest.mark.parametrize("frequency", [40.0, 120.0])
+    def test_a_force_that_turns_between_samples_rings_from_there(self, frequency: float) -> None:
+        """Friction on tones, of which the reference knows every reversal, and this one the samples."""
+        times = PERIOD / 32 * np.arange(32 * 2048)
+        speed = np.sin(2 * np.pi * 1.3 * times) + 0.4 * np.sin(2 * np.pi * 5.7 * times)
+        period, v = 1 / (2 * np.pi * frequency), speed[::32]
+        force = np.tanh(speed / 0.01)
+        exact = lsim(lti([1.0], [period**2, 2 * 0.05 * period, 1.0]), force, times)[1][::32]
+        s = Signals(PERIOD, {"velocity": v}, np.zeros(v.size))
+        got = composed(FixtureResonance(), [period, 0.05], s, lambda s: np.tanh(s["velocity"] / 0.01))
+        by_samples = second_order(np.tanh(v / 0.01), period, 0.05, PERIOD)
+        error, before = (np.std(f - exact) / np.std(exact - force[::32]) for f in (got, by_samples))
+        assert error < 0.5 * before and error < 0.1
+
     def test_slow_forces_pass_and_those_at_resonance_grow(self) -> None:
         t = PERIOD * np.arange(8192)
 

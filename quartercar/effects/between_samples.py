@@ -1,0 +1,31 @@
+"""Between samples: a law without memory asked on a faster clock than that of the record, for what bends it there."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.signals import Signals
+
+FAST, FINEST = 2000.0, 8
+"""rate at which a law without memory is asked [1/s]: what it makes of a motion goes beyond half the sample rate, where
+a filter would have taken it away; and the most samples that are put between two for that"""
+
+
+def times_as_fast(baseline: Baseline, s: Signals) -> int:
+    """How many times as fast as the record a law is asked; 1 for one with a memory, whose steps are its own."""
+    return int(np.clip(np.ceil(FAST * s.sample_time), 1, FINEST)) if baseline.static else 1
+
+
+def between(s: Signals, finer: int) -> Signals:
+    """The same signals on a clock `finer` times as fast: cubic splines, and a current held from sample to sample."""
+    def spread() -> Signals:
+        from scipy.interpolate import CubicSpline
+
+        n = np.arange(s.n_samples)
+        at = np.minimum(np.arange(finer * s.n_samples) / finer, n[-1])
+        channels = {c: np.repeat(x, finer) if c == "current" else CubicSpline(n, x)(at) for c, x in s.channels.items()}
+        return Signals(s.sample_time / finer, channels, np.repeat(s.output, finer), s.name, s.span, record=s.record,
+                       finer=finer * s.finer)
+
+    return s if finer == 1 else s.cached(("between samples", finer), spread)
