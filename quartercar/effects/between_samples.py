@@ -6,6 +6,7 @@ import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.signals import Signals
+from quartercar.effects.electrical import clocked
 
 FAST, FINEST = 2000.0, 8
 """rate at which a law without memory is asked [1/s]: what it makes of a motion goes beyond half the sample rate, where
@@ -18,13 +19,16 @@ def times_as_fast(baseline: Baseline, s: Signals) -> int:
 
 
 def between(s: Signals, finer: int) -> Signals:
-    """The same signals on a clock `finer` times as fast: cubic splines, and a current held from sample to sample."""
+    """The same signals on a clock `finer` times as fast: cubic splines, and a current in straight lines or in steps."""
     def spread() -> Signals:
         from scipy.interpolate import CubicSpline
 
         n = np.arange(s.n_samples)
         at = np.minimum(np.arange(finer * s.n_samples) / finer, n[-1])
-        channels = {c: np.repeat(x, finer) if c == "current" else CubicSpline(n, x)(at) for c, x in s.channels.items()}
+        channels = {c: CubicSpline(n, x)(at) for c, x in s.channels.items() if c != "current"}
+        if s.has("current"):
+            current = s["current"]
+            channels["current"] = np.repeat(current, finer) if clocked(s) else np.interp(at, n, current)
         return Signals(s.sample_time / finer, channels, np.repeat(s.output, finer), s.name, s.span, record=s.record,
                        finer=finer * s.finer)
 

@@ -24,6 +24,8 @@ which it may change meanwhile"""
 MISSED, CERTAIN = 0.01, 3.0
 """share of a jump by which the first sample after it misses the level where a filter has been at work, and standard
 errors by which that must be sure"""
+OUTLYING = 4.0
+"""standard deviations from which on a jump is set aside"""
 RESTLESS = 6.0
 """times the median step from sample to sample, the sensor's noise, below which nothing is on its way"""
 SEEN = 5
@@ -129,7 +131,8 @@ def _levels(current: np.ndarray, start: np.ndarray, end: np.ndarray, size: np.nd
 def at_once(current: np.ndarray, edges: Edges) -> bool:
     """Whether jumps between levels show no trace of a filter, the noise of the sensor aside.
 
-    One that lags misses its level at the first sample, and one that overshoots misses it by as much everywhere.
+    One that lags misses its level at the first sample, and one that overshoots misses it by as much everywhere: by the
+    share s of the jump that fits all of them, r = s j + noise, those set aside that chance does not send astray so far.
 
     Examples
     --------
@@ -142,10 +145,13 @@ def at_once(current: np.ndarray, edges: Edges) -> bool:
     if not known.any():
         return True
     seen = np.minimum(edges.first[known] + 1, current.size - 1)
-    missed = (current[seen] - edges.after[known]) / (edges.after[known] - edges.before[known])
-    middle = float(np.median(missed))
-    spread = 1.48 * float(np.median(np.abs(missed - middle)))  # of a normal distribution, by its median deviation
-    return abs(middle) < max(MISSED, CERTAIN * 1.25 * spread / np.sqrt(missed.size))
+    missed, jump = current[seen] - edges.after[known], edges.after[known] - edges.before[known]
+    astray = np.abs(missed - float(np.median(missed / jump)) * jump)
+    fair = astray <= OUTLYING * 1.48 * np.median(astray)  # of a normal distribution, by its median deviation
+    missed, jump = missed[fair], jump[fair]
+    share = float(missed @ jump) / float(jump @ jump)
+    spread = float(np.sqrt(np.mean((missed - share * jump) ** 2) / (jump @ jump)))
+    return abs(share) < max(MISSED, CERTAIN * spread)
 
 
 def step_response(time: np.ndarray, t: float, zeta: float) -> np.ndarray:

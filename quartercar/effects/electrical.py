@@ -68,6 +68,25 @@ def held(s: Signals) -> bool:
     return s.has("current") and s.fact("current", "is held", find)
 
 
+def clocked(s: Signals) -> bool:
+    """Whether a held current jumps at samples: all times between its jumps are multiples of some samples.
+
+    One that keeps a clock of its own jumps anywhere between two samples, half-way on average.
+
+    Examples
+    --------
+    >>> def steps(*lengths):
+    ...     return Signals(0.01, {"current": np.repeat(np.arange(len(lengths)) % 3, lengths)}, np.zeros(sum(lengths)))
+    >>> clocked(steps(20, 30, 10, 20, 10)), clocked(steps(25, 26, 25, 26, 26))
+    (True, False)
+    """
+    def find(current: np.ndarray) -> bool:
+        at = np.flatnonzero(np.abs(np.diff(current)) > LEVELS_APART * np.ptp(current))
+        return at.size < 3 or int(np.gcd.reduce(np.diff(at))) > 1
+
+    return held(s) and s.fact("current", "is clocked", find)
+
+
 def levels(signals: Sequence[Signals]) -> int:
     """How many levels the currents of all records rest at; 0 where they do not keep to a few.
 

@@ -11,7 +11,7 @@ from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChang
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.spectra import SHORT, derivative
 from quartercar.effects.between_samples import between, times_as_fast
-from quartercar.effects.electrical import SEEN_AFTER, held
+from quartercar.effects.electrical import SEEN_AFTER, clocked
 
 DEPTH = 1e-3
 """depth at which the stiffness of a progressive stop is told [m]"""
@@ -136,12 +136,12 @@ def swung(core: Core, s: Signals, period: float, damping: float, baseline: Basel
     """(n,) simulation behind 1/(1 + 2ζTs + T²s²), asked between the samples where it has no memory."""
     finer = times_as_fast(baseline, s) if s.n_samples >= SHORT else 1
     fine = between(s, finer)
-    before = _before_steps(core, fine) if held(s) else None
+    before = _before_steps(core, fine) if clocked(s) else None
     return second_order(core(fine), period, damping, fine.sample_time, before, finer * SEEN_AFTER)[::finer]
 
 
 def _before_steps(core: Core, s: Signals) -> np.ndarray:
-    """(n,) simulation just before each sample, where a current that is held steps at samples."""
+    """(n,) simulation just before each sample, where a current steps at samples."""
     def late() -> Signals:
         return s.replace(current=np.concatenate([s["current"][:1], s["current"][:-1]]))
 
