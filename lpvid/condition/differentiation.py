@@ -12,6 +12,8 @@ from lpvid.errors import InputError
 from lpvid.record import Record
 
 METHODS = ("savitzky-golay", "central", "backward")
+DERIVED = "velocity derived from displacement"
+"""how the note begins that a record carries of a velocity that was not measured"""
 
 
 def differentiate(values: np.ndarray, sample_time: float, *, method: str = "savitzky-golay", window: int = 11,
@@ -105,7 +107,7 @@ def with_velocity(record: Record, method: str = "savitzky-golay") -> Record:
     else:
         how = "central differences over unsteady time stamps"
         slope = _over_stamps(channel.values, record.times, base.gaps)
-    return record.with_channel("velocity", slope, unit, f"velocity derived from displacement ({how})")
+    return record.with_channel("velocity", slope, unit, f"{DERIVED} ({how})")
 
 
 def _over_stamps(values: np.ndarray, times: np.ndarray, gaps: tuple[int, ...]) -> np.ndarray:

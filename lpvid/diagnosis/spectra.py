@@ -56,7 +56,7 @@ def derivative(s: Signals, channel: str) -> np.ndarray:
     that chance makes noise stand out, by central differences.
     """
     values = s[channel]
-    if values.size * s.sample_time < MANY * STRETCH or jumps(values):
+    if not has_band(s, channel):
         return np.gradient(values, s.sample_time)
 
     def inside(omega: np.ndarray, share: np.ndarray) -> np.ndarray:
@@ -66,6 +66,11 @@ def derivative(s: Signals, channel: str) -> np.ndarray:
     if is_meant(values - _weighed(s, channel, inside), values):
         return _weighed(s, channel, lambda omega, share: 1j * omega)
     return _weighed(s, channel, lambda omega, share: 1j * omega * inside(omega, share))
+
+
+def has_band(s: Signals, channel: str) -> bool:
+    """Whether the band in which a channel moves can be told: one that does not jump, over stretches enough."""
+    return s[channel].size * s.sample_time >= MANY * STRETCH and not jumps(s[channel])
 
 
 def is_meant(taken: np.ndarray, values: np.ndarray) -> bool:
@@ -138,9 +143,10 @@ def _derived(s: Signals, channel: str, source: str) -> bool:
     """Whether a channel moves with the noise of another one's sensor, as one does that was computed from it.
 
     Where the other holds no more than a level that is flat, as a sensor's is and leaks of a window are not, two that
-    were measured each by itself have nothing in common.
+    were measured each by itself have nothing in common: told by the mean coherence there, weighed with the power of the
+    channel, which smoothing may have taken away in part.
     """
-    from scipy.signal import coherence
+    from scipy.signal import coherence, welch
 
     if s[source].size < SHORT:
         return False
@@ -149,5 +155,7 @@ def _derived(s: Signals, channel: str, source: str) -> bool:
     lower, upper = (float(np.median(half)) for half in np.array_split(_top(at, power, s), 2))
     if not 0 < max(lower, upper) < FLAT * min(lower, upper):
         return False
-    common = coherence(s[source], s[channel], 1 / s.sample_time, nperseg=max(round(stretch / s.sample_time), 2))[1]
-    return float(np.median(common[(power < ABOVE * noise) & (at <= at[-1] / s.finer)])) > COHERENT
+    size = max(round(stretch / s.sample_time), 2)
+    common = coherence(s[source], s[channel], 1 / s.sample_time, nperseg=size)[1]
+    weight = welch(s[channel], 1 / s.sample_time, nperseg=size)[1] * (power < ABOVE * noise) * (at <= at[-1] / s.finer)
+    return float(common @ weight) > COHERENT * float(weight.sum()) > 0
