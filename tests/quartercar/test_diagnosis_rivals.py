@@ -13,13 +13,13 @@ from lpvid.diagnosis.engine import DiagnosisSettings, diagnose
 from lpvid.diagnosis.noise import WHITE
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
-from lpvid.diagnosis.rivals import SEPARATED, _behind_a_filter, _of_motion, _without_chain
+from lpvid.diagnosis.rivals import SEPARATED, _behind_a_filter, _of_motion, _without_chain, alternatives
 from lpvid.diagnosis.selection import Search
 from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.spectra import low_passed
 from lpvid.record import Channel, Record
 from quartercar.effects.electrical import CoilLag, RiseFallLag
-from quartercar.effects.friction_gas import GasStiffness
+from quartercar.effects.friction_gas import CoulombFriction, GasStiffness, StribeckFriction
 from quartercar.effects.measurement import DisplacementDelay, ForceDelay, ForceOffset, OneSidedFilter
 from quartercar.effects.shared_filter import SharedFilter
 from quartercar.effects.structure import FixtureResonance
@@ -131,3 +131,24 @@ def test_edges_that_only_rise_do_not_tell_a_lag_from_one_that_falls_faster(level
     found = diagnose([record], guo(), (CoilLag(), RiseFallLag()), settings=DiagnosisSettings(fit_baseline=False))
     assert {name for group in found.rivals for name in group.names} | {c.name for c in found.causes} == told
     assert found.verdict == ("explained" if len(told) == 1 else "cannot-tell")
+
+
+@pytest.mark.parametrize(("stribeck_speed", "told"), [(0.2, False), (0.02, True)])
+def test_a_special_case_leaves_what_it_is_one_of_as_its_rival(stribeck_speed: float, told: bool,
+                                                              rng: np.random.Generator) -> None:
+    """Friction that breaks away, named as dry friction: beyond these speeds it is the same, within it is contested."""
+    x, v = motion(PERIOD * np.arange(6000))
+    s = Signals(PERIOD, {"displacement": x, "velocity": v, "current": np.ones(6000)}, np.zeros(6000))
+    truth = Composition(guo(), (StribeckFriction(),))
+    vector = truth.neutral
+    vector[truth.places[0]] = (60.0, stribeck_speed)
+    s = Signals(PERIOD, s.channels, truth.predict(s, vector) + 5.0 * rng.standard_normal(6000))
+    problem, alone = Problem((s,), Blocks.of((s,)), WHITE), Composition(guo())
+    rest, dry = refit(problem, alone, alone.neutral), CoulombFriction()
+    composition = Composition(guo(), (dry,))
+    begun = composition.neutral
+    begun[composition.places[0]] = dry.points((s,))[0]
+    search = Search(problem, refit(problem, composition, begun), (dry, StribeckFriction()), rng, lambda text: None)
+    found = {a.effect.name: a.apart for a in alternatives(search, dry, rest)}
+    assert ("stribeck-friction" in found) == told
+    assert not told or found["stribeck-friction"] <= 0

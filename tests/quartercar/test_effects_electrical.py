@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.signal import butter, lfilter
 
 from lpvid.diagnosis.signals import Signals
+from quartercar.effects.current_edges import at_once, find_edges
 from quartercar.effects.electrical import (
     PLACED,
     SEEN_AFTER,
@@ -113,6 +114,17 @@ class TestHold:
         fast = lfilter([1.02, -0.02], [1.0], edges)
         assert is_held(edges) and is_held(fast), "by their increments alone"
         assert held(of(edges)) and not held(of(fast))
+
+    def test_all_edges_together_show_what_no_single_one_does(self) -> None:
+        """Each misses by 2 %, under noise of 4 % of a middling one; the median edge shows it in half of the records."""
+        seen, imagined = 0, 0
+        for rng in map(np.random.default_rng, range(20)):
+            edges = np.repeat(rng.uniform(0, 2.5, 60), 100)
+            noise = 0.03 * rng.standard_normal(edges.size)
+            passed = lfilter([1.02, -0.02], [1.0], edges)
+            through, alone = (at_once(c, find_edges(c, PERIOD)) for c in (passed + noise, edges + noise))
+            seen, imagined = seen + (not through), imagined + (not alone)
+        assert seen > 16 and imagined == 0
 
     @pytest.mark.parametrize("noise", [1e-3, 5e-3, 1e-2])
     @pytest.mark.parametrize("levels", [30, 2])
