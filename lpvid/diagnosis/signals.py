@@ -41,6 +41,8 @@ class Signals:
         Where each sample lies in that record, counted in its samples; None where they are its own, in order.
     finer : int
         How many times as fast the clock is as that by which they were recorded: beyond its band there is nothing.
+    peers : tuple of Signals
+        All records of a diagnosis, as recorded: what one measurement did to all of them they tell together.
     """
 
     sample_time: float
@@ -53,6 +55,7 @@ class Signals:
     record: Signals | None = field(default=None, repr=False)
     at: np.ndarray | None = field(default=None, repr=False)
     finer: int = 1
+    peers: tuple[Signals, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", MappingProxyType(dict(self.channels)))
@@ -87,7 +90,7 @@ class Signals:
         """The same signals with some channels replaced or added; what was cached is forgotten, but for `fact`."""
         facts = {key: found for key, found in self.facts.copy().items() if key[0] not in channels}
         return Signals(self.sample_time, {**self.channels, **channels}, self.output, self.name, self.span, facts=facts,
-                       record=self.record, at=self.at, finer=self.finer)
+                       record=self.record, at=self.at, finer=self.finer, peers=self.peers)
 
     def asked(self, **channels: np.ndarray) -> Signals:
         """Signals with some channels replaced, at which a law is only asked: these stay the record."""
@@ -111,6 +114,11 @@ class Signals:
                 kept.popitem(last=False)
         return found
 
+    def as_recorded(self, role: str) -> tuple[Signals, ...]:
+        """All records of the diagnosis if this channel is that of one of them; else these signals alone."""
+        mine = self.channels[role]
+        return self.peers if any(p.channels.get(role) is mine for p in self.peers) else (self,)
+
     def fact(self, role: str, key: object, make: Callable[[np.ndarray], Any]) -> Any:
         """What `make` finds about one channel, computed once for all signals that share it by `replace`."""
         if (role, key) not in self.facts:
@@ -119,12 +127,13 @@ class Signals:
 
 
 def in_turn(signals: Sequence[Signals]) -> tuple[Signals, ...]:
-    """The same signals, each told its place among them, one after the other without pauses."""
+    """The same signals, each told the others and its place among them, one after the other without pauses."""
     ends = [0.0]
     for s in signals:
         ends.append(ends[-1] + s.n_samples * s.sample_time)
     total = ends[-1] or 1.0
-    return tuple(replace(s, span=(a / total, b / total)) for s, a, b in zip(signals, ends[:-1], ends[1:], strict=True))
+    return tuple(replace(s, span=(a / total, b / total), peers=tuple(signals))
+                 for s, a, b in zip(signals, ends[:-1], ends[1:], strict=True))
 
 
 def jumps(values: np.ndarray) -> bool:

@@ -8,24 +8,34 @@ import numpy as np
 
 from lpvid._compiling import njit
 
+NODES = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
+"""speeds, in ε, between which tanh(v/ε) is followed in proportion to the way"""
+
 
 @njit()
-def bristles(velocity: np.ndarray, step: float, deflection: float, reversal: float, out: np.ndarray) -> None:
-    """d dz/d|x| = tanh(v/ε) − z along a velocity that is linear between samples; a step is cut where it reverses.
+def bristles(velocity: np.ndarray, step: float, deflection: float, reversal: float, nodes: np.ndarray,
+             out: np.ndarray) -> None:
+    """d dz/d|x| = g − z, g = tanh(v/ε), along a velocity that is linear between samples.
 
-    Over each piece the direction is that of its end that is not the reversal, so that z relaxes exactly.
+    Cut at the `nodes`, one of which is the reversal. Along a piece of length L, g runs from g₀ to g₁ in proportion to
+    the way: z = g₁ + (z₀ − g₀) e^(−L/d) − (g₁ − g₀) (1 − e^(−L/d)) d/L. As d → 0 that is tanh(v/ε).
     """
     z = math.tanh(velocity[0] / reversal)
     out[0] = z
     for k in range(1, velocity.size):
         before, after = velocity[k - 1], velocity[k]
-        if before * after < 0.0:
-            turn = step * before / (before - after)
-            goal = math.tanh(before / reversal)
-            z = goal + (z - goal) * math.exp(-0.5 * abs(before) * turn / deflection)
-            goal = math.tanh(after / reversal)
-            z = goal + (z - goal) * math.exp(-0.5 * abs(after) * (step - turn) / deflection)
-        else:
-            goal = math.tanh(0.5 * (before + after) / reversal)
-            z = goal + (z - goal) * math.exp(-0.5 * abs(before + after) * step / deflection)
+        outwards = 1 if after > before else -1
+        v, begun = before, math.tanh(before / reversal)
+        for j in range(nodes.size + 1):
+            then = after
+            if j < nodes.size:
+                then = reversal * (nodes[j] if outwards > 0 else nodes[nodes.size - 1 - j])
+                if (then - v) * outwards <= 0.0 or (after - then) * outwards <= 0.0:
+                    continue
+            share = (then - v) / (after - before) if after != before else 1.0
+            way = 0.5 * abs(v + then) * share * step / deflection
+            goal = math.tanh(then / reversal)
+            lag = -math.expm1(-way) / way if way > 0.0 else 1.0
+            z = goal + (z - begun) * math.exp(-way) - (goal - begun) * lag
+            v, begun = then, goal
         out[k] = z

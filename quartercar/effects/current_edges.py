@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,7 +129,16 @@ def _levels(current: np.ndarray, start: np.ndarray, end: np.ndarray, size: np.nd
         return np.where((count >= LEAST) & (top - rest[:, 0] < RIPPLE * size), middle, np.nan)
 
 
-def at_once(current: np.ndarray, edges: Edges) -> bool:
+def is_sharp(s: Signals) -> bool:
+    """Whether the current's jumps show no trace of a filter; all records of a diagnosis tell it together, once."""
+    def find(_: np.ndarray) -> bool:
+        found = [(p["current"], e) for p in s.as_recorded("current") if (e := edges_of(p)) is not None]
+        return at_once(*zip(*found, strict=True)) if found else True
+
+    return s.fact("current", "is sharp", find)
+
+
+def at_once(currents: Sequence[np.ndarray], edges: Sequence[Edges]) -> bool:
     """Whether jumps between levels show no trace of a filter, the noise of the sensor aside.
 
     One that lags misses its level at the first sample, and one that overshoots misses it by as much everywhere: by the
@@ -138,20 +148,26 @@ def at_once(current: np.ndarray, edges: Edges) -> bool:
     --------
     >>> steps = np.repeat([0.0, 2.0, 1.0, 1.5], 10)
     >>> behind = np.convolve(steps, [1.04, -0.04])[:40]
-    >>> at_once(steps, find_edges(steps, 0.002)), at_once(behind, find_edges(behind, 0.002))
-    (True, False)
+    >>> [at_once([x], [find_edges(x, 0.002)]) for x in (steps, behind)]
+    [True, False]
     """
-    known = edges.known
-    if not known.any():
+    pairs = [_missed(current, e) for current, e in zip(currents, edges, strict=True)]
+    missed, jump = (np.concatenate(part) for part in zip(*pairs, strict=True))
+    if not jump.size:
         return True
-    seen = np.minimum(edges.first[known] + 1, current.size - 1)
-    missed, jump = current[seen] - edges.after[known], edges.after[known] - edges.before[known]
     astray = np.abs(missed - float(np.median(missed / jump)) * jump)
     fair = astray <= OUTLYING * 1.48 * np.median(astray)  # of a normal distribution, by its median deviation
     missed, jump = missed[fair], jump[fair]
     share = float(missed @ jump) / float(jump @ jump)
     spread = float(np.sqrt(np.mean((missed - share * jump) ** 2) / (jump @ jump)))
     return abs(share) < max(MISSED, CERTAIN * spread)
+
+
+def _missed(current: np.ndarray, edges: Edges) -> tuple[np.ndarray, np.ndarray]:
+    """By how much a current misses its level at the first sample after each known jump, and the jumps, (k,) each."""
+    known = edges.known
+    seen = np.minimum(edges.first[known] + 1, current.size - 1)
+    return current[seen] - edges.after[known], edges.after[known] - edges.before[known]
 
 
 def step_response(time: np.ndarray, t: float, zeta: float) -> np.ndarray:

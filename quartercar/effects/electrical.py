@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import BETWEEN, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals, jumps
-from quartercar.effects.current_edges import at_once, edges_of
+from quartercar.effects.current_edges import edges_of, is_sharp
 
 SEEN_AFTER = 0.05
 """part of a sample after a step of a held current at which the force is taken"""
@@ -62,16 +62,22 @@ def rests(current: np.ndarray, largest: float) -> bool:
 
 def held(s: Signals) -> bool:
     """Whether the current of these signals is held between samples, and no filter shows at its jumps; found once."""
-    def find(current: np.ndarray) -> bool:
-        return is_held(current) and ((edges := edges_of(s)) is None or at_once(current, edges))
+    return s.has("current") and s.fact("current", "is held", lambda current: is_held(current) and is_sharp(s))
 
-    return s.has("current") and s.fact("current", "is held", find)
+
+def in_proportion(s: Signals, to: Signals) -> Signals:
+    """The same signals, whose current is in proportion to another one: what is told of its steps does not change."""
+    if s.has("current"):
+        s.facts["current", "is held"], s.facts["current", "is clocked"] = held(to), clocked(to)
+        s.facts["current", "is sharp"] = is_sharp(to)
+    return s
 
 
 def clocked(s: Signals) -> bool:
     """Whether a held current jumps at samples: all times between its jumps are multiples of some samples.
 
-    One that keeps a clock of its own jumps anywhere between two samples, half-way on average.
+    Told by all records together, as `is_sharp`. One that keeps a clock of its own jumps anywhere between two samples,
+    half-way on average.
 
     Examples
     --------
@@ -80,9 +86,12 @@ def clocked(s: Signals) -> bool:
     >>> clocked(steps(20, 30, 10, 20, 10)), clocked(steps(25, 26, 25, 26, 26))
     (True, False)
     """
-    def find(current: np.ndarray) -> bool:
-        at = np.flatnonzero(np.abs(np.diff(current)) > LEVELS_APART * np.ptp(current))
-        return at.size < 3 or int(np.gcd.reduce(np.diff(at))) > 1
+    def apart(current: np.ndarray) -> np.ndarray:
+        return np.diff(np.flatnonzero(np.abs(np.diff(current)) > LEVELS_APART * np.ptp(current)))
+
+    def find(_: np.ndarray) -> bool:
+        times = np.concatenate([apart(p["current"]) for p in s.as_recorded("current") if p.has("current")])
+        return times.size < 2 or int(np.gcd.reduce(times)) > 1
 
     return held(s) and s.fact("current", "is clocked", find)
 

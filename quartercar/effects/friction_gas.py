@@ -63,10 +63,10 @@ def direction(s: Signals, deflection: float) -> np.ndarray:
     """(n,) direction of motion in [−1, 1], which turns over a deflection [m] after a reversal."""
     if not deflection > 0:
         return s.cached("direction", lambda: np.tanh(s["velocity"] / REVERSAL))
-    from quartercar.effects._friction_kernels import bristles
+    from quartercar.effects._friction_kernels import NODES, bristles
 
     out = np.empty(s.n_samples)
-    bristles(np.ascontiguousarray(s["velocity"]), s.sample_time, deflection, REVERSAL, out)
+    bristles(np.ascontiguousarray(s["velocity"]), s.sample_time, deflection, REVERSAL, NODES, out)
     return out
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.electrical import in_proportion
 
 SENSORS: Mapping[str, tuple[str, ...]] = {
     "road": ("road",), "actuator": ("actuator",), "motion": ("displacement", "velocity", "acceleration"),
@@ -45,7 +46,7 @@ def present(signals: tuple[Signals, ...]) -> list[float]:
 def scaled(core: Core, sensor: float, factor: float) -> Core:
     """The simulation with all that one sensor feeds multiplied."""
     channels = list(SENSORS.values())[round(sensor)]
-    return lambda s: core(s.replace(**{n: factor * s[n] for n in channels if s.has(n)}))
+    return lambda s: core(in_proportion(s.replace(**{n: factor * s[n] for n in channels if s.has(n)}), s))
 
 
 class SensorScale(SensorEffect):

@@ -12,7 +12,7 @@ from lpvid.diagnosis.effect import EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.spectra import SHORT, before_filter, low_passed
 from quartercar.effects.between_samples import times_as_fast
-from quartercar.effects.current_edges import Edges, at_once, current_before, edges_of, time_constant
+from quartercar.effects.current_edges import Edges, current_before, edges_of, is_sharp, time_constant
 from quartercar.effects.measurement import ChainEffect
 
 
@@ -42,8 +42,7 @@ class SharedFilter(ChainEffect):
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         for s in signals if "current" in baseline.channels else ():
-            edges = edges_of(s)
-            if edges is not None and at_once(s["current"], edges):
+            if edges_of(s) is not None and is_sharp(s):
                 return "the current jumps, and its edges show no trace of a filter"
         return super().applies(baseline, signals)
 
@@ -52,7 +51,7 @@ class SharedFilter(ChainEffect):
         found, zeta = [], self.parameters[1].neutral
         for s in signals:
             edges = edges_of(s)
-            if edges is not None and not at_once(s["current"], edges):
+            if edges is not None and not is_sharp(s):
                 samples = time_constant(s["current"], edges, zeta)
                 found += [] if samples is None else [s.sample_time * samples]
         return np.array([float(np.median(found)), zeta]) if found else None

@@ -122,7 +122,7 @@ class TestHold:
             edges = np.repeat(rng.uniform(0, 2.5, 60), 100)
             noise = 0.03 * rng.standard_normal(edges.size)
             passed = lfilter([1.02, -0.02], [1.0], edges)
-            through, alone = (at_once(c, find_edges(c, PERIOD)) for c in (passed + noise, edges + noise))
+            through, alone = (at_once([c], [find_edges(c, PERIOD)]) for c in (passed + noise, edges + noise))
             seen, imagined = seen + (not through), imagined + (not alone)
         assert seen > 16 and imagined == 0
 
