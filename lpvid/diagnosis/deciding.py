@@ -32,7 +32,7 @@ MOST_EXPLAINED = 2.0
 """share of the excess error beyond which a larger one says no more than that the excess drowns in the noise"""
 SHADOW, DEEP_SHADOW = 0.011, 0.05
 """share of what the strongest cause wins in BIC below which another may be no more than that one's imperfect law; the
-second number for a catch-all"""
+second number for a catch-all, and beside one: a form is no law, and leaves more"""
 APART = 0.35
 """by how much the strength of a faint cause may be off where the strongest is quiet, its uncertainty included"""
 KIN = 0.05
@@ -175,7 +175,7 @@ def shadowed(search: Search, judged: Sequence[Judged], structure: float) -> list
     strongest = min(judged, key=lambda j: j.delta_bic)
     out = []
     for j in judged:
-        share = DEEP_SHADOW if j.effect.catch_all else SHADOW
+        share = DEEP_SHADOW if j.effect.catch_all or strongest.effect.catch_all else SHADOW
         said = ""
         if j.delta_bic > share * strongest.delta_bic and not stands_apart(search, j, strongest):
             said = "beside the strongest cause too faint to be more than that one's imperfect law"

@@ -210,11 +210,15 @@ class Effect(ABC):
         return f"{self.title}: {', '.join(chosen)}" if chosen else self.title
 
     def implausible(self, values: np.ndarray) -> list[str]:
-        """What speaks against these parameters: those outside their plausible range, with some room."""
+        """What speaks against these parameters: those outside their plausible range, with some room.
+
+        One that stopped at a bound beyond that range would have gone on.
+        """
         found = []
         for p, v in zip(self.parameters, values, strict=True):
             low, high = p.plausible
-            if not p.reach[0] <= v <= p.reach[1]:
+            stopped = v <= p.bounds[0] < low or v >= p.bounds[1] > high
+            if stopped or not p.reach[0] <= v <= p.reach[1]:
                 said = f"{p.name} {v:.3g} {p.unit}".rstrip()
                 found.append(f"{said} lies outside what is plausible, {low:g} to {high:g}")
         return found
