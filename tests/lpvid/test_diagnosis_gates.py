@@ -15,10 +15,12 @@ from lpvid.diagnosis.deciding import (
     BLOCKS_BETTER,
     MAJORITY,
     Folds,
+    Judged,
     _enough,
     explained_share,
     judge,
     out_of_fold,
+    shadowed,
     stands_apart,
     surer_share,
 )
@@ -31,6 +33,10 @@ from lpvid.diagnosis.screening import directions, moves, screen
 from lpvid.diagnosis.selection import BIC_GAIN, Search
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.steadiness import is_there
+
+
+class Form(Wave):
+    name, catch_all = "form", True
 
 
 class TestBothMetrics:
@@ -118,6 +124,24 @@ class TestFaintCauses:
 
     def test_one_that_noise_drowns_does_not(self, rng: np.random.Generator) -> None:
         assert not self.asked(rng, 0.02, 1.0)
+
+
+@pytest.mark.parametrize(("faint", "strong", "named"), [
+    (Dry(), Wave(), True), (Dry(), Form(), False), (Form(), Wave(), False)])
+def test_beside_a_form_a_faint_cause_needs_more(faint: Effect, strong: Effect, named: bool,
+                                                rng: np.random.Generator) -> None:
+    """3 % of what the strongest wins, nowhere apart from it."""
+    problem, fit = whitened(record(rng))
+    shape = 20.0 * np.sin(np.arange(problem.n_samples) / 5)
+    search = SimpleNamespace(problem=problem, fit=fit)
+
+    def judged(effect: Effect, delta: float, share: float) -> Judged:
+        without = SimpleNamespace(errors=fit.errors + share * shape)
+        return Judged(effect, np.ones(1), 0.0, delta, -delta, 0.0, 1.0, 0.1, 1.0, (), None, (), False,
+                      without)  # type: ignore[arg-type]
+
+    found = shadowed(search, [judged(strong, -5000.0, 1.0), judged(faint, -150.0, 0.0)], 0.0)  # type: ignore[arg-type]
+    assert [not j.objections for j in found] == [True, named]
 
 
 class Twice(Added):
@@ -266,3 +290,12 @@ class TestPlausibleRange:
         """A damping less by 50 % may well be less by 75 %, and not by more than there is of it."""
         found = EffectParameter("size", "N", "s", 0.0, plausible, (-100.0, 100.0), (1.0,)).reach
         assert found == pytest.approx(reach)
+
+    def test_what_stopped_at_a_bound_would_have_gone_on(self) -> None:
+        class Passing(Dry):
+            @property
+            def parameters(self) -> tuple[EffectParameter, ...]:
+                return (EffectParameter("share", "", "s", 0.0, (0.0, 1.0), (0.0, 1.5), (0.5,)),)
+
+        assert not any(Passing().implausible(np.array([v])) for v in (0.0, 1.0, 1.49))
+        assert Passing().implausible(np.array([1.5]))

@@ -8,7 +8,7 @@ from effect_signals import PERIOD, composed, current_itself, guo, road_like
 from scipy.integrate import solve_ivp
 from scipy.signal import butter, lfilter
 
-from lpvid.diagnosis.signals import Signals
+from lpvid.diagnosis.signals import Signals, in_turn
 from quartercar.effects.current_edges import at_once, find_edges
 from quartercar.effects.electrical import (
     PLACED,
@@ -25,6 +25,7 @@ from quartercar.effects.electrical import (
     levels,
 )
 from quartercar.effects.model_structure import SchedulingDegree
+from quartercar.effects.sensors import SENSORS, scaled
 from quartercar.effects.shared_filter import SharedFilter
 
 
@@ -125,6 +126,34 @@ class TestHold:
             through, alone = (at_once([c], [find_edges(c, PERIOD)]) for c in (passed + noise, edges + noise))
             seen, imagined = seen + (not through), imagined + (not alone)
         assert seen > 16 and imagined == 0
+
+    def test_all_records_of_a_diagnosis_tell_it_together(self) -> None:
+        """By its own edges one is held and another is not, though one chain made them all."""
+        rng = np.random.default_rng(3)
+        parts = []
+        for _ in range(6):
+            edges = np.repeat(rng.uniform(0, 2.5, 20), 60)
+            parts.append(of(lfilter([1.013, -0.013], [1.0], edges) + 0.02 * rng.standard_normal(edges.size)))
+        assert {held(s) for s in parts} == {True, False}
+        together = in_turn([Signals(PERIOD, s.channels, s.output) for s in parts])
+        assert {held(s) for s in together} == {False}
+        assert not held(together[0].replace(velocity=np.zeros(1200))), "whatever else is replaced"
+
+    def test_a_wrong_scale_changes_nothing_that_is_told_of_steps(self, rng: np.random.Generator) -> None:
+        """The law takes up a scale altogether; to think otherwise of its edges made one of 1 % the best of causes."""
+        edges = np.repeat(np.round(rng.uniform(0, 2.5, 20), 2), 60)
+        sensor = list(SENSORS).index("current")
+        for current in (edges, lfilter([1.03, -0.03], [1.0], edges)):
+            s = of(current)
+            believed: list[bool] = []
+
+            def law(x: Signals, believed: list[bool] = believed) -> np.ndarray:
+                believed.append(held(x))
+                return x["current"]
+
+            scaled(law, sensor, 0.99)(s.replace(current=current))
+            scaled(law, sensor, -1.0)(s)
+            assert believed == [held(s)] * 2
 
     @pytest.mark.parametrize("noise", [1e-3, 5e-3, 1e-2])
     @pytest.mark.parametrize("levels", [30, 2])
