@@ -196,6 +196,10 @@ class Effect(ABC):
         """Names of more general effects that do the same on these signals, whatever their further parameters."""
         return ()
 
+    def comes_to(self, values: np.ndarray) -> tuple[str, ...]:
+        """Names of simpler effects of which these values leave no more than another form."""
+        return ()
+
     def shown(self, signals: Sequence[Signals]) -> np.ndarray | None:
         """(k,) parameters at which the inputs by themselves show that it is there; None where they do not."""
         return None

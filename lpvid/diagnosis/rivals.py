@@ -71,6 +71,8 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
     A more general one is no rival, unless these signals cannot tell it from the effect, or it does better by more than
     the small print of a law is worth: an effect that gave way to its special case may then be the true one.
 
+    Nor is one that comes to no more than the effect itself, in another form; and it gives way to that.
+
     Those on the same path are tried however likely they seem: a lag of many samples looks like no other from afar.
     """
     problem, now = search.problem, search.fit
@@ -122,6 +124,10 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
             if apart > -max(GENERAL_LEAST, GENERAL * won):
                 continue
             apart = min(apart + REFINED * won, 0.0)
+        if apart < 0 and e.effect.name in effect.comes_to(own_values(now, effect)):
+            apart -= DISTINCT  # the simpler of the two does better besides
+        if apart > -DISTINCT and effect.name in e.effect.comes_to(own_values(fit, e.effect)):
+            continue
         if not e.effect.implausible(own_values(fit, e.effect)):
             out.append(Alternative(e.effect, fit, abs(similarity(own.best, e.best)), float(apart)))
     return tuple(sorted(out, key=lambda a: a.apart))

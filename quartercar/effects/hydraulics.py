@@ -18,6 +18,8 @@ UNIT_SPEED = 0.1
 """speed at which the exponent of the viscous share leaves the force as it is [m/s]"""
 DRY = 0.02
 """share of the top speed up to which the force of a law counts as dry friction"""
+ALL_OF_IT = 0.05
+"""by how much the share that passes a valve may differ from 1 and be all of it"""
 
 
 class HydraulicEffect(Effect):
@@ -277,6 +279,10 @@ class ValveDynamics(HydraulicEffect):
         out = np.empty(s.n_samples)
         kernels.second_order(viscous, 2 * np.pi * float(values[1]) * s.sample_time, float(values[2]), out)
         return float(values[0]) * (out - viscous)
+
+    def comes_to(self, values: np.ndarray) -> tuple[str, ...]:
+        """A valve that passes all of the force is a fixture that swings, but for what the law holds besides."""
+        return ("fixture-resonance",) if abs(float(values[0]) - 1.0) < ALL_OF_IT else ()
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("two more states", order=2)

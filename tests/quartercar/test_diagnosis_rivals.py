@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effect_signals import PERIOD, guo, motion, road_like
+from effect_signals import PERIOD, guo, motion, power_law, road_like
 
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
@@ -13,13 +13,14 @@ from lpvid.diagnosis.engine import DiagnosisSettings, diagnose
 from lpvid.diagnosis.noise import WHITE
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
-from lpvid.diagnosis.rivals import SEPARATED, _behind_a_filter, _of_motion, _without_chain, alternatives
+from lpvid.diagnosis.rivals import DISTINCT, SEPARATED, _behind_a_filter, _of_motion, _without_chain, alternatives
 from lpvid.diagnosis.selection import Search
 from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.spectra import low_passed
 from lpvid.record import Channel, Record
 from quartercar.effects.electrical import CoilLag, RiseFallLag
 from quartercar.effects.friction_gas import CoulombFriction, GasStiffness, StribeckFriction
+from quartercar.effects.hydraulics import ValveDynamics
 from quartercar.effects.measurement import DisplacementDelay, ForceDelay, ForceOffset, OneSidedFilter
 from quartercar.effects.shared_filter import SharedFilter
 from quartercar.effects.structure import FixtureResonance
@@ -152,3 +153,30 @@ def test_a_special_case_leaves_what_it_is_one_of_as_its_rival(stribeck_speed: fl
     found = {a.effect.name: a.apart for a in alternatives(search, dry, rest)}
     assert ("stribeck-friction" in found) == told
     assert not told or found["stribeck-friction"] <= 0
+
+
+@pytest.mark.parametrize(("share", "rivals"), [(1.0, []), (0.7, ["valve-dynamics"])])
+def test_a_valve_that_passes_all_gives_way_to_the_fixture_that_it_comes_to(share: float, rivals: list[str],
+                                                                           rng: np.random.Generator) -> None:
+    """A power law of exponent 1 is viscous altogether: there the two are one, but for a parameter."""
+    law = power_law()
+    x, v = motion(PERIOD * np.arange(6000))
+    s = Signals(PERIOD, {"displacement": x, "velocity": v, "current": np.ones(6000)}, np.zeros(6000))
+    valve, fixture = ValveDynamics(), FixtureResonance()
+    true = Composition(law, (fixture,) if share == 1.0 else (valve,))
+    vector = true.neutral
+    vector[true.places[0]] = (1 / (2 * np.pi * 40), 0.1) if share == 1.0 else (share, 40.0, 0.1)
+    s = Signals(PERIOD, s.channels, true.predict(s, vector) + 5.0 * rng.standard_normal(6000))
+    problem, alone = Problem((s,), Blocks.of((s,)), WHITE), Composition(law)
+    rest, fits = refit(problem, alone, alone.neutral), {}
+    for effect, begun in ((valve, (share, 40.0, 0.1)), (fixture, (1 / (2 * np.pi * 40), 0.1))):
+        composition = Composition(law, (effect,))
+        start = composition.neutral
+        start[composition.places[0]] = begun
+        fits[effect.name] = refit(problem, composition, start)
+    of_valve, of_fixture = (
+        [(a.effect.name, a.apart) for a in
+         alternatives(Search(problem, fits[e.name], (valve, fixture), rng, lambda text: None), e, rest)]
+        for e in (valve, fixture))
+    assert [name for name, apart in of_fixture if apart < SEPARATED] == rivals
+    assert [name for name, apart in of_valve if apart < -DISTINCT] == (["fixture-resonance"] if share == 1.0 else [])
