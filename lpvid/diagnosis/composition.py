@@ -14,6 +14,8 @@ from lpvid.diagnosis.signals import Core, Linearised, Remembered, Signals
 
 STEP = 1e-5
 """share of a parameter's scale by which it is moved to see what it does."""
+ROUNDING = 1e-13
+"""share of the largest force below which a change by such a step is rounding"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +120,7 @@ class Composition:
         if not self.effects:
             return self.baseline.sensitivities(signals, vector)[:, list(wanted)]
         here = self.predict(signals, vector) if at is None else at
+        rounding = ROUNDING * max(float(np.abs(here).max()), float(np.abs(signals.output).max()))
         _, high = self.bounds
         out = np.zeros((signals.n_samples, len(wanted)))
         moves: dict[int, np.ndarray] = {}
@@ -135,7 +138,9 @@ class Composition:
                 there = self.core(vector, self._tangent(signals, vector, moved, j))(signals)
             else:
                 there = near[j](signals) if j in near else self.predict(signals, moved)
-            out[:, column] = (there - here) / (moved[j] - vector[j]) if moved[j] != vector[j] else 0.0
+            change = there - here
+            if np.abs(change).max() > rounding:  # else a step would follow the last digits to the end of the range
+                out[:, column] = change / (moved[j] - vector[j])
         return out
 
     def _near(self, vector: np.ndarray, moves: Mapping[int, np.ndarray]) -> dict[int, Core]:

@@ -12,6 +12,8 @@ from lpvid.diagnosis.signals import Core, Signals
 
 REVERSAL = 2e-3
 """speed over which the sign of the velocity is smoothed [m/s]"""
+NIL = 1e-7
+"""deflection below which there is none [m]: few samples lie within it, which a fit would follow"""
 
 
 class ParallelForce(GridEffect):
@@ -47,7 +49,7 @@ class CoulombFriction(ParallelForce):
                                 (0.0, 2e-3), (0.0, 2e-5, 1e-4)))
 
     def is_static(self, values: np.ndarray) -> bool:
-        return not values[1] > 0
+        return bool(values[1] < NIL)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         friction, deflection = float(values[0]), float(values[1])
@@ -61,7 +63,7 @@ class CoulombFriction(ParallelForce):
 
 def direction(s: Signals, deflection: float) -> np.ndarray:
     """(n,) direction of motion in [−1, 1], which turns over a deflection [m] after a reversal."""
-    if not deflection > 0:
+    if deflection < NIL:
         return s.cached("direction", lambda: np.tanh(s["velocity"] / REVERSAL))
     from quartercar.effects._friction_kernels import NODES, bristles
 
