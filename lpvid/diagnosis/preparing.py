@@ -63,8 +63,10 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record], catalogue: S
     parts = one_clock(parts, roles)
     if {"displacement", "velocity"} <= set(roles) and any(n.startswith(DERIVED) for n in motion):
         parts = [[_quieter(r) for r in part] for part in parts]
-        if all(QUIETER in r.notes for part in parts for r in part if _derived(r)):
-            motion = tuple(QUIETER if n.startswith(DERIVED) else n for n in motion)
+        quiet = [QUIETER in r.notes for part in parts for r in part if _derived(r)]
+        if any(quiet):
+            rest = "" if all(quiet) else f", in {sum(quiet)} of {len(quiet)} pieces; the others are too short for that"
+            motion = tuple(QUIETER + rest if n.startswith(DERIVED) else n for n in motion)
     notes = (*motion, *stand_in, *why, *left, *losses([*parts[0], *parts[1]]))
     return Prepared(tuple(_only(r, roles) for r in parts[0]), tuple(_only(r, roles) for r in parts[1]), notes)
 

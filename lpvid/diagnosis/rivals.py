@@ -71,7 +71,7 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
     A more general one is no rival, unless these signals cannot tell it from the effect, or it does better by more than
     the small print of a law is worth: an effect that gave way to its special case may then be the true one.
 
-    Nor is one that comes to no more than the effect itself, in another form; and it gives way to that.
+    An effect that comes to no more than a simpler one, in another form, gives way to that where it does better.
 
     Those on the same path are tried however likely they seem: a lag of many samples looks like no other from afar.
     """
@@ -124,10 +124,8 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
             if apart > -max(GENERAL_LEAST, GENERAL * won):
                 continue
             apart = min(apart + REFINED * won, 0.0)
-        if apart < 0 and e.effect.name in effect.comes_to(own_values(now, effect)):
-            apart -= DISTINCT  # the simpler of the two does better besides
-        if apart > -DISTINCT and effect.name in e.effect.comes_to(own_values(fit, e.effect)):
-            continue
+        if apart < -SEPARATED and e.effect.name in effect.comes_to(own_values(now, effect)):
+            apart -= DISTINCT  # the simpler of the two, and the better
         if not e.effect.implausible(own_values(fit, e.effect)):
             out.append(Alternative(e.effect, fit, abs(similarity(own.best, e.best)), float(apart)))
     return tuple(sorted(out, key=lambda a: a.apart))

@@ -20,6 +20,8 @@ PARTLY = 0.9
 """share of the excess error, within two standard errors, below which causes, however steady, are not named"""
 FOLLOWS = 0.1
 """share of the error that a regression on the inputs must predict to count as structure by itself"""
+STAYS = 0.5
+"""share of the squared error that must stay to be told beside what is explained of the excess"""
 LOUD = 3.0
 """squared error over what repeats of the same input do not share of it, above which it is no noise, whatever it looks
 like"""
@@ -114,6 +116,8 @@ def _of_the_named(f: Findings) -> tuple[str, str]:
     if left > LEFT:
         text += f", but what is left still follows the inputs, by {left:.0%} of the output's spread"
         return "partly-explained", text
+    if f.after > STAYS * f.before:
+        text += f"; {f.after / f.before:.0%} of the squared error stays, which looks like noise"
     return "explained", text
 
 

@@ -64,6 +64,15 @@ def test_a_short_record_is_differentiated_as_elsewhere(rng: np.random.Generator)
     assert prepared.notes == ("velocity derived from displacement (savitzky-golay)",)
 
 
+def test_of_a_record_that_is_cut_the_short_pieces_are_told(rng: np.random.Generator) -> None:
+    record, _ = recorded(rng)
+    force = np.array(record["force"])
+    force[1000:1010] = np.nan
+    prepared = prepare([record.with_channel("force", force, "N")], [], (), ("displacement", "velocity", "force"))
+    assert [r.n_samples for r in prepared.training] == [1000, 4990]
+    assert prepared.notes[0].endswith("in 1 of 2 pieces; the others are too short for that")
+
+
 def test_a_measured_velocity_stays(rng: np.random.Generator) -> None:
     record, v = recorded(rng)
     noisy = v + 0.05 * rng.standard_normal(v.size)
