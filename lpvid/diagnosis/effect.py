@@ -71,11 +71,20 @@ class EffectParameter:
             raise InputError(f"effect parameter {self.name} needs a screening grid inside its bounds", got=self.grid)
 
     @property
-    def reach(self) -> tuple[float, float]:
-        """The plausible range with some room: by a factor to either side of 0."""
+    def room(self) -> tuple[float, float]:
+        """The plausible range, wider by a factor to either side of 0."""
         low, high = self.plausible
-        return (max(low / BEYOND if low > 0 else low * BEYOND, self.bounds[0]),
-                min(high / BEYOND if high < 0 else high * BEYOND, self.bounds[1]))
+        return low / BEYOND if low > 0 else low * BEYOND, high / BEYOND if high < 0 else high * BEYOND
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """That part of the room that lies between the bounds."""
+        return max(self.room[0], self.bounds[0]), min(self.room[1], self.bounds[1])
+
+    def stopped(self, value: float) -> bool:
+        """Whether a fit ended at a bound at the end of the room, beyond which it would have gone on."""
+        return value <= self.bounds[0] <= self.room[0] < self.plausible[0] or \
+            value >= self.bounds[1] >= self.room[1] > self.plausible[1]
 
     def choice(self, value: float) -> str | None:
         """What a value means where there are choices; None for a number."""
@@ -214,15 +223,11 @@ class Effect(ABC):
         return f"{self.title}: {', '.join(chosen)}" if chosen else self.title
 
     def implausible(self, values: np.ndarray) -> list[str]:
-        """What speaks against these parameters: those outside their plausible range, with some room.
-
-        One that stopped at a bound beyond that range would have gone on.
-        """
+        """What speaks against these parameters: those outside their plausible range, with some room."""
         found = []
         for p, v in zip(self.parameters, values, strict=True):
             low, high = p.plausible
-            stopped = v <= p.bounds[0] < low or v >= p.bounds[1] > high
-            if stopped or not p.reach[0] <= v <= p.reach[1]:
+            if p.stopped(v) or not p.reach[0] <= v <= p.reach[1]:
                 said = f"{p.name} {v:.3g} {p.unit}".rstrip()
                 found.append(f"{said} lies outside what is plausible, {low:g} to {high:g}")
         return found

@@ -292,10 +292,14 @@ class TestPlausibleRange:
         assert found == pytest.approx(reach)
 
     def test_what_stopped_at_a_bound_would_have_gone_on(self) -> None:
-        class Passing(Dry):
-            @property
-            def parameters(self) -> tuple[EffectParameter, ...]:
-                return (EffectParameter("share", "", "s", 0.0, (0.0, 1.0), (0.0, 1.5), (0.5,)),)
+        """But not at one that is nearer than the room ends: a form's coefficient may take all that it is given."""
+        def share(bound: float) -> EffectParameter:
+            return EffectParameter("share", "", "s", 0.0, (0.0, 1.0), (0.0, bound), (0.5,))
 
-        assert not any(Passing().implausible(np.array([v])) for v in (0.0, 1.0, 1.49))
-        assert Passing().implausible(np.array([1.5]))
+        assert share(1.5).stopped(1.5) and not share(1.4).stopped(1.4)
+        assert not any(share(1.5).stopped(v) for v in (0.0, 1.0, 1.49))
+
+        class Passing(Dry):
+            parameters = (share(1.5),)
+
+        assert Passing().implausible(np.array([1.5])) and not Passing().implausible(np.array([1.49]))
