@@ -41,6 +41,9 @@ class Signals:
         Where each sample lies in that record, counted in its samples; None where they are its own, in order.
     finer : int
         How many times as fast the clock is as that by which they were recorded: beyond its band there is nothing.
+    coarse : Signals, optional
+        The same signals on the clock by which they were recorded, where this one is faster: what has a memory runs
+        along those, and comes here by `refined`.
     peers : tuple of Signals
         All records of a diagnosis, as recorded: what one measurement did to all of them they tell together.
     """
@@ -55,6 +58,7 @@ class Signals:
     record: Signals | None = field(default=None, repr=False)
     at: np.ndarray | None = field(default=None, repr=False)
     finer: int = 1
+    coarse: Signals | None = field(default=None, repr=False)
     peers: tuple[Signals, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
@@ -78,6 +82,11 @@ class Signals:
     def of_record(self, values: np.ndarray) -> np.ndarray:
         """(n,) what is known along the record, (samples of it,), at these samples."""
         return values if self.at is None else np.interp(self.at, np.arange(values.size), values)
+
+    def refined(self, values: np.ndarray) -> np.ndarray:
+        """(n,) values along `coarse`, straight in between."""
+        n = values.size
+        return np.interp(np.arange(self.n_samples) * (n / self.n_samples), np.arange(n), values)
 
     def has(self, role: str) -> bool:
         """Whether a channel is there."""

@@ -30,6 +30,6 @@ def between(s: Signals, finer: int) -> Signals:
             current = s["current"]
             channels["current"] = np.repeat(current, finer) if clocked(s) else np.interp(at, n, current)
         return Signals(s.sample_time / finer, channels, np.repeat(s.output, finer), s.name, s.span, record=s.record,
-                       finer=finer * s.finer)
+                       finer=finer * s.finer, coarse=s)
 
     return s if finer == 1 else s.cached(("between samples", finer), spread)

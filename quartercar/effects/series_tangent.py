@@ -58,10 +58,24 @@ class Runs:
         for signals, out, changes in self.kept:
             if _alike(signals, s):
                 return out, changes
-        out, changes = changed(self.own, s, self.others)
+        out, changes = changed(self.own, s, self.others) if s.coarse is None else self._refined(s, s.coarse)
         self.kept.append((s, out, changes))
         del self.kept[:-RUNS]
         return out, changes
+
+
+    def _refined(self, s: Signals, coarse: Signals) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+        """The same between the samples: the cores there, and what the elements change along the samples."""
+        rigid = self.own.core(s)
+        if not np.isfinite(rigid).all():
+            return rigid, {}
+        (out, changes), at = self.along(coarse), self.own.core(coarse)
+
+        def change(j: int) -> np.ndarray:
+            core = self.others[j].core  # type: ignore[attr-defined]
+            return core(s) - rigid + s.refined(changes[j] - (core(coarse) - at))
+
+        return rigid + s.refined(out - at), {j: change(j) for j in changes}
 
 
 def changed(own: InSeries, s: Signals, others: Sequence[Core]) -> tuple[np.ndarray, dict[int, np.ndarray]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -143,7 +144,7 @@ def swung(core: Core, s: Signals, period: float, damping: float, baseline: Basel
 def _before_steps(core: Core, s: Signals) -> np.ndarray:
     """(n,) simulation just before each sample, where a current steps at samples."""
     def late() -> Signals:
-        return s.replace(current=np.concatenate([s["current"][:1], s["current"][:-1]]))
+        return replace(s.replace(current=np.concatenate([s["current"][:1], s["current"][:-1]])), coarse=s.coarse)
 
     return core(s.cached("signals with the current before each sample", late))
 
