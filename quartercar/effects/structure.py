@@ -130,6 +130,8 @@ def acceleration(s: Signals) -> np.ndarray:
     """(n,) measured acceleration, or the derivative of the velocity without its sensor's noise."""
     if s.has("acceleration"):
         return s["acceleration"]
+    if s.coarse is not None:  # the band in which it moves is that of the record
+        return s.refined(acceleration(s.coarse))
     return s.fact("velocity", "rate of change", lambda v: derivative(s, "velocity"))
 
 

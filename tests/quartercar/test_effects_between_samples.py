@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from effect_signals import PERIOD, guo, motion
 
+from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.signals import Signals
 from quartercar.effects.between_samples import FAST, FINEST, between, times_as_fast
+from quartercar.effects.compliance import SeriesCompliance
+from quartercar.effects.structure import acceleration
 
 FINER = 4
 
@@ -43,3 +46,24 @@ def test_a_law_is_asked_as_fast_as_that_needs() -> None:
     assert times_as_fast(guo(), s) == np.ceil(FAST * PERIOD)
     assert times_as_fast(guo(), Signals(1 / 50, s.channels, s.output)) == FINEST
     assert times_as_fast(guo(), Signals(1e-4, s.channels, s.output)) == 1
+
+
+def test_elements_in_series_are_marched_along_the_samples_only() -> None:
+    """Between them the core's own kinks stay, and the change by the elements runs straight."""
+    s = sampled(np.repeat([0.0, 1.0, 0.5, 2.0], 100))
+    fine = between(s, FINER)
+    for compliance in (0.0, 1e-9, 2e-6):
+        composition = Composition(guo(), (SeriesCompliance(),))
+        vector = composition.neutral
+        vector[composition.places[0].start] = compliance
+        rigid, rigid_fine = (guo().core(guo().vector)(x) for x in (s, fine))
+        got, along = composition.predict(fine, vector), composition.predict(s, vector)
+        np.testing.assert_allclose(got[::FINER], along, atol=1e-9 * np.abs(along).max())
+        np.testing.assert_allclose(got - rigid_fine, fine.refined(along - rigid), atol=1e-9 * np.abs(along).max())
+
+
+def test_an_acceleration_moves_in_the_band_of_the_record(rng: np.random.Generator) -> None:
+    x, v = motion(PERIOD * np.arange(4000))
+    s = Signals(PERIOD, {"displacement": x, "velocity": v + 1e-3 * rng.standard_normal(v.size)}, np.zeros(v.size))
+    got = acceleration(between(s, FINER))
+    np.testing.assert_array_equal(got[::FINER], acceleration(s))
