@@ -9,7 +9,7 @@ from scipy.signal import lsim, lti
 
 from lpvid.diagnosis.signals import Signals
 from quartercar.effects.electrical import SEEN_AFTER
-from quartercar.effects.structure import EndStop, FixtureInertia, FixtureResonance, acceleration, second_order
+from quartercar.effects.structure import LONG, EndStop, FixtureInertia, FixtureResonance, acceleration, second_order
 
 
 def sine(size: float, frequency: float, n: int = 2048) -> Signals:
@@ -150,6 +150,14 @@ class TestResonance:
         by_samples = second_order(np.tanh(v / 0.01), period, 0.05, PERIOD)
         error, before = (np.std(f - exact) / np.std(exact - force[::32]) for f in (got, by_samples))
         assert error < 0.5 * before and error < 0.1
+
+    @pytest.mark.parametrize(("samples", "between"), [(LONG, True), (LONG + 1, False)])
+    def test_a_long_record_is_asked_at_its_samples_only(self, samples: int, between: bool) -> None:
+        v = 0.3 * np.sin(2 * np.pi * 3 * PERIOD * np.arange(samples))
+        force = np.tanh(v / 0.01)
+        got = composed(FixtureResonance(), [0.004, 0.1], Signals(PERIOD, {"velocity": v}, force),
+                       lambda s: np.tanh(s["velocity"] / 0.01))
+        assert np.array_equal(got, second_order(force, 0.004, 0.1, PERIOD)) != between
 
     def test_slow_forces_pass_and_those_at_resonance_grow(self) -> None:
         t = PERIOD * np.arange(8192)
