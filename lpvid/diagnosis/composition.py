@@ -38,9 +38,14 @@ class Composition:
         object.__setattr__(self, "effects", ordered)
 
     @cached_property
+    def own(self) -> int:
+        """Number of the baseline's parameters."""
+        return self.baseline.vector.size
+
+    @cached_property
     def places(self) -> tuple[slice, ...]:
         """Where the parameters of each effect stand in the vector."""
-        first, found = self.baseline.vector.size, []
+        first, found = self.own, []
         for effect in self.effects:
             found.append(slice(first, first + len(effect.parameters)))
             first = found[-1].stop
@@ -81,7 +86,7 @@ class Composition:
     @property
     def chosen(self) -> np.ndarray:
         """(P,) bool: parameters that are a choice among things, which no derivative moves."""
-        return np.array([False] * self.baseline.vector.size + [bool(p.choices) for e in self.effects
+        return np.array([False] * self.own + [bool(p.choices) for e in self.effects
                                                                for p in e.parameters])
 
     def core(self, vector: np.ndarray, given: Core | None = None) -> Core:
@@ -90,7 +95,7 @@ class Composition:
         What the baseline and its series elements give along the same signals with the same parameters is remembered:
         effects beside and around them then cost no further run.
         """
-        core = self.baseline.core(vector[: self.baseline.vector.size]) if given is None else given
+        core = self.baseline.core(vector[: self.own]) if given is None else given
         return self._around(core, vector, 0, len(self.effects), given is None)
 
     def _around(self, core: Core, vector: np.ndarray, first: int, last: int, remember: bool) -> Core:
@@ -134,7 +139,7 @@ class Composition:
             if j not in moves:
                 continue
             moved = moves[j]
-            if self.baseline.adaptive and j < self.baseline.vector.size:
+            if self.baseline.adaptive and j < self.own:
                 there = self.core(vector, self._tangent(signals, vector, moved, j))(signals)
             else:
                 there = near[j](signals) if j in near else self.predict(signals, moved)
@@ -148,10 +153,8 @@ class Composition:
 
         The effects around the element are composed with it as with any other core.
         """
-        own = self.baseline.vector.size
-
         def inner(at: np.ndarray, count: int) -> Core:
-            core = self._around(self.baseline.core(at[:own]), at, 0, count, True)
+            core = self._around(self.baseline.core(at[: self.own]), at, 0, count, True)
             return core.core if isinstance(core, Remembered) else core
 
         for count in range(len(self.effects), 0, -1):
@@ -167,7 +170,7 @@ class Composition:
 
     def _tangent(self, signals: Signals, vector: np.ndarray, moved: np.ndarray, j: int) -> Core:
         """The baseline with one parameter moved: along its derivative on these signals, run anew on any others."""
-        own = slice(0, self.baseline.vector.size)
+        own = slice(0, self.own)
         core = Remembered(self.baseline.core(vector[own]), (self.baseline, (), vector[own].tobytes()))
         slopes = Remembered(lambda s: self.baseline.sensitivities(s, vector[own]),
                             (self.baseline, "sensitivities", vector[own].tobytes()))

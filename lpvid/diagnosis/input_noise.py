@@ -47,10 +47,7 @@ def without_input_noise(problem: Problem) -> Problem:
 def _without(s: Signals) -> Signals:
     """Signals without their sensors' noise, of which a filter is undone where it would be undone with it."""
     quiet = {c: x for c in s.channels if (x := _quiet(s, c)) is not s[c]}
-    found = s.replace(**quiet)
-    for c in quiet:
-        weighed_alike(found, s, c)
-    return found
+    return weighed_alike(s.replace(**quiet), s)
 
 
 def _quiet(s: Signals, channel: str) -> np.ndarray:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -48,11 +49,18 @@ class Refit:
     cost: float
     errors: np.ndarray
     n_samples: int
+    cache: dict = field(default_factory=dict, repr=False)
 
-    @cached_property
+    def cached(self, key: object, make: Callable[[], Any]) -> Any:
+        """What `make` returns, found once for this fit; several threads may ask, for this fit and others."""
+        if key not in self.cache:
+            self.cache[key] = make()
+        return self.cache[key]
+
+    @property
     def jacobian(self) -> np.ndarray:
         """(N, P) whitened derivative of the simulation, all stacked samples; taken when it is first asked for."""
-        return _jacobian(self.problem, self.composition, self.vector)
+        return self.cached("jacobian", lambda: _jacobian(self.problem, self.composition, self.vector))
 
     @property
     def variance(self) -> float:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid._threads import in_parallel
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.input_noise import without_input_noise
 from lpvid.diagnosis.noise import WHITE
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
-from lpvid.diagnosis.screening import directions, moves, placed, screen, similarity
+from lpvid.diagnosis.screening import Direction, Evidence, directions, moves, placed, screen, similarity
 from lpvid.diagnosis.selection import REFINED, TASTE, Search
 from lpvid.diagnosis.starting import own_values, starts
 
@@ -91,33 +93,12 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
     general = {e.effect.name for e in likely if effect.name in e.effect.contains and e.effect.name not in alike}
     tried = [e for e in likely if e.effect.name not in general][:RIVALS]
     tried += [e for e in near if e not in tried and (e.effect.name in general or _kin(e.effect, effect))]
+    put = in_parallel(lambda e: _in_place(search, effect, rest, e, found), tried)
     out = []
-    for e in tried:
-        assert e.best is not None and own.best is not None
-        composition = Composition(rest.composition.baseline, (*rest.composition.effects, e.effect))
-        begun = [placed(composition, rest, {e.effect.name: v}) for v in starts(e.effect, found)[:2]]
-        beside = [placed(composition, now, {e.effect.name: v}) for v in e.effect.points(problem.signals)]
-        begun += sorted(beside, key=lambda v: _cost(problem, composition, v))[:2]
-        if _kin(e.effect, effect):
-            begun += _without_chain(problem, now, composition, e.effect)
-        fit = min((refit(problem, composition, start, iterations=TASTE, near=rest, rough=True) for start in begun),
-                  key=lambda f: f.cost)
-        if fit.cost - now.cost > max(CLOSE * now.variance, CLOSE_SHARE * (rest.cost - now.cost)):
+    for e, fit in zip(tried, put, strict=True):
+        if fit is None or own.best is None or e.best is None or e.effect.implausible(own_values(fit[1], e.effect)):
             continue
-        fit = refit(problem, composition, fit.vector, near=rest, rough=True)
-        spared = min(fit.vector.size - now.vector.size, 0) * np.log(problem.n_samples)
-        apart = (fit.cost - now.cost) / now.variance + spared
-        if e.effect.catch_all != effect.catch_all and _kin(e.effect, effect):
-            apart = 0.0 if abs(apart) < DOUBTFUL else apart
-        elif e.effect.catch_all and not effect.catch_all:  # a form takes the place of a component only if far better
-            apart += FORM * (rest.cost - now.cost) / now.variance
-        elif effect.catch_all and not e.effect.catch_all:
-            apart -= COMPONENT * (rest.cost - now.cost) / now.variance
-        elif e.effect.path == effect.path == "motion":
-            apart, fit = _of_motion(search, fit, spared, separation(rest, now))
-        else:
-            apart = _weighed(problem, apart, now, fit, separation(rest, now), _kin(e.effect, effect))
-        won = (rest.cost - now.cost) / now.variance
+        apart, won = fit[0], (rest.cost - now.cost) / now.variance
         if e.effect.name in effect.contains:
             apart -= REFINED * won
         elif e.effect.name in general:
@@ -126,9 +107,37 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
             apart = min(apart + REFINED * won, 0.0)
         if apart < -SEPARATED and e.effect.name in effect.comes_to(own_values(now, effect)):
             apart -= DISTINCT  # the simpler of the two, and the better
-        if not e.effect.implausible(own_values(fit, e.effect)):
-            out.append(Alternative(e.effect, fit, abs(similarity(own.best, e.best)), float(apart)))
+        out.append(Alternative(e.effect, fit[1], abs(similarity(own.best, e.best)), float(apart)))
     return tuple(sorted(out, key=lambda a: a.apart))
+
+
+def _in_place(search: Search, effect: Effect, rest: Refit, e: Evidence,
+              found: Sequence[Direction]) -> tuple[float, Refit] | None:
+    """Another in the place of an effect: the log-likelihood by which it trails, and its fit; None where far off."""
+    problem, now = search.problem, search.fit
+    composition = Composition(rest.composition.baseline, (*rest.composition.effects, e.effect))
+    begun = [placed(composition, rest, {e.effect.name: v}) for v in starts(e.effect, found)[:2]]
+    beside = [placed(composition, now, {e.effect.name: v}) for v in e.effect.points(problem.signals)]
+    begun += sorted(beside, key=lambda v: _cost(problem, composition, v))[:2]
+    if _kin(e.effect, effect):
+        begun += _without_chain(problem, now, composition, e.effect)
+    fit = min((refit(problem, composition, start, iterations=TASTE, near=rest, rough=True) for start in begun),
+              key=lambda f: f.cost)
+    won = rest.cost - now.cost
+    if fit.cost - now.cost > max(CLOSE * now.variance, CLOSE_SHARE * won):
+        return None
+    fit = refit(problem, composition, fit.vector, near=rest, rough=True)
+    spared = min(fit.vector.size - now.vector.size, 0) * np.log(problem.n_samples)
+    apart = (fit.cost - now.cost) / now.variance + spared
+    if e.effect.catch_all != effect.catch_all and _kin(e.effect, effect):
+        return 0.0 if abs(apart) < DOUBTFUL else apart, fit
+    if e.effect.catch_all and not effect.catch_all:  # a form takes the place of a component only if far better
+        return apart + FORM * won / now.variance, fit
+    if effect.catch_all and not e.effect.catch_all:
+        return apart - COMPONENT * won / now.variance, fit
+    if e.effect.path == effect.path == "motion":
+        return _of_motion(search, fit, spared, separation(rest, now))
+    return _weighed(problem, apart, now, fit, separation(rest, now), _kin(e.effect, effect)), fit
 
 
 def _kin(one: Effect, other: Effect) -> bool:
@@ -143,7 +152,8 @@ def _of_motion(search: Search, fit: Refit, spared: float, margin: float) -> tupl
     that both bring to where they were, it is all by which they differ.
     """
     quiet = without_input_noise(search.problem)
-    now, other = (refit(quiet, f.composition, f.vector, rough=True) for f in (search.fit, fit))
+    now, other = (f.cached("without the noise of inputs", lambda f=f: refit(quiet, f.composition, f.vector, rough=True))
+                  for f in (search.fit, fit))
     apart = _weighed(quiet, float(other.cost - now.cost) / now.variance + spared, now, other, margin, True)
     return _behind_a_filter(search, apart, fit) if SEPARATED < apart < CHAINED else (apart, fit)
 
@@ -220,7 +230,8 @@ def _unwhitened(problem: Problem, fit: Refit) -> Refit:
     Two lags on one path differ by little else than the bands that whitening weighs most, so that the parameters of the
     right one, fitted there to the noise that it raises, would lose by the error in the output's unit as well.
     """
-    return refit(problem.with_whitening(WHITE), fit.composition, fit.vector, rough=True)
+    return fit.cached(("unwhitened", problem.signals),
+                      lambda: refit(problem.with_whitening(WHITE), fit.composition, fit.vector, rough=True))
 
 
 def _weighed(problem: Problem, apart: float, now: Refit, other: Refit, margin: float, kin: bool) -> float:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid._threads import in_parallel
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.problem import Problem, projector, without
@@ -119,8 +120,8 @@ class Move:
 def moves(problem: Problem, fit: Refit, effects: Sequence[Effect]) -> list[Move]:
     """Every candidate at every grid point, around a fitted composition; those that do not simulate are left out."""
     now = [fit.composition.predict(s, fit.vector) for s in problem.signals]
-    every = [_move(problem, fit, now, e, values) for e in effects for values in e.points(problem.signals)]
-    return [m for m in every if m is not None]
+    every = in_parallel(lambda e: [_move(problem, fit, now, e, v) for v in e.points(problem.signals)], effects)
+    return [m for of_effect in every for m in of_effect if m is not None]
 
 
 def move(problem: Problem, fit: Refit, effect: Effect, values: np.ndarray) -> Move | None:

@@ -100,21 +100,26 @@ def _known(s: Signals, channel: str) -> tuple[Continued, np.ndarray]:
     A channel that was derived from another has the share of that one: what makes motion of it makes as much of the
     noise, which then rises with the frequency up to where the derivative was smoothed.
     """
-    def find(x: np.ndarray) -> tuple[Continued, np.ndarray]:
+    signal = s.fact(channel, "spectrum", lambda x: Continued.predicted(x, s.sample_time))
+
+    def find(x: np.ndarray) -> np.ndarray:
         source = next((r for r in RATES.get(channel, ()) if s.has(r) and _derived(s, channel, r)), None)
-        signal = Continued.predicted(x, s.sample_time)
-        return signal, _share(signal.omega, x, s) if source is None else _known(s, source)[1]
+        return _share(signal.omega, x, s) if source is None else _known(s, source)[1]
 
-    return s.fact(channel, "spectrum", find)
+    return signal, s.fact(channel, "share", find)
 
 
-def weighed_alike(s: Signals, like: Signals, channel: str) -> None:
-    """Let a channel, of as many samples, be weighed with the share of motion that it has in other signals.
+def weighed_alike(s: Signals, like: Signals) -> Signals:
+    """The signals, whose channels are weighed from now on with the share of motion that they have in others.
 
-    One whose noise was taken away seems to move at every frequency: a filter would be undone where there is nothing.
+    For those that were made of others of as many samples: one that was read later, or before a filter, has its noise
+    where it had it, and one whose noise was taken away seems to move at every frequency, so that a filter would be
+    undone where there is nothing.
     """
-    if s[channel].size >= SHORT:
-        s.facts[channel, "spectrum"] = (Continued.predicted(s[channel], s.sample_time), _known(like, channel)[1])
+    for channel, values in s.channels.items():
+        if values is not like.channels.get(channel) and values.size >= SHORT:
+            s.facts[channel, "share"] = _known(like, channel)[1]
+    return s
 
 
 def _share(omega: np.ndarray, x: np.ndarray, s: Signals) -> np.ndarray:

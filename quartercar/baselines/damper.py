@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -56,7 +57,7 @@ class DamperBaseline(Baseline):
     def channels(self) -> tuple[str, ...]:
         return (*self.damper.reads, "force")
 
-    @property
+    @cached_property
     def coefficients(self) -> tuple[Coefficient, ...]:
         bounds = _within_reach if self.adaptive else _own_bounds
         return tuple(Coefficient(p.name, p.unit, *bounds(p, v), _scale(p.default, v)) for p, v in

@@ -5,7 +5,8 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from functools import cached_property
+from itertools import accumulate, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -114,15 +115,24 @@ class TanhLaw(StaticDamper):
 
     def pieces(self, vector: np.ndarray) -> list[np.ndarray]:
         """θ of each of `terms`; empty where there is none."""
-        sizes = [0 if c is None else len(c.parameters) for c in self.terms]
-        ends = np.cumsum(sizes)
-        return [vector[end - size: end] for size, end in zip(sizes, ends, strict=True)]
+        return [vector[place] for place in self.places]
+
+    @cached_property
+    def settled(self) -> Terms:
+        """`terms`, found once."""
+        return self.terms
+
+    @cached_property
+    def places(self) -> tuple[slice, ...]:
+        """Where the parameters of each of `terms` stand in the vector."""
+        sizes = [0 if c is None else len(c.parameters) for c in self.settled]
+        return tuple(slice(end - size, end) for size, end in zip(sizes, accumulate(sizes), strict=True))
 
     def factors(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
                  vector: np.ndarray) -> Factors:
         """Coefficients and lagged velocities along a motion."""
         values = [None if c is None else c.value(current, theta)
-                  for c, theta in zip(self.terms, self.pieces(vector), strict=True)]
+                  for c, theta in zip(self.settled, self.pieces(vector), strict=True)]
         y, s, c, ratio, post_ratio = values
         assert y is not None and s is not None and c is not None
         lagged = velocity if ratio is None else velocity + ratio * displacement

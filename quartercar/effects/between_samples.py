@@ -7,29 +7,29 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.signals import Signals
 from quartercar.effects.electrical import clocked
+from quartercar.effects.splines import spread
 
-FAST, FINEST = 2000.0, 8
+FAST, FINEST, MOST = 2000.0, 8, 80_000
 """rate at which a law without memory is asked [1/s]: what it makes of a motion goes beyond half the sample rate, where
-a filter would have taken it away; and the most samples that are put between two for that"""
+a filter would have taken it away; the most samples that are put between two for that; and samples in all, beyond which
+a law is asked less often, down to the record's own: it would cost minutes and gigabytes"""
 
 
 def times_as_fast(baseline: Baseline, s: Signals) -> int:
     """How many times as fast as the record a law is asked; 1 for one with a memory, whose steps are its own."""
-    return int(np.clip(np.ceil(FAST * s.sample_time), 1, FINEST)) if baseline.static else 1
+    most = int(np.clip(MOST // s.n_samples, 1, FINEST))
+    return int(np.clip(np.ceil(FAST * s.sample_time), 1, most)) if baseline.static else 1
 
 
 def between(s: Signals, finer: int) -> Signals:
     """The same signals on a clock `finer` times as fast: cubic splines, and a current in straight lines or in steps."""
-    def spread() -> Signals:
-        from scipy.interpolate import CubicSpline
-
-        n = np.arange(s.n_samples)
-        at = np.minimum(np.arange(finer * s.n_samples) / finer, n[-1])
-        channels = {c: CubicSpline(n, x)(at) for c, x in s.channels.items() if c != "current"}
+    def ask() -> Signals:
+        channels = {c: spread(x, finer) for c, x in s.channels.items() if c != "current"}
         if s.has("current"):
-            current = s["current"]
+            n, current = np.arange(s.n_samples), s["current"]
+            at = np.minimum(np.arange(finer * s.n_samples) / finer, n[-1])
             channels["current"] = np.repeat(current, finer) if clocked(s) else np.interp(at, n, current)
         return Signals(s.sample_time / finer, channels, np.repeat(s.output, finer), s.name, s.span, record=s.record,
                        finer=finer * s.finer, coarse=s)
 
-    return s if finer == 1 else s.cached(("between samples", finer), spread)
+    return s if finer == 1 else s.cached(("between samples", finer), ask)

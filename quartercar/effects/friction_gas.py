@@ -65,11 +65,14 @@ def direction(s: Signals, deflection: float) -> np.ndarray:
     """(n,) direction of motion in [−1, 1], which turns over a deflection [m] after a reversal."""
     if deflection < NIL:
         return s.cached("direction", lambda: np.tanh(s["velocity"] / REVERSAL))
-    from quartercar.effects._friction_kernels import NODES, bristles
+    def follow() -> np.ndarray:
+        from quartercar.effects._friction_kernels import NODES, bristles
 
-    out = np.empty(s.n_samples)
-    bristles(np.ascontiguousarray(s["velocity"]), s.sample_time, deflection, REVERSAL, NODES, out)
-    return out
+        out = np.empty(s.n_samples)
+        bristles(np.ascontiguousarray(s["velocity"]), s.sample_time, deflection, REVERSAL, NODES, out)
+        return out
+
+    return s.remembered("bristles", deflection, follow)
 
 
 class StribeckFriction(ParallelForce):

@@ -9,8 +9,9 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
-from lpvid.diagnosis.spectra import SHORT, before_filter
+from lpvid.diagnosis.spectra import SHORT, before_filter, weighed_alike
 from quartercar.effects.electrical import LateEffect, read_earlier
+from quartercar.effects.splines import glided
 
 MOTION = ("displacement", "velocity", "acceleration")
 """channels that one position sensor feeds"""
@@ -20,16 +21,6 @@ def shifted(values: np.ndarray, samples: float) -> np.ndarray:
     """Values read `samples` later (earlier where negative), linear in between, the ends held."""
     n = np.arange(values.size)
     return np.interp(n + samples, n, values)
-
-
-def glided(values: np.ndarray, samples: float) -> np.ndarray:
-    """Values of a smooth signal read `samples` later, by cubic splines in between, the ends held.
-
-    A straight line between samples would take away cos(π f T) of what moves with f, half-way between them.
-    """
-    from scipy.ndimage import shift
-
-    return shift(values, -samples, order=3, mode="nearest")
 
 
 class ChainEffect(GridEffect):
@@ -72,7 +63,8 @@ class DisplacementDelay(ChainEffect, LateEffect):
         def prompt(s: Signals) -> Signals:
             lag = share * delay if s.n_samples >= SHORT else 0.0
             sharp = {m: before_filter(s, m, (lag,)) if lag > 0 else s[m] for m in MOTION if s.has(m)}
-            return s.replace(**{m: glided(c, (delay - lag) / s.sample_time) for m, c in sharp.items()})
+            late = {m: glided(c, (delay - lag) / s.sample_time) for m, c in sharp.items()}
+            return weighed_alike(s.replace(**late), s)
 
         return lambda s: core(s.remembered("prompt", (delay, share), lambda: prompt(s)))
 
@@ -104,7 +96,8 @@ class ForceDelay(ChainEffect):
 
         def early(s: Signals) -> Signals:
             read = {k: shifted(c, -delay / s.sample_time) for k, c in s.channels.items() if k != "current"}
-            return s.replace(**read, **({"current": read_earlier(s, delay)} if s.has("current") else {}))
+            found = weighed_alike(s.replace(**read), s)
+            return found.replace(current=read_earlier(s, delay)) if s.has("current") else found
 
         return lambda s: core(s.remembered("early", delay, lambda: early(s)))
 
@@ -142,7 +135,7 @@ class OneSidedFilter(ChainEffect):
         factors = (2 * zeta * t + third, t**2 + 2 * zeta * t * third, t**2 * third)
 
         def sharp(s: Signals) -> Signals:
-            return s.replace(**{m: before_filter(s, m, factors) for m in MOTION if s.has(m)})
+            return weighed_alike(s.replace(**{m: before_filter(s, m, factors) for m in MOTION if s.has(m)}), s)
 
         return lambda s: core(s.remembered("sharp", factors, lambda: sharp(s)))
 

@@ -16,8 +16,6 @@ from quartercar.effects.electrical import SEEN_AFTER, clocked
 
 DEPTH = 1e-3
 """depth at which the stiffness of a progressive stop is told [m]"""
-LONG = 40_000
-"""samples from which on a law is asked at them only: what the moments between them tell is told by so many"""
 
 
 class EndStop(Effect):
@@ -139,7 +137,7 @@ def acceleration(s: Signals) -> np.ndarray:
 
 def swung(core: Core, s: Signals, period: float, damping: float, baseline: Baseline) -> np.ndarray:
     """(n,) simulation behind 1/(1 + 2ζTs + T²s²), asked between the samples where it has no memory."""
-    finer = times_as_fast(baseline, s) if SHORT <= s.n_samples <= LONG else 1
+    finer = times_as_fast(baseline, s) if s.n_samples >= SHORT else 1
     fine = between(s, finer)
     before = _before_steps(core, fine) if clocked(s) else None
     return second_order(core(fine), period, damping, fine.sample_time, before, finer * SEEN_AFTER)[::finer]

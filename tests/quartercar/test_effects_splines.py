@@ -1,0 +1,35 @@
+"""Splines on a uniform clock, against scipy's and the functions that they go through."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import shift
+
+from quartercar.effects.splines import END, glided, spread
+
+
+@pytest.fixture
+def walk() -> np.ndarray:
+    return np.cumsum(np.random.default_rng(0).standard_normal(400))
+
+
+@pytest.mark.parametrize("samples", [0.0, 0.2, 3.5, 7.999, -2.4, 5.0, 41.3, -41.3, 399.5, 1e4, -1e4])
+def test_reading_later_is_shifting(walk: np.ndarray, samples: float) -> None:
+    np.testing.assert_allclose(glided(walk, samples), shift(walk, -samples, order=3, mode="nearest"), atol=1e-6)
+
+
+@pytest.mark.parametrize("finer", [2, 3, 7])
+def test_a_faster_clock_is_the_cubic_spline_away_from_the_ends(walk: np.ndarray, finer: int) -> None:
+    at = np.arange(finer * walk.size) / finer
+    inside = slice(2 * END * finer, -2 * END * finer)
+    np.testing.assert_allclose(spread(walk, finer)[inside], CubicSpline(np.arange(walk.size), walk)(at)[inside],
+                               atol=1e-9)
+
+
+def test_a_faster_clock_keeps_the_samples_and_goes_straight_at_the_ends() -> None:
+    line = np.linspace(1.0, 5.0, 60)
+    finer = spread(line, 4)
+    assert np.array_equal(finer[::4], line) and np.all(finer[-4:] == line[-1])
+    np.testing.assert_allclose(finer[:-4], np.interp(np.arange(236) / 4, np.arange(60), line), atol=1e-8)
