@@ -103,6 +103,10 @@ def _known(s: Signals, channel: str) -> tuple[Continued, np.ndarray]:
     signal = s.fact(channel, "spectrum", lambda x: Continued.predicted(x, s.sample_time))
 
     def find(x: np.ndarray) -> np.ndarray:
+        if (channel, "made of") in s.facts:
+            before, share = _known(s.facts[channel, "made of"], channel)
+            return share if before.omega.size == signal.omega.size else \
+                np.interp(signal.omega, before.omega, share, right=0.0)
         source = next((r for r in RATES.get(channel, ()) if s.has(r) and _derived(s, channel, r)), None)
         return _share(signal.omega, x, s) if source is None else _known(s, source)[1]
 
@@ -112,13 +116,13 @@ def _known(s: Signals, channel: str) -> tuple[Continued, np.ndarray]:
 def weighed_alike(s: Signals, like: Signals) -> Signals:
     """The signals, whose channels are weighed from now on with the share of motion that they have in others.
 
-    For those that were made of others of as many samples: one that was read later, or before a filter, has its noise
-    where it had it, and one whose noise was taken away seems to move at every frequency, so that a filter would be
-    undone where there is nothing.
+    For those that were made of others, maybe on a faster clock: a channel that was read later, or before a filter, has
+    its noise where it had it, and one whose noise was taken away seems to move at every frequency, so that a filter
+    would be undone where there is nothing.
     """
     for channel, values in s.channels.items():
-        if values is not like.channels.get(channel) and values.size >= SHORT:
-            s.facts[channel, "share"] = _known(like, channel)[1]
+        if values is not like.channels.get(channel):
+            s.facts[channel, "made of"] = like
     return s
 
 

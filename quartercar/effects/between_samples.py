@@ -6,6 +6,7 @@ import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.signals import Signals
+from lpvid.diagnosis.spectra import weighed_alike
 from quartercar.effects.electrical import clocked
 from quartercar.effects.splines import spread
 
@@ -29,7 +30,8 @@ def between(s: Signals, finer: int) -> Signals:
             n, current = np.arange(s.n_samples), s["current"]
             at = np.minimum(np.arange(finer * s.n_samples) / finer, n[-1])
             channels["current"] = np.repeat(current, finer) if clocked(s) else np.interp(at, n, current)
-        return Signals(s.sample_time / finer, channels, np.repeat(s.output, finer), s.name, s.span, record=s.record,
-                       finer=finer * s.finer, coarse=s)
+        found = Signals(s.sample_time / finer, channels, np.repeat(s.output, finer), s.name, s.span, record=s.record,
+                        finer=finer * s.finer, coarse=s)
+        return weighed_alike(found, s)
 
     return s if finer == 1 else s.cached(("between samples", finer), ask)

@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
-from lpvid.diagnosis.spectra import SHORT, before_filter, low_passed
+from lpvid.diagnosis.spectra import SHORT, before_filter, low_passed, weighed_alike
 from quartercar.effects.between_samples import times_as_fast
 from quartercar.effects.current_edges import Edges, current_before, edges_of, is_sharp, time_constant
 from quartercar.effects.measurement import ChainEffect
@@ -89,5 +89,6 @@ def _before(s: Signals, t: float, zeta: float, finer: int, edges: Edges | None, 
     channels = {c: before_filter(s, c, factors, finer) for c in s.channels if c != "current" or edges is None}
     if edges is not None:
         channels["current"] = current_before(s, edges, t, zeta, finer) if sharp else s["current"]
-    return Signals(s.sample_time / finer, channels, np.repeat(s.output, finer), s.name, s.span, record=s.record,
-                   finer=finer * s.finer)
+    found = Signals(s.sample_time / finer, channels, np.repeat(s.output, finer), s.name, s.span, record=s.record,
+                    finer=finer * s.finer)
+    return weighed_alike(found, s)
