@@ -76,7 +76,12 @@ class PowerLawDamper(StaticDamper):
 
     def law(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
             vector: np.ndarray) -> np.ndarray:
-        return self._columns(displacement, velocity, vector) @ self._coefficients(vector)
+        rising, speed = velocity > 0, np.abs(velocity)
+        linear, power, exponent = (np.where(rising, a, b) for a, b in zip(vector[:3], vector[3:6], strict=True))
+        force = np.sign(velocity) * (linear * speed + power * (speed / self.reference_speed) ** exponent)
+        for weight, column in zip(vector[6:], self.static_columns(displacement, velocity), strict=True):
+            force += weight * column
+        return force
 
     def law_gradient(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
                      vector: np.ndarray) -> np.ndarray:
