@@ -30,9 +30,10 @@ FORM = 0.25
 """share of what a component wins by which a catch-all must do better to be its rival"""
 COMPONENT = 0.05
 """share of what a form wins by which a component may do worse and still be the better name"""
-DOUBTFUL = 100.0
-"""whitened log-likelihood that must lie between a form and a component on the same path: a saturation and a quadratic
-law of the current differ by small print, which the small print of the measurement may outweigh"""
+DOUBTFUL, DOUBTFUL_SHARE = 100.0, 0.15
+"""whitened log-likelihood that must lie between a form and a component on the same path, and the share of what the
+cause wins that is enough: a saturation and a quadratic law of the current differ by small print, which the small print
+of the measurement may outweigh; a fourth of all that a faint cause wins is no small print"""
 PLAIN, HINTED, HINTED_KIN = 0.1, 0.03, 0.005
 """share of the squared error in the output's unit by which a rival must surely do better there to be the better name
 whatever the whitened error says, and by which it must seem to for the whitened error alone not to decide; the last for
@@ -130,7 +131,7 @@ def _in_place(search: Search, effect: Effect, rest: Refit, e: Evidence,
     spared = min(fit.vector.size - now.vector.size, 0) * np.log(problem.n_samples)
     apart = (fit.cost - now.cost) / now.variance + spared
     if e.effect.catch_all != effect.catch_all and _kin(e.effect, effect):
-        return 0.0 if abs(apart) < DOUBTFUL else apart, fit
+        return 0.0 if abs(apart) < doubtful(won / now.variance) else apart, fit
     if e.effect.catch_all and not effect.catch_all:  # a form takes the place of a component only if far better
         return apart + FORM * won / now.variance, fit
     if effect.catch_all and not e.effect.catch_all:
@@ -138,6 +139,17 @@ def _in_place(search: Search, effect: Effect, rest: Refit, e: Evidence,
     if e.effect.path == effect.path == "motion":
         return _of_motion(search, fit, spared, separation(rest, now))
     return _weighed(problem, apart, now, fit, separation(rest, now), _kin(e.effect, effect)), fit
+
+
+def doubtful(won: float) -> float:
+    """Log-likelihood up to which a form and a component on one path cannot be told apart, of a cause that wins so much.
+
+    Examples
+    --------
+    >>> doubtful(180.0), doubtful(5000.0), doubtful(50.0)
+    (27.0, 100.0, 20.0)
+    """
+    return float(np.clip(DOUBTFUL_SHARE * won, 2 * SEPARATED, DOUBTFUL))
 
 
 def _kin(one: Effect, other: Effect) -> bool:
