@@ -131,7 +131,8 @@ def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str])
     total = float(gains.sum())
     acting = _acting(problem, fit, rest)
     better = float(np.mean(gains[acting] > 0))
-    enough = _enough(problem.block_sums((rest.errors - fit.errors)**2)[acting] / fit.variance)
+    change = rest.errors - fit.errors
+    enough = _enough(problem.block_sums(change**2)[acting] / (fit.variance * dispersion(problem, change, fit.errors)))
     largest = float(gains.max() / total) if total > 0 else 1.0
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
     contribution = _contribution(problem, fit, rest)
@@ -347,13 +348,37 @@ def _enough(energy: np.ndarray) -> float:
     Parameters
     ----------
     energy : (blocks,) array
-        E of the blocks in which it acts.
+        E of the blocks in which it acts, over the `dispersion` of the noise.
     """
     from scipy.special import ndtr
 
     chances = ndtr(np.sqrt(energy) / 2)
     expected, uncertain = chances.mean(), np.sqrt(np.sum(chances * (1 - chances))) / chances.size
     return float(np.clip(expected - LUCK * uncertain, MAJORITY, BLOCKS_BETTER))
+
+
+def dispersion(problem: Problem, change: np.ndarray, errors: np.ndarray) -> float:
+    """By how much the block sums d·e scatter more than they would in white noise of one level; at least 1.
+
+    What whitening leaves of slow noise adds up along a slow change; and noise that is large where the change is large
+    weighs more than its mean says. With d_b the change in block b and e_k the errors in another, which know nothing of
+    each other, the first is the mean of (d_b·e_k)² over b ≠ k, over σ² |d|²; the second Σ d² e² relative to that.
+
+    Parameters
+    ----------
+    problem : Problem
+    change, errors : (N,) array
+        Stacked.
+    """
+    d, e = (np.asarray(v).reshape(problem.blocks.count, -1) for v in (change, errors))
+    level = float(np.mean(e**2) * np.mean(np.sum(d**2, axis=1)))
+    if not level > 0:
+        return 1.0
+    products = (d @ e.T) ** 2
+    apart = ~np.eye(products.shape[0], dtype=bool)
+    slow = float(np.mean(products[apart])) / level
+    uneven = float(np.mean(np.sum(d**2 * e**2, axis=1))) / level
+    return max(slow, 1.0) * max(uneven, 1.0)
 
 
 def _contribution(problem: Problem, fit: Refit, rest: Refit) -> float:

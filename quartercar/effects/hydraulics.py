@@ -264,7 +264,7 @@ class ValveDynamics(HydraulicEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("share", "", "s, of the viscous force that passes it", 0.0, (0.0, 1.0), (0.0, 1.5),
+        return (EffectParameter("share", "", "s, of the viscous force that passes it", 0.0, (0.0, 1.0), (0.0, 1.0),
                                 (0.5,)),
                 EffectParameter("frequency", "Hz", "w/(2 pi)", 50.0, (5.0, 500.0), (1.0, 2000.0), (15.0, 40.0, 100.0)),
                 EffectParameter("damping", "", "zeta", 0.2, (0.02, 0.4), (0.005, 0.7), (0.15, 0.5)))

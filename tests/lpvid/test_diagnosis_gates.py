@@ -17,6 +17,7 @@ from lpvid.diagnosis.deciding import (
     Folds,
     Judged,
     _enough,
+    dispersion,
     explained_share,
     judge,
     out_of_fold,
@@ -177,6 +178,28 @@ class TestBlocksInWhichACauseMustHelp:
         enough = _enough(energy)
         assert MAJORITY < enough < BLOCKS_BETTER
         assert np.mean((gains > 0).mean(axis=1) < enough) < 0.08
+
+    @pytest.mark.parametrize("colour", ["white", "slow", "uneven"])
+    def test_dispersion_is_that_of_the_noise_along_the_change(self, rng: np.random.Generator, colour: str) -> None:
+        """Against block sums of d·e drawn anew many times."""
+        problem, _ = problem_of(record(rng))
+        n = problem.n_samples
+        change = np.sin(np.arange(n) / 300.0) ** 2
+
+        def noise() -> np.ndarray:
+            white = rng.standard_normal(n)
+            if colour == "slow":
+                return np.convolve(white, np.full(10, 10**-0.5), "same")
+            return white * (change / np.sqrt(np.mean(change**2)) if colour == "uneven" else 1.0)
+
+        draws = [noise() for _ in range(60)]
+        scatter = np.mean([problem.block_sums(change * e) ** 2 for e in draws])
+        expected = scatter / np.mean(problem.block_sums(change**2)) / np.mean(np.square(draws))
+        assert np.mean([dispersion(problem, change, e) for e in draws[:10]]) == pytest.approx(expected, rel=0.25)
+
+    def test_no_change_disperses_nothing(self, rng: np.random.Generator) -> None:
+        problem, _ = problem_of(record(rng))
+        assert dispersion(problem, np.zeros(problem.n_samples), rng.standard_normal(problem.n_samples)) == 1.0
 
     def test_never_fewer_than_a_clear_majority(self) -> None:
         assert _enough(np.full(12, 1e-6)) == MAJORITY
