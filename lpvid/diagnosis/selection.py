@@ -50,8 +50,12 @@ CRUDE = 0.03
 a start"""
 COMPONENT = 0.5
 """share of what a catch-all wins for which a component is taken before it"""
-TRIED, ENOUGH = 6, 0.02
+TRIED, ENOUGH = 3, 0.02
 """further starts tried for a candidate where they are not; share of the present cost at which one is good enough"""
+GLANCES, GLANCE = 2, 2
+"""of the baseline's further starts, those from which every point of a candidate is looked at, and iterations of a look"""
+SEEN = 0.9
+"""share of the present cost below which such a look must come for the candidate to be listed"""
 NEAR, NEAR_SHARE = 20.0, 0.2
 """BIC by which a first refit may trail the best one, flat and as a share of what that wins, to be followed further"""
 
@@ -96,9 +100,10 @@ class Search:
         search.bare = search.fit.vector
         return search, evidence, found
 
-    def far_off(self) -> bool:
-        """Whether the present fit leaves so much that its parameters are not to be trusted as a start."""
-        plain = self.problem.stack(self.problem.errors(self.fit.composition, self.fit.vector), whiten=False)
+    def far_off(self, fit: Refit | None = None) -> bool:
+        """Whether a fit, the present one, leaves so much that its parameters are not to be trusted as a start."""
+        fit = fit or self.fit
+        plain = self.problem.stack(self.problem.errors(fit.composition, fit.vector), whiten=False)
         return float(plain @ plain) > CRUDE * self.problem.n_samples * self.problem.spread**2
 
     def rewhiten(self) -> tuple[list[Evidence], list[Direction]]:
@@ -176,6 +181,10 @@ class Search:
         listed = [e for k, e in enumerate(weighty) if k < SHORTLIST or e in largest] or listed[:1]
         self.say(f"tasting {', '.join(e.effect.name for e in listed)}")
         fits = in_parallel(lambda e: self.taste((e.effect,), found), listed)
+        if self.others and all(self.far_off(f) for f in fits):
+            afar = [e for e in self.seen_afar(evidence) if e not in listed]
+            fits += in_parallel(lambda e: self.taste((e.effect,), found), afar)
+            listed += afar
         most = max((self.won(f) for f in fits), default=0.0)
         promised = [e.likelihood_ratio if e.likelihood_ratio > most else 0.0 for e in listed]
         fits = in_parallel(lambda t: self.pursued(*t), list(zip(fits, promised, strict=True)))
@@ -290,15 +299,34 @@ class Search:
         best = min(tasted, key=lambda f: f.cost)
         if len(added) > 1 or not self.others:
             return best
-        grid = added[0].points(self.problem.signals)
-        for k in range(min(TRIED, max(len(self.others), len(grid)))):
+        for look in self.from_afar(added[0])[:TRIED]:
             if best.cost < ENOUGH * self.fit.cost:
                 break
-            start = placed(composition, self.fit, {names[0]: grid[k % len(grid)]})
-            start[: self.others[0].size] = self.others[k % len(self.others)]
-            other = refit(self.problem, composition, start, iterations=TASTE, rough=True)
+            other = refit(self.problem, composition, look.vector, rough=True)
             best = min((best, other), key=lambda f: f.cost)
         return best
+
+    def from_afar(self, effect: Effect) -> list[Refit]:
+        """A few steps from every point of a candidate and further starts of the baseline, best first.
+
+        A baseline that was fitted to motion far out of step has given up, and nothing beside it seems to help.
+        """
+        def look() -> list[Refit]:
+            composition, found = self.enlarged((effect,)), []
+            for values in effect.points(self.problem.signals):
+                for other in self.others[:GLANCES]:
+                    start = placed(composition, self.fit, {effect.name: values})
+                    start[: other.size] = other
+                    found.append(refit(self.problem, composition, start, iterations=GLANCE, rough=True))
+            return sorted(found, key=lambda f: f.cost)
+
+        return self.fit.cached(("from afar", effect.name), look)
+
+    def seen_afar(self, evidence: Sequence[Evidence]) -> list[Evidence]:
+        """Those that do best from afar."""
+        looks = in_parallel(lambda e: min((f.cost for f in self.from_afar(e.effect)[:1]), default=np.inf), evidence)
+        near = sorted(zip(looks, range(len(evidence)), strict=True))[:LARGEST]
+        return [evidence[k] for cost, k in near if cost < SEEN * self.fit.cost]
 
     # -- shrinking and swapping ----------------------------------------------------------------------------------------
     def without(self, *effects: Effect) -> Refit:
