@@ -53,7 +53,7 @@ COMPONENT = 0.5
 TRIED, ENOUGH = 3, 0.02
 """further starts tried for a candidate where they are not; share of the present cost at which one is good enough"""
 GLANCES, GLANCE = 2, 2
-"""of the baseline's further starts, those from which every point of a candidate is looked at, and iterations of a look"""
+"""further starts from which every point of a candidate is looked at, and iterations of such a look"""
 SEEN = 0.9
 """share of the present cost below which such a look must come for the candidate to be listed"""
 NEAR, NEAR_SHARE = 20.0, 0.2
