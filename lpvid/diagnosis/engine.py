@@ -256,10 +256,14 @@ class _Case:
         return [c for c in signals[0].channels if c != self.baseline.output and all(s.has(c) for s in signals)]
 
     def _predictable(self, fit: Refit) -> float:
-        """Share of the squared error of a fit that still follows the inputs; 0 where that is not sure."""
+        """Share of the squared error of a fit that still follows the inputs; 0 where that is not sure.
+
+        Of the whitened errors or of those in the output's unit, whichever says more: what no candidate explains is
+        whitened as noise is, and a tone or a band that is all structure keeps little of it.
+        """
         errors = self.problem.errors(fit.composition, fit.vector)
-        share, spread = predictable_share(self.problem, errors, self._inputs)
-        return share if share - 2 * spread > PREDICTABLE else 0.0
+        asked = [predictable_share(p, errors, self._inputs) for p in (self.problem, self.problem.with_whitening(WHITE))]
+        return max((share for share, spread in asked if share - 2 * spread > PREDICTABLE), default=0.0)
 
     def _unshared(self, fit: Refit, whiten: bool = False) -> NoiseLevel:
         """That part of the error of a fit which repeats of the same input do not share."""

@@ -27,6 +27,7 @@ def predictable_share(problem: Problem, errors: Sequence[np.ndarray], channels: 
     Ridge regression on random features tanh(wᵀz + b) of the inputs, their soft signs, their values some samples ago and
     their slopes, on a piecewise linear function of each input, and on slow drifts, fitted to one fold of blocks and
     tested on the other, both ways (Rahimi, Recht 2007, random features). About 0 for noise, at most a little below it.
+    Of the whitened errors, or of those of a problem without whitening in the output's unit.
 
     Parameters
     ----------
@@ -67,23 +68,31 @@ def _features(signals: Sequence[Signals], channels: Sequence[str]) -> list[np.nd
     weights = rng.standard_normal((width, UNITS)) / np.sqrt(max(width, 1))
     weights *= np.repeat(STEEPNESS, -(-UNITS // len(STEEPNESS)))[:UNITS]
     shift = rng.uniform(-1.5, 1.5, UNITS)
-    knots = [_knots(np.concatenate([s[c] for s in signals])) for c in channels]
+    knots = [knots_of(np.concatenate([s[c] for s in signals])) for c in channels]
     out = []
     for s, values in zip(signals, raw, strict=True):
         z = (values[:, moving] - centre[moving]) / spread[moving]
         drift = np.linspace(-1.0, 1.0, len(values))[:, None] ** np.arange(4)
-        hats = [_hats(s[c], at) for c, at in zip(channels, knots, strict=True)]
-        out.append(np.hstack([np.tanh(z @ weights + shift), z, drift, *hats]))
+        single = [hats(s[c], at) for c, at in zip(channels, knots, strict=True)]
+        out.append(np.hstack([np.tanh(z @ weights + shift), z, drift, *single]))
     return out
 
 
-def _knots(values: np.ndarray) -> np.ndarray:
-    """Half of them evenly in the values' number, half evenly over their range."""
-    even = np.quantile(values, np.linspace(0, 1, KNOTS // 2))
-    return np.unique(np.concatenate([even, np.linspace(values.min(), values.max(), KNOTS // 2)]))
+def knots_of(values: np.ndarray) -> np.ndarray:
+    """Evenly in the mean of the values' number and their range, from 0 to 1 each: as dense as 2/`KNOTS` of either.
+
+    Laid once by the one and once by the other they would coincide where values lie evenly, as the positions of a
+    triangle do, and half of them would tell nothing.
+    """
+    ordered = np.sort(values)
+    span = ordered[-1] - ordered[0]
+    if not span > 0:
+        return ordered[:1]
+    place = (np.linspace(0, 1, ordered.size) + (ordered - ordered[0]) / span) / 2
+    return np.unique(np.interp(np.linspace(0, 1, KNOTS), place, ordered))
 
 
-def _hats(x: np.ndarray, knots: np.ndarray) -> np.ndarray:
+def hats(x: np.ndarray, knots: np.ndarray) -> np.ndarray:
     """(n, knots) piecewise linear functions, one at its knot and zero at the others."""
     if knots.size < 2:
         return np.zeros((x.size, 0))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from scipy.optimize import lsq_linear
+from scipy.signal import lfilter
 from toy_diagnosis import (
     CAUSES,
     PERIOD,
@@ -25,12 +26,14 @@ from toy_diagnosis import (
     whitened,
 )
 
+from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.engine import diagnose
 from lpvid.diagnosis.localise import localise
+from lpvid.diagnosis.noise import WHITE, Whitening
 from lpvid.diagnosis.problem import Problem, projector, without
 from lpvid.diagnosis.refitting import Refit, _step, covariance, refit
-from lpvid.diagnosis.remainder import predictable_share
+from lpvid.diagnosis.remainder import KNOTS, knots_of, predictable_share
 from lpvid.diagnosis.screening import DETECT, Evidence, directions, moves, screen
 from lpvid.diagnosis.selection import Search
 from lpvid.diagnosis.signals import Signals
@@ -184,6 +187,28 @@ class TestRemainder:
         errors = [s.output - Bent().core(TRUE)(s) for s in problem.signals]
         share, spread = predictable_share(problem, errors, ["u"])
         assert share - 2 * spread > 0.5
+
+    def test_a_tone_that_whitening_took_for_noise_is_seen_in_the_unit_of_the_output(self) -> None:
+        """A force that comes and goes seven times along a stroke of constant speed, beside slow noise."""
+        rng = np.random.default_rng(3)
+        u = 2 * np.abs(np.arange(6000) / 70 % 2 - 1) - 1
+        noise = 0.04 * lfilter([np.sqrt(1 - 0.95**2)], [1.0, -0.95], rng.standard_normal(6000))
+        hidden = Bent().core(TRUE)(Signals(0.01, {"u": u}, u)) + 0.05 * np.sin(7 * np.pi * u)
+        s = Signals(0.01, {"u": u}, hidden + noise)
+        blocks = Blocks.of((s,))
+        errors = [s.output - Bent().core(TRUE)(s)]
+        white = Problem((s,), blocks, WHITE)
+        coloured = white.with_whitening(Whitening.of(errors, blocks.mask()))
+        seen, plain = (predictable_share(p, errors, ["u"])[0] for p in (coloured, white))
+        assert plain > 0.3 and seen < 0.7 * plain
+
+
+def test_knots_do_not_fall_on_each_other() -> None:
+    even, crowded = np.linspace(-1, 1, 999), np.concatenate([np.linspace(0, 1e-3, 900), np.linspace(0, 1, 100)])
+    gaps = np.diff(knots_of(even))
+    assert gaps.max() < 1.01 * 2 / (KNOTS - 1) and gaps.min() > 0.99 * 2 / (KNOTS - 1)
+    assert np.diff(knots_of(crowded)).max() < 2.2 / KNOTS and np.sum(knots_of(crowded) < 1e-3) > 0.4 * KNOTS
+    assert knots_of(np.ones(5)).size == 1
 
 
 class TestLocalise:
