@@ -163,6 +163,8 @@ class Effect(ABC):
     """special cases that may act beside it all the same"""
     catch_all: ClassVar[bool] = False
     """whether it is a form rather than a component, flexible enough to take in part of much else"""
+    unlogged: ClassVar[bool] = False
+    """whether it stands for something that was not logged, so that functions of what was must not do its work"""
     abrupt: ClassVar[bool] = False
     """whether the output jumps at instants between the samples, so that a sample there is off by much if by anything"""
     rugged: ClassVar[bool] = False

@@ -44,6 +44,8 @@ MOST_TURNS = 5
 """times that one of the set may give way to another"""
 DONE_AS_WELL = "functions of the inputs without a name do its work as well, and explain {:.0%} more"
 """what is said of a cause whose name says too much"""
+WAS_LOGGED = "functions of the inputs do its work as well, so that it need not be anything that was not logged"
+"""what is said of something unlogged that may as well be something that was"""
 PREDICTABLE = 0.02
 """share of the remaining error, beyond two standard errors, that a regression must predict to count as structure"""
 
@@ -181,9 +183,15 @@ class _Case:
         if not standing:
             return 0.0, []
         functions = Nameless(self.problem, _driving(self.baseline))
-        shares = [functions.beyond(bare, self.search.fit, j.without) for j in standing]
-        return max(shares), [replace(j, objections=(DONE_AS_WELL.format(share),))
-                             for j, share in zip(standing, shares, strict=True) if share > BEYOND]
+        out, shares = [], [0.0]
+        for j in standing:
+            share = functions.beyond(bare, self.search.fit, j.without)
+            if share > BEYOND:
+                out.append(replace(j, objections=(DONE_AS_WELL.format(share),)))
+                shares.append(share)
+            elif j.effect.unlogged and functions.do_the_work(self.search.fit, j.without):
+                out.append(replace(j, objections=(WAS_LOGGED,)))
+        return max(shares), out
 
     def _judged(self, before: Folds) -> tuple[list[Judged], list[Judged], Folds]:
         """The chosen set judged; those objected to; the errors of the set out of fold.

@@ -63,13 +63,14 @@ class Nameless:
             if fit not in self._known:
                 self._known[fit] = projector(fit.jacobian)
             columns = self._problem.stack([self._functions(s, family) for s in self._problem.signals])
-            norms = np.linalg.norm(columns, axis=0)
-            left = without(self._known[fit], columns)
-            basis = projector(left[:, np.linalg.norm(left, axis=0) > NEW * norms])
-            scores, size = self._problem.block_sums(basis * fit.errors[:, None]), max(basis.shape[1], 1)
-            mean, total = max(float(np.sum(scores**2)), size * fit.variance), scores.sum(axis=0)
-            self._gains[fit, family] = float(total @ total), mean * (1 + CHANCE * np.sqrt(2 / size))
+            self._gains[fit, family] = _gain(self._problem, fit, self._known[fit], columns)
         return self._gains[fit, family]
+
+    def do_the_work(self, fit: Refit, rest: Refit) -> tuple[tuple[str, ...], ...]:
+        """Families that do the work of a cause: the set without it and they come within `WITHIN` of what it wins."""
+        won = rest.cost - fit.cost
+        return tuple(family for family in self.families
+                     if won + self.gain(fit, family)[0] - self.gain(rest, family)[0] < WITHIN * won)
 
     def beyond(self, bare: Refit, fit: Refit, rest: Refit) -> float:
         """What functions that do the work of a cause surely explain beyond the whole set; 0 where none do its work.
@@ -84,13 +85,8 @@ class Nameless:
         float
             As a share of what the set wins over the baseline.
         """
-        found = [0.0]
-        for family in self.families:
-            gained, by_chance = self.gain(fit, family)
-            won = rest.cost - fit.cost
-            if gained > by_chance and won + gained - self.gain(rest, family)[0] < WITHIN * won:
-                found.append((gained - by_chance) / max(bare.cost - fit.cost, fit.variance))
-        return max(found)
+        surely = [gained - by_chance for gained, by_chance in (self.gain(fit, f) for f in self.do_the_work(fit, rest))]
+        return max([0.0, *surely]) / max(bare.cost - fit.cost, fit.variance)
 
     def _functions(self, s: Signals, family: tuple[str, ...]) -> np.ndarray:
         """(n, k) values along a record."""
@@ -109,3 +105,13 @@ class Nameless:
             columns += [x * y, x**2 * y, x * y**2]
             columns += [np.tanh(a / SOFT) * b**k for a, b in ((x, y), (y, x)) for k in (1, 2, 3)]
         return np.column_stack(columns)
+
+
+def _gain(problem: Problem, fit: Refit, known: np.ndarray, columns: np.ndarray) -> tuple[float, float]:
+    """By how much columns lower the cost of a fit beyond its own derivatives `known`, and what of that may be noise."""
+    norms = np.linalg.norm(columns, axis=0)
+    left = without(known, columns)
+    basis = projector(left[:, np.linalg.norm(left, axis=0) > NEW * norms])
+    scores, size = problem.block_sums(basis * fit.errors[:, None]), max(basis.shape[1], 1)
+    mean, total = max(float(np.sum(scores**2)), size * fit.variance), scores.sum(axis=0)
+    return float(total @ total), mean * (1 + CHANCE * np.sqrt(2 / size))

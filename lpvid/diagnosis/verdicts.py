@@ -42,7 +42,8 @@ class Findings:
     resembling : sequence of Effect
         Of the set, whose work functions of the inputs without a name do as well.
     beyond : float
-        What these explain beyond the set, at most, as a share of what all causes win.
+        What these explain beyond the set, at most, as a share of what all causes win; 0 where that is not what is
+        held against any.
     phi : (share, standard error) or None
         Of the excess error that the causes explain; None where there are none.
     predictable : float
@@ -82,8 +83,9 @@ def told(f: Findings) -> tuple[str, str]:
     """Verdict and reason."""
     if not f.resembling:
         return _of_the_named(f)
+    more = f", and explain {f.beyond:.0%} more" if f.beyond > 0 else ""
     alike = (f"{', '.join(e.name for e in f.resembling)} would do for a part, but functions of the inputs without a "
-             f"name do that as well, and explain {f.beyond:.0%} more")
+             f"name do that as well{more}")
     if f.phi is None:
         return "unexplained", alike
     verdict, reason = _of_the_named(f)

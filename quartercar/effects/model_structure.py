@@ -68,6 +68,7 @@ class MissingScheduling(Effect):
 
     name: ClassVar[str] = "missing-scheduling"
     catch_all: ClassVar[bool] = True
+    unlogged: ClassVar[bool] = True
     title: ClassVar[str] = "the force is modulated slowly by a quantity that the model does not see"
     family: ClassVar[str] = "model"
     stage: ClassVar[str] = "core"

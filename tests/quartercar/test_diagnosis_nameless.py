@@ -16,16 +16,17 @@ from lpvid.diagnosis.nameless import BEYOND, Nameless
 from lpvid.diagnosis.noise import WHITE
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
-from lpvid.diagnosis.signals import Signals
+from lpvid.diagnosis.signals import Signals, in_turn
 from lpvid.record import Channel, Record
 from quartercar.effects.electrical import CoilLag
 from quartercar.effects.friction_gas import GasStiffness
-from quartercar.effects.model_structure import SchedulingDegree
+from quartercar.effects.model_structure import MissingScheduling, SchedulingDegree
 
 NOISE = 10.0
 """[N]"""
 INPUTS = ("displacement", "velocity", "current")
-STARTS = {"gas-stiffness": [1e4], "coil-lag": [0.02], "scheduling-degree": SchedulingDegree().points((road_like(),))[0]}
+STARTS = {"gas-stiffness": [1e4], "coil-lag": [0.02], "scheduling-degree": SchedulingDegree().points((road_like(),))[0],
+          "missing-scheduling": MissingScheduling().points(())[0]}
 
 
 def inputs(n: int = 6000) -> Signals:
@@ -53,10 +54,10 @@ def behind_a_coil() -> np.ndarray:
     return lag.predict(s, vector) - guo().core(guo().vector)(s)
 
 
-def problem_of(hidden: np.ndarray, noise: np.ndarray) -> Problem:
+def problem_of(hidden: np.ndarray, noise: np.ndarray, s: Signals | None = None) -> Problem:
     """Guo's force, something hidden, and noise."""
-    s = inputs()
-    recorded = Signals(PERIOD, s.channels, guo().core(guo().vector)(s) + hidden + noise)
+    s = s or inputs()
+    recorded, = in_turn([Signals(PERIOD, s.channels, guo().core(guo().vector)(s) + hidden + noise)])
     return Problem((recorded,), Blocks.of((recorded,)), WHITE)
 
 
@@ -95,6 +96,27 @@ def test_a_friction_that_comes_and_goes_with_the_current_is_no_degree_of_it(rng:
     problem = problem_of(hidden, NOISE * rng.standard_normal(6000))
     fit, rest, bare = fits(problem, SchedulingDegree())
     assert Nameless(problem, INPUTS).beyond(bare, fit, rest) > BEYOND
+
+
+def crept(n: int = 6000) -> Signals:
+    """One stroke out and most of the way back, at one speed and current: where it is says what time it is."""
+    x = 0.01 * (1 - np.abs(np.linspace(-1.0, 0.8, n)))
+    return Signals(PERIOD, {"displacement": x, "velocity": np.gradient(x, PERIOD), "current": np.full(n, 0.9)},
+                   np.zeros(n))
+
+
+def test_what_was_logged_is_nothing_unlogged(rng: np.random.Generator) -> None:
+    """A force that depends on the position is a slow modulation in creep; and a modulation is none of the inputs."""
+    s = crept()
+    hidden = 60 * np.sign(s["velocity"]) * s["displacement"] / 0.01
+    problem = problem_of(hidden, NOISE * rng.standard_normal(6000), s)
+    fit, rest, _ = fits(problem, MissingScheduling())
+    assert rest.cost - fit.cost > 300 * fit.variance and Nameless(problem, INPUTS).do_the_work(fit, rest)
+    slow = 0.1 * np.sin(2 * np.pi * np.arange(6000) / 1500)
+    for s in (crept(), inputs()):
+        problem = problem_of(slow * guo().core(guo().vector)(s), NOISE * rng.standard_normal(6000), s)
+        fit, rest, _ = fits(problem, MissingScheduling())
+        assert rest.cost - fit.cost > 300 * fit.variance and not Nameless(problem, INPUTS).do_the_work(fit, rest)
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.95])
