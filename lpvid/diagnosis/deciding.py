@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.input_noise import gain_without_input_noise
+from lpvid.diagnosis.nameless import static_in_place
 from lpvid.diagnosis.noise import WHITE, NoiseLevel
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import LENT, Refit, refit
@@ -182,11 +183,25 @@ def shadowed(search: Search, judged: Sequence[Judged], structure: float) -> list
             said = "beside the strongest cause too faint to be more than that one's imperfect law"
         elif j.contribution < DWARFED * structure:
             said = "it changes less than what is left unexplained"
+        elif forms := [k.effect.name for k in judged if k.delta_bic < j.delta_bic and missed_by(search, j, k.effect)]:
+            said = f"it does no more than {' or '.join(forms)} may have missed of the same inputs"
         if j.objections or not said:
             out.append(j)
         else:
             out.append(replace(j, objections=(said,), minor=True, rivals=(), better=None))
     return out
+
+
+def missed_by(search: Search, judged: Judged, form: Effect) -> bool:
+    """Whether a cause may be what a static form of its own inputs has missed of them.
+
+    The law of a component is wrong by a part of what it does; a form is fitted, and wrong by another function of its
+    inputs, also where it does nothing itself. On a staircase of the current, up and up, a play shifts all levels but
+    the first alike, and a function of the level shifts each as it likes: no memory shows.
+    """
+    own = judged.effect.needs
+    return form.catch_all and form.memoryless and bool(own) and set(own) <= set(form.needs) and \
+        static_in_place(search.problem, search.fit, judged.without, form.needs)
 
 
 def stands_apart(search: Search, faint: Judged, strongest: Judged) -> bool:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
 
 from lpvid.diagnosis.problem import Problem, projector, without
 from lpvid.diagnosis.refitting import Refit
+from lpvid.diagnosis.remainder import hats, knots_of
 from lpvid.diagnosis.signals import Signals
 
 PLAYS = (0.05, 0.1, 0.2, 0.3)
@@ -105,6 +106,28 @@ class Nameless:
             columns += [x * y, x**2 * y, x * y**2]
             columns += [np.tanh(a / SOFT) * b**k for a, b in ((x, y), (y, x)) for k in (1, 2, 3)]
         return np.column_stack(columns)
+
+
+def static_in_place(problem: Problem, fit: Refit, rest: Refit, channels: Sequence[str]) -> bool:
+    """Whether functions of the present value of each of some inputs do the work of a cause, to within `WITHIN`.
+
+    Piecewise linear ones, added to the force, turned round with the velocity, where there is one, and times it: what a
+    form of those inputs may have missed.
+    """
+    knots = {c: knots_of(np.concatenate([s[c] for s in problem.signals])) for c in channels}
+    columns = problem.stack([_static(s, knots) for s in problem.signals])
+    won = rest.cost - fit.cost
+    gained, instead = (_gain(problem, f, projector(f.jacobian), columns)[0] for f in (fit, rest))
+    return columns.size > 0 and won > 0 and won + gained - instead < WITHIN * won
+
+
+def _static(s: Signals, knots: Mapping[str, np.ndarray]) -> np.ndarray:
+    """(n, k) hats along a record."""
+    columns = np.hstack([np.empty((s.n_samples, 0)), *(hats(s[c], at) for c, at in knots.items())])
+    if not s.has("velocity"):
+        return columns
+    v = s["velocity"] / max(float(np.ptp(s["velocity"])), 1e-300)
+    return np.hstack([columns, columns * np.tanh(v / SOFT)[:, None], columns * v[:, None]])
 
 
 def _gain(problem: Problem, fit: Refit, known: np.ndarray, columns: np.ndarray) -> tuple[float, float]:

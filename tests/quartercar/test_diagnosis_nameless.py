@@ -12,13 +12,13 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.engine import DiagnosisSettings, diagnose
-from lpvid.diagnosis.nameless import BEYOND, Nameless
+from lpvid.diagnosis.nameless import BEYOND, Nameless, static_in_place
 from lpvid.diagnosis.noise import WHITE
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.signals import Signals, in_turn
 from lpvid.record import Channel, Record
-from quartercar.effects.electrical import CoilLag
+from quartercar.effects.electrical import CoilLag, Remanence
 from quartercar.effects.friction_gas import GasStiffness
 from quartercar.effects.model_structure import MissingScheduling, SchedulingDegree
 
@@ -26,7 +26,7 @@ NOISE = 10.0
 """[N]"""
 INPUTS = ("displacement", "velocity", "current")
 STARTS = {"gas-stiffness": [1e4], "coil-lag": [0.02], "scheduling-degree": SchedulingDegree().points((road_like(),))[0],
-          "missing-scheduling": MissingScheduling().points(())[0]}
+          "remanence": [0.15], "missing-scheduling": MissingScheduling().points(())[0]}
 
 
 def inputs(n: int = 6000) -> Signals:
@@ -117,6 +117,20 @@ def test_what_was_logged_is_nothing_unlogged(rng: np.random.Generator) -> None:
         problem = problem_of(slow * guo().core(guo().vector)(s), NOISE * rng.standard_normal(6000), s)
         fit, rest, _ = fits(problem, MissingScheduling())
         assert rest.cost - fit.cost > 300 * fit.variance and not Nameless(problem, INPUTS).do_the_work(fit, rest)
+
+
+def test_a_form_that_misses_something_of_the_current_is_no_memory_of_it(rng: np.random.Generator) -> None:
+    """On a staircase that only rises a play is a function of the level; on a current that wanders it is not."""
+    stairs = inputs().replace(current=np.repeat([0.0, 0.4, 0.8, 1.2, 1.6, 2.1], 1000))
+    play = Composition(guo(), (Remanence(),))
+    vector = play.neutral
+    vector[play.places[0]] = STARTS["remanence"]
+    for s, alike in ((stairs, True), (inputs(), False)):
+        hidden = play.predict(s, vector) - guo().core(guo().vector)(s)
+        problem = problem_of(hidden, NOISE * rng.standard_normal(6000), s)
+        fit, _, without_play, _ = fits(problem, SchedulingDegree(), Remanence())
+        assert without_play.cost - fit.cost > 50 * fit.variance
+        assert static_in_place(problem, fit, without_play, ("current",)) == alike
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.95])
