@@ -40,12 +40,15 @@ def law_along(speed, speeds, nodes, rows, out):
 
 
 @njit(error_model="numpy", fastmath={"contract"})
-def march(velocity, speeds, nodes, rows, before, tilt, element, step, trace, parts, ends, out):
+def march(velocity, rise, corner, speeds, nodes, rows, before, tilt, element, step, trace, parts, ends, out):
     """Force of a law in series with elements (n,).
 
     Parameters
     ----------
     velocity : (n,) array
+    rise, corner : (n,) arrays
+        Mean velocity from the sample before to each beyond that of a straight line, a tent over it, and where that has
+        its top, as a share of the interval.
     speeds : (G,) array
         At which φ is given.
     nodes : (G, r) array
@@ -89,6 +92,7 @@ def march(velocity, speeds, nodes, rows, before, tilt, element, step, trace, par
                     known = deflection
                 place = share * (stage // 2 + part) / parts[k]
                 v = velocity[first] + place * (velocity[k] - velocity[first])
+                v += 2.0 * rise[k] * min(place / corner[k], (1.0 - place) / (1.0 - corner[k]))
                 for r in range(b.size):
                     b[r] = rows[first, r] + place * (before[k, r] - rows[first, r]) + deflection * tilt[k, r]
                 h, passed = GAMMA * full, (GAMMA if stage % 2 == 0 else 1.0 - GAMMA) * full

@@ -11,11 +11,14 @@ import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.signals import Core, Linearised, Remembered, Signals
+from quartercar.effects.corners import corners
 from quartercar.effects.series_law import Law, read_law
 
 STEEP = 3
 """steps of the march from one sample to the next with air, play or a fluid that may tear, after a jump of the current
 and along a steep change of it; elsewhere 1"""
+CORNER = 6
+"""steps over an interval in which the velocity bends: the rule is of order two where it does not"""
 LAWS = 4
 """laws that signals keep, so that the derivative after a run need not read its law again"""
 NO_TRACE = np.empty((0, 5))
@@ -106,19 +109,20 @@ class InSeries(Linearised):
                 kept.popitem(last=False)
         return law
 
-    def steps(self, law: Law) -> tuple[np.ndarray, np.ndarray]:
+    def steps(self, s: Signals, law: Law) -> tuple[np.ndarray, np.ndarray]:
         """(n,) steps up to each sample, and whether a short one precedes it."""
         sudden = bool(np.isfinite(self.elements.limit)) or self.elements.play > 0
-        return np.where(law.steep | sudden | (self.elements.air_stroke > 0), STEEP, 1), law.jumps | sudden
+        parts = np.where(law.steep | sudden | (self.elements.air_stroke > 0), STEEP, 1)
+        return np.where(corners(s).sharp, CORNER, parts), law.jumps | sudden
 
     def march(self, s: Signals, rigid: np.ndarray, law: Law, trace: np.ndarray) -> np.ndarray:
         """(n,) force; `trace`, as long as the march has stages or empty, is filled as the kernel says."""
         from quartercar.effects import _series_kernels as kernels
 
         velocity = np.ascontiguousarray(s["velocity"], dtype=float)
-        out, without = np.empty(s.n_samples), np.empty(s.n_samples)
-        kernels.march(velocity, law.speeds, law.nodes, law.rows, law.before, law.tilt,
-                      self.elements.numbers(law.rest), s.sample_time, trace, *self.steps(law), out)
+        out, without, found = np.empty(s.n_samples), np.empty(s.n_samples), corners(s)
+        kernels.march(velocity, found.rise, found.place, law.speeds, law.nodes, law.rows, law.before, law.tilt,
+                      self.elements.numbers(law.rest), s.sample_time, trace, *self.steps(s, law), out)
         kernels.law_along(velocity, law.speeds, law.nodes, law.rows, without)
         return rigid + (out - without)
 

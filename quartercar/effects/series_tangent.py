@@ -86,7 +86,7 @@ def changed(own: InSeries, s: Signals, others: Sequence[Core]) -> tuple[np.ndarr
     if not np.isfinite(rigid).all():
         return rigid, {}
     law = own.law(s, rigid)
-    parts, ends = own.steps(law)
+    parts, ends = own.steps(s, law)
     count = 1 + int((2 * parts + ends)[1:].sum())
     trace, last, place = np.empty((count, 5)), np.empty(count, dtype=np.int64), np.empty(count)
     out = own.march(s, rigid, law, trace)
