@@ -34,6 +34,8 @@ MOST_EXPLAINED = 2.0
 SHADOW, DEEP_SHADOW = 0.011, 0.05
 """share of what the strongest cause wins in BIC below which another may be no more than that one's imperfect law; the
 second number for a catch-all, and beside one: a form is no law, and leaves more"""
+QUIET = 0.25
+"""share of what a faint cause changes that must lie in the half of the samples where the strongest is quiet"""
 APART = 0.35
 """by how much the strength of a faint cause may be off where the strongest is quiet, its uncertainty included"""
 KIN = 0.05
@@ -207,16 +209,18 @@ def missed_by(search: Search, judged: Judged, form: Effect) -> bool:
 def stands_apart(search: Search, faint: Judged, strongest: Judged) -> bool:
     """Whether a faint cause shows, with its whole strength, where the strongest one changes little.
 
-    The imperfection of a law acts where the law does. Over that half of the samples in which the strongest changes
-    least, with d the change by the faint one beyond what the others take up and e the errors left, its strength there
-    relative to the fit is dᵀ(e + d)/dᵀd, uncertain by √(Σ_b u_b²)/dᵀd with u_b the block sums of d e.
+    The imperfection of a law acts where the law does. At least `QUIET` of what a faint cause changes must lie in that
+    half of the samples in which the strongest changes least. Over these, with d the change by the faint one beyond what
+    the others take up and e the errors left, its strength there relative to the fit is dᵀ(e + d)/dᵀd, uncertain by
+    √(Σ_b u_b²)/dᵀd with u_b the block sums of d e.
     """
     problem, fit = search.problem, search.fit
     loud = np.abs(strongest.without.errors - fit.errors)
     quiet = loud <= np.median(loud)
-    d, left = (faint.without.errors - fit.errors) * quiet, fit.errors
+    d, left = faint.without.errors - fit.errors, fit.errors
+    everywhere, d = float(d @ d), d * quiet
     total = float(d @ d)
-    if not total > 0:
+    if not total > QUIET * everywhere:
         return False
     strength = 1.0 + float(d @ left) / total
     sums = problem.block_sums(d * left)

@@ -105,12 +105,12 @@ class TestSmallPrint:
 class TestFaintCauses:
     """A strong cause that acts in bursts, and a faint change beside it."""
 
-    def asked(self, rng: np.random.Generator, size: float, quiet_share: float) -> bool:
+    def asked(self, rng: np.random.Generator, size: float, quiet_share: float, louder: float = 1.0) -> bool:
         """Whether a change of this size stands apart, of which the data hold so much where the strong one is quiet."""
         problem, _ = problem_of(record(rng))
         n = problem.n_samples
         bursts = np.sin(np.arange(n) / 40) > 0.3
-        noise, change = rng.standard_normal(n), size * np.sin(np.arange(n) / 7)
+        noise, change = rng.standard_normal(n), size * np.sin(np.arange(n) / 7) * np.where(bursts, louder, 1.0)
         errors = noise - (1 - quiet_share) * change * ~bursts  # the fit believes in it everywhere
         fit = SimpleNamespace(errors=errors, variance=1.0)
         strong = SimpleNamespace(without=SimpleNamespace(errors=errors + 20.0 * bursts * np.sin(np.arange(n) / 5)))
@@ -122,6 +122,9 @@ class TestFaintCauses:
 
     def test_the_small_print_of_the_strong_one_does_not(self, rng: np.random.Generator) -> None:
         assert not self.asked(rng, 0.6, 0.0) and not self.asked(rng, 0.6, 0.4)
+
+    def test_one_that_acts_where_the_strong_one_does_is_not_apart(self, rng: np.random.Generator) -> None:
+        assert self.asked(rng, 0.6, 1.0, louder=1.5) and not self.asked(rng, 0.6, 1.0, louder=4.0)
 
     def test_one_that_noise_drowns_does_not(self, rng: np.random.Generator) -> None:
         assert not self.asked(rng, 0.02, 1.0)
