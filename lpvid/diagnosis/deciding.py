@@ -128,7 +128,7 @@ def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str])
     problem, fit = search.problem, search.fit
     rest = search.without(effect)
     delta = fit.bic() - rest.bic()
-    before = out_of_fold(problem, rest)
+    before = rest.cached("out of fold", lambda: out_of_fold(problem, rest))
     gains = problem.block_sums(before.errors**2 - whole.errors**2)
     gains[_untold(problem, fit, effect)] = 0.0
     total = float(gains.sum())

@@ -207,6 +207,7 @@ class _Case:
             turn += 1
             fit = self.search.fit
             been.add(fit.composition.members)
+            self.search.known[fit.composition.members] = fit
             after = out_of_fold(self.problem, fit) if fit.composition.effects else before
             self.say("weighing rivals")
             effects = fit.composition.effects
@@ -250,6 +251,7 @@ class _Case:
                                 and a.fit.bic() < j.without.bic() - BIC_GAIN), None)
                 if instead is not None:
                     gone.append(j)
+                    instead = replace(instead, fit=refit(self.problem, instead.fit.composition, instead.fit.vector))
             if instead is not None:
                 self.say(f"{instead.effect.name} in the place of {j.effect.name}")
                 self.search.p_values[instead.effect.name] = j.p_value

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from lpvid.diagnosis.problem import EXPLODED, Problem
 ITERATIONS = 25
 PROMISE, ROUGHLY = 0.02, 0.3
 """fall of the log-likelihood that a step must promise to be worth a run, and in a rough refit"""
+TOWARDS = 0.02
+"""share of what a refit lacks to the cost that it is compared with which a step must promise"""
 KEPT = 0.25
 """share of its promise that a step by a carried-on Jacobian must keep, else it may lead into another valley"""
 SHORTER = (1.0, 0.3, 0.1)
@@ -110,24 +113,39 @@ def _bounded(derivatives: np.ndarray) -> np.ndarray:
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a law that explodes loses by its cost
 def refit(problem: Problem, composition: Composition, start: np.ndarray, fold: int | None = None,
-          iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False) -> Refit:
+          iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False, target: float = np.inf
+          ) -> Refit:
     """Minimise the whitened squared error over the blocks, or those of one fold, from `start`, inside the bounds.
 
     By `descend`; lags that act in whole samples are hopped in between, unless only one fold is asked for.
     """
-    found = descend(problem, composition, start, fold, iterations, near, rough)
-    if fold is not None or not hopped(composition):
+    found = descend(problem, composition, start, fold, iterations, near, rough, target)
+    return found if fold is not None else hopped_on(found, iterations, rough, target)
+
+
+def hopped_on(found: Refit, iterations: int = ITERATIONS, rough: bool = False, target: float = np.inf) -> Refit:
+    """A refit with its lags of whole samples hopped, and descended again where that helps."""
+    problem, composition = found.problem, found.composition
+    if not hopped(composition):
         return found
     vector, cost = hop(problem, composition, found.vector, found.cost, found.jacobian)
     if not cost < found.cost:
         return found
-    after = descend(problem, composition, vector, None, iterations, None, rough)
+    after = descend(problem, composition, vector, None, iterations, None, rough, target)
     return after if after.cost < found.cost else found
 
 
 def descend(problem: Problem, composition: Composition, start: np.ndarray, fold: int | None = None,
-            iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False) -> Refit:
-    """Minimise the whitened squared error by derivatives.
+            iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False, target: float = np.inf
+            ) -> Refit:
+    """Minimise the whitened squared error by derivatives: where `descent` is after so many iterations."""
+    *_, found = islice(descent(problem, composition, start, fold, near, rough, target), iterations + 1)
+    return found
+
+
+def descent(problem: Problem, composition: Composition, start: np.ndarray, fold: int | None = None,
+            near: Refit | None = None, rough: bool = False, target: float = np.inf) -> Iterator[Refit]:
+    """The way of a minimisation by derivatives: its start, and where each iteration leads, until none promises more.
 
     Levenberg-Marquardt with columns scaled by their norms; parameters at a bound that want to leave it are held. After
     a step that succeeds the Jacobian is carried on by a secant; a step that fails, or promises nothing any more, is
@@ -141,14 +159,15 @@ def descend(problem: Problem, composition: Composition, start: np.ndarray, fold:
     fold : {None, 0, 1}
         Whose samples count, those of the other by `LENT` only: a level of the current that stands in one block alone
         belongs to one fold, and without a trace of it the law runs away there.
-    iterations : int
     near : Refit, optional
         Of a related composition under the same whitening, whose derivatives serve until they fail.
     rough : bool
         Whether to end where a carried-on Jacobian promises nothing more.
+    target : float
+        Cost that it is to come near: a step must promise `TOWARDS` of what lacks.
 
-    Returns
-    -------
+    Yields
+    ------
     Refit
     """
     low, high = composition.bounds
@@ -158,18 +177,21 @@ def descend(problem: Problem, composition: Composition, start: np.ndarray, fold:
     errors = problem.errors(composition, vector)
     stacked = problem.stack(errors)
     cost = float(weights @ stacked**2)
+    yield Refit(problem, composition, vector, cost, stacked, count)
     if near is None:
         jacobian, age, damping = _jacobian(problem, composition, vector, errors), 0, 1e-3
     else:
         jacobian, age, damping = _borrowed(problem, composition, vector, errors, near), 1, 1e-3
-    for _ in range(iterations):
+    while damping <= MAX_DAMPING:
         if age > SECANTS:
             jacobian, age = _jacobian(problem, composition, vector, errors), 0
         step, promised = _step(jacobian, stacked, weights, vector, damping, low, high)
-        if promised < (ROUGHLY if rough else PROMISE) * cost / count:
-            if age == 0 or rough:
-                break
+        little = promised < (ROUGHLY if rough else PROMISE) * cost / count
+        if little or promised < TOWARDS * (cost - target):
+            if age == 0 or (rough and little):
+                return
             jacobian, age = _jacobian(problem, composition, vector, errors), 0
+            yield Refit(problem, composition, vector, cost, stacked, count)
             continue
         for share in (SHORTER if age == 0 else SHORTER[:1]):
             trial = np.clip(vector + share * step, low, high)
@@ -184,11 +206,9 @@ def descend(problem: Problem, composition: Composition, start: np.ndarray, fold:
         else:
             if age:
                 jacobian, age = _jacobian(problem, composition, vector, errors), 0
-                continue
-            damping *= 8
-            if damping > MAX_DAMPING:
-                break
-    return Refit(problem, composition, vector, cost, stacked, count)
+            else:
+                damping *= 8
+        yield Refit(problem, composition, vector, cost, stacked, count)
 
 
 def _carry(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:

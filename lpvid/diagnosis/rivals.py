@@ -13,6 +13,7 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.input_noise import without_input_noise
 from lpvid.diagnosis.noise import WHITE
 from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.racing import race
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import Direction, Evidence, directions, moves, placed, screen, similarity
 from lpvid.diagnosis.selection import REFINED, TASTE, Search
@@ -117,17 +118,13 @@ def _in_place(search: Search, effect: Effect, rest: Refit, e: Evidence,
     """Another in the place of an effect: the log-likelihood by which it trails, and its fit; None where far off."""
     problem, now = search.problem, search.fit
     composition = Composition(rest.composition.baseline, (*rest.composition.effects, e.effect))
-    begun = [placed(composition, rest, {e.effect.name: v}) for v in starts(e.effect, found)[:2]]
-    beside = [placed(composition, now, {e.effect.name: v}) for v in e.effect.points(problem.signals)]
-    begun += sorted(beside, key=lambda v: _cost(problem, composition, v))[:2]
-    if _kin(e.effect, effect):
-        begun += _without_chain(problem, now, composition, e.effect)
-    fit = min((refit(problem, composition, start, iterations=TASTE, near=rest, rough=True) for start in begun),
-              key=lambda f: f.cost)
+    fit = search.known[composition.members] = _first(search, effect, rest, e, composition, found)
     won = rest.cost - now.cost
     if fit.cost - now.cost > max(CLOSE * now.variance, CLOSE_SHARE * won):
         return None
-    fit = refit(problem, composition, fit.vector, near=rest, rough=True)
+    near = now.cost + max(CHAINED * now.variance, COMPONENT * won)  # what trails by more is no rival
+    further = refit(problem, composition, fit.vector, near=rest, rough=True, target=near)
+    fit = search.known[composition.members] = further if further.cost < fit.cost else fit
     spared = min(fit.vector.size - now.vector.size, 0) * np.log(problem.n_samples)
     apart = (fit.cost - now.cost) / now.variance + spared
     if e.effect.catch_all != effect.catch_all and _kin(e.effect, effect):
@@ -139,6 +136,23 @@ def _in_place(search: Search, effect: Effect, rest: Refit, e: Evidence,
     if e.effect.path == effect.path == "motion":
         return _of_motion(search, fit, spared, separation(rest, now))
     return _weighed(problem, apart, now, fit, separation(rest, now), _kin(e.effect, effect)), fit
+
+
+def _first(search: Search, effect: Effect, rest: Refit, e: Evidence, composition: Composition,
+           found: Sequence[Direction]) -> Refit:
+    """A first refit with another in the place of an effect, from beside the others of the set.
+
+    And from what is known of that set, or else from where it fits what the rest leaves.
+    """
+    problem, now, known = search.problem, search.fit, search.known.get(composition.members)
+    beside = [placed(composition, now, {e.effect.name: v}) for v in e.effect.points(problem.signals)]
+    begun = [(v, now) for v in sorted(beside, key=lambda v: _cost(problem, composition, v))[:2]]
+    if known is not None:
+        return min((known, race(problem, composition, begun)), key=lambda f: f.cost)
+    begun += [(placed(composition, rest, {e.effect.name: v}), rest) for v in starts(e.effect, found)[:2]]
+    if _kin(e.effect, effect):
+        begun += [(v, rest) for v in _without_chain(problem, now, composition, e.effect)]
+    return race(problem, composition, begun)
 
 
 def doubtful(won: float) -> float:
@@ -186,7 +200,8 @@ def _behind_a_filter(search: Search, apart: float, fit: Refit) -> tuple[float, R
             composition = Composition(alone.composition.baseline, (*alone.composition.effects, e))
             begun = [placed(composition, alone, {e.name: v}) for v in e.points(problem.signals)]
             begun = sorted(begun, key=lambda v: _cost(problem, composition, v))[:2]
-            found += [refit(problem, composition, v, near=alone, rough=True) for v in begun]
+            first = race(problem, composition, [(v, alone) for v in begun])
+            found.append(refit(problem, composition, first.vector, near=alone, rough=True))
         best.append(min(found, key=lambda f: f.cost))
     behind = (best[1].cost - best[0].cost) / now.variance
     return (float(behind), best[1]) if behind < apart else (apart, fit)
@@ -215,8 +230,8 @@ def taken_over(search: Search, effect: Effect, rest: Refit, small: Effect) -> Al
     begun = [placed(composition, around, {small.name: v}) for v in small.points(problem.signals)
              for around in (rest, now)]
     begun = sorted(begun, key=lambda v: _cost(problem, composition, v))[:2]
-    tasted = [refit(problem, composition, v, iterations=TASTE, near=rest, rough=True) for v in begun]
-    fit = refit(problem, composition, min(tasted, key=lambda f: f.cost).vector, near=rest)
+    fit = race(problem, composition, [(v, rest) for v in begun])
+    fit = refit(problem, composition, fit.vector, near=rest)
     if small.implausible(own_values(fit, small)):
         return None
     apart = (fit.cost - now.cost) / now.variance - len(effect.parameters) * np.log(problem.n_samples)

@@ -12,6 +12,7 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.noise import Whitening
 from lpvid.diagnosis.problem import Problem, projector, without
+from lpvid.diagnosis.racing import race
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import (
     DETECT,
@@ -78,6 +79,8 @@ class Search:
         Further starts for the baseline's parameters, where its fit is far off.
     bare : (P,) array
         The baseline's parameters as they were fitted first, without effects.
+    known : dict
+        Refits under the present filter by the names of their effects: rivals are weighed in several rounds.
     """
 
     problem: Problem
@@ -88,6 +91,7 @@ class Search:
     p_values: dict[str, float] = field(default_factory=dict)
     others: tuple[np.ndarray, ...] = ()
     bare: np.ndarray = field(default_factory=lambda: np.empty(0))
+    known: dict[frozenset[str], Refit] = field(default_factory=dict)
 
     @classmethod
     def begin(cls, problem: Problem, baseline_fit: Refit, candidates: tuple[Effect, ...], rng: np.random.Generator,
@@ -112,7 +116,7 @@ class Search:
         moved = moves(self.problem, self.fit, outside)
         left = saturated(self.problem, self.fit, moved)
         whitening = Whitening.of(left, self.problem.blocks.mask())
-        self.problem = self.problem.with_whitening(whitening)
+        self.problem, self.known = self.problem.with_whitening(whitening), {}
         self.fit = refit(self.problem, self.fit.composition, self.fit.vector)
         found = directions(self.problem, self.fit, moved)
         return screen(self.problem, self.fit, found, self.rng), found
@@ -294,10 +298,9 @@ class Search:
         points = [starts(e, found) for e in added]
         names = [e.name for e in added]
         pairs = [(p,) for p in points[0]] if len(added) == 1 else [(a, b) for a in points[0] for b in points[-1]][:3]
-        tasted = [refit(self.problem, composition, placed(composition, self.fit, dict(zip(names, p, strict=True))),
-                        iterations=TASTE, near=self.fit, rough=True) for p in pairs]
-        best = min(tasted, key=lambda f: f.cost)
-        if len(added) > 1 or not self.others:
+        begun = [placed(composition, self.fit, dict(zip(names, p, strict=True))) for p in pairs]
+        best = race(self.problem, composition, [(start, self.fit) for start in begun])
+        if len(added) > 1 or not self.others or best.cost < ENOUGH * self.fit.cost:
             return best
         for look in self.from_afar(added[0])[:TRIED]:
             if best.cost < ENOUGH * self.fit.cost:
@@ -333,7 +336,10 @@ class Search:
         """The set without some of its effects, refitted."""
         gone = {e.name for e in effects}
         rest = tuple(e for e in self.fit.composition.effects if e.name not in gone)
-        return self.refitted(Composition(self.fit.composition.baseline, rest), rough=True)
+        composition = Composition(self.fit.composition.baseline, rest)
+        if composition.members not in self.known:
+            self.known[composition.members] = self.refitted(composition, rough=True)
+        return self.known[composition.members]
 
     def refitted(self, composition: Composition, rough: bool = False) -> Refit:
         """A part of the set, from where it stands or with the baseline as it was first fitted, whichever is nearer.
@@ -355,10 +361,9 @@ class Search:
             for special in cases:
                 rest = tuple(x for x in self.fit.composition.effects if x is not e)
                 composition = Composition(self.fit.composition.baseline, (*rest, special))
-                begun = [placed(composition, self.fit, {special.name: v})
-                         for v in special.points(self.problem.signals)[:STARTS]]
-                fit = min((refit(self.problem, composition, start, near=self.fit, rough=True) for start in begun),
-                          key=lambda f: f.cost)
+                fit = race(self.problem, composition, [(placed(composition, self.fit, {special.name: v}), self.fit)
+                                                       for v in special.points(self.problem.signals)[:STARTS]])
+                fit = refit(self.problem, composition, fit.vector, near=self.fit, rough=True)
                 allowed = max(BIC_GAIN, REFINED * won)
                 if e.implausible(own_values(self.fit, e)) and not special.implausible(own_values(fit, special)):
                     allowed += LENIENT
