@@ -21,17 +21,17 @@ class _Crew:
         self.lock = Lock()
         self.busy = 1
 
-    @contextmanager
-    def hired(self, wanted: int) -> Iterator[int]:
+    def hire(self, wanted: int) -> int:
         """As many of the threads that are wanted as there are processors for, at least the one that asks."""
         with self.lock:
             found = max(min(wanted, processors() - self.busy + 1, MOST_WORKERS), 1)
             self.busy += found - 1
-        try:
-            yield found
-        finally:
-            with self.lock:
-                self.busy -= found - 1
+            return found
+
+    def dismiss(self, count: int) -> None:
+        """Give back so many of those that were hired."""
+        with self.lock:
+            self.busy -= count
 
 
 _crew = _Crew()
@@ -57,24 +57,45 @@ def in_parallel(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
     """Results of a function over independent items, in their order, by as many threads as there are processors.
 
     For work that spends its time in compiled loops and linear algebra, which let go of the interpreter. Work inside of
-    such work takes the processors that the outer one leaves. An exception (or an interruption) ends it; what has not
-    begun by then is not begun.
+    such work takes the processors that the outer one leaves, from the next item on where it leaves them later. An
+    exception (or an interruption) ends it; what has not begun by then is not begun.
 
     Examples
     --------
     >>> in_parallel(abs, [-2, 1])
     [2, 1]
     """
-    with _crew.hired(len(items)) as workers:
-        if workers < 2:
-            return [function(item) for item in items]
-        from concurrent.futures import ThreadPoolExecutor
+    done: list[R] = []
+    while len(done) < len(items):
+        rest = items[len(done):]
+        workers = _crew.hire(len(rest))
+        done += [function(rest[0])] if workers < 2 else _shared(function, rest, workers)
+    return done
 
-        pool = ThreadPoolExecutor(workers)
+
+def _shared(function: Callable[[T], R], items: Sequence[T], workers: int) -> list[R]:
+    """The same by so many threads that have been hired, each of which is given back when nothing is left for it."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    lock, left, hired = Lock(), len(items), workers
+
+    def one(item: T) -> R:
+        nonlocal left, hired
         try:
-            return list(pool.map(function, items))
+            return function(item)
         finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+            with lock:
+                left -= 1
+                spare = max(hired - max(left, 1), 0)
+                hired -= spare
+            _crew.dismiss(spare)
+
+    pool = ThreadPoolExecutor(workers)
+    try:
+        return list(pool.map(one, items))
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+        _crew.dismiss(hired - 1)
 
 
 def processors() -> int:

@@ -51,3 +51,16 @@ def test_processors_are_given_back_after_an_error() -> None:
     counted = Counted()
     assert in_parallel(counted.work, range(6)) == list(range(6))
     assert counted.most == 3
+
+
+@pytest.mark.usefixtures("three")
+def test_work_inside_of_work_takes_the_processors_that_become_free() -> None:
+    counted = Counted()
+
+    def uneven(k: int) -> list[int]:
+        return in_parallel(lambda j: counted.work(10 * k + j), range(12 if k == 0 else 1))
+
+    begun = time.perf_counter()
+    assert in_parallel(uneven, range(3)) == [list(range(12)), [10], [20]]
+    assert counted.most == 3
+    assert time.perf_counter() - begun < 11 * 0.02  # all but the first items by three
