@@ -142,17 +142,19 @@ def _first(search: Search, effect: Effect, rest: Refit, e: Evidence, composition
            found: Sequence[Direction]) -> Refit:
     """A first refit with another in the place of an effect, from beside the others of the set.
 
-    And from what is known of that set, or else from where it fits what the rest leaves.
+    And from what is known of that set, or else from where it fits what the rest leaves: in a race of its own, as a
+    start near the rest is ahead of one that has far to go, wherever they lead.
     """
     problem, now, known = search.problem, search.fit, search.known.get(composition.members)
-    beside = [placed(composition, now, {e.effect.name: v}) for v in e.effect.points(problem.signals)]
-    begun = [(v, now) for v in sorted(beside, key=lambda v: _cost(problem, composition, v))[:2]]
-    if known is not None:
-        return min((known, race(problem, composition, begun)), key=lambda f: f.cost)
-    begun += [(placed(composition, rest, {e.effect.name: v}), rest) for v in starts(e.effect, found)[:2]]
-    if _kin(e.effect, effect):
-        begun += [(v, rest) for v in _without_chain(problem, now, composition, e.effect)]
-    return race(problem, composition, begun)
+    points = [placed(composition, now, {e.effect.name: v}) for v in e.effect.points(problem.signals)]
+    points = sorted(points, key=lambda v: _cost(problem, composition, v))[:2]
+    beside = race(problem, composition, [(v, now) for v in points])
+    if known is None:
+        points = [placed(composition, rest, {e.effect.name: v}) for v in starts(e.effect, found)[:2]]
+        if _kin(e.effect, effect):
+            points += _without_chain(problem, now, composition, e.effect)
+        known = race(problem, composition, [(v, rest) for v in points])
+    return min((known, beside), key=lambda f: f.cost)
 
 
 def doubtful(won: float) -> float:
@@ -230,8 +232,8 @@ def taken_over(search: Search, effect: Effect, rest: Refit, small: Effect) -> Al
     begun = [placed(composition, around, {small.name: v}) for v in small.points(problem.signals)
              for around in (rest, now)]
     begun = sorted(begun, key=lambda v: _cost(problem, composition, v))[:2]
-    fit = race(problem, composition, [(v, rest) for v in begun])
-    fit = refit(problem, composition, fit.vector, near=rest)
+    tasted = [refit(problem, composition, v, iterations=TASTE, near=rest, rough=True) for v in begun]
+    fit = refit(problem, composition, min(tasted, key=lambda f: f.cost).vector, near=rest)
     if small.implausible(own_values(fit, small)):
         return None
     apart = (fit.cost - now.cost) / now.variance - len(effect.parameters) * np.log(problem.n_samples)
