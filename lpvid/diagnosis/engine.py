@@ -207,7 +207,7 @@ class _Case:
             turn += 1
             fit = self.search.fit
             been.add(fit.composition.members)
-            self.search.known[fit.composition.members] = fit
+            self.search.rests[fit.composition.members] = fit
             after = out_of_fold(self.problem, fit) if fit.composition.effects else before
             self.say("weighing rivals")
             effects = fit.composition.effects

@@ -145,7 +145,8 @@ def _first(search: Search, effect: Effect, rest: Refit, e: Evidence, composition
     And from what is known of that set, or else from where it fits what the rest leaves: in a race of its own, as a
     start near the rest is ahead of one that has far to go, wherever they lead.
     """
-    problem, now, known = search.problem, search.fit, search.known.get(composition.members)
+    problem, now = search.problem, search.fit
+    known = search.known.get(composition.members, search.rests.get(composition.members))
     points = [placed(composition, now, {e.effect.name: v}) for v in e.effect.points(problem.signals)]
     points = sorted(points, key=lambda v: _cost(problem, composition, v))[:2]
     beside = race(problem, composition, [(v, now) for v in points])

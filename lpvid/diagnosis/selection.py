@@ -79,8 +79,9 @@ class Search:
         Further starts for the baseline's parameters, where its fit is far off.
     bare : (P,) array
         The baseline's parameters as they were fitted first, without effects.
-    known : dict
-        Refits under the present filter by the names of their effects: rivals are weighed in several rounds.
+    rests, known : dict
+        Refits under the present filter by the names of their effects, for the next round in which rivals are weighed:
+        to the end, and those of rivals, which may have been left far behind.
     """
 
     problem: Problem
@@ -91,6 +92,7 @@ class Search:
     p_values: dict[str, float] = field(default_factory=dict)
     others: tuple[np.ndarray, ...] = ()
     bare: np.ndarray = field(default_factory=lambda: np.empty(0))
+    rests: dict[frozenset[str], Refit] = field(default_factory=dict)
     known: dict[frozenset[str], Refit] = field(default_factory=dict)
 
     @classmethod
@@ -116,7 +118,7 @@ class Search:
         moved = moves(self.problem, self.fit, outside)
         left = saturated(self.problem, self.fit, moved)
         whitening = Whitening.of(left, self.problem.blocks.mask())
-        self.problem, self.known = self.problem.with_whitening(whitening), {}
+        self.problem, self.rests, self.known = self.problem.with_whitening(whitening), {}, {}
         self.fit = refit(self.problem, self.fit.composition, self.fit.vector)
         found = directions(self.problem, self.fit, moved)
         return screen(self.problem, self.fit, found, self.rng), found
@@ -300,7 +302,7 @@ class Search:
         pairs = [(p,) for p in points[0]] if len(added) == 1 else [(a, b) for a in points[0] for b in points[-1]][:3]
         begun = [placed(composition, self.fit, dict(zip(names, p, strict=True))) for p in pairs]
         best = race(self.problem, composition, [(start, self.fit) for start in begun])
-        if len(added) > 1 or not self.others or best.cost < ENOUGH * self.fit.cost:
+        if len(added) > 1 or not self.others:
             return best
         for look in self.from_afar(added[0])[:TRIED]:
             if best.cost < ENOUGH * self.fit.cost:
@@ -337,9 +339,9 @@ class Search:
         gone = {e.name for e in effects}
         rest = tuple(e for e in self.fit.composition.effects if e.name not in gone)
         composition = Composition(self.fit.composition.baseline, rest)
-        if composition.members not in self.known:
-            self.known[composition.members] = self.refitted(composition, rough=True)
-        return self.known[composition.members]
+        if composition.members not in self.rests:
+            self.rests[composition.members] = self.refitted(composition, rough=True)
+        return self.rests[composition.members]
 
     def refitted(self, composition: Composition, rough: bool = False) -> Refit:
         """A part of the set, from where it stands or with the baseline as it was first fitted, whichever is nearer.
