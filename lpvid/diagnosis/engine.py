@@ -40,6 +40,8 @@ from lpvid.record import Record
 
 MOST_REGROWN = 2
 """times that the set may grow anew after one of it has gone"""
+AS_WELL = BIC_GAIN / 2
+"""log-likelihood up to which a special case does as well; one that trails by more is a rival"""
 MOST_TURNS = 5
 """times that one of the set may give way to another"""
 DONE_AS_WELL = "functions of the inputs without a name do its work as well, and explain {:.0%} more"
@@ -241,7 +243,7 @@ class _Case:
         """
         was = {j.effect.name for j in (*judged, *gone)}
         for j in judged:
-            special = next((a for a in j.rivals if a.effect.name in j.effect.contains), None)
+            special = next((a for a in j.rivals if a.effect.name in j.effect.contains and a.apart < AS_WELL), None)
             instead = special or j.better
             if instead is not None:
                 instead = None if instead.fit.composition.members in been else instead

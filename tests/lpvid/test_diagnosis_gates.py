@@ -26,7 +26,7 @@ from lpvid.diagnosis.deciding import (
     surer_share,
 )
 from lpvid.diagnosis.effect import Effect, EffectParameter
-from lpvid.diagnosis.engine import _Case
+from lpvid.diagnosis.engine import AS_WELL, _Case
 from lpvid.diagnosis.noise import Whitening, noise_level
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.rivals import DISTINCT, SEPARATED, _unwhitened, in_both, separation
@@ -306,6 +306,15 @@ class TestGivingWay:
         case = SimpleNamespace(search=search, say=lambda text: None)
         assert _Case._give_way(case, [one], [], been) == (not been)  # type: ignore[arg-type]
         assert search.fit == ("as it is" if been else better.fit)
+
+    @pytest.mark.parametrize("apart", [-3.0, 4.0, 6.0])
+    def test_a_special_case_that_trails_too_much_stays_a_rival(self, apart: float) -> None:
+        fit = SimpleNamespace(composition=Composition(Bent(), (Dry(),)))
+        special = SimpleNamespace(effect=Dry(), fit=fit, apart=apart)
+        general = SimpleNamespace(name="general", contains=("dry",))
+        one = SimpleNamespace(effect=general, rivals=(special,), better=None, objections=(), minor=False, p_value=0.01)
+        case = SimpleNamespace(search=SimpleNamespace(fit=None, p_values={}), say=lambda text: None)
+        assert _Case._give_way(case, [one], [], set()) == (apart < AS_WELL)  # type: ignore[arg-type]
 
 
 class TestPlausibleRange:
