@@ -250,6 +250,16 @@ def with_small_print(search: Search, judged: Sequence[Judged]) -> list[Judged]:
     return [out[j.effect.name] for j in judged]
 
 
+def weighty(judged: Sequence[Judged]) -> list[Judged]:
+    """The same, where what is held to be small is not, if it changes more than every cause that would be named.
+
+    What stays in the simulation without a name must not be what makes the others fit: a clipped force beside a ringing
+    that is too fast for the samples, say, which together imitate a delay.
+    """
+    largest = max((j.contribution for j in judged if not j.objections), default=np.inf)
+    return [replace(j, minor=False) if j.minor and j.contribution > largest else j for j in judged]
+
+
 def with_takeovers(search: Search, judged: Sequence[Judged]) -> list[Judged]:
     """The same, where those of the set that are no more than small have been tried at full size in the others' place.
 

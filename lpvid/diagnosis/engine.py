@@ -19,6 +19,7 @@ from lpvid.diagnosis.deciding import (
     out_of_fold,
     shadowed,
     surer_share,
+    weighty,
     with_small_print,
     with_takeovers,
 )
@@ -217,7 +218,7 @@ class _Case:
             if len(judged) > 1:
                 judged = with_small_print(self.search, judged)
                 structure = float(np.sqrt(self._predictable(fit) * np.mean(after.plain**2)))
-                judged = with_takeovers(self.search, shadowed(self.search, judged, structure))
+                judged = weighty(with_takeovers(self.search, shadowed(self.search, judged, structure)))
             if turn < MOST_TURNS and self._give_way(judged, gone, been):
                 continue
             bad = [j for j in judged if j.objections]

@@ -24,6 +24,7 @@ from lpvid.diagnosis.deciding import (
     shadowed,
     stands_apart,
     surer_share,
+    weighty,
 )
 from lpvid.diagnosis.effect import Effect, EffectParameter
 from lpvid.diagnosis.engine import AS_WELL, _Case
@@ -128,6 +129,17 @@ class TestFaintCauses:
 
     def test_one_that_noise_drowns_does_not(self, rng: np.random.Generator) -> None:
         assert not self.asked(rng, 0.02, 1.0)
+
+
+def test_what_stays_without_a_name_changes_less_than_what_is_named() -> None:
+    def judged(contribution: float, minor: bool) -> Judged:
+        said = ("faint",) if minor else ()
+        return Judged(Dry(), np.ones(1), 0.0, -100.0, 50.0, 0.0, 1.0, 0.1, contribution, (), None, said, minor,
+                      None)  # type: ignore[arg-type]
+
+    found = weighty([judged(3.0, False), judged(1.0, True), judged(5.0, True), judged(2.0, False)])
+    assert [j.minor for j in found] == [False, True, False, False]
+    assert [j.minor for j in weighty([judged(3.0, True)])] == [True]
 
 
 @pytest.mark.parametrize(("faint", "strong", "named"), [
