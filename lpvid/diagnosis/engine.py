@@ -217,7 +217,7 @@ class _Case:
             judged = in_parallel(lambda e, a=after: judge(self.search, e, a, self._inputs), effects)
             if len(judged) > 1:
                 judged = with_small_print(self.search, judged)
-                structure = float(np.sqrt(self._predictable(fit) * np.mean(after.plain**2)))
+                structure = float(np.sqrt(max(self._predictable(fit) * np.mean(after.plain**2), self._repeated(fit))))
                 judged = weighty(with_takeovers(self.search, shadowed(self.search, judged, structure)))
             if turn < MOST_TURNS and self._give_way(judged, gone, been):
                 continue
@@ -277,6 +277,22 @@ class _Case:
         errors = self.problem.errors(fit.composition, fit.vector)
         asked = [predictable_share(p, errors, self._inputs) for p in (self.problem, self.problem.with_whitening(WHITE))]
         return max((share for share, spread in asked if share - 2 * spread > PREDICTABLE), default=0.0)
+
+    def _repeated(self, fit: Refit) -> float:
+        """Mean squared error of a fit which repeats of the same input surely share; 0 where nothing repeats.
+
+        What they share is no noise, even where no function of the inputs that a regression knows follows it. Of
+        e² = (e_a e_b) + (e_a − e_b)²/2 the mean of the second is noise; beyond two of its standard errors the first is
+        structure.
+        """
+        noise = self._unshared(fit)
+        if noise.variance is None:
+            return 0.0
+        problem = self.problem
+        squares = problem.stack(problem.errors(fit.composition, fit.vector), whiten=False) ** 2
+        power = float(np.mean(squares))
+        uneven = max(float(np.mean(squares**2)) / (3 * max(power, 1e-300) ** 2), 1.0)  # louder here than there
+        return max(power - noise.variance - 2 * np.sqrt(uneven) * noise.error(problem.whitening), 0.0)
 
     def _unshared(self, fit: Refit, whiten: bool = False) -> NoiseLevel:
         """That part of the error of a fit which repeats of the same input do not share."""

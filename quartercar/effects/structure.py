@@ -16,6 +16,8 @@ from quartercar.effects.electrical import SEEN_AFTER, clocked
 
 DEPTH = 1e-3
 """depth at which the stiffness of a progressive stop is told [m]"""
+SHORTEST = 1e-6
+"""share of a sample below which the period of a resonance counts as in proportion"""
 
 
 class EndStop(Effect):
@@ -156,7 +158,8 @@ def second_order(values: np.ndarray, period: float, damping: float, step: float,
     """Values behind 1/(1 + 2ζTs + T²s²), settled on the first; exact for signals that are linear between samples.
 
     A signal that jumps at its samples is cut in two: what runs linearly, and what is held between jumps, whose response
-    is seen `seen_after` of a step behind each of them. Both run to the values themselves as T → 0.
+    is seen `seen_after` of a step behind each of them. Both run to the values themselves as T → 0, in a straight line
+    below `SHORTEST` of a step, where the matrix exponential loses its digits.
 
     Parameters
     ----------
@@ -166,6 +169,9 @@ def second_order(values: np.ndarray, period: float, damping: float, step: float,
     before : (n,) array, optional
         Left limits of a signal that jumps at its samples: it runs from values[k] to before[k+1].
     """
+    shortest = SHORTEST * step
+    if period < shortest:
+        return values + period / shortest * (second_order(values, shortest, damping, step, before, seen_after) - values)
     if before is None:
         return _ramped(values, period, damping, step)
     jumps = np.cumsum(values - before)
@@ -195,7 +201,7 @@ def _held(values: np.ndarray, period: float, damping: float, step: float, seen_a
 
 
 def _propagated(period: float, damping: float, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """State (q, q̇) over a step: its transition, and the weights of the input's values at both ends.
+    """State (q, T q̇) over a step: its transition, and the weights of the input's values at both ends.
 
     By the matrix exponential of the augmented system (Van Loan 1978).
     """
@@ -203,7 +209,7 @@ def _propagated(period: float, damping: float, step: float) -> tuple[np.ndarray,
 
     omega = 1.0 / period
     block = np.zeros((4, 4))
-    block[:2, :2] = [[0.0, 1.0], [-omega**2, -2 * damping * omega]]
-    block[1, 2], block[2, 3] = omega**2, 1.0 / step
+    block[:2, :2] = [[0.0, omega], [-omega, -2 * damping * omega]]
+    block[1, 2], block[2, 3] = omega, 1.0 / step
     e = expm(block * step)
     return e[:2, :2], e[:2, 2] - e[:2, 3], e[:2, 3]

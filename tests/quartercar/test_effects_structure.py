@@ -180,3 +180,12 @@ class TestResonance:
         s = road_like(3)
         for law in (speed_itself, current_itself):
             assert np.abs(composed(FixtureResonance(), [1e-6, 0.7], s, law) - law(s)).max() < 1e-4
+
+    @pytest.mark.parametrize("period", [1e-8, 2e-9, 1e-10, 1e-12, 1e-25, 1e-300])
+    @pytest.mark.parametrize("damping", [0.005, 0.7])
+    def test_a_vanishing_period_vanishes_without_rounding(self, period: float, damping: float) -> None:
+        """Its transition overflows where it is a sample's 1e-20, and a fit may end there."""
+        s = road_like(3)
+        for law in (speed_itself, current_itself):
+            least = np.abs(composed(FixtureResonance(), [1e-8, damping], s, law) - law(s)).max()
+            assert np.abs(composed(FixtureResonance(), [period, damping], s, law) - law(s)).max() <= least < 1e-5
