@@ -22,7 +22,9 @@ KEPT = 0.25
 """share of its promise that a step by a carried-on Jacobian must keep, else it may lead into another valley"""
 SHORTER = (1.0, 0.3, 0.1)
 """shares of a step that are tried one after the other before it is damped: the valley may be bent"""
-MAX_DAMPING = 1e10
+BENT = 0.75
+"""length of the bend of a step over that of the step, derivatives' norms as units, beyond which it is not believed"""
+FIRST_DAMPING, LEAST_DAMPING, MAX_DAMPING = 1e-3, 1e-12, 1e10
 LENT = 0.01
 """weight of the other fold in a fit to one: it holds what the samples of the one say nothing of, and little else"""
 SECANTS = 4
@@ -173,42 +175,76 @@ def descent(problem: Problem, composition: Composition, start: np.ndarray, fold:
     low, high = composition.bounds
     own = np.ones(problem.n_samples, dtype=bool) if fold is None else problem.in_fold(fold)
     count, weights = int(own.sum()), np.where(own, 1.0, LENT)
-    vector = np.clip(np.asarray(start, dtype=float), low, high)
-    errors = problem.errors(composition, vector)
-    stacked = problem.stack(errors)
-    cost = float(weights @ stacked**2)
-    yield Refit(problem, composition, vector, cost, stacked, count)
-    if near is None:
-        jacobian, age, damping = _jacobian(problem, composition, vector, errors), 0, 1e-3
-    else:
-        jacobian, age, damping = _borrowed(problem, composition, vector, errors, near), 1, 1e-3
+
+    def at(vector: np.ndarray) -> tuple[Refit, list[np.ndarray]]:
+        vector = np.clip(vector, low, high)
+        errors = problem.errors(composition, vector)
+        stacked = problem.stack(errors)
+        return Refit(problem, composition, vector, float(weights @ stacked**2), stacked, count), errors
+
+    def derivative() -> np.ndarray:
+        return _jacobian(problem, composition, now.vector, errors)
+
+    now, errors = at(np.asarray(start, dtype=float))
+    yield now
+    jacobian, age = (derivative(), 0) if near is None else (_borrowed(problem, composition, now.vector, errors, near), 1)
+    damping, failed = FIRST_DAMPING, False
     while damping <= MAX_DAMPING:
         if age > SECANTS:
-            jacobian, age = _jacobian(problem, composition, vector, errors), 0
-        step, promised = _step(jacobian, stacked, weights, vector, damping, low, high)
-        little = promised < (ROUGHLY if rough else PROMISE) * cost / count
-        if little or promised < TOWARDS * (cost - target):
+            jacobian, age = derivative(), 0
+        step, promised = _step(jacobian, now.errors, weights, now.vector, damping, low, high)
+        little = promised < (ROUGHLY if rough else PROMISE) * now.cost / count
+        if little or promised < TOWARDS * (now.cost - target):
+            if damping > LEAST_DAMPING and not failed:  # along a valley's floor a damped step promises little
+                damping = max(damping / 100, LEAST_DAMPING)
+                continue
             if age == 0 or (rough and little):
                 return
-            jacobian, age = _jacobian(problem, composition, vector, errors), 0
-            yield Refit(problem, composition, vector, cost, stacked, count)
+            jacobian, age = derivative(), 0
+            yield now
             continue
         for share in (SHORTER if age == 0 else SHORTER[:1]):
-            trial = np.clip(vector + share * step, low, high)
-            moved = problem.errors(composition, trial)
-            trial_stacked = problem.stack(moved)
-            trial_cost = float(weights @ trial_stacked**2)
-            if cost - trial_cost > (KEPT * promised if age else 0.0):
-                _carry(jacobian, trial - vector, stacked - trial_stacked)
-                vector, errors, stacked, cost, age = trial, moved, trial_stacked, trial_cost, age + 1
-                damping = max(damping / 5, 1e-12)
+            there = at(now.vector + share * step)
+            if age == 0 and now.cost - there[0].cost < KEPT * share * promised:
+                missed = now.errors - there[0].errors - share * (jacobian @ step)
+                bend = _bend(jacobian, missed / share**2, step, weights, now.vector, damping, low, high)
+                bent = there if bend is None else at(now.vector + step + bend)
+                there = bent if bent[0].cost < there[0].cost else there
+            if now.cost - there[0].cost > (KEPT * promised if age else 0.0):
+                _carry(jacobian, there[0].vector - now.vector, now.errors - there[0].errors)
+                (now, errors), age, damping, failed = there, age + 1, max(damping / 5, LEAST_DAMPING), False
                 break
         else:
             if age:
-                jacobian, age = _jacobian(problem, composition, vector, errors), 0
+                jacobian, age = derivative(), 0
             else:
-                damping *= 8
-        yield Refit(problem, composition, vector, cost, stacked, count)
+                damping, failed = damping * 8, True
+        yield now
+
+
+def _bend(jacobian: np.ndarray, missed: np.ndarray, step: np.ndarray, weights: np.ndarray, vector: np.ndarray,
+          damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray | None:
+    """By how much a step must bend to stay in a curved valley; None where that says nothing, or too much.
+
+    Of the path x + h s + h² b the simulation changes by h J s + h² (f_ss/2 + J b); b makes the second part as small as
+    it can: the geodesic acceleration of Transtrum and Sethna (2012), section 3, kept below `BENT` of the step.
+
+    Parameters
+    ----------
+    jacobian : (N, P) array
+    missed : (N,) array
+        f_ss/2: what a step changed beyond what the derivatives say, over the square of its share.
+    step : (P,) array
+    weights : (N,) array
+    vector : (P,) array
+    damping : float
+    low, high : (P,) array
+    """
+    if not np.isfinite(missed).all():
+        return None
+    bend, _ = _step(jacobian, -missed, weights, np.clip(vector + step, low, high), damping, low, high)
+    norms = np.linalg.norm(jacobian, axis=0)
+    return bend if 0.0 < np.linalg.norm(bend * norms) <= BENT * np.linalg.norm(step * norms) else None
 
 
 def _carry(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> None:

@@ -15,6 +15,8 @@ from quartercar.effects.splines import glided
 
 MOTION = ("displacement", "velocity", "acceleration")
 """channels that one position sensor feeds"""
+BESSEL = (0.7235, 1.0944)
+"""damping of the pair of poles of Bessel's filter of order three, and time constant of the single one over theirs"""
 
 
 def shifted(values: np.ndarray, samples: float) -> np.ndarray:
@@ -126,6 +128,14 @@ class OneSidedFilter(ChainEffect):
                                 (0.002, 0.005, 0.01, 0.02)),
                 EffectParameter("damping", "", "zeta", 0.7071, (0.4, 1.2), (0.3, 2.0), (0.5, 0.7071, 1.0)),
                 EffectParameter("further_lag", "s", "T_3, of a third pole", 0.0, (0.0, 0.04), (0.0, 0.2), (0.0,)))
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        """The grid, and filters of order three that are late alike at all frequencies (Bessel's).
+
+        From a filter of order two to these a narrow valley leads, which a fit descends slowly.
+        """
+        order_three = [np.array([t, BESSEL[0], BESSEL[1] * t]) for t in self.parameters[0].grid[::2]]
+        return [*super().points(signals), *order_three]
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         t, zeta, third = (float(v) for v in values)
