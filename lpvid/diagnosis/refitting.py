@@ -187,7 +187,10 @@ def descent(problem: Problem, composition: Composition, start: np.ndarray, fold:
 
     now, errors = at(np.asarray(start, dtype=float))
     yield now
-    jacobian, age = (derivative(), 0) if near is None else (_borrowed(problem, composition, now.vector, errors, near), 1)
+    if near is None:
+        jacobian, age = derivative(), 0
+    else:
+        jacobian, age = _borrowed(problem, composition, now.vector, errors, near), 1
     damping, failed = FIRST_DAMPING, False
     while damping <= MAX_DAMPING:
         if age > SECANTS:

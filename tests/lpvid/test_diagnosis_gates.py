@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from toy_diagnosis import Added, Bent, Dry, Wave, drive, problem_of, record, whitened
+from toy_diagnosis import Added, Bent, Dry, Wave, Zero, drive, problem_of, record, whitened
 
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.composition import Composition
@@ -27,7 +27,7 @@ from lpvid.diagnosis.deciding import (
     weighty,
 )
 from lpvid.diagnosis.effect import Effect, EffectParameter
-from lpvid.diagnosis.engine import AS_WELL, _Case
+from lpvid.diagnosis.engine import AS_WELL, _Case, diagnose
 from lpvid.diagnosis.noise import Whitening, noise_level
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.rivals import DISTINCT, SEPARATED, _unwhitened, in_both, separation
@@ -35,6 +35,7 @@ from lpvid.diagnosis.screening import directions, moves, screen
 from lpvid.diagnosis.selection import BIC_GAIN, Search
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.steadiness import is_there
+from lpvid.record import Record
 
 
 class Form(Wave):
@@ -327,6 +328,46 @@ class TestGivingWay:
         one = SimpleNamespace(effect=general, rivals=(special,), better=None, objections=(), minor=False, p_value=0.01)
         case = SimpleNamespace(search=SimpleNamespace(fit=None, p_values={}), say=lambda text: None)
         assert _Case._give_way(case, [one], [], set()) == (apart < AS_WELL)  # type: ignore[arg-type]
+
+
+class TestWhatRepeatsShare:
+    @staticmethod
+    def shared(*records: Record) -> float:
+        problem, fit = whitened(*records)
+        case = SimpleNamespace(problem=problem, search=SimpleNamespace(problem=problem), baseline=Bent())
+        case._unshared = lambda fit: _Case._unshared(case, fit)  # type: ignore[arg-type]
+        return float(np.sqrt(_Case._repeated(case, fit)))  # type: ignore[arg-type]
+
+    @pytest.mark.parametrize("noise", ["white", "ar1", "proportional"])
+    def test_is_structure_whatever_the_noise(self, noise: str, rng: np.random.Generator) -> None:
+        """The noise hides half of it from a regression; what two runs share of it they share."""
+        u = drive(6000, rng)
+        pair = [record(rng, noise, level=0.4, hidden=lambda u: 0.8 * np.sin(9 * u), u=u) for _ in range(2)]
+        left = 0.8 * np.sqrt(np.mean(np.sin(9 * u) ** 2))
+        assert 0.7 * left < self.shared(*pair) < 1.02 * left
+
+    @pytest.mark.parametrize("noise", ["white", "ar1", "proportional"])
+    def test_noise_they_do_not_share(self, noise: str, rng: np.random.Generator) -> None:
+        found = []
+        for _ in range(10):
+            u = drive(3000, rng)
+            found.append(self.shared(*(record(rng, noise, level=0.4, u=u) for _ in range(2))))
+        assert np.mean(np.array(found) > 0) <= 0.2 and max(found) < 0.15
+
+    def test_without_repeats_nothing_is_known(self, rng: np.random.Generator) -> None:
+        assert self.shared(record(rng, hidden=lambda u: np.sin(9 * u)), record(rng)) == 0.0
+
+    @pytest.mark.parametrize(("strange", "named"), [(0.0, ["dry", "zero"]), (0.2, ["zero"])])
+    def test_a_cause_that_changes_less_is_small(self, strange: float, named: list[str],
+                                                rng: np.random.Generator) -> None:
+        """Beside a wave that no candidate describes the sign of the input may be a part of what is left."""
+        def hidden(u: np.ndarray) -> np.ndarray:
+            return 2.0 + 0.1 * np.sign(u) + strange * np.sin(40 * u)
+
+        u = drive(3000, rng)
+        found = diagnose([record(rng, hidden=hidden, u=u, level=0.05) for _ in range(2)], Bent(), [Dry(), Zero()])
+        assert sorted(c.name for c in found.causes) == named
+        assert [r.why for r in found.rejected] == (["it changes less than what is left unexplained"] if strange else [])
 
 
 class TestPlausibleRange:
