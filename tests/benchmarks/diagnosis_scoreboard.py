@@ -4,7 +4,8 @@
     python tests/benchmarks/diagnosis_scoreboard.py FOLDER --table
 
 Cases that a folder holds already are not run again, so that it may be stopped and started at will. Those of a slightly
-wrong baseline, which take longest, come last.
+wrong baseline, which take longest, come last. They run in a further process, which is replaced now and then: what the
+allocator keeps of many large fits in threads adds up to gigabytes.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ import json  # noqa: E402
 import sys  # noqa: E402
 import time  # noqa: E402
 import traceback  # noqa: E402
+from concurrent.futures import ProcessPoolExecutor  # noqa: E402
+from multiprocessing import get_context  # noqa: E402
 from pathlib import Path  # noqa: E402
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "quartercar"))
@@ -27,6 +30,9 @@ import hidden  # noqa: E402
 import hidden_score  # noqa: E402
 
 from quartercar.effects import CATALOGUE  # noqa: E402
+
+TASKS = 20
+"""cases that a process runs before another takes its place"""
 
 
 def main() -> None:
@@ -49,12 +55,12 @@ def run(options: argparse.Namespace) -> None:
     if not options.only:
         known = tuple(e.name for e in CATALOGUE)
         numbers.sort(key=lambda n: hidden.draw(options.seed * 100_000 + n, known).kind == "wrong-baseline")
-    for number in numbers:
-        for kind in kinds:
-            for fixed in _fixings(kind):
-                name = f"{options.seed}-{number}-{kind or 'any'}-{fixed.get('colour', '')}"
-                if name not in done:
-                    _append(path, _one(options.seed * 100_000 + number, name, fixed))
+    wanted = [(options.seed * 100_000 + n, f"{options.seed}-{n}-{kind or 'any'}-{fixed.get('colour', '')}", fixed)
+              for n in numbers for kind in kinds for fixed in _fixings(kind)]
+    with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=TASKS) as pool:
+        for seed, name, fixed in wanted:
+            if name not in done:
+                _append(path, pool.submit(_one, seed, name, fixed).result())
 
 
 def _fixings(kind: str | None) -> list[dict]:

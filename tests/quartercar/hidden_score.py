@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from hidden import Made
 from hidden_causes import find
-from hidden_truth import IMITATED, NAMEABLE, SAME, SEPARATE, Truth, baseline_for, build, imitation, oracle_gain
+from hidden_truth import IMITATED, SAME, SEPARATE, SHARE, Truth, baseline_for, build, imitation, oracle_gain
 
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.diagnosis import Diagnosis
@@ -149,9 +149,9 @@ def contained(row: Row) -> bool:
 
 
 def wanted(row: Row) -> list[str]:
-    """Hidden causes that must be named: not one that, even at its largest, is negligible beside the others."""
+    """Hidden causes that must be named: like a single one, those that change at least 1 % of the force."""
     besides = row.get("besides") or [np.inf] * len(row["causes"])
-    return [n for n, share in zip(row["causes"], besides, strict=True) if share >= NAMEABLE]
+    return [n for n, share in zip(row["causes"], besides, strict=True) if share >= SHARE]
 
 
 # -- telling ------------------------------------------------------------------------------------------------------

@@ -31,8 +31,6 @@ ROUNDS, ROOM, GROWTH = 3, 1.2, 10.0
 IMITATED = 0.05
 """share of the likelihood of a cause outside the catalogue that an entry may miss and still pass for it: the diagnosis
 asks for 95 % of the excess error"""
-NAMEABLE = 0.005
-"""share of the force below which a cause beside others counts as negligible, as in the diagnosis itself"""
 ALIKE = ({"current-saturation", "scheduling-degree"},)
 """pairs that a diagnosis must not tell apart: a saturation and a quadratic law of the current differ by small print"""
 SAME = {"force-offset": "gas-preload", "gas-preload": "force-offset"}
