@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lpvid._memory import give_back
 from lpvid._threads import in_parallel, single_thread
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import Blocks
@@ -101,7 +102,12 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
         Too little data, missing channels, no candidates.
     """
     begun, settings = time.perf_counter(), settings or DiagnosisSettings()
-    say = progress or (lambda text: None)
+
+    def say(text: str) -> None:
+        give_back()
+        if progress is not None:
+            progress(text)
+
     if not catalogue:
         raise InputError("a diagnosis needs candidates", got="an empty catalogue")
     by_name(tuple(catalogue))

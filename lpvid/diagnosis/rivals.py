@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid._memory import give_back
 from lpvid._threads import in_parallel
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
@@ -96,6 +97,7 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
     tried = [e for e in likely if e.effect.name not in general][:RIVALS]
     tried += [e for e in near if e not in tried and (e.effect.name in general or _kin(e.effect, effect))]
     put = in_parallel(lambda e: _in_place(search, effect, rest, e, found), tried)
+    give_back()
     out = []
     for e, fit in zip(tried, put, strict=True):
         if fit is None or own.best is None or e.best is None or e.effect.implausible(own_values(fit[1], e.effect)):

@@ -49,6 +49,8 @@ STUBBORN, PATIENCE = 0.1, 2
 CRUDE = 0.03
 """squared error of the fitted baseline, relative to the output's, above which its parameters are not to be trusted as
 a start"""
+FOUND = 0.5
+"""share of the squared error of a baseline that had given up at which the set is on its way without further starts"""
 COMPONENT = 0.5
 """share of what a catch-all wins for which a component is taken before it"""
 TRIED, ENOUGH = 3, 0.02
@@ -77,6 +79,8 @@ class Search:
         Block p-value with which each effect came in.
     others : tuple of (P,) arrays
         Further starts for the baseline's parameters, where its fit is far off.
+    given_up_at : float
+        Squared error of that fit; the further starts are done with once the set leaves `FOUND` of it.
     bare : (P,) array
         The baseline's parameters as they were fitted first, without effects.
     rests, known : dict
@@ -91,6 +95,7 @@ class Search:
     say: Callable[[str], None]
     p_values: dict[str, float] = field(default_factory=dict)
     others: tuple[np.ndarray, ...] = ()
+    given_up_at: float = 0.0
     bare: np.ndarray = field(default_factory=lambda: np.empty(0))
     rests: dict[frozenset[str], Refit] = field(default_factory=dict)
     known: dict[frozenset[str], Refit] = field(default_factory=dict)
@@ -102,6 +107,7 @@ class Search:
         search = cls(problem, baseline_fit, candidates, rng, say)
         if search.far_off():
             search.others = tuple(baseline_fit.composition.baseline.starts(problem.signals))
+            search.given_up_at = search._squared(baseline_fit)
         evidence, found = search.rewhiten()
         search.bare = search.fit.vector
         return search, evidence, found
@@ -109,8 +115,12 @@ class Search:
     def far_off(self, fit: Refit | None = None) -> bool:
         """Whether a fit, the present one, leaves so much that its parameters are not to be trusted as a start."""
         fit = fit or self.fit
+        return self._squared(fit) > CRUDE * self.problem.n_samples * self.problem.spread**2
+
+    def _squared(self, fit: Refit) -> float:
+        """Squared error in the output's unit."""
         plain = self.problem.stack(self.problem.errors(fit.composition, fit.vector), whiten=False)
-        return float(plain @ plain) > CRUDE * self.problem.n_samples * self.problem.spread**2
+        return float(plain @ plain)
 
     def rewhiten(self) -> tuple[list[Evidence], list[Direction]]:
         """Estimate the noise's colour anew around the present set, refit it, and screen the candidates outside it."""
@@ -161,7 +171,7 @@ class Search:
             for e in added:
                 self.p_values[e.name] = min((x.p_value for x in evidence if x.effect.name == e.name), default=least)
             self.fit = fit
-            if self.others and not self.far_off():
+            if self.others and (not self.far_off() or self._squared(self.fit) < FOUND * self.given_up_at):
                 self.others = ()
             self.simplify()
             self.put_beside()
