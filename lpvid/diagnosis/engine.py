@@ -122,6 +122,7 @@ class _Case:
     """Everything known before a decision."""
 
     baseline: Baseline
+    plainly: Refit
     first: Refit
     level: NoiseLevel
     unusable: tuple[CannotTell, ...]
@@ -147,7 +148,7 @@ class _Case:
         screened = tuple(evidence)
         whitened_first = search.fit
         search.grow(evidence, found)
-        return cls(baseline, whitened_first, level, unusable, search, screened, say)
+        return cls(baseline, first, whitened_first, level, unusable, search, screened, say)
 
     @property
     def problem(self) -> Problem:
@@ -156,11 +157,9 @@ class _Case:
 
     # -- deciding ----------------------------------------------------------------------------------------------------
     def decide(self, held_out: Sequence[Record]) -> Diagnosis:
-        bare = refit(self.problem, Composition(self.baseline), self.first.vector)
-        before = out_of_fold(self.problem, bare)
-        judged, dropped, after = self._judged(before)
+        judged, dropped, after = self._judged(self._alone()[1])
         problem, fit = self.problem, self.search.fit
-        bare = refit(problem, Composition(self.baseline), self.first.vector)
+        bare, before = self._alone()  # by the colour that was found meanwhile
         judged = sorted(judged, key=lambda j: -j.contribution)
         beyond, resembling = self._without_a_name(bare, judged)
         judged = [next((r for r in resembling if r.without is j.without), j) for j in judged]
@@ -181,10 +180,21 @@ class _Case:
             least=min((e.p_value for e in self.screened), default=1.0), coloured=problem.whitening.is_coloured,
             unit=self.baseline.output_unit))
         kept = [*named, *contested, *resembling]
-        decided = Decided(verdict, reason, bare, self._final(self.search.fit, kept), before, judged, named, contested,
+        final = self._final(self.search.fit, kept) if kept else self.plainly
+        decided = Decided(verdict, reason, bare, self.plainly, final, before, judged, named, contested,
                           [*dropped, *resembling], phi, predictable)
         return Telling(self.baseline, self.search, self.level, self.unusable, self.screened, held_out,
                        decided).diagnosis()
+
+    def _alone(self) -> tuple[Refit, Folds]:
+        """The baseline alone, and its out-of-fold errors: whitened and in the output's unit, each by the fit to it.
+
+        What no candidate explains is whitened as noise is: of a slow error a fit to the whitened one leaves more, up to
+        all of it, than the baseline has when it is fitted as anyone would.
+        """
+        bare = refit(self.problem, Composition(self.baseline), self.first.vector)
+        plain = self.plainly.cached("out of fold", lambda: out_of_fold(self.plainly.problem, self.plainly))
+        return bare, Folds(out_of_fold(self.problem, bare).errors, plain.plain)
 
     def _without_a_name(self, bare: Refit, judged: list[Judged]) -> tuple[float, list[Judged]]:
         """Those whose work functions without a name do, with that objection, and what these explain beyond the set."""

@@ -30,10 +30,10 @@ class Decided:
     Attributes
     ----------
     verdict, reason : str
-    bare, final : Refit
-        The baseline alone, and with what stays in the simulation.
+    bare, plainly, final : Refit
+        The baseline alone, to the whitened error and to that in the output's unit; what stays in the simulation.
     before : Folds
-        Out-of-fold errors of the baseline.
+        Out-of-fold errors of the baseline, each by the fit to it.
     judged, named, contested, dropped : sequence of Judged
         All that were judged; those named; those that have rivals; those objected to.
     phi : (share, standard error) or None
@@ -45,6 +45,7 @@ class Decided:
     verdict: str
     reason: str
     bare: Refit
+    plainly: Refit
     final: Refit
     before: Folds
     judged: Sequence[Judged]
@@ -91,9 +92,9 @@ class Telling:
 
         d, problem = self.decided, self.problem
         spoken = d.verdict != "unexplained"
-        after = out_of_fold(problem, d.final)
-        model = ExtendedModel.of(d.final, covariance(problem, d.final), self.baseline)
-        errors = problem.errors(d.bare.composition, d.bare.vector)
+        after = d.before if d.final is d.plainly else out_of_fold(problem, d.final)
+        model = ExtendedModel.of(d.final, covariance(d.final.problem, d.final), self.baseline)
+        errors = problem.errors(d.plainly.composition, d.plainly.vector)
         sure = deviations(self.search) if spoken and d.named else np.empty(0)
         where = f"{len(self.held_out)} further record(s)" if self.held_out else \
             "alternating blocks, each judged by the fit to the others, in which it weighs a hundredth"
@@ -105,8 +106,8 @@ class Telling:
                 f"explains {d.phi[0]:.0%} of the excess error only"
             rejected += [Rejected(j.effect.name, f"resembles it, but {why}") for j in (*d.named, *d.contested)]
         return Diagnosis(
-            d.verdict, d.reason, {**self.baseline.with_vector(d.bare.vector).describe()},
-            self._errors(d.bare, d.before), self._errors(d.final, after),
+            d.verdict, d.reason, {**self.baseline.with_vector(d.plainly.vector).describe()},
+            self._errors(d.plainly, d.before), self._errors(d.final, after),
             None if self.level.variance is None else float(np.sqrt(self.level.variance)),
             self._noise(d.predictable), localise(problem, errors),
             tuple(self._cause(j, sure) for j in d.named) if spoken else (),
@@ -117,7 +118,9 @@ class Telling:
     def _errors(self, fit: Refit, folds: Folds) -> Errors:
         problem = self.problem
         plain = problem.stack(problem.errors(fit.composition, fit.vector), whiten=False)
-        power = problem.n_samples * problem.spread**2
+        inside = [s.output[n >= 0] for s, n in zip(problem.signals, problem.blocks.number, strict=True)]
+        about = (float(np.sum((y - y.mean()) ** 2)) for y in inside if y.size)  # each record about its own mean
+        power = max(sum(about), 1e-300)
         if not self.held_out:
             squares = float(folds.plain @ folds.plain)
             return Errors(float(plain @ plain) / power, squares / power, float(np.sqrt(squares / problem.n_samples)))

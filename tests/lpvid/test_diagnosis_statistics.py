@@ -20,6 +20,8 @@ from toy_diagnosis import (
     DryTwin,
     Explosive,
     LaggedConstant,
+    Wave,
+    Zero,
     drive,
     problem_of,
     record,
@@ -293,6 +295,35 @@ class TestDiagnosis:
         assert found.stand_ins == ("dry",) and found.gain_percent > 20.0
         assert found.to_dict()["extended"]["stand_ins"] == ["dry"]
         assert "dry stands in for a cause that is not known" in repr(found)
+
+    def test_the_baseline_is_told_as_its_least_squares_fit_leaves_it(self, rng: np.random.Generator) -> None:
+        """An error that nothing explains is whitened as noise: a fit to what is left of it gives up what is slow."""
+        u = drive(6000, rng)
+        slow = np.asarray(lfilter([0.01], [1.0, -0.99], u))
+        given = record(rng, u=u, level=0.02, hidden=lambda u: 8 * slow / np.std(slow))
+        found = diagnose([given], Bent(), (Wave(), Zero()))
+        assert found.verdict == "unexplained" and not found.stand_ins
+        signals = Bent().signals(given)
+        inside = Blocks.of([signals]).mask()[0]
+        fitted = Bent().fit([Record({k: Channel(given[k][inside], "") for k in ("u", "c", "y")}, sample_time=PERIOD)])
+        left = (signals.output - fitted.core(fitted.vector)(signals))[inside]
+        least = float(np.mean(left**2) / np.var(signals.output[inside]))
+        assert found.before.esr_training == pytest.approx(least, rel=1e-3)
+        assert least < found.before.esr_held_out < 1.3 * least
+        assert found.after == found.before and found.extended is not None
+        kept = signals.output - found.extended.composition.predict(signals, found.extended.vector)
+        assert float(np.mean(kept[inside] ** 2)) == pytest.approx(float(np.mean(left**2)), rel=1e-3)
+
+    def test_records_about_different_means_are_each_taken_about_its_own(self, rng: np.random.Generator) -> None:
+        given = [record(rng, u=drive(3000, rng) + mean) for mean in (0.0, 6.0)]
+        found = diagnose(given, Bent(), (Wave(), Zero()))
+        signals = [Bent().signals(r) for r in given]
+        inside = Blocks.of(signals).mask()
+        fitted = Bent().fit(given)
+        left = sum(float(np.sum((s.output - fitted.core(fitted.vector)(s))[m] ** 2))
+                   for s, m in zip(signals, inside, strict=True))
+        spread = sum(float(np.sum(m) * np.var(s.output[m])) for s, m in zip(signals, inside, strict=True))
+        assert found.before.esr_training == pytest.approx(left / spread, rel=0.01)
 
     def test_diagnosis_json(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng, hidden=lambda u: 1.2 * np.sign(u))], Bent(), (*CAUSES, LaggedConstant()))
