@@ -301,23 +301,23 @@ def surer_share(problem: Problem, before: Folds, after: Folds, level: NoiseLevel
         From repeats, of the output and of the whitened errors that are left.
     predictable : float
     """
-    plain = explained_share(problem, before, after, level.variance, predictable)
+    plain = _share(problem, before.plain, after.plain, level.variance, predictable)
     if level.variance is None or whitened.variance is None:
-        return plain
-    white = explained_share(problem, before, after, whitened.variance, 0.0, whitened=True)
+        return max(plain[0], 0.0), plain[1]
+    white = _share(problem, before.errors, after.errors, whitened.variance, 0.0)
 
     def spread(share: tuple[float, float], errors: np.ndarray, floor: float, error: float) -> float:
         return float(np.hypot(share[1], share[0] * error / max(float(np.mean(errors**2)) - floor, 1e-300)))
 
     unsure = spread(plain, before.plain, level.variance, level.error(problem.whitening))
     surely = spread(white, before.errors, whitened.variance, whitened.error(WHITE))
-    if unsure * white[0] <= surely * plain[0]:  # each in proportion: a share told too small has a small error
-        return plain
-    return white[0], surely
+    # each in proportion: a share told too small has a small error, and one below 0 that is unsure says nothing
+    share, error = plain if unsure * abs(white[0]) <= surely * abs(plain[0]) else (white[0], surely)
+    return max(share, 0.0), error
 
 
-def explained_share(problem: Problem, before: Folds, after: Folds, floor: float | None, predictable: float,
-                    whitened: bool = False) -> tuple[float, float]:
+def explained_share(problem: Problem, before: Folds, after: Folds, floor: float | None,
+                    predictable: float) -> tuple[float, float]:
     """φ = (σ²_base − σ²_ext)/(σ²_base − σ₀²) out of fold, and its standard error over blocks.
 
     Parameters
@@ -328,19 +328,22 @@ def explained_share(problem: Problem, before: Folds, after: Folds, floor: float 
         σ₀² from repeats; without them the part of the remaining error that no regression on the inputs predicts.
     predictable : float
         Share of the remaining error that one does predict.
-    whitened : bool
-        Whether of the whitened errors, whose floor is given.
     """
-    b, a = (problem.block_sums((f.errors if whitened else f.plain)**2) for f in (before, after))
+    share, error = _share(problem, before.plain, after.plain, floor, predictable)
+    return max(share, 0.0), error
+
+
+def _share(problem: Problem, before: np.ndarray, after: np.ndarray, floor: float | None,
+           predictable: float) -> tuple[float, float]:
+    """The same of any errors; below 0 where the extended model does worse."""
+    b, a = (problem.block_sums(e**2) for e in (before, after))
     n = problem.blocks.sizes().astype(float)
     rest = max(predictable, 0.0)
 
     def share(blocks: np.ndarray) -> float:
         base, extended = b[blocks].sum() / n[blocks].sum(), a[blocks].sum() / n[blocks].sum()
         noise = extended * (1 - rest) if floor is None else floor
-        if base <= extended:
-            return 0.0
-        return min((base - extended) / max(base - noise, 1e-12 * base), MOST_EXPLAINED)
+        return float(np.clip((base - extended) / max(base - noise, 1e-12 * base), -MOST_EXPLAINED, MOST_EXPLAINED))
 
     every = np.arange(b.size)
     leave = np.array([share(np.delete(every, k)) for k in every])

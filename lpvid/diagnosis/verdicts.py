@@ -119,7 +119,7 @@ def _of_the_named(f: Findings) -> tuple[str, str]:
         text += f", but what is left still follows the inputs, by {left:.0%} of the output's spread"
         return "partly-explained", text
     if f.after > STAYS * f.before:
-        text += f"; {f.after / f.before:.0%} of the squared error stays, which looks like noise"
+        text += f"; {min(f.after / f.before, 1.0):.0%} of the squared error stays, which looks like noise"
     return "explained", text
 
 

@@ -28,7 +28,8 @@ from lpvid.diagnosis.deciding import (
 )
 from lpvid.diagnosis.effect import Effect, EffectParameter
 from lpvid.diagnosis.engine import AS_WELL, _Case, diagnose
-from lpvid.diagnosis.noise import Whitening, noise_level
+from lpvid.diagnosis.noise import NoiseLevel, Whitening, noise_level
+from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.rivals import DISTINCT, SEPARATED, _unwhitened, in_both, separation
 from lpvid.diagnosis.screening import directions, moves, screen
@@ -40,6 +41,22 @@ from lpvid.record import Record
 
 class Form(Wave):
     name, catch_all = "form", True
+
+
+def drowned(seed: int) -> tuple[Problem, Folds, Folds, NoiseLevel, NoiseLevel]:
+    """A cause of a twentieth of slow noise's power: baseline and set out of fold, noise of the output and whitened."""
+    rng = np.random.default_rng(seed)
+    u = drive(6000, rng)
+    pair = [record(rng, "ar1", level=1.0, u=u, hidden=lambda u: 0.3 * np.sin(9 * u)) for _ in range(2)]
+    problem, composition = problem_of(*pair)
+    problem = problem.with_whitening(Whitening(np.array([1.0, -0.95]), 1.0))
+    bare = refit(problem, composition, composition.neutral)
+    both = Composition(Bent(), (Wave(),))
+    fit = refit(problem, both, both.neutral)
+    errors = [problem.whitening.apply(e) for e in problem.errors(both, fit.vector)]
+    left = [replace(s, output=e) for s, e in zip(problem.signals, errors, strict=True)]
+    level, white = (noise_level(s, ["u"], problem.blocks.mask()) for s in (problem.signals, left))
+    return problem, out_of_fold(problem, bare), out_of_fold(problem, fit), level, white
 
 
 class TestBothMetrics:
@@ -66,24 +83,25 @@ class TestBothMetrics:
         assert stacked @ stacked > 1.001 * fit.cost
 
     def test_a_share_that_slow_noise_drowns_is_told_by_the_whitened_errors(self) -> None:
-        """A cause of a twentieth of the noise's power, of which an extended model leaves nothing."""
         plain, surer = [], []
         for seed in range(12):
-            rng = np.random.default_rng(seed)
-            u = drive(6000, rng)
-            pair = [record(rng, "ar1", level=1.0, u=u, hidden=lambda u: 0.3 * np.sin(9 * u)) for _ in range(2)]
-            problem, composition = problem_of(*pair)
-            problem = problem.with_whitening(Whitening(np.array([1.0, -0.95]), 1.0))
-            bare = refit(problem, composition, composition.neutral)
-            both = Composition(Bent(), (Wave(),))
-            fit = refit(problem, both, both.neutral)
-            errors = [problem.whitening.apply(e) for e in problem.errors(both, fit.vector)]
-            left = [replace(s, output=e) for s, e in zip(problem.signals, errors, strict=True)]
-            level, white = (noise_level(s, ["u"], problem.blocks.mask()) for s in (problem.signals, left))
-            before, after = out_of_fold(problem, bare), out_of_fold(problem, fit)
+            problem, before, after, level, white = drowned(seed)
             plain.append(explained_share(problem, before, after, level.variance, 0.0)[0])
             surer.append(surer_share(problem, before, after, level, white, 0.0)[0])
         assert np.std(plain) > 3 * np.std(surer) and np.mean(surer) == pytest.approx(1.0, abs=0.15)
+
+    @pytest.mark.parametrize(("level_of_both", "worse", "told"), [(1.0, 1.005, True), (1.0, 1.02, True),
+                                                                  (5.0, 3.0, False)])
+    def test_a_share_below_none_that_is_unsure_says_nothing(self, level_of_both: float, worse: float,
+                                                            told: bool) -> None:
+        """A baseline fitted to slow noise may leave less of that than an extended model which is fitted to the rest."""
+        for seed in range(4):
+            problem, before, after, level, white = drowned(seed)
+            before = Folds(before.errors, level_of_both * before.plain)  # 5: far above the noise, and no doubt of it
+            after = Folds(after.errors, worse * before.plain)
+            assert explained_share(problem, before, after, level.variance, 0.0)[0] == 0.0
+            share, error = surer_share(problem, before, after, level, white, 0.0)
+            assert abs(share - 1.0) < error < 0.3 if told else share == 0.0
 
     def test_a_worse_model_explains_nothing(self, rng: np.random.Generator) -> None:
         problem, _ = problem_of(record(rng))
