@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lpvid._threads import in_parallel
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.input_noise import gain_without_input_noise
 from lpvid.diagnosis.nameless import static_in_place
@@ -269,7 +270,7 @@ def with_takeovers(search: Search, judged: Sequence[Judged]) -> list[Judged]:
     out = []
     for j in judged:
         if not j.objections:
-            tried = [taken_over(search, j.effect, j.without, s.effect) for s in small]
+            tried = in_parallel(lambda s, j=j: taken_over(search, j.effect, j.without, s.effect), small)
             rivals = tuple(sorted([*j.rivals, *(a for a in tried if a is not None and a.apart < SEPARATED)],
                                   key=lambda a: a.apart))
             best = rivals[0] if rivals and rivals[0].apart < -separation(j.without, search.fit) else None

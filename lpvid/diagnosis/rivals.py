@@ -236,7 +236,8 @@ def taken_over(search: Search, effect: Effect, rest: Refit, small: Effect) -> Al
              for around in (rest, now)]
     begun = sorted(begun, key=lambda v: _cost(problem, composition, v))[:2]
     tasted = [refit(problem, composition, v, iterations=TASTE, near=rest, rough=True) for v in begun]
-    fit = refit(problem, composition, min(tasted, key=lambda f: f.cost).vector, near=rest)
+    near = now.cost + max(CHAINED * now.variance, COMPONENT * (rest.cost - now.cost))  # what trails by more is no rival
+    fit = refit(problem, composition, min(tasted, key=lambda f: f.cost).vector, near=rest, target=near)
     if small.implausible(own_values(fit, small)):
         return None
     apart = (fit.cost - now.cost) / now.variance - len(effect.parameters) * np.log(problem.n_samples)

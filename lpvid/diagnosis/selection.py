@@ -154,7 +154,7 @@ class Search:
         takes in making another superfluous, there is no more to be found.
         """
         evidence = [e for e in evidence if e.effect.name != avoid]
-        faint_before = False
+        faint_before = led = False
         been: set[frozenset[str]] = set()
         while len(self.fit.composition.effects) < MOST_EFFECTS:
             if self.fit.composition.members in been:
@@ -164,7 +164,13 @@ class Search:
             best = self.best_addition(evidence, found) if least < SIGNIFICANT else None
             faint = best is not None and self.negligible(*best)
             if best is None or faint:
-                best = self.best_pair(evidence, found) or best
+                stood, pair = self.fit, self.best_pair(evidence, found)
+                if pair is None and self.fit is not stood and not led:  # a pair has led the set itself on
+                    led = True
+                    been.discard(self.fit.composition.members)
+                    evidence, found = self.rewhiten()
+                    continue
+                best = pair or best
             if best is None:
                 break
             added, fit = best
@@ -251,7 +257,10 @@ class Search:
 
     def best_pair(self, evidence: Sequence[Evidence], found: Sequence[Direction]
                   ) -> tuple[tuple[Effect, ...], Refit] | None:
-        """A physically linked pair that wins where no single effect does."""
+        """A physically linked pair that wins where no single effect does.
+
+        Against the present set from where the pair has led it: a way out of a valley is nothing that it explains.
+        """
         if min((e.p_value for e in evidence), default=1.0) > 4 * SIGNIFICANT:
             return None
         names = {e.name: e for e in self.outside()}
@@ -267,8 +276,11 @@ class Search:
             return None
         self.say(f"refitting with {' and '.join(e.name for e in best[0])} together")
         fit = refit(self.problem, best[1].composition, best[1].vector, near=self.fit)
-        sure = all(surely_there(self.problem, fit, e) for e in best[0])
-        return (best[0], fit) if sure and not self.negligible(best[0], fit) else None
+        alone = refit(self.problem, self.fit.composition, placed(self.fit.composition, fit, {}), near=fit)
+        if alone.bic() < self.fit.bic() - BIC_GAIN:
+            self.fit = alone
+        won = fit.bic() < self.fit.bic() - 3 * BIC_GAIN and not self.negligible(best[0], fit)
+        return (best[0], fit) if won and all(surely_there(self.problem, fit, e) for e in best[0]) else None
 
     def promising(self, pair: tuple[Effect, Effect], found: Sequence[Direction]) -> bool:
         """Whether both together, each at its best grid points, lie along what is left: a look before a costly refit.
