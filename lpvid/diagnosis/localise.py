@@ -88,11 +88,17 @@ def _regimes(name: str, x: np.ndarray) -> list[tuple[str, np.ndarray]]:
 
 
 def _after_reversal(velocity: np.ndarray) -> np.ndarray:
-    """Samples within the eighth of a half stroke that follows a change of sign."""
+    """Samples within the eighth of a half stroke that follows a change of sign; none where the sign never changes.
+
+    Examples
+    --------
+    >>> _after_reversal(np.repeat([1.0, -1.0], 8)).nonzero()[0].tolist(), bool(_after_reversal(np.ones(8)).any())
+    ([8], False)
+    """
     sign = np.sign(velocity)
     turns = np.flatnonzero(np.diff(sign) != 0) + 1
     out = np.zeros(velocity.size, dtype=bool)
-    ends = np.append(turns[1:], velocity.size)
+    ends = np.append(turns, velocity.size)[1:]
     for a, b in zip(turns, ends, strict=True):
         out[a: a + max(1, (b - a) // 8)] = True
     return out

@@ -31,7 +31,7 @@ from toy_diagnosis import (
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.engine import diagnose
-from lpvid.diagnosis.localise import localise
+from lpvid.diagnosis.localise import _after_reversal, localise
 from lpvid.diagnosis.noise import WHITE, Whitening
 from lpvid.diagnosis.problem import Problem, projector, without
 from lpvid.diagnosis.refitting import Refit, _step, covariance, refit
@@ -225,6 +225,12 @@ class TestLocalise:
         tone = [np.sin(2 * np.pi * 3.0 * s.times) for s in problem.signals]
         found = {w.where: w.share for w in localise(problem, tone)}
         assert found["1 to 5 Hz"] > 0.8
+
+    def test_a_velocity_that_never_changes_sign(self) -> None:
+        assert not _after_reversal(np.ones(40)).any()
+        assert not _after_reversal(np.zeros(40)).any()
+        turned = _after_reversal(np.repeat([1.0, -1.0, 1.0], 16))
+        assert np.flatnonzero(turned).tolist() == [16, 17, 32, 33]
 
 
 class TestDiagnosis:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from hidden import Made
 from hidden_causes import find
-from hidden_truth import IMITATED, SAME, SEPARATE, SHARE, Truth, baseline_for, build, imitation, oracle_gain
+from hidden_truth import IMITATED, SAME, SEPARATE, SHARE, baseline_for, build, oracle_gain
 
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.diagnosis import Diagnosis
@@ -44,28 +44,11 @@ def case(seed: int, catalogue: tuple[Effect, ...], **fixed: object) -> Row:
         "gain": answer.gain_percent,
         "won": {c.name: [c.delta_bic, c.contribution] for c in answer.causes},
         "seconds": round(seconds, 2), "cpu": round(cpu, 2)}
-    if truth.separable and made.plan.kind == "one":
-        row |= _confirmed(made, truth, catalogue, answer)
     row["unsteady"] = unsteady(made, answer)
     row |= _estimate(made.plan, made.hidden, answer)
     if truth.separable or made.plan.kind in ("two", "three"):
         row["held_out_gain"], row["oracle_gain"] = oracle_gain(made, catalogue, answer)
     return row
-
-
-def _confirmed(made: Made, truth: Truth, catalogue: tuple[Effect, ...], answer: Diagnosis) -> Row:
-    """Whether rivals that the diagnosis claims fit the noise-free record as the cause does: then nobody can tell."""
-    name = made.hidden[0][0]
-    for group in answer.rivals:
-        if name in group.names:
-            model = answer.extended
-            start = model.vector[: truth.bench.baseline.vector.size]
-            values = {n: [p.value for p in group.parameters[n]] for n in group.names}
-            left = imitation(made, truth.bench, catalogue, start, values)
-            near = {n: left[n] - left[name] for n in group.names if n != name and left[n] - left[name] < SEPARATE}
-            if near:
-                return {"separable": False, "ambiguous": True, "near": truth.rivals | near}
-    return {}
 
 
 def unsteady(made: Made, answer: Diagnosis) -> dict[str, float]:

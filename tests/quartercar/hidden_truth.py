@@ -6,7 +6,7 @@ of the diagnosis only the composition of a baseline with an effect is used, to k
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,8 +31,6 @@ ROUNDS, ROOM, GROWTH = 3, 1.2, 10.0
 IMITATED = 0.05
 """share of the likelihood of a cause outside the catalogue that an entry may miss and still pass for it: the diagnosis
 asks for 95 % of the excess error"""
-ALIKE = ({"current-saturation", "scheduling-degree"},)
-"""pairs that a diagnosis must not tell apart: a saturation and a quadratic law of the current differ by small print"""
 SAME = {"force-offset": "gas-preload", "gas-preload": "force-offset"}
 
 
@@ -257,7 +255,7 @@ def _rivals(name: str, bench: Bench, direction: np.ndarray, catalogue: tuple[Eff
             continue
         if effect.applies(bench.baseline, (seen,)) is not None:
             continue
-        distance = 0.0 if {name, effect.name} in ALIKE else _distance(effect, bench, direction, seen)
+        distance = _distance(effect, bench, direction, seen)
         if distance < limit:
             found[effect.name] = distance
     return found
@@ -304,41 +302,6 @@ def _distance(effect: Effect, bench: Bench, direction: np.ndarray, seen: Signals
 def _plausible(effect: Effect) -> tuple[np.ndarray, np.ndarray]:
     low, high = np.array([p.reach for p in effect.parameters], dtype=float).T
     return low, high
-
-
-def imitation(made: Made, bench: Bench, catalogue: tuple[Effect, ...], start: np.ndarray,
-              candidates: Mapping[str, Sequence[float]]) -> dict[str, float]:
-    """Squared length of what entries leave of the noise-free record, the baseline's parameters and theirs fitted to it.
-
-    The difference of two is their D_ij whatever the size of the cause: the projections above take the baseline along
-    its derivatives only.
-
-    Parameters
-    ----------
-    made : Made
-    bench : Bench
-    catalogue : tuple of Effect
-    start : (P,) array
-        The baseline's parameters to start from.
-    candidates : mapping of str to sequence of float
-        Entries, and their parameters to start from.
-    """
-    from lpvid.diagnosis.blocks import Blocks
-    from lpvid.diagnosis.noise import Whitening
-    from lpvid.diagnosis.problem import Problem
-    from lpvid.diagnosis.refitting import refit
-
-    table = {e.name: e for e in catalogue}
-    signals = bench.baseline.signals(record_of(made.clean))
-    problem = Problem((signals,), Blocks.of((signals,), bench.baseline.start), Whitening(bench.noise.predictor, 1.0))
-    found = {}
-    for name, values in candidates.items():
-        composition = Composition(bench.baseline, (table[name],))
-        fit = refit(problem, composition, np.concatenate([start, values]))
-        left = signals.output - composition.predict(signals, fit.vector)
-        whitened = bench.noise.whitened(left, bench.force)[HEAD:]
-        found[name] = float(bench.repeats * whitened @ whitened)
-    return found
 
 
 # -- oracle -------------------------------------------------------------------------------------------------------
