@@ -8,7 +8,7 @@ import numpy as np
 
 from lpvid.scheduling import Basis, Polynomial, Product, Spline
 from lpvid.synthesis.bilinear import around_feedthrough, plant_to_continuous, sign_for, to_discrete
-from lpvid.synthesis.design_grid import design_axes, is_affine, tensor
+from lpvid.synthesis.design_grid import design_axes, is_affine, tensor, varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.scaling import Matrices, Units
 
@@ -61,16 +61,16 @@ def corners_suffice(plant: GeneralizedPlant) -> bool:
     if not _convex(plant.system.basis):
         return False
     at = plant.at(tensor(convex_axes(plant)))
-    return not at.D22.any() and not any(np.ptp(m, axis=0).any() for m in (at.B2, at.D12, at.C2, at.D21))
+    return not at.D22.any() and not any(varies(m) for m in (at.B2, at.D12, at.C2, at.D21))
 
 
 def varying_signals(plant: GeneralizedPlant) -> str:
     """Which signals' gains vary with the scheduling, so that corners are not enough; empty for none."""
     at = plant.at(plant.box.grid(3))
     moving = [n for j, n in enumerate(plant.controls)
-              if np.ptp(at.B2[:, :, j], axis=0).any() or np.ptp(at.D12[:, :, j], axis=0).any()]
+              if varies(at.B2[:, :, j]) or varies(at.D12[:, :, j])]
     moving += [n for j, n in enumerate(plant.measurements)
-               if np.ptp(at.C2[:, j], axis=0).any() or np.ptp(at.D21[:, j], axis=0).any()]
+               if varies(at.C2[:, j]) or varies(at.D21[:, j])]
     return ", ".join(moving)
 
 

@@ -19,6 +19,8 @@ CELLS = 3
 HIGHEST = {1: 5, 2: 3}
 """Highest degree of a fitted polynomial by the number of variables; 2 for more."""
 MISFIT = 1e-3
+ROUNDING = 4096 * np.finfo(float).eps
+"""share of a block's largest entry: what a regression of a few thousand operations leaves of a gain that is constant"""
 
 
 def design_axes(box: Scheduling, points: int, affine: bool) -> tuple[np.ndarray, ...]:
@@ -57,6 +59,17 @@ def finer(axes: tuple[np.ndarray, ...], cells: int) -> tuple[np.ndarray, ...]:
         return np.unique(np.concatenate(parts)) if parts else axis
 
     return tuple(divided(axis) for axis in axes)
+
+
+def varies(stack: np.ndarray) -> bool:
+    """Entries of (N, …) values differ from point to point by more than rounding leaves of a fitted plant.
+
+    Examples
+    --------
+    >>> varies(np.array([1.0, 1.0 + 4e-16])), varies(np.array([1.0, 1.001]))
+    (False, True)
+    """
+    return bool(stack.size and np.ptp(stack, axis=0).max() > ROUNDING * np.abs(stack).max())
 
 
 def is_affine(basis: Basis) -> bool:

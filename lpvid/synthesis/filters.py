@@ -11,6 +11,7 @@ from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial
+from lpvid.synthesis.design_grid import varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import connect
 from lpvid.synthesis.weighing import weigh
@@ -83,8 +84,8 @@ def steadied(plant: GeneralizedPlant, bandwidth: float) -> Filtered:
                          mend=f"stay below {np.pi / plant.sample_time:.4g} rad/s")
     m = plant.at(plant.box.grid(3))
     push, seen = np.concatenate([m.B2, m.D12], axis=1), np.concatenate([m.C2, m.D21], axis=2)
-    moving = [n for j, n in enumerate(plant.controls) if np.ptp(push[:, :, j], axis=0).any()]
-    shown = [n for i, n in enumerate(plant.measurements) if np.ptp(seen[:, i], axis=0).any()]
+    moving = [n for j, n in enumerate(plant.controls) if varies(push[:, :, j])]
+    shown = [n for i, n in enumerate(plant.measurements) if varies(seen[:, i])]
     block = _filter(omega, plant.sample_time)
     weighed = weigh(plant, dict.fromkeys(moving, block), dict.fromkeys(shown, block)) if moving or shown else plant
     return Filtered(weighed, dict.fromkeys([*moving, *shown], omega))

@@ -15,7 +15,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.assumptions import fault_of
 from lpvid.synthesis.criteria import H2, HInfinity, Region
-from lpvid.synthesis.design_grid import columns, design_axes, is_affine, tensor
+from lpvid.synthesis.design_grid import columns, design_axes, is_affine, tensor, varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.matrix_function import MatrixFunction
@@ -207,4 +207,4 @@ def _without_through(a: MatrixFunction, b: MatrixFunction, c: MatrixFunction, d:
 def _steady(plant: GeneralizedPlant) -> bool:
     """What multiplies an unknown that varies must not vary itself, for corners to be enough."""
     m = plant.at(plant.box.grid(2))
-    return not any(np.ptp(part, axis=0).any() for part in (m.B2, m.D12, m.C2, m.D21))
+    return not any(varies(part) for part in (m.B2, m.D12, m.C2, m.D21))

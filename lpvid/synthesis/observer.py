@@ -14,7 +14,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.assumptions import fault_of
 from lpvid.synthesis.criteria import H2, HInfinity, Region
-from lpvid.synthesis.design_grid import check_rates, columns, design_axes, fitted, is_affine, richer, tensor
+from lpvid.synthesis.design_grid import check_rates, columns, design_axes, fitted, is_affine, richer, tensor, varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
@@ -229,7 +229,7 @@ def _problem(design: Observer, plant: GeneralizedPlant) -> _Problem:
     check_rates(lyapunov, box, plant.sample_time)
     gain = None if design.gain is None else design.gain.bound(box)
     m = plant.at(box.grid(2))
-    steady = not np.ptp(m.C2, axis=0).any() and not np.ptp(m.D21, axis=0).any()
+    steady = not varies(m.C2) and not varies(m.D21)
     axes = design_axes(box, design.points, not lyapunov.names and gain is None and is_affine(plant.system.basis)
                        and steady)
     if gain is None:

@@ -29,8 +29,9 @@ STEPS = (1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
 SOLVED = 0.1
 NOISE = (1e-2, 1e-3, 1e-4)
 """noise, and effort, added for moderate gains where nothing else limits them: shares of what the sensors show."""
-FLOOR = 1e-4
-"""a bound below this share of the plant's own gains is not worth pursuing."""
+NOTHING, FLOOR = 1e-8, 1e-4
+"""Shares of the plant's size. A least bound below the first, a solver's accuracy, counts as zero, to which only
+infinite gains come close; the second is then asked for instead."""
 MORE, AT_ONCE, APART = 30, 6, 0.15
 """design points that may be added, how many at a time, and how far from each other in half widths of the box."""
 SEGMENTS = {1: (12, 24, 48, 96), 2: (4, 8, 14), 3: (3, 5)}
@@ -108,9 +109,10 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> 
                          "least that the inequalities admit", infimum=best.gamma, method=problem.method,
                          mend=f"ask for more than {best.gamma:.6g}, or lower the weights on "
                               f"{', '.join(problem.plant.plant.performance)}")
-    floor = FLOOR * _size(projected.plant)
+    size = _size(projected.plant)
+    target = best.gamma if best.gamma > NOTHING * size else FLOOR * size
     for share in [step * back_off for step in STEPS] if wanted is None else [wanted / best.gamma - 1 - SLACK]:
-        gamma = max(best.gamma, floor) * (1 + max(share, 0.0))
+        gamma = target * (1 + max(share, 0.0))
         for formula in _formulas(problem, projected, best, gamma, clock):
             missed = _missed(problem, formula)
             if len(missed):

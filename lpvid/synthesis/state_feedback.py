@@ -25,6 +25,7 @@ from lpvid.synthesis.design_grid import (
     richer,
     storage_for,
     tensor,
+    varies,
 )
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
@@ -107,7 +108,7 @@ def state_reading(plant: GeneralizedPlant) -> np.ndarray:
     """
     m = plant.at(np.vstack([plant.box.centre, plant.box.grid(2)]))
     named = ", ".join(plant.measurements)
-    if np.ptp(m.C2, axis=0).any() or m.D21.any() or m.D22.any():
+    if varies(m.C2) or m.D21.any() or m.D22.any():
         raise InputError("state feedback needs measurements that are the states themselves", got=named,
                          mend="measure the states without noise or feedthrough, or use OutputFeedback")
     rank = int(np.linalg.matrix_rank(m.C2[0]))
@@ -212,4 +213,4 @@ def _problem(design: StateFeedback, plant: GeneralizedPlant) -> _Problem:
 def _steady(plant: GeneralizedPlant) -> bool:
     """B2 and D12 do not move, so that B2 F(p) is affine where F is."""
     m = plant.at(plant.box.grid(2))
-    return not np.ptp(m.B2, axis=0).any() and not np.ptp(m.D12, axis=0).any()
+    return not varies(m.B2) and not varies(m.D12)

@@ -7,6 +7,7 @@ import pytest
 from shaped_plants import scherer_1997, simulated_gain, spring_mass
 
 import lpvid as lpv
+from lpvid.model.signals import Signal
 from lpvid.synthesis.forms import to_lft
 from lpvid.synthesis.scaled_gain import recheck_scaled, scaled_gain
 
@@ -33,6 +34,34 @@ def test_small_gain_is_no_better_than_one_quadratic_lyapunov_matrix():
     plant = spring_mass(full=False)
     quadratic = lpv.OutputFeedback().solve(plant)
     assert lpv.LFTFeedback().solve(plant).infimum >= quadratic.infimum * (1 - 1e-3)
+
+
+def _quarter_car(length: float, force: float) -> lpv.GeneralizedPlant:
+    """Force between the masses of a car over a damper of 700 to 3000 Ns/m, in units of `length`/m and `force`/N."""
+    ms, mu, k, kt = 315.0, 37.5, 29500.0, 208000.0
+    still = np.array([[0, 1, 0, -1], [-k / ms, 0, 0, 0], [0, 0, 0, 1], [k / mu, 0, -kt / mu, 0]])
+    damped = np.zeros((4, 4))
+    damped[1, [1, 3]], damped[3, [1, 3]] = [-1 / ms, 1 / ms], [1 / mu, -1 / mu]
+    b = np.array([[0, 0, 0], [0, 0, 1 / ms], [-1, 0, 0], [0, 0, -1 / mu]]) * length / [1, 1, force]
+    weigh = np.array([[0.0] * 4, [20, 0, 0, 0], [0, 0, 60, 0], [0.0] * 4])
+    sensors = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0]])
+    c = np.array([np.vstack([weigh + 0.2 * np.outer([1, 0, 0, 0], still[1]), sensors * length]),
+                  np.vstack([0.2 * np.outer([1, 0, 0, 0], damped[1]), 0 * sensors])]) / length
+    d = np.zeros((6, 3))
+    d[0, 2], d[3, 2], d[4:, 1] = 0.2 / ms / force, 1 / 2000 / force, 1e-3 * length
+    names = ["comfort", "stroke", "tyre", "effort", "deflection", "speed"]
+    system = lpv.LPVStateSpace([still, damped], [b, 0 * b], c, [d, 0 * d], lpv.Polynomial("c", 1), None,
+                               lpv.Scheduling(("c",), (700.0,), (3000.0,)),
+                               inputs=tuple(Signal(n) for n in ("road", "noise", "force")),
+                               outputs=tuple(Signal(n) for n in names))
+    return lpv.GeneralizedPlant(system, ["force"], names[4:])
+
+
+@pytest.mark.parametrize(("length", "force"), [(1.0, 1.0), (1e3, 1e-3), (1e-3, 1e3)])
+def test_units_change_neither_the_verdict_nor_the_gain(length, force):
+    found = lpv.LFTFeedback().solve(_quarter_car(length, force))
+    assert found.verdict == "solved" and found.infimum == pytest.approx(2.875, rel=2e-3)
+    assert found.gamma_verified <= 1.05 * found.infimum
 
 
 def test_what_no_controller_reaches_is_said_before_any_solver():

@@ -134,3 +134,14 @@ def test_a_loop_is_what_close_loop_says():
     result = synthesize(p, OutputFeedback())
     again = close_loop(p, result.controller)
     assert all(np.array_equal(x, y) for x, y in zip(again.frozen([]), result.closed_loop.frozen([]), strict=True))
+
+
+@pytest.mark.parametrize("noise", [1e-2, 1e-1])
+def test_a_pole_near_zero_does_not_raise_the_bound(noise):
+    """The gain of a plant with a pole of 2e-7 rad/s says nothing of what its loop can reach."""
+    a = np.diag([-2e-7, -1.0, -30.0])
+    a[1, 2] = 5.0
+    near = plant(a, [[50, 0], [1, 0], [3, 0]], column(40, 1, 20), [[100, 2, 1], [0, 0, 0]], np.zeros((2, 2)),
+                 column(0, noise), [[80, 1, 2]], [[0, noise]])
+    result = synthesize(near, OutputFeedback())
+    assert result.verdict == "solved" and result.gamma_verified <= 1.02 * result.infimum
