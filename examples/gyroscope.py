@@ -24,4 +24,6 @@ def main(path: str, model_path: str | None = None) -> float:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 2:
+        sys.exit("usage: gyroscope.py estimation.csv [model.json]; docs/benchmarks.md says where the data are")
     main(*sys.argv[1:])

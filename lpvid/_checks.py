@@ -97,12 +97,13 @@ def names(value: str | Sequence[str], name: str) -> tuple[str, ...]:
     return listed
 
 
-def known_name(wanted: str, available: Sequence[str], what: str, mend: str = "") -> str:
-    """`wanted` if it is in `available`; otherwise an error that lists what there is."""
+def known_name(wanted: str, available: Sequence[str], what: str, mend: str = "", where: str = "") -> str:
+    """`wanted` if it is in `available`; otherwise an error that lists what there is (in `where`, if that is said)."""
     if wanted not in available:
         hint = " Or ".join(part for part in (_near(wanted, available), mend) if part)
         known = f"there {'is' if len(available) == 1 else 'are'} {', '.join(available) or 'none'}"
-        raise InputError(f"no {what} '{wanted}'", why=known, mend=hint or None)
+        lacking = f"{where} has no" if where else "no"
+        raise InputError(f"{lacking} {what} '{wanted}'", why=known, mend=hint or None)
     return wanted
 
 

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from lpvid import _checks
+from lpvid import _checks, units
 from lpvid.errors import InputError
 from lpvid.timebase import TimeBase, analyse_time
 
@@ -44,7 +44,9 @@ class Channel:
 
 def _channel(name: str, values: object, unit: str) -> Channel:
     try:
-        return Channel(values, unit)  # type: ignore[arg-type]
+        given = Channel(values, unit)  # type: ignore[arg-type]
+        found = units.to_si(given.values, unit)
+        return Channel(found.values, found.unit, unit or None, found.known)
     except InputError as error:
         raise InputError(error.what.replace("a channel", f"channel '{name}'"), got=error.got, why=error.why) from None
 
@@ -56,13 +58,13 @@ class Record:
     Parameters
     ----------
     channels : mapping of str to Channel or (n,) array
-        Signals by name; arrays are taken as SI with the unit from `units`.
+        Signals by name; plain arrays are converted to SI from the unit that `units` names.
     sample_time : float, optional
         Sampling period [s] of a uniform record; leave out when `time` is given.
     time : (n,) array, optional
         Time stamps [s]. A uniform clock (within 1 % jitter or the print's rounding, no gaps) sets `sample_time`.
     units : mapping of str to str, optional
-        SI unit of each plain array.
+        Unit of each plain array, any that a header may have; SI where left out.
     roles : mapping of str to str, optional
         Role name to channel name, e.g. ``{"force": "F_load_cell"}``; a role serves wherever a name does.
     name : str
@@ -96,8 +98,8 @@ class Record:
     time_base: TimeBase = field(init=False)
 
     def __post_init__(self) -> None:
-        units = self.units or {}
-        channels = {str(k): v if isinstance(v, Channel) else _channel(str(k), v, units.get(k, ""))
+        given = self.units or {}
+        channels = {str(k): v if isinstance(v, Channel) else _channel(str(k), v, given.get(k, ""))
                     for k, v in self.channels.items()}
         if not channels:
             raise InputError(f"record '{self.name}' has no channels")
@@ -126,7 +128,7 @@ class Record:
             set_(self, "time", None)
             set_(self, "time_base", TimeBase(n, self.start, period, 0.0, 0.0, 0.0, False, (), (), (), ()))
         for role, channel in self.roles.items():
-            _checks.known_name(channel, list(channels), f"channel for role '{role}':")
+            _checks.known_name(channel, list(channels), "channel", f"--role {role}=CHANNEL", f"record '{self.name}'")
         set_(self, "roles", MappingProxyType(dict(self.roles)))
 
     # -- looking ------------------------------------------------------------------------------------------------
@@ -163,8 +165,8 @@ class Record:
         folded = {k.casefold(): k for k in self.channels}
         if name.casefold() in folded:
             return folded[name.casefold()]
-        return _checks.known_name(name, list(self.channels), f"record '{self.name}': channel",
-                                  f"map it with --role {name}=CHANNEL")
+        return _checks.known_name(name, list(self.channels), "channel",
+                                  f"map it with --role {name}=CHANNEL", f"record '{self.name}'")
 
     def has(self, name: str) -> bool:
         """True when a channel, or a role, of this name exists."""

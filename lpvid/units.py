@@ -71,6 +71,10 @@ _SCALES: dict[str, _Scale] = {text: _Scale(text) for text in _SAME} | {
 }
 """Source unit to SI; each entry is checked against pint by a test."""
 
+QUANTITIES = {"displacement": ("m", "rad"), "position": ("m", "rad"), "velocity": ("m/s", "rad/s"),
+              "acceleration": ("m/s^2", "rad/s^2"), "force": ("N", "N*m"), "current": ("A", "V", "")}
+"""SI units that a channel or role of this name can have, linear or rotary; a current may be given as its command."""
+
 _ALIASES = {"–": "-", "sec": "s", "C°": "degC", "F°": "degF"}
 _RUN_TOGETHER = re.compile(r"(?<![A-Za-z])([kMm]?N)(mm|m|s)(?![A-Za-z])")
 """Nm and Ns: engineers mean newton metre and newton second; pint reads a yarn number, or nothing."""
@@ -92,12 +96,15 @@ _READABLE = ("N", "N/m", "N*s/m", "N*m", "N/s", "W", "Pa", "Pa*s", "Pa/s", "V", 
              "N/A", "N*s/(m*A)", "W/m^2", "N*s", "N*m*s")
 _ORDER = ("kg", "m", "s", "A", "K", "rad")
 _HEADER = re.compile(r"^(?P<name>.*?)\s*\[(?P<unit>[^\[\]]*)\]$", re.DOTALL)
+_ROUND_HEADER = re.compile(r"^(?P<name>.*?)\s*\((?P<unit>[^()]*)\)$", re.DOTALL)
 _QUANTITY = re.compile(r"^\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>(?:\D.*)?)$", re.DOTALL)
 _TOWER = re.compile(r"\)\s*(\*\*|\^)|(\*\*|\^)\s*\(|(\*\*|\^)[^*/^]*(\*\*|\^)|\d{3}")
 
 
 def parse_header(text: str) -> tuple[str, str | None]:
     """Split a column header ``name [unit]`` into its name and the unit's text.
+
+    ``name (unit)`` is read alike where the parentheses hold a unit that is known: "force (filtered)" is a name.
 
     Parameters
     ----------
@@ -114,9 +121,15 @@ def parse_header(text: str) -> tuple[str, str | None]:
     --------
     >>> parse_header('"motor current [mA]"'), parse_header("p1")
     (('motor current', 'mA'), ('p1', None))
+    >>> parse_header("Time (s)"), parse_header("force (filtered)")
+    (('Time', 's'), ('force (filtered)', None))
     """
     text = text.strip().strip("\"'").strip()
     match = _HEADER.match(text)
+    if match is None:
+        match = _ROUND_HEADER.match(text)
+        unit = "" if match is None else match["unit"]
+        match = match if any(map(str.isalpha, unit)) and is_known(unit) else None
     return (match["name"].strip(), match["unit"].strip()) if match else (text, None)
 
 
@@ -233,6 +246,18 @@ def quantity_to_si(value: object, unit: str | None = None) -> tuple[float, str]:
 def is_known(unit: str) -> bool:
     """True when the unit can be converted to SI."""
     return _scale(unit) is not None
+
+
+def contradicts(name: str, si_unit: str) -> tuple[str, ...]:
+    """Units that a channel or role of this name would have, where its own is known and none of them; empty otherwise.
+
+    Examples
+    --------
+    >>> contradicts("velocity", "m"), contradicts("velocity", "m/s"), contradicts("speed of oil", "m")
+    (('m/s', 'rad/s'), (), ())
+    """
+    expected = QUANTITIES.get(name.casefold(), ())
+    return expected if si_unit and expected and si_unit not in expected else ()
 
 
 def same_kind(si_unit: str, other: str) -> bool:

@@ -155,7 +155,9 @@ def given_laws(names: Sequence[str], folder: Path = Path()) -> dict[str, Control
 
 
 def road_from_text(text: str) -> RideRoad:
-    """A road from ``iso-c@20``, ``bump@8``, ``sweep`` or ``FILE@10``: kind or file, and speed in m/s.
+    """A road from ``iso-c@20``, ``bump@8``, ``sweep``, ``FILE@10`` or ``FILE#TRACK@10``: kind or file, speed in m/s.
+
+    TRACK is a height column by its name or its place from 1; a file with several of them needs one.
 
     Examples
     --------
@@ -169,7 +171,10 @@ def road_from_text(text: str) -> RideRoad:
     elif kind in ROADS:
         table |= {"kind": kind}
     else:
-        table |= {"kind": "file", "path": kind}
+        path, mark, track = kind.rpartition("#")
+        table |= {"kind": "file", "path": path if mark else kind}
+        if mark:
+            table["track"] = int(track) - 1 if track.isdecimal() else track
     return _road(table, f"--road {text}", Path())
 
 
@@ -221,7 +226,7 @@ def _road(table: Mapping[str, Any], where: str, folder: Path) -> RideRoad:
         if "path" not in rest:
             raise InputError(f"{where} needs a path", mend='path = "profiles.csv"')
         return MeasuredRoad.read(folder / str(rest["path"]), to_si(rest.get("speed", 10.0), "m/s", f"{where}.speed"),
-                                 rest.get("track", 0), rest.get("laps"))
+                                 rest.get("track"), rest.get("laps"))
     if "class" in rest:
         rest["road_class"] = str(rest.pop("class"))
     known = [f.name for f in fields(ROADS[kind])]
@@ -300,7 +305,7 @@ speed = 8.0
 # kind = "file"                # a distance and one or more heights
 # path = "profiles.csv"
 # speed = "30 km/h"
-# track = 0                    # which height column
+# track = 0                    # which height column, by place or name; needed where there are several
 # laps = 3                     # left out: for at least 5 s
 
 [[controllers]]

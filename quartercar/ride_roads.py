@@ -198,7 +198,8 @@ class MeasuredRoad(RideRoad):
         _checks.count(self.laps, "laps", at_least=1)
 
     @classmethod
-    def read(cls, path: str | Path, speed: float, track: int | str = 0, laps: int | None = None) -> MeasuredRoad:
+    def read(cls, path: str | Path, speed: float, track: int | str | None = None,
+             laps: int | None = None) -> MeasuredRoad:
         """A profile from a file with distance and height columns (`roads.measured`), by default driven for 5 s."""
         found = roads.measured(path, track)
         needed = int(np.ceil(SHORTEST * _checks.positive(speed, "speed", "m/s") / found.length))

@@ -257,15 +257,15 @@ class Track:
         return np.interp(folded + self.distance[0], self.distance, self.elevation)
 
 
-def measured(path: str | Path, track: int | str = 0) -> Track:
+def measured(path: str | Path, track: int | str | None = None) -> Track:
     """A measured profile from a file that `lpvid.read` knows, with a distance and one or more height columns.
 
     Parameters
     ----------
     path : str or Path
         Any format; units as in its header.
-    track : int or str
-        Which height column, by its place or name.
+    track : int or str, optional
+        Which height column, by its place or name; needed where there are several.
 
     Returns
     -------
@@ -275,7 +275,7 @@ def measured(path: str | Path, track: int | str = 0) -> Track:
     Raises
     ------
     InputError
-        No such file, no distance, no such track, samples that are missing.
+        No such file, no distance, no such track, several tracks of which none is named, samples that are missing.
     """
     import lpvid
 
@@ -283,7 +283,11 @@ def measured(path: str | Path, track: int | str = 0) -> Track:
     if not record.has("distance"):
         raise InputError(f"{path}: a measured road needs a column 'distance [m]'", got=", ".join(record.channels))
     heights = [name for name in record.channels if name != "distance"]
-    if isinstance(track, int):
+    if track is None and len(heights) > 1:
+        raise InputError(f"{path} holds {len(heights)} tracks", got=", ".join(heights),
+                         mend=f"say which: --road {Path(path).name}#{heights[0]}@SPEED, or track = \"{heights[0]}\" in "
+                         "CONFIG")
+    if isinstance(track := 0 if track is None else track, int):
         if not 0 <= track < len(heights):
             raise InputError(f"{path}: no track {track}", got=", ".join(heights))
         track = heights[track]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from lpvid.auditing import clock, excitation, force, motion, naming, spectrum, values
+from lpvid.auditing import clock, coherence, excitation, force, motion, naming, spectrum, values
 from lpvid.auditing.findings import Audit, Finding, ordered
 from lpvid.auditing.view import View, view
 from lpvid.errors import InputError
@@ -29,7 +29,8 @@ DATA_SET_CHECKS: tuple[Callable[[Sequence[View]], Iterator[Finding]], ...] = (
 """Checks of all records together."""
 
 
-def audit(records: Record | Sequence[Record], *, scheduling: Sequence[str] | None = None) -> Audit:
+def audit(records: Record | Sequence[Record], *, scheduling: Sequence[str] | None = None,
+          inputs: Sequence[str] = ()) -> Audit:
     """Examine measured records before any model is fitted; nothing is changed.
 
     Parameters
@@ -38,6 +39,8 @@ def audit(records: Record | Sequence[Record], *, scheduling: Sequence[str] | Non
         As read; anything that parses can be audited.
     scheduling : sequence of str, optional
         Names or roles of the scheduling variables; by default every channel in A, V or K and every pure number.
+    inputs : sequence of str
+        Names or roles of a model's inputs; of several it is asked whether they move apart from each other.
 
     Returns
     -------
@@ -65,5 +68,6 @@ def audit(records: Record | Sequence[Record], *, scheduling: Sequence[str] | Non
     views = [view(record, scheduling) for record in listed]
     found = [finding for one in views for check in RECORD_CHECKS for finding in check(one)]
     found += [finding for check in DATA_SET_CHECKS for finding in check(views)]
+    found += coherence.coherent_inputs(views, inputs)
     names = tuple(record.name for record in listed)
     return Audit(ordered(found, names), tuple(repr(record) for record in listed), names)

@@ -99,6 +99,46 @@ def _number(text: str, option: str) -> float:
     return _checks.real(text.strip(), f"the value of {option}")
 
 
+def asked_rate(text: str | None) -> tuple[float | None, bool]:
+    """The rate that --sample-rate names [Hz], if any, and whether the data keep their own (``raw``).
+
+    Examples
+    --------
+    >>> asked_rate("500.8"), asked_rate("raw"), asked_rate(None)
+    ((500.8, False), (None, True), (None, False))
+    """
+    from lpvid import _checks
+
+    if text is None:
+        return None, False
+    if text.strip().lower() == "raw":
+        return None, True
+    return _checks.positive(_number(text, "--sample-rate"), "--sample-rate", "Hz"), False
+
+
+def working_rate(records: Sequence[Record], rate: float | None, raw: bool) -> tuple[float | None, tuple[str, ...]]:
+    """Rate to resample to [Hz] and what to say of it: as asked, the data's own, or decimated where they are too fast.
+
+    One policy for every command that fits: `lpvid.condition.preparing.decimation`.
+    """
+    from lpvid.condition.preparing import decimation
+
+    if rate is not None:
+        return rate, ()
+    found, notes = decimation(records)
+    return (None, ()) if raw else (found, notes)
+
+
+def own_rate(records: Sequence[Record]) -> float | None:
+    """The rate that all records share [Hz]; None where they have no common one."""
+    from lpvid.condition.segmentation import RATE_TOLERANCE
+
+    periods = [r.time_base.period for r in records if r.time_base.period > 0]
+    if not periods or max(periods) - min(periods) > RATE_TOLERANCE * min(periods):
+        return None
+    return 1.0 / periods[0]
+
+
 def read_records(paths: Sequence[str], *, roles: Sequence[str] | None = None, flip: Sequence[str] | None = None,
                  sample_rate: float | None = None) -> list[Record]:
     """Records behind the command line's DATA, with roles and signs applied.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lpvid.cli import options
-from lpvid.cli.running import Results, command, conclude, working
+from lpvid.cli.running import INTERRUPTED, Results, command, conclude, working
 
 if TYPE_CHECKING:
     from lpvid.diagnosis.asking import Question
@@ -39,7 +39,7 @@ def diagnose(
     schedule: options.Schedule = None,
     role: options.Role = None,
     flip: options.Flip = None,
-    sample_rate: options.SampleRate = None,
+    sample_rate: options.SampleRateOrRaw = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the significance tests.")] = 0,
     out: options.Out = None,
     json: options.Json = False,
@@ -50,21 +50,22 @@ def diagnose(
     extended_lpv.json (the same cause in an LPV model), and report.html.
     --input, --schedule and --output name the motion, the current and the force, or play the model's parts in its order.
     """
-    from lpvid.cli.data import read_parts_clocked, split_names
+    from lpvid.cli.data import asked_rate, own_rate, read_parts_clocked, split_names
     from lpvid.diagnosis.asking import answer, pose
     from lpvid.diagnosis.engine import DiagnosisSettings
     from lpvid.errors import InputError
 
     results = Results(out)
+    rate, raw = asked_rate(sample_rate)
     if plan_experiment and out is None:
         raise InputError("--plan-experiment writes a file", mend="add --out DIR")
     named = {"input": split_names(input), "output": split_names(output), "schedule": split_names(schedule)}
     with working("reading") as say:
         start, is_model = _starting_point(baseline)
-        training, kept, clockless = read_parts_clocked(data, held_out, roles=role, flip=flip, sample_rate=sample_rate)
+        training, kept, clockless = read_parts_clocked(data, held_out, roles=role, flip=flip, sample_rate=rate)
         training, kept = ([_with_parts(r, start if is_model else None, named) for r in p] for p in (training, kept))
         question = pose(training, start, split_names(catalogue) or None, kept, parameters=parameters,
-                        sample_rate=None if clockless else sample_rate)
+                        sample_rate=own_rate(training) if raw else None if clockless else rate)
         found = answer(question, DiagnosisSettings(seed=seed), say)
         say("the same causes in an LPV model")
         lpv = _lpv_extension(found, question)
@@ -72,6 +73,8 @@ def diagnose(
     if not found.complete:
         typer.echo("interrupted: no cause was judged; the result says where the baseline is wrong", err=True)
     conclude(results, _told(found, lpv), "\n".join([repr(found), *told]), json)
+    if not found.complete:
+        raise typer.Exit(INTERRUPTED)
 
 
 def _starting_point(text: str) -> tuple[Any, bool]:
@@ -135,7 +138,8 @@ def _deliver(results: Results, found: Diagnosis, question: Question, lpv: LpvExt
     if found.extended is not None:
         results.add("extended_model.json", lambda path: save(found.extended, path))
     proposal = proposed(found) if plan else None
-    if proposal is not None and proposal.text:
+    planned = proposal is not None and bool(proposal.text)
+    if proposal is not None and planned:
         results.add(PLAN, lambda path: path.write_text(proposal.text, encoding="utf-8"))
         told.append(f"  experiment: {proposal.says}\n  quartercar rig {results.folder}/{PLAN} --out DIR runs it on the "
                     "virtual rig")
@@ -143,6 +147,6 @@ def _deliver(results: Results, found: Diagnosis, question: Question, lpv: LpvExt
         told.append("  no experiment is needed, or none is known: nothing was left open that one could tell")
     advice = () if proposal is None else proposal.advice
     told += [f"  not told by any run of the rig: {a}" for a in advice]
-    said = "; ".join(t for t in (() if proposal is None else (proposal.says, *advice)) if t)
-    results.report(diagnosis_page(found, question, lpv, said or None))
+    words = () if proposal is None else (*([f"{PLAN} holds the plan: {proposal.says}"] if planned else []), *advice)
+    results.report(diagnosis_page(found, question, lpv, words))
     return told

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from typing import Annotated
 
@@ -117,7 +118,7 @@ def identify(
     form: Annotated[Form | None, typer.Option("--form", help="Also write state_space.json in this form.")] = None,
     role: options.Role = None,
     flip: options.Flip = None,
-    sample_rate: options.SampleRate = None,
+    sample_rate: options.SampleRateOrRaw = None,
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:
@@ -126,12 +127,13 @@ def identify(
     Without --schedule the model is time-invariant. A velocity that was not measured is derived from displacement.
     Every figure says whether it is free-run or one-step, on training or on held-out data.
     """
+    from lpvid.cli.data import asked_rate, numbers, read_parts, split_names, working_rate
     from lpvid.cli.data import hold_out as part
-    from lpvid.cli.data import numbers, read_parts, split_names
     from lpvid.cli.modelling import fit
     from lpvid.cli.structures import Request
 
     results = Results(out)
+    rate, raw = asked_rate(sample_rate)
     written = {"na": na, "nb": None if nb is None else numbers(nb, "--nb"),
                "nk": None if nk is None else numbers(nk, "--nk"), "nc": nc, "nd": nd, "order": order, "past": past,
                "innovation": innovation or None, "on": on and on.value, "trial": trial, "odd": odd, "states": states,
@@ -142,12 +144,14 @@ def identify(
                "schedule-lag": schedule_lag or None, "affine": affine or None, "affine-terms": affine_terms,
                "lagged": lagged or None, "ridge": ridge}
     request = Request(split_names(input) or ("velocity",), split_names(output) or ("force",), split_names(schedule),
-                      structure, {n: v for n, v in written.items() if v is not None}, sample_rate, auto,
+                      structure, {n: v for n, v in written.items() if v is not None}, rate, auto,
                       None if form is None else form.value, refit)
     with working("reading") as say:
         request.check()
-        records, kept = read_parts(data, held_out, roles=role, flip=flip, sample_rate=sample_rate)
+        records, kept = read_parts(data, held_out, roles=role, flip=flip, sample_rate=rate)
+        working_at, notes = working_rate([*records, *kept], rate, raw)
         training, tail = part(records, hold_out)
-        found = fit(request, training, [*tail, *kept], [*records, *kept], say)
+        found = fit(replace(request, sample_rate=working_at), training, [*tail, *kept], [*records, *kept], say)
+        found = found.with_notes(notes)
         found.deliver(results, say)
     conclude(results, found.to_dict(), str(found), json)

@@ -22,7 +22,7 @@ def inspect(data: options.Data, input: options.Inputs = None, output: options.Ou
         from lpvid.auditing import audit
 
         say("auditing")
-        found = audit(records, scheduling=split_names(schedule) or None)
+        found = audit(records, scheduling=split_names(schedule) or None, inputs=split_names(input))
         if results.kept:
             from lpvid.report.inspection import inspection_page
 

@@ -54,6 +54,10 @@ class Outcome:
     choice: Choice | None = None
     refitted: Identification | None = None
 
+    def with_notes(self, notes: tuple[str, ...]) -> Outcome:
+        """The same with further remarks first."""
+        return replace(self, found=self.found.replace(notes=(*notes, *self.found.notes))) if notes else self
+
     @property
     def model(self) -> Model:
         """What model.json holds."""
@@ -166,7 +170,7 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
         say("fitting without the scheduling filter, to compare")
         notes += _compared(identify(training, bare, sample_rate=request.sample_rate, held_out=held_out or None))
     say("auditing the data")
-    heard = audit(everything, scheduling=request.schedule or None)
+    heard = audit(everything, scheduling=request.schedule or None, inputs=request.input)
     derived = [with_velocity(r) for r in training] if "velocity" in structure.channels else list(training)
     pieces = segments(derived, structure.channels, sample_rate=1 / found.model.sample_time if request.sample_rate
                       else None, minimum=found.model.start + 2)

@@ -20,6 +20,10 @@ Flip = Annotated[list[str] | None, typer.Option("--flip", metavar="CHANNEL[@FILE
                                               "in every file or in those whose name matches, e.g. force@run7*.")]
 SampleRate = Annotated[float | None, typer.Option("--sample-rate", metavar="HZ", help="Resample to this rate, "
                                                   "anti-aliased; or the rate of files without a time column.")]
+SampleRateOrRaw = Annotated[str | None, typer.Option("--sample-rate", metavar="HZ|raw", help="Resample to this rate, "
+                                                     "anti-aliased; or the rate of files without a time column. Left "
+                                                     "out: data above 1024 Hz are decimated to about 500 Hz; raw "
+                                                     "keeps them.")]
 Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results and report.html.",
                                           show_default=False)]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output, and nothing else.")]

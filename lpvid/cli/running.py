@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
@@ -19,10 +20,16 @@ from lpvid.errors import InputError, LpvError
 if TYPE_CHECKING:
     from lpvid.report import Page
 
+RUNNING: ContextVar[str] = ContextVar("RUNNING", default="")
+"""The command that runs, such as "lpvid identify"."""
 P = ParamSpec("P")
 T = TypeVar("T")
 SHORTFALL = 3
 """Exit code of a numerical outcome short of what was asked."""
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, whether a partial result was kept or none."""
+MANIFEST = ".results.json"
+"""Names of the files that each command wrote into a folder, so that a second run leaves none of the first behind."""
 
 
 def new_app() -> typer.Typer:
@@ -39,6 +46,7 @@ def command(function: Callable[P, T]) -> Callable[P, T]:
 
     @functools.wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> T:
+        RUNNING.set(f"{function.__module__.partition('.')[0]} {function.__name__}")
         try:
             return function(*args, **kwargs)
         except LpvError as error:
@@ -46,7 +54,7 @@ def command(function: Callable[P, T]) -> Callable[P, T]:
             raise typer.Exit(error.exit_code) from None
         except KeyboardInterrupt:
             typer.echo("interrupted: nothing was written", err=True)
-            raise typer.Exit(130) from None
+            raise typer.Exit(INTERRUPTED) from None
 
     return run
 
@@ -100,7 +108,7 @@ class Results:
     Raises
     ------
     InputError
-        A folder that is a file.
+        A folder that is a file, or that cannot be made or written: found before any work is done.
     """
 
     def __init__(self, folder: Path | None) -> None:
@@ -109,6 +117,8 @@ class Results:
         self._absent: list[str] = []
         if folder is not None and folder.exists() and not folder.is_dir():
             raise InputError(f"--out {folder}: there is a file of this name", mend="name a folder")
+        if folder is not None:
+            _check_writable(folder)
 
     @property
     def kept(self) -> bool:
@@ -164,9 +174,13 @@ class Results:
             for name, writer in self._writers:
                 writer(stage / name)
             folder.mkdir(exist_ok=True)
-            for name in self._absent:
+            earlier = _manifest(folder)
+            names = [name for name, _ in self._writers]
+            for name in {*self._absent, *earlier.get(RUNNING.get(), ())} - set(names):
                 (folder / name).unlink(missing_ok=True)
-            return [(stage / name).replace(folder / name) for name, _ in self._writers]
+            written = [(stage / name).replace(folder / name) for name in names]
+            _write_manifest(folder, {**earlier, RUNNING.get(): names})
+            return written
         except BaseException:
             shutil.rmtree(stage, ignore_errors=True)
             for made in missing:  # only what was not there before, and only while empty
@@ -175,6 +189,35 @@ class Results:
             raise
         finally:
             shutil.rmtree(stage, ignore_errors=True)
+
+
+def _check_writable(folder: Path) -> None:
+    """Refuse a folder that cannot be made or written."""
+    held = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
+    if not held.is_dir():
+        raise InputError(f"--out {folder}: '{held}' is a file", mend="name a folder elsewhere")
+    if not os.access(held, os.W_OK | os.X_OK):
+        raise InputError(f"--out {folder}: cannot write there", got=f"no permission to write in '{held}'",
+                         mend="name another folder, or change its permissions")
+
+
+def _manifest(folder: Path) -> dict[str, list[str]]:
+    """Files in a folder by the command that wrote them; names that lead out of the folder are left out."""
+    import json
+
+    try:
+        found = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        return {str(k): [n for n in names if isinstance(n, str) and n == Path(n).name] for k, names in found.items()}
+    except (OSError, ValueError, AttributeError, TypeError):
+        return {}
+
+
+def _write_manifest(folder: Path, found: Mapping[str, list[str]]) -> None:
+    import json
+
+    from lpvid.export.json_files import write_text
+
+    write_text(json.dumps(found, indent=1) + "\n", folder / MANIFEST)
 
 
 def conclude(results: Results, data: Mapping[str, Any], text: str, as_json: bool) -> None:
@@ -188,6 +231,8 @@ def conclude(results: Results, data: Mapping[str, Any], text: str, as_json: bool
         typer.echo(json.dumps(jsonable(data), allow_nan=False, indent=2, ensure_ascii=False))
         return
     typer.echo(text)
+    if not results.kept:
+        typer.echo("nothing was saved: --out DIR keeps the result and its report", err=True)
     if written:
         typer.echo(f"wrote {', '.join(p.name for p in written[:8])}"
                    + (f" and {len(written) - 8} more" if len(written) > 8 else "") + f" to {results.folder}")

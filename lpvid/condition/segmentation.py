@@ -13,6 +13,7 @@ from lpvid.condition.resampling import on_clock, resample, true_runs
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.timebase import JITTER_LIMIT
+from lpvid.units import contradicts
 
 RATE_TOLERANCE = 1e-3
 """relative difference of the sampling periods of two records that still counts as one rate."""
@@ -79,6 +80,12 @@ def _refuse_channels(record: Record, wanted: Sequence[str]) -> None:
         if not channel.unit_known:
             raise InputError(f"record '{record.name}', channel '{name}': unknown unit", got=f"'{channel.source_unit}'",
                              mend="correct the unit in the header, or leave it out if the values are SI")
+        expected = next((e for w in (*[w for w in wanted if record.resolve(w) == name], name)
+                         if (e := contradicts(w, channel.unit))), ())
+        if expected:
+            raise InputError(f"record '{record.name}', channel '{name}' has a unit of another quantity",
+                             got=f"'{channel.source_unit or channel.unit}'", why=f"its name calls for {expected[0]}",
+                             mend="correct the unit in the header, or name the channel by what it is")
         infinite = np.flatnonzero(np.isinf(channel.values))
         if infinite.size:
             raise InputError(f"record '{record.name}', channel '{name}' must be finite",

@@ -20,7 +20,7 @@ EXTENSIONS = (".csv", ".tsv", ".txt")
 _BLOCK = 50_000
 _CHUNK = 1 << 20
 _CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
-_WORDS = re.compile(r"[^\s\[\]]+(?:\s*\[[^\]]*\])?")
+_WORDS = re.compile(r"[^\s\[\]()]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?")
 _MEND_HEADER = "add a header row such as 'time [s],velocity [m/s],force [N]'"
 
 

@@ -60,8 +60,22 @@ def _search(records: Sequence[Record], structure: ARX, box: Scheduling) -> Ident
     found = [_refine(sample, structure, box, starts[i]) for i in order]
     best = min(found, key=lambda pair: pair[0])[1]
     result = best.of(structure).regress(records, box)
-    return result.replace(notes=(*result.notes, f"fitted to the free run on training data: {best.describe()}; "
-                                                "the covariance holds it fixed"))
+    collapsed = () if best.stage is None or not best.stage_scales.size else unresolved(best.stage, records, result)
+    said = f"fitted to the free run on training data: {best.describe()}; the covariance holds it fixed"
+    return result.replace(notes=(*result.notes, *collapsed, said))
+
+
+def unresolved(stage: InputStage, records: Sequence[Record], found: Identification) -> tuple[str, ...]:
+    """Whether fewer samples lie inside the stage's knee than it has parameters: its bend is then not identifiable."""
+    model, free = found.model, int(np.count_nonzero(stage.scales(1.0)))
+    u = np.concatenate([np.abs(r[model.inputs[stage.channel].name]) for r in records])
+    knee = stage.knee(np.vstack([r.matrix(model.box.names) for r in records]))
+    inside = int(np.count_nonzero((u > 0) & (u < knee)))
+    if inside >= free:
+        return ()
+    unit, name = model.inputs[stage.channel].unit, model.inputs[stage.channel].name
+    return (f"not identifiable: the knee of the input stage, {float(knee.max()):.2g} {unit}, has collapsed: {inside} "
+            f"samples of {name} lie inside it, so that the stage acts as sign({name})",)
 
 
 @dataclass(frozen=True)

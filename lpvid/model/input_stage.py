@@ -40,6 +40,10 @@ class InputStage(ABC):
         """(n, m) filter inputs from measured inputs `u` (n, n_inputs) and scheduling `p` (n, n_scheduling)."""
 
     @abstractmethod
+    def knee(self, p: np.ndarray) -> np.ndarray:
+        """(n,) size of the shaped input at which the stage bends, along scheduling `p` (n, n_scheduling)."""
+
+    @abstractmethod
     def starts(self, u: np.ndarray, p: np.ndarray) -> list[InputStage]:
         """A few starting points for a fit, from the data's own spread."""
 
@@ -93,9 +97,11 @@ class TanhStage(InputStage):
         return (*inputs, Signal(f"tanh({inputs[self.channel].name})"))
 
     def apply(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
-        moving = self.slope * p[:, self.variable] if self.slope and p.shape[1] else 0.0
-        scale = np.maximum(self.v0 + moving, 0.05 * self.v0)
-        return np.column_stack([u, np.tanh(u[:, self.channel] / scale)])
+        return np.column_stack([u, np.tanh(u[:, self.channel] / self.knee(p))])
+
+    def knee(self, p: np.ndarray) -> np.ndarray:
+        moving = self.slope * p[:, self.variable] if self.slope and p.shape[1] else np.zeros(len(p))
+        return np.maximum(self.v0 + moving, 0.05 * self.v0)
 
     def starts(self, u: np.ndarray, p: np.ndarray) -> list[InputStage]:
         spread = float(np.sqrt(np.mean(u[:, self.channel] ** 2))) or 1.0
@@ -168,7 +174,7 @@ class ThreeZoneStage(InputStage):
     def apply(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
         v = u[:, self.channel]
         moving = p[:, self.variable] if p.shape[1] else np.zeros(v.size)
-        high = np.maximum(self.limit + self.limit_slope * moving, 0.02 * self.limit)
+        high = self.knee(p)
         above = np.maximum(v - high, 0.0)
         below = np.minimum(v + high, 0.0)
         shaped = np.clip(v, -high, high) + (self.upper + self.upper_slope * moving) * above
@@ -176,6 +182,10 @@ class ThreeZoneStage(InputStage):
         out = np.array(u, dtype=float)
         out[:, self.channel] = shaped
         return out
+
+    def knee(self, p: np.ndarray) -> np.ndarray:
+        moving = p[:, self.variable] if p.shape[1] else np.zeros(len(p))
+        return np.maximum(self.limit + self.limit_slope * moving, 0.02 * self.limit)
 
     def starts(self, u: np.ndarray, p: np.ndarray) -> list[InputStage]:
         spread = float(np.sqrt(np.mean(u[:, self.channel] ** 2))) or 1.0

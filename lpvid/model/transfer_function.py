@@ -260,7 +260,9 @@ class LPVTransferFunction:
     def __repr__(self) -> str:
         inputs = ", ".join(map(str, self.inputs))
         outputs = ", ".join(map(str, self.outputs))
-        return (f"LPVTransferFunction {inputs} -> {outputs}: na={self.na}, input lags 0..{self.n_lags - 1}, "
+        used = np.flatnonzero(np.any(self.b != 0.0, axis=(1, 2, 3)))
+        first = int(used[0]) if used.size else 0
+        return (f"LPVTransferFunction {inputs} -> {outputs}: na={self.na}, input lags {first}..{self.n_lags - 1}, "
                 f"basis {{{', '.join(self.basis.labels)}}}, {1 / self.sample_time:.6g} Hz"
                 + (", coefficients at p(k-i)" if self.lagged else "")
                 + ("" if self.noise.kind == "equation" else f", {self.noise.kind} noise"))

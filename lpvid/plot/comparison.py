@@ -123,7 +123,7 @@ def free_run(shown: Comparison, scheduling: Sequence[str] = ()) -> Figure:
         ax.set_title(f"{shown.record.name} ({shown.label})")
         legend_above(ax)
         ax.set_ylabel(label(shown.output, shown.unit))
-        ax.set_ylim(*robust_limits(y, 0.1))
+        ax.set_ylim(*_limits(y, run, 0.1))
         ax.margins(x=0.005)
         _close_up(axes[1, 0], shown, window)
         for axis, name in zip(axes[2:, 0], names, strict=True):
@@ -145,7 +145,7 @@ def _close_up(ax: Axes, shown: Comparison, window: slice) -> None:
     legend_above(ax)
     ax.set_ylabel(label(shown.output, shown.unit))
     both = np.concatenate([shown.measured[window], shown.error[window]])
-    ax.set_ylim(*robust_limits(both, 0.12))
+    ax.set_ylim(*_limits(both, shown.free_run.output[window, 0], 0.12))
     ax.set_xlim(float(t[0]), float(t[-1]))
 
 
@@ -180,7 +180,8 @@ def loops(shown: Sequence[Comparison], against: Sequence[str]) -> Figure | None:
             ax.set_ylabel(label(shown[0].output, shown[0].unit))
             ax.axhline(0, color=INK, linewidth=0.5)
             ax.axvline(0, color=INK, linewidth=0.5)
-            ax.set_ylim(*robust_limits(np.concatenate([c.measured for c in shown]), 0.1))
+            ax.set_ylim(*_limits(np.concatenate([c.measured for c in shown]),
+                                 np.concatenate([c.free_run.output[:, 0] for c in shown]), 0.1))
             legend_above(ax, 2)
             for handle in ax.get_legend().legend_handles:  # type: ignore[union-attr]
                 handle.set_markersize(6)  # type: ignore[union-attr]
@@ -221,11 +222,11 @@ def residuals(shown: Sequence[Comparison], lags: int = 40) -> Figure | None:
 
 
 def _histogram(ax: Axes, values: np.ndarray, unit: str) -> None:
-    spread = float(values.std()) or 1.0
-    edges = np.linspace(-4 * spread, 4 * spread, 41)
+    centre, spread = float(values.mean()), float(values.std()) or 1.0
+    edges = np.linspace(centre - 4 * spread, centre + 4 * spread, 41)
     ax.hist(values, bins=edges.tolist(), density=True, color=BLUE, alpha=0.55)
     x = 0.5 * (edges[1:] + edges[:-1])
-    ax.plot(x, np.exp(-0.5 * (x / spread) ** 2) / (spread * np.sqrt(2 * np.pi)), color=INK, linewidth=1.0)
+    ax.plot(x, np.exp(-0.5 * ((x - centre) / spread) ** 2) / (spread * np.sqrt(2 * np.pi)), color=INK, linewidth=1.0)
     ax.set_title("histogram and normal law")
     ax.set_xlabel(label("residual", unit))
     ax.set_ylabel(f"density [1/{unit}]" if unit else "density [1]")
@@ -247,6 +248,18 @@ def _autocorrelation(ax: Axes, shown: Sequence[Comparison], lags: int) -> None:
     ax.set_title("autocorrelation, 99 % band")
     ax.set_xlabel("lag [samples]")
     ax.set_ylabel("correlation [1]")
+
+
+def _limits(measured: np.ndarray, model: np.ndarray, margin: float) -> tuple[float, float]:
+    """Limits that show both signals whole; a model that leaves the measured range by more than its width, as one that
+    diverges, is cut off there, so that the measurement stays readable."""
+    low, high = robust_limits(measured, margin)
+    width = high - low
+    known = model[np.isfinite(model)]
+    if not known.size:
+        return low, high
+    inside = np.clip(known, low - width, high + width)
+    return min(low, float(inside.min())), max(high, float(inside.max()))
 
 
 def _worst(error: np.ndarray) -> slice:

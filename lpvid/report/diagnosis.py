@@ -30,7 +30,7 @@ _ADVICE = {
 
 
 def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | None = None,
-                   experiment: str | None = None) -> Page:
+                   experiment: Sequence[str] = ()) -> Page:
     """A page about a diagnosis.
 
     Parameters
@@ -40,8 +40,8 @@ def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | Non
         What it was asked of: records and baseline.
     lpv : LpvExtension, optional
         The same causes in an LPV model.
-    experiment : str, optional
-        The proposed experiment in words, where one was planned.
+    experiment : sequence of str
+        The experiment that was planned, and what no run of the rig can separate, where a plan was asked for.
 
     Returns
     -------
@@ -111,9 +111,9 @@ def _caveats(found: Diagnosis) -> tuple[str, ...]:
     return tuple(said)
 
 
-def _proposal(found: Diagnosis, experiment: str | None) -> list[Item]:
-    if experiment is not None:
-        return [Paragraph(f"experiment.toml holds the plan: {experiment}.")]
+def _proposal(found: Diagnosis, experiment: Sequence[str]) -> list[Item]:
+    if experiment:
+        return [Notes(tuple(f"{e.rstrip('.')}." for e in experiment))]
     if found.rivals:
         return [Notes(tuple(f"{' or '.join(r.names)}: {r.experiment}." for r in found.rivals))]
     return []

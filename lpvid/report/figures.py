@@ -57,6 +57,13 @@ def grade(esr: float | None) -> Mark:
     return "good" if esr <= GOOD else "warn" if esr <= FAIR else "bad"
 
 
+def verdict_grade(found: Validation) -> Mark:
+    """Colour of a validation: that of the pooled figure, but never good where one record's is bad."""
+    pooled = grade(found.overall.free_run.esr)
+    worst = [grade(r.free_run.esr) for r in found.records if r.free_run.esr is not None or r.free_run.diverged_at]
+    return "warn" if pooled == "good" and "bad" in worst else pooled
+
+
 def overall_table(found: Sequence[Validation]) -> Table:
     """Pooled figures, one row per data set and kind of run."""
     rows, marks = [], []
@@ -100,8 +107,8 @@ def regimes_table(found: Validation) -> Table | None:
     """Where the free run is wrong, or None where that was not worked out."""
     if not found.regimes:
         return None
-    rows = tuple((r.where.replace("<=", "≤").replace(">=", "≥"), f"{100 * r.share:.1f} %",
-                  f"{100 * r.error_share:.1f} %", number(r.esr)) for r in found.regimes)
+    rows = tuple((r.where.replace("<=", "≤").replace(">=", "≥"), f"{100 * r.share:.3g} %",
+                  f"{100 * r.error_share:.3g} %", number(r.esr)) for r in found.regimes)
     marks: tuple[Mark, ...] = tuple("warn" if r.error_share > 1.3 * r.share else "plain" for r in found.regimes)
     return Table(("where", "share of the data", "share of the error", "ESR there"), rows,
                  f"Free run, {found.label}; marked where the error weighs more than the data. For a frequency band, "

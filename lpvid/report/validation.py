@@ -5,7 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from lpvid.plot import Comparison
-from lpvid.report.figures import grade, overall_table, records_table, regimes_table, run_figures, tests_table
+from lpvid.report.figures import (
+    overall_table,
+    records_table,
+    regimes_table,
+    run_figures,
+    tests_table,
+    verdict_grade,
+)
 from lpvid.report.page import Item, Notes, Page, Paragraph, Section, number, percent
 from lpvid.simulation import Model
 from lpvid.validation import Validation
@@ -39,7 +46,7 @@ def validation_page(found: Validation, model: Model, shown: Sequence[Comparison]
         sections.append(Section("Remarks", (Notes(found.notes),)))
     caveats = [f"{percent(found.extrapolation_share)} of the samples lie outside the scheduling range of the training "
                "data: there the figures are extrapolation."] if found.extrapolation_share > 0 else []
-    return Page(f"Validation of {name}", verdict(found), grade(found.overall.free_run.esr), facts(found),
+    return Page(f"Validation of {name}", verdict(found), verdict_grade(found), facts(found),
                 tuple(caveats), tuple(sections))
 
 
@@ -52,7 +59,19 @@ def verdict(found: Validation) -> str:
     if run.esr is None:
         return f"No figure on {found.label} data: the output does not move there."
     return (f"In free run on {found.label} data the model explains {100 * (1 - run.esr):.1f}\u00a0% of the output's "
-            f"variance (ESR {run.esr:.4g}, fit {run.fit_percent:.1f}\u00a0%).")
+            f"variance (ESR {run.esr:.4g}, fit {run.fit_percent:.1f}\u00a0%, mean error "
+            f"{number(run.mean_error, 3, run.rmse_unit)}).{worst_record(found)}")
+
+
+def worst_record(found: Validation) -> str:
+    """The record with the largest free-run ESR in a sentence, where there are several; empty for one."""
+    worst = found.worst
+    if worst is None:
+        return ""
+    run = worst.free_run
+    what = f"diverges at sample {run.diverged_at}" if run.esr is None else (
+        f"fit {run.fit_percent:.1f}\u00a0%, rmse {number(run.rmse, 3, run.rmse_unit)}")
+    return f" Worst record: '{worst.name}', {what}."
 
 
 def facts(found: Validation) -> tuple[tuple[str, str], ...]:
@@ -61,4 +80,5 @@ def facts(found: Validation) -> tuple[tuple[str, str], ...]:
     return ((f"free-run ESR, {found.label}", number(free.esr)),
             (f"free-run fit, {found.label}", number(free.fit_percent, 3, "%")),
             (f"free-run rmse, {found.label}", number(free.rmse, 4, free.rmse_unit)),
+            (f"free-run mean error, {found.label}", number(free.mean_error, 3, free.rmse_unit)),
             (f"one-step ESR, {found.label}", number(one.esr)))

@@ -27,6 +27,8 @@ class Figures:
         Samples in the figure: those the run started from are left out.
     diverged_at : int or None
         Sample of the first record that diverged.
+    mean_error : float or None
+        Mean of measured less model in `rmse_unit` (first output): what a constant in the model would take away.
     """
 
     kind: str
@@ -36,11 +38,12 @@ class Figures:
     rmse_unit: str
     n_samples: int
     diverged_at: int | None = None
+    mean_error: float | None = None
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""
         data = {"esr": self.esr, "fit_percent": self.fit_percent, "rmse": self.rmse, "rmse_unit": self.rmse_unit,
-                "n_samples": self.n_samples}
+                "mean_error": self.mean_error, "n_samples": self.n_samples}
         return data if self.diverged_at is None else {**data, "diverged_at": self.diverged_at}
 
     def __str__(self) -> str:
@@ -48,7 +51,8 @@ class Figures:
             return f"{self.kind} diverged at sample {self.diverged_at}"
         if self.esr is None:
             return f"{self.kind} without figures: the output does not move"
-        return f"{self.kind} ESR {self.esr:.4g} (fit {self.fit_percent:.1f} %, rmse {self.rmse:.4g} {self.rmse_unit})"
+        return (f"{self.kind} ESR {self.esr:.4g} (fit {self.fit_percent:.1f} %, rmse {self.rmse:.4g} {self.rmse_unit}, "
+                f"mean error {self.mean_error:.2g} {self.rmse_unit})")
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,7 @@ class Pool:
     def __init__(self) -> None:
         self.error = np.zeros(0)
         self.power = np.zeros(0)
-        self.count, self.unit = 0, ""
+        self.count, self.unit, self.sum = 0, "", 0.0
         self.diverged: int | None = None
 
     def add(self, y: np.ndarray, run: Simulation) -> Figures:
@@ -96,20 +100,24 @@ class Pool:
         self.error = self.error + error if self.error.size else error
         self.power = self.power + power if self.power.size else power
         self.count += len(measured)
+        total = float(np.sum(measured[:, 0] - model[:, 0]))
+        self.sum += total
         self.unit = run.units[0]
         if self.diverged is None:
             self.diverged = run.diverged_at
-        return _figures(run.kind, error, power, len(measured), self.unit, run.diverged_at)
+        return _figures(run.kind, (error, power, total), len(measured), self.unit, run.diverged_at)
 
     def total(self, kind: str) -> Figures:
-        return _figures(kind, self.error, self.power, self.count, self.unit, self.diverged)
+        return _figures(kind, (self.error, self.power, self.sum), self.count, self.unit, self.diverged)
 
 
-def _figures(kind: str, error: np.ndarray, power: np.ndarray, count: int, unit: str, diverged: int | None) -> Figures:
+def _figures(kind: str, sums: tuple[np.ndarray, np.ndarray, float], count: int, unit: str,
+             diverged: int | None) -> Figures:
+    error, power, total = sums
     if diverged is not None or count == 0:
         return Figures(kind, None, None, None, unit, count, diverged)
-    rmse = float(np.sqrt(error[0] / count))
+    rmse, mean = float(np.sqrt(error[0] / count)), total / count
     if not np.all(power > 0):
-        return Figures(kind, None, None, rmse, unit, count)
+        return Figures(kind, None, None, rmse, unit, count, mean_error=mean)
     esr = float(np.mean(error / power))
-    return Figures(kind, esr, float(100 * (1 - np.sqrt(esr))), rmse, unit, count)
+    return Figures(kind, esr, float(100 * (1 - np.sqrt(esr))), rmse, unit, count, mean_error=mean)

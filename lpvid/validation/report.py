@@ -59,6 +59,14 @@ class Validation:
     regimes: tuple[Regime, ...] = ()
     k_steps: tuple[Figures, ...] = ()
 
+    @property
+    def worst(self) -> RecordFigures | None:
+        """The record whose free run is worst: one that diverges, else the largest ESR; None for a single record."""
+        judged = [r for r in self.records if r.free_run.esr is not None or r.free_run.diverged_at is not None]
+        if len(judged) < 2:
+            return None
+        return max(judged, key=lambda r: np.inf if r.free_run.esr is None else r.free_run.esr)
+
     def summary(self) -> str:
         """One line of figures."""
         return "; ".join(map(str, (self.overall.free_run, self.overall.one_step, *self.k_steps)))
@@ -76,14 +84,17 @@ class Validation:
     def __repr__(self) -> str:
         lines = [f"Validation ({self.label}): {self.summary()}"]
         lines += [f"  {r.name}: {r.free_run}" for r in self.records[:8]]
+        if len(self.records) > 8 and self.worst is not None:
+            lines.append(f"  worst of {len(self.records)} records, {self.worst.name}: {self.worst.free_run}")
         if self.extrapolation_share >= 5e-4:
             lines.append(f"  {100 * self.extrapolation_share:.1f} % of samples outside the training range of p: "
                          "the model extrapolates there")
         wrong = sorted((r for r in self.regimes if r.esr is not None), key=lambda r: r.error_share - r.share)
         if wrong and wrong[-1].error_share > 1.3 * wrong[-1].share:
             worst = wrong[-1]
-            lines.append(f"  worst where {worst.where}: {100 * worst.error_share:.0f} % of the free-run error in "
-                         f"{100 * worst.share:.0f} % of the data (ESR there {worst.esr:.3g})")
+            data = "measured power" if worst.where.endswith("Hz") else "data"
+            lines.append(f"  worst where {worst.where}: {100 * worst.error_share:.2g} % of the free-run error in "
+                         f"{100 * worst.share:.2g} % of the {data} (ESR there {worst.esr:.3g})")
         lines += [f"  {t.name}: {t.says}" for t in self.residual_tests
                   if t.name in ("whiteness", "independence") or not (t.passed or "whiteness" in t.name)]
         return "\n".join(lines + [f"  note: {n}" for n in self.notes])

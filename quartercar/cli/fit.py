@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lpvid.cli import options
-from lpvid.cli.running import Results, command, conclude, working
+from lpvid.cli.running import INTERRUPTED, Results, command, conclude, working
 from lpvid.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def fit(
     schedule: options.Schedule = None,
     role: options.Role = None,
     flip: options.Flip = None,
-    sample_rate: options.SampleRate = None,
+    sample_rate: options.SampleRateOrRaw = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starting points.")] = 0,
     list_models: Annotated[bool, typer.Option("--list", help="Print the models' names and stop.",
                                               callback=lambda value: _listed(value), is_eager=True)] = False,
@@ -50,13 +50,15 @@ def fit(
     Channels are found by their names velocity, displacement, current, force; --input, --schedule and --output name them
     otherwise. Writes comparison.json, a file for each fitted model, report.html and its figures.
     """
-    from lpvid.cli.data import split_names
+    from lpvid.cli.data import asked_rate, own_rate, split_names
     from lpvid.cli.parts import damper_parts
     from quartercar.dampers.comparison import CompareSettings, compare
 
     results = Results(out)
     with working("reading") as say:
-        training, kept, rate, notes = _records(data, held_out, hold_out, {"role": role, "flip": flip}, sample_rate)
+        asked, raw = asked_rate(sample_rate)
+        training, kept, rate, notes = _records(data, held_out, hold_out, {"role": role, "flip": flip}, asked)
+        rate = own_rate(training) if raw else rate
         named = (split_names(input), split_names(output), split_names(schedule))
         training, kept = ([damper_parts(r, *named) for r in part] for part in (training, kept))
         wanted: list[str | Damper] = [*(split_names(models) or ([] if parameters else ("all",)))]
@@ -67,6 +69,8 @@ def fit(
     if not found.complete:
         typer.echo("interrupted: the models that were done are kept; the result says that it is not complete", err=True)
     conclude(results, found.to_dict(), str(found), json)
+    if not found.complete:
+        raise typer.Exit(INTERRUPTED)
 
 
 def _listed(value: bool) -> None:

@@ -28,7 +28,8 @@ def ride(
     damper: Annotated[Path | None, typer.Option("--damper", metavar="FILE", help="A damper that fit wrote; left out: "
                                                 "the embedded identified one.")] = None,
     road: Annotated[list[str] | None, typer.Option("--road", metavar="ROAD", help="iso-c@20, bump@8, sweep, or a file "
-                                                   "with its speed, roads.csv@10 [m/s]; repeat for several.")] = None,
+                                                   "with its speed, roads.csv@10 [m/s], where it has several tracks "
+                                                   "roads.csv#TRACK@10; repeat for several.")] = None,
     controller: Annotated[list[str] | None, typer.Option("--controller", metavar="LAW", help="A law by name or a "
                                                          "controller.json; repeat, or with commas.")] = None,
     measurements: Annotated[str | None, typer.Option("--measurements", metavar="SET", help="stroke-body (the default), "

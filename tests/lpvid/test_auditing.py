@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from lpvid.auditing import Audit, audit
+from lpvid.auditing.coherence import input_coherence
+from lpvid.auditing.view import view
 from lpvid.condition import low_pass, segments
 from lpvid.errors import InputError
 from lpvid.files import read
@@ -409,3 +411,36 @@ def test_quarter_car_rig_road_and_gyroscope(shared_data: Path) -> None:
     # the noise of this simulation is published: 0.0137 rad/s
     assert gyroscope.of("noise-level")[0].value == pytest.approx(0.0137, rel=0.03)
     assert {"p1", "p2", "p3"} <= {f.channel for f in gyroscope.of("scheduling-excitation")}
+
+
+class TestCoherentInputs:
+    """Two inputs of one model: independent ones pass, a filtered copy is found, and a second record lifts it."""
+
+    @staticmethod
+    def record(rng: np.random.Generator, coupled: bool, name: str = "run") -> Record:
+        road, own = rng.standard_normal((2, 8000))
+        force = np.convolve(road, [3.0, -1.0, 0.5])[:8000] if coupled else own
+        return Record({"force": force, "road": road, "y": road + force}, 0.01, name=name)
+
+    def test_independent_inputs_pass(self):
+        rng = np.random.default_rng(1)
+        assert audit(self.record(rng, False), inputs=("force", "road")).of("coherent-inputs") == ()
+
+    def test_a_filtered_copy_is_found_with_its_ratio(self):
+        found = audit(self.record(np.random.default_rng(2), True), inputs=("force", "road")).of("coherent-inputs")
+        assert len(found) == 1 and found[0].severity == "warning" and found[0].value > 100
+        seen = input_coherence([view(self.record(np.random.default_rng(2), True), None)], ("force", "road"))
+        z = np.exp(-2j * np.pi * seen.strongest * 0.01)
+        assert seen.ratio == pytest.approx(1 / (3 - z + 0.5 * z**2), rel=0.05)
+
+    def test_a_record_with_independent_inputs_lifts_it(self):
+        rng = np.random.default_rng(3)
+        pooled = [self.record(rng, True, "a"), self.record(rng, False, "b")]
+        assert audit(pooled, inputs=("force", "road")).of("coherent-inputs") == ()
+
+    def test_the_share_of_a_noisy_copy_is_that_of_the_noise(self):
+        rng = np.random.default_rng(4)
+        road, noise = rng.standard_normal((2, 40_000))
+        r = Record({"a": road, "b": road + 0.5 * noise}, 0.01)
+        seen = input_coherence([view(r, None)], ("a", "b"))
+        np.testing.assert_allclose(seen.share, [0.2, 0.2], rtol=0.15)  # 1 - 1/(1 + 0.25), less the bias of averaging

@@ -308,9 +308,37 @@ def test_existing_folder_keeps_its_other_files(run1, tmp_path):
     (folder / "mine.txt").write_text("keep")
     (folder / "audit.json").write_text("old")
     run("inspect", run1, "--out", folder)
-    assert sorted(p.name for p in folder.iterdir()) == ["audit.json", "mine.txt", "report.html"]
+    assert sorted(p.name for p in folder.iterdir()) == [".results.json", "audit.json", "mine.txt", "report.html"]
     assert json.loads((folder / "audit.json").read_text())["schema"] == "lpvid/audit/1"
     assert [p.name for p in folder.parent.iterdir()] == ["b"]
+
+
+def test_a_second_run_leaves_nothing_of_the_first(run1, tmp_path):
+    """What the same command wrote before and does not write again goes; files of others stay."""
+    folder = tmp_path / "out"
+    common = ("identify", run1, "--schedule", "current", "--nk", 0, "--out", folder)
+    run(*common, "--form", "controllable")
+    run("inspect", run1, "--out", folder)
+    (folder / "state_space.csv").write_text("mine")
+    assert (folder / "state_space.json").exists()
+    run(*common)
+    left = {p.name for p in folder.iterdir()}
+    assert "state_space.json" not in left
+    assert {"model.json", "audit.json", "state_space.csv"} <= left
+
+
+def test_an_output_folder_that_cannot_be_made_is_refused_before_the_work(run1, tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr("lpvid.files.read", lambda *_, **__: pytest.fail("data were read"))
+    result = CliRunner().invoke(app, ["inspect", str(run1), "--out", str(tmp_path / "file" / "out")])
+    assert result.exit_code == 2
+    assert "is a file" in result.stderr
+
+
+def test_it_is_said_that_nothing_was_saved(run1):
+    result = CliRunner().invoke(app, ["inspect", str(run1)])
+    assert result.exit_code == 0
+    assert result.stderr.splitlines() == ["nothing was saved: --out DIR keeps the result and its report"]
 
 
 def test_missing_parents_are_made(run1, tmp_path):

@@ -110,7 +110,7 @@ BAD_DATA: dict[str, tuple[str, str | bytes, tuple[str, ...], tuple[str, ...]]] =
     "flip without a channel": ("a.csv", table(), ("--flip", "@a"), ("--flip @a",)),
     "flip of an absent channel in one file": ("a.csv", table(), ("--flip", "F@a*"), ("F", "force")),
     "flip of an absent channel": ("a.csv", table(), ("--flip", "F"), ("F", "force")),
-    "negative rate": ("a.csv", table(), ("--sample-rate", "-5"), ("sample_rate", "-5")),
+    "negative rate": ("a.csv", table(), ("--sample-rate", "-5"), ("--sample-rate", "-5")),
     "form of many outputs": ("a.csv", table(), ("--output", "force,current", "--schedule", "",
                                                 "--form", "controllable"), ("controllable",)),
 }

@@ -49,7 +49,8 @@ def test_published_optimum_from_files_to_a_certificate_that_verifies(tmp_path):
     plant, out = written(tmp_path, SCHERER + HINF), tmp_path / "out"
     found = run("synthesize", plant, "--out", out)
     assert found.exit_code == 0, found.output
-    assert {p.name for p in out.iterdir()} == {"controller.json", "synthesis.json", "closed_loop.json",
+    assert {p.name for p in out.iterdir() if p.name[0] != "."} == {
+        "controller.json", "synthesis.json", "closed_loop.json",
                                                "certificate.json", "report.html"}
     data = json.loads((out / "synthesis.json").read_text())
     assert data["schema"] == "lpvid/synthesis/1" and data["verdict"] == "solved"
@@ -185,7 +186,7 @@ def test_a_failed_design_leaves_no_controller_of_an_earlier_one(tmp_path):
     assert run("synthesize", written(tmp_path, SCHERER + HINF), "--out", out).exit_code == 0
     assert (out / "controller.json").exists()
     assert run("synthesize", written(tmp_path, SCHERER + HINF + "bound = 1.0\n"), "--out", out).exit_code == 3
-    assert sorted(p.name for p in out.iterdir()) == ["report.html", "synthesis.json"]
+    assert sorted(p.name for p in out.iterdir() if p.name[0] != ".") == ["report.html", "synthesis.json"]
 
 
 def test_a_quoted_gain_below_the_certified_one_does_not_hold(tmp_path):

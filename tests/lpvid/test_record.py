@@ -73,7 +73,7 @@ def test_roles_names_and_case_lead_to_the_same_channel() -> None:
 
 
 def test_a_wrong_name_lists_what_there_is_and_how_to_map_it() -> None:
-    with pytest.raises(InputError, match=r"no record 'run': channel 'torque'; there are v, F\. Mend: .*--role torque="):
+    with pytest.raises(InputError, match=r"record 'run' has no channel 'torque'; there are v, F\. Mend: .*torque="):
         a_record()["torque"]
     with pytest.raises(InputError, match=r"did you mean 'F'|role 'force'"):
         a_record(roles={"force": "Fz"})

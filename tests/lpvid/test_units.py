@@ -72,7 +72,8 @@ def test_a_missing_unit_is_si():
 
 @pytest.mark.parametrize("text, expected", [
     ("force [N]", ("force", "N")), ('  "motor current [mA]" ', ("motor current", "mA")), ("p1", ("p1", None)),
-    ("x []", ("x", "")), ("F[ kN ]", ("F", "kN")), ("force (N)", ("force (N)", None)), ("a [b] c", ("a [b] c", None)),
+    ("x []", ("x", "")), ("F[ kN ]", ("F", "kN")), ("force (N)", ("force", "N")), ("a [b] c", ("a [b] c", None)),
+    ("force (filtered)", ("force (filtered)", None)), ("Time (s)", ("Time", "s")), ("run (2)", ("run (2)", None)),
     ("[N]", ("", "N")), ("", ("", None)), ("F [N] [kN]", ("F [N]", "kN")),
 ])
 def test_header(text, expected):

@@ -56,7 +56,8 @@ def written(quick, tmp_path_factory) -> tuple[Path, str]:
 
 def test_it_writes_the_comparison_the_laws_the_figures_and_a_report(written):
     out, said = written
-    assert {p.name for p in out.iterdir()} == {"ride.json", "report.html", "pareto.png", "time_1.png", "passive.json",
+    assert {p.name for p in out.iterdir() if p.name[0] != "."} == {
+        "ride.json", "report.html", "pareto.png", "time_1.png", "passive.json",
                                                "skyhook-linear.json", "mixed.json"}
     told = json.loads((out / "ride.json").read_text())
     assert told["schema"] == "quartercar/ride/1" and told["verdict"] in said
@@ -115,7 +116,9 @@ def test_a_measured_road_and_a_damper_of_ones_own(tmp_path: Path):
 def test_the_belgian_block_road(shared_data: Path):
     """A measured track of 10 m, there and back: the stones are far rougher than ISO C."""
     file = shared_data / "belgian_block_road" / "profiles.csv"
-    told = json.loads(run("--road", f"{file}@8", "--controller", "passive,sh-add", "--seeds", 2, "--json").stdout)
+    refused = CliRunner().invoke(app, ["ride", "--road", f"{file}@8", "--seeds", "2"])
+    assert refused.exit_code == 2 and "3 tracks" in refused.stderr and "#" in refused.stderr
+    told = json.loads(run("--road", f"{file}#1@8", "--controller", "passive,sh-add", "--seeds", 2, "--json").stdout)
     assert told["roads"][0]["laps"] == 4 and told["roads"][0]["length"] == pytest.approx(10.0, abs=0.1)
     rows = {r["controller"]: r["figures"] for r in told["rides"]}
     assert rows["sh-add"]["comfort"]["mean"] < rows["passive"]["comfort"]["mean"]

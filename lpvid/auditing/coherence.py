@@ -1,0 +1,119 @@
+"""Inputs that move together: what a model of several inputs can tell of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.auditing.findings import Finding
+from lpvid.auditing.view import View
+
+INFLATION = 10.0
+"""variance inflation 1/(1 − γ²) from which inputs count as not separable: the usual rule for collinear regressors
+(Marquardt 1970, Technometrics 12, 605): standard errors are then over three times those of independent inputs."""
+AVERAGES = 16
+"""averaged segments per input: the mean coherence of independent inputs is then below 1/16."""
+LONGEST = 4096
+"""samples of a segment, at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class InputCoherence:
+    """How much of each input moves on its own.
+
+    Attributes
+    ----------
+    names : tuple of str
+    frequency : (n_f,) array
+        [Hz].
+    coherence : (m, n_f) array
+        Multiple coherence of each input with all others, γ_i² = 1 − 1/(S_ii [S⁻¹]_ii) for the spectral matrix S of the
+        inputs (Bendat & Piersol 2010, 7.3).
+    share : (m,) array
+        Share of each input's power that the others do not explain, Σ S_ii (1 − γ_i²)/Σ S_ii.
+    ratio : complex
+        Last input over the first, at the frequency where the first is strongest.
+    strongest : float
+        That frequency [Hz].
+    """
+
+    names: tuple[str, ...]
+    frequency: np.ndarray
+    coherence: np.ndarray
+    share: np.ndarray
+    ratio: complex
+    strongest: float
+
+    @property
+    def inflation(self) -> np.ndarray:
+        """(m,) factor on the variance of what is estimated of each input, against independent ones."""
+        return 1.0 / np.maximum(self.share, np.finfo(float).eps)
+
+    @property
+    def separable(self) -> bool:
+        """Whether every input moves enough on its own."""
+        return bool(self.inflation.max() < INFLATION)
+
+
+def input_coherence(views: Sequence[View], names: Sequence[str]) -> InputCoherence | None:
+    """Coherence of several inputs over all records together; None where there is too little to average.
+
+    Parameters
+    ----------
+    views : sequence of View
+        Records of one rate; those without these channels, or of another rate, are left out.
+    names : sequence of str
+        Two inputs or more, by channel or role.
+    """
+    from scipy.signal import get_window
+
+    runs = []
+    for v in views:
+        if v.period is not None and all(v.record.has(n) for n in names):
+            found = v.run(*(v.record.resolve(n) for n in names))
+            if found is not None and abs(v.period / (runs[0][1] if runs else v.period) - 1) < 0.01:
+                runs.append((np.vstack(found), v.period))
+    total = sum(u.shape[1] for u, _ in runs)
+    size = min(LONGEST, 2 * total // (AVERAGES * len(names) + 1))
+    if size < 32:
+        return None
+    window, spectra = get_window("hann", size), np.zeros((size // 2 + 1, len(names), len(names)), dtype=complex)
+    for u, _ in runs:
+        for first in range(0, u.shape[1] - size + 1, size // 2):
+            piece = u[:, first:first + size]
+            f = np.fft.rfft((piece - piece.mean(axis=1, keepdims=True)) * window, axis=1)
+            spectra += np.einsum("if,jf->fij", f, f.conj())
+    spectra = spectra[1:]
+    power = np.einsum("fii->fi", spectra).real
+    if not (power.sum(axis=0) > 0).all():
+        return None
+    scale = 1.0 / np.sqrt(np.maximum(power, np.finfo(float).tiny))
+    normal = spectra * scale[:, :, None] * scale[:, None, :]
+    ridge = np.finfo(float).eps * len(names) * np.eye(len(names))
+    inverse = np.linalg.inv(normal + ridge)
+    own = np.clip(1.0 / np.maximum(np.einsum("fii->fi", inverse).real, 1.0), 0.0, 1.0)
+    top = int(np.argmax(power[:, 0]))
+    frequency = np.arange(1, size // 2 + 1) / (size * runs[0][1])
+    return InputCoherence(tuple(names), frequency, (1.0 - own).T, (power * own).sum(axis=0) / power.sum(axis=0),
+                          complex(spectra[top, -1, 0] / power[top, 0]), float(frequency[top]))
+
+
+def coherent_inputs(views: Sequence[View], names: Sequence[str]) -> Iterator[Finding]:
+    """Inputs of a model that move together in all records, so that their shares in the output cannot be told apart."""
+    found = input_coherence(views, names) if len(names) > 1 else None
+    if found is None or found.separable:
+        return
+    worst = int(np.argmin(found.share))
+    units = [views[0].record.unit(n) if views[0].record.has(n) else "" for n in (names[-1], names[0])]
+    ratio = f"{abs(found.ratio):.3g} {'/'.join(u or '1' for u in units)}"
+    others = ", ".join(n for k, n in enumerate(names) if k != worst)
+    yield Finding(
+        "coherent-inputs", views[0].name if len(views) == 1 else "", names[worst], "warning",
+        f"{100 * (1 - found.share[worst]):.4g} % of its power is explained by {others} in these records together: a "
+        f"model of these inputs cannot tell their shares apart (variance inflated {found.inflation[worst]:.3g} times); "
+        f"determined is the sum of their responses with {names[-1]} = H {names[0]}, |H| = {ratio}, phase "
+        f"{np.degrees(np.angle(found.ratio)):.0f} deg at {found.strongest:.3g} Hz",
+        f"add a record in which {names[worst]} moves by itself, or identify one input at a time; figures on equally "
+        "coherent data say nothing about independent inputs", float(found.inflation[worst]))
