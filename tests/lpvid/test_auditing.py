@@ -269,7 +269,7 @@ def test_scheduling_excitation() -> None:
     both = audit([held, change(clean(6, name="x"), "current", np.ones_like)])
     assert only(both, "scheduling-constant-within-records") == ("note", "current")
     assert not both.of("constant-scheduling")
-    with pytest.raises(InputError, match="no record 'clean': channel 'speed'"):
+    with pytest.raises(InputError, match="record 'clean' has no channel 'speed'"):
         audit(clean(), scheduling=["speed"])
 
 

@@ -164,7 +164,7 @@ BAD = {
     "an input that is no motion": (("--input", "current"), ("--input current", "--role")),
     "absurd share": (("--hold-out", "2"), ("--hold-out",)),
     "no parameter file": (("--parameters", "nowhere.json"), ("nowhere.json",)),
-    "a rate below zero": (("--sample-rate", "-3"), ("sample_rate",)),
+    "a rate below zero": (("--sample-rate", "-3"), ("--sample-rate",)),
     "flip of no file": (("--flip", "force@zzz"), ("zzz",)),
 }
 
