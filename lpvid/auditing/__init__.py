@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from lpvid.auditing import clock, coherence, excitation, force, motion, naming, spectrum, values
 from lpvid.auditing.findings import Audit, Finding, ordered
 from lpvid.auditing.view import View, view
+from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.record import Record
 
@@ -62,7 +63,7 @@ def audit(records: Record | Sequence[Record], *, scheduling: Sequence[str] | Non
     >>> [f.mend for f in audit(record).of("reversed-polarity")]
     ['--flip force']
     """
-    listed = [records] if isinstance(records, Record) else list(records)
+    listed = as_records(records)
     if not listed:
         raise InputError("no records to audit")
     views = [view(record, scheduling) for record in listed]

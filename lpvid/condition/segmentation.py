@@ -10,6 +10,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.condition.resampling import on_clock, resample, true_runs
+from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.timebase import JITTER_LIMIT
@@ -54,7 +55,7 @@ def segments(records: Record | Sequence[Record], channels: str | Sequence[str], 
     >>> [(r.name, r["u"].tolist(), round(r.start, 3)) for r in segments(record, "u")]
     [('run#1', [1.0, 2.0], 0.0), ('run#2', [4.0, 5.0, 6.0], 0.3)]
     """
-    listed = [records] if isinstance(records, Record) else list(records)
+    listed = as_records(records)
     if not listed:
         raise InputError("no records given")
     wanted = _checks.names(channels, "channels")

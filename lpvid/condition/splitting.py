@@ -10,6 +10,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.condition.resampling import true_runs
+from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.record import Record
 
@@ -113,7 +114,7 @@ def folds(records: Record | Sequence[Record], k: int, gap_seconds: float = 0.0, 
     >>> [[p["x"].tolist() for p in training] for training, held_out in folds(record, 3, 1.0)]
     [[[4.0, 5.0, 6.0, 7.0, 8.0]], [[0.0, 1.0], [7.0, 8.0]], [[0.0, 1.0, 2.0, 3.0, 4.0]]]
     """
-    listed = [records] if isinstance(records, Record) else list(records)
+    listed = as_records(records)
     k = _checks.count(k, "k", at_least=2)
     result: list[tuple[list[Record], list[Record]]] = []
     for fold in range(k):
@@ -259,7 +260,7 @@ def leaks(training: Record | Sequence[Record], held_out: Record | Sequence[Recor
         None when nothing repeats. A sine repeats itself always.
     """
     train = [training] if isinstance(training, Record) else list(training)
-    held = [held_out] if isinstance(held_out, Record) else list(held_out)
+    held = as_records(held_out)
     sample_time = _uniform(held[0])
     size = round(window / sample_time) if window else max(32, max(8 * _memory(r[channel]) for r in held))
     repeated = total = 0

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lpvid.condition.tables import as_records
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
@@ -149,7 +150,7 @@ def answer(question: Question, settings: DiagnosisSettings | None = None,
 
 
 def _listed(records: Record | Sequence[Record] | None) -> list[Record]:
-    return [] if records is None else [records] if isinstance(records, Record) else list(records)
+    return [] if records is None else as_records(records)
 
 
 def is_file(text: str | os.PathLike) -> bool:

@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from lpvid import _checks
+from lpvid.condition.tables import Table, to_record
 from lpvid.errors import InputError
 from lpvid.files import csv, mat, mdf4, parquet, tdms
-from lpvid.files._table import Table, to_record
 from lpvid.record import Record
 
 READERS: tuple[tuple[tuple[str, ...], Callable[[Path], Table]], ...] = (

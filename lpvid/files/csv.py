@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from lpvid.condition.tables import Column, Table
 from lpvid.errors import InputError
-from lpvid.files._table import Column, Table, fault_text, headed, is_number, parse_cells
+from lpvid.files._table import fault_text, headed, is_number, parse_cells
 
 EXTENSIONS = (".csv", ".tsv", ".txt")
 _BLOCK = 50_000

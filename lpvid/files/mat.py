@@ -10,18 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from lpvid.condition.tables import Column, Table, is_time_name
 from lpvid.errors import InputError
 from lpvid.files._mat5 import is_level5, read_level5
-from lpvid.files._table import (
-    Column,
-    Table,
-    check_claim,
-    corrupt,
-    headed,
-    is_time_name,
-    stated_period,
-    without_library,
-)
+from lpvid.files._table import check_claim, corrupt, headed, stated_period, without_library
 
 EXTENSIONS = (".mat",)
 _HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from lpvid.condition.tables import Column, Table
 from lpvid.errors import InputError
-from lpvid.files._table import Column, Table, check_claim, corrupt, without_library
+from lpvid.files._table import check_claim, corrupt, without_library
 
 EXTENSIONS = (".mf4", ".mdf")
 

@@ -7,18 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from lpvid.condition.tables import Column, Table
 from lpvid.errors import InputError
-from lpvid.files._table import (
-    Column,
-    Table,
-    check_claim,
-    corrupt,
-    fault_text,
-    headed,
-    parse_cells,
-    stated_period,
-    without_library,
-)
+from lpvid.files._table import check_claim, corrupt, fault_text, headed, parse_cells, stated_period, without_library
 
 EXTENSIONS = (".parquet", ".pq")
 

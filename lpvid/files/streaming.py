@@ -12,18 +12,10 @@ from typing import Any
 import numpy as np
 
 from lpvid import _checks
+from lpvid.condition.tables import Column, Table, to_record
 from lpvid.errors import InputError
 from lpvid.files import csv, parquet
-from lpvid.files._table import (
-    Column,
-    Table,
-    corrupt,
-    fault_text,
-    parse_cells,
-    stated_period,
-    to_record,
-    without_library,
-)
+from lpvid.files._table import corrupt, fault_text, parse_cells, stated_period, without_library
 from lpvid.record import Record
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.condition import segments, with_velocity
+from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.familiar import heads
 from lpvid.identification.result import Identification
@@ -61,7 +62,7 @@ def identify(records: Record | Sequence[Record], structure: Structure, *, sample
     >>> found.model.frozen_poles([1.0]).real.round(6)
     array([0.7])
     """
-    listed = [records] if isinstance(records, Record) else list(records)
+    listed = as_records(records)
     if not listed:
         raise InputError("no records to identify from")
     if "velocity" in structure.channels:

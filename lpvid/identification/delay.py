@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from lpvid.condition import segments, with_velocity
+from lpvid.condition.tables import as_records
 from lpvid.identification.arx import ARX
 from lpvid.record import Record
 
@@ -36,7 +37,7 @@ def choose_delay(records: Record | Sequence[Record], structure: ARX, *, candidat
     """
     from lpvid.identification import identify
 
-    listed = [records] if isinstance(records, Record) else list(records)
+    listed = as_records(records)
     if "velocity" in structure.channels:
         listed = [with_velocity(r) for r in listed]
     start = replace(structure, nk=max(candidates)).start

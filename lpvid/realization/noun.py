@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid import _checks
+from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
@@ -106,7 +107,7 @@ class Realization:
         """
         from lpvid.realization.gap import measure_gap
 
-        return measure_gap(self, [records] if isinstance(records, Record) else list(records))
+        return measure_gap(self, as_records(records))
 
     def to_dict(self) -> dict:
         """Plain data for JSON: the state-space model; its metadata say how it was made."""

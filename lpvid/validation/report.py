@@ -11,6 +11,7 @@ from lpvid import _checks
 from lpvid.condition import segments, with_velocity
 from lpvid.condition.derivation import derived
 from lpvid.condition.segmentation import RATE_TOLERANCE
+from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.familiar import familiar
 from lpvid.model.adaptable import Adaptable, acting
@@ -137,7 +138,7 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record], *, sa
     InputError
         Missing channels, another unit than the model's, no stretch long enough.
     """
-    listed = [records] if isinstance(records, Record) else list(records)
+    listed = as_records(records)
     if not listed:
         raise InputError("no records given")
     model = acting_model(model, listed, sample_rate)

@@ -407,7 +407,8 @@ def small() -> tuple[LPVTransferFunction, Record]:
         ),
         (lambda r: r.with_channel("p", np.full(9, np.inf)), "channel 'p', sample 0 is not finite"),
         (lambda r: r.with_channel("y", np.full(9, np.nan)), "channel 'y', sample 0 is not finite"),
-        (lambda r: Record({"u": r["u"], "p": r["p"]}, sample_time=TS, name="run3"), r"'run3' has no channel 'y'.*--role y="),
+        (lambda r: Record({"u": r["u"], "p": r["p"]}, sample_time=TS, name="run3"),
+         r"'run3' has no channel 'y'.*--role y="),
         (
             lambda r: Record({**r.channels, "u": Channel(r["u"], "", "furlong/s", False)}, sample_time=TS, name="run3"),
             "channel 'u': unknown unit: got 'furlong/s'",

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from lpvid import _checks
 from lpvid.condition import with_velocity
+from lpvid.condition.tables import as_records
 from lpvid.identification.arx import ARX
 from lpvid.identification.output_error import OutputError
 from lpvid.identification.quasi_lpv import QuasiLPV
@@ -46,7 +47,7 @@ def auto(records: Record | Sequence[Record], input: str | Sequence[str], output:
     -------
     Selection
     """
-    listed = [records] if isinstance(records, Record) else list(records)
+    listed = as_records(records)
     candidates = automatic_candidates(listed, input, output, scheduling)
     return select(listed, candidates, sample_rate=sample_rate, folds=folds,
                   then=output_error_of, held_out=held_out, progress=progress)

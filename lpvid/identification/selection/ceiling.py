@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid._threads import single_thread
 from lpvid.condition import segments, with_velocity
+from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.identification.arx import ARX, scheduling_box
 from lpvid.identification.prediction_error import PredictionError
@@ -55,7 +56,7 @@ class Ceiling:
 
     def on(self, records: Record | Sequence[Record]) -> float:
         """The fit [%] that this noise leaves possible on other records of the same channel."""
-        listed = [records] if isinstance(records, Record) else list(records)
+        listed = as_records(records)
         return 100 * (1 - self.noise / _spread([r[self.name] for r in listed]))
 
     def to_dict(self) -> dict:
@@ -96,7 +97,7 @@ def noise_ceiling(records: Record | Sequence[Record], structure: Structure, *,
     if not isinstance(structure, ARX):
         raise InputError("a noise ceiling comes from an ARX of high order", got=type(structure).__name__,
                          mend="give an ARX with the same channels")
-    listed = [records] if isinstance(records, Record) else list(records)
+    listed = as_records(records)
     if "velocity" in structure.channels:
         listed = [with_velocity(r) for r in listed]
     pieces = segments(listed, structure.channels, sample_rate=sample_rate, minimum=structure.start + 2,

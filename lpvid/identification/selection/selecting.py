@@ -8,6 +8,7 @@ from dataclasses import replace
 from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.condition import segments, with_velocity
+from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.identification import Identification, identify
 from lpvid.identification.arx import ARX
@@ -64,7 +65,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     InputError
         No candidates, or none that these data can carry.
     """
-    listed = [records] if isinstance(records, Record) else list(records)
+    listed = as_records(records)
     structures = list(dict.fromkeys(candidates))
     if not listed or not structures:
         raise InputError("nothing to select from", got=f"{len(listed)} records and {len(structures)} candidates")

@@ -10,6 +10,7 @@ import numpy as np
 
 from lpvid.condition import segments, with_velocity
 from lpvid.condition.segmentation import RATE_TOLERANCE
+from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.dampers.contract import Damper
@@ -111,7 +112,7 @@ def _beyond(damper: Damper, outside: Score | None) -> tuple[str, ...]:
 def prepared(records: Record | Sequence[Record], channels: Sequence[str], start: int,
              sample_rate: float | None) -> list[Record]:
     """Uniform, finite, gap-free pieces at one rate that hold `channels`."""
-    listed = [records] if isinstance(records, Record) else list(records)
+    listed = as_records(records)
     if not listed:
         return []
     if "velocity" in channels:

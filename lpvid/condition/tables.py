@@ -1,0 +1,204 @@
+"""Tables: named columns with units, from files, dicts or data frames, and how they become a Record."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from lpvid import units
+from lpvid.errors import InputError
+from lpvid.record import Channel, Record
+
+_MEND_TIME = "add a column 'time [s]', or state the rate: --sample-rate HZ, in Python read(..., sample_rate=HZ)"
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """One column of a file: its name, samples in the file's own unit, the unit's text, and a fault if it has one."""
+
+    name: str
+    values: np.ndarray
+    unit: str | None = None
+    fault: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns of equal length; `sample_time` [s] when the file states it apart from any column."""
+
+    columns: Sequence[Column]
+    sample_time: float | None = None
+    notes: Sequence[str] = field(default_factory=tuple)
+
+
+def to_record(table: Table, where: str, *, name: str, sample_rate: float | None,
+              roles: Mapping[str, str] | None) -> Record:
+    """Turn a file's columns into a Record in SI.
+
+    Parameters
+    ----------
+    table : Table
+    where : str
+        The file, for messages.
+    name : str
+        The record's name.
+    sample_rate : float or None
+        Rate [Hz] of a file that has neither a time column nor a stated period.
+    roles : mapping or None
+        Role name to channel name.
+
+    Returns
+    -------
+    Record
+
+    Raises
+    ------
+    InputError
+        Names missing or used twice, unequal lengths, no samples, no usable time base.
+    """
+    _check_columns(table.columns, where)
+    clock = _time_column(table.columns)
+    signals = [c for c in table.columns if c is not clock]
+    if not signals:
+        raise InputError(f"{where}: there is no channel beside '{table.columns[0].name}'",
+                         mend="export at least one channel")
+    channels: dict[str, Channel] = {}
+    notes = list(table.notes)
+    for column in signals:
+        values, unit, known = units.to_si(column.values, column.unit)
+        channels[column.name] = Channel(values, unit, column.unit, known, column.fault)
+        if column.fault:
+            notes.append(f"channel '{column.name}': {column.fault}")
+    time, period = None, table.sample_time
+    if clock is not None:
+        time, period = _seconds(clock, where), None
+        if sample_rate is not None:
+            notes.append(f"time column '{clock.name}' sets the clock; the stated {sample_rate:g} Hz are not used")
+    elif period is None:
+        if sample_rate is None:
+            raise InputError(f"{where}: no time column", got=", ".join(c.name for c in signals), mend=_MEND_TIME)
+        period = 1.0 / sample_rate
+    try:
+        return Record(channels, sample_time=period, time=time, roles=dict(roles or {}), name=name, notes=tuple(notes))
+    except InputError as error:
+        raise InputError(f"{where}: {error.what}", got=error.got, why=error.why, mend=error.mend) from None
+
+
+def _check_columns(columns: Sequence[Column], where: str) -> None:
+    if not columns:
+        raise InputError(f"{where}: there are no columns", mend="export at least a time column and one channel")
+    seen: dict[str, int] = {}
+    for i, column in enumerate(columns, 1):
+        if not column.name:
+            raise InputError(f"{where}: column {i} has no name", mend="write a header 'name [unit]' for every column")
+        if column.name in seen:
+            raise InputError(f"{where}: two columns are named '{column.name}'",
+                             got=f"columns {seen[column.name]} and {i}", mend="give every column a name of its own")
+        seen[column.name] = i
+    lengths = {c.name: c.values.size for c in columns}
+    if len(set(lengths.values())) > 1:
+        raise InputError(f"{where}: channels differ in length", got=_listed(lengths.items()),
+                         mend="export them on one time base")
+    if not columns[0].values.size:
+        raise InputError(f"{where}: there are no samples", mend="export the data again")
+
+
+def _listed(pairs: Iterable[tuple[str, int]]) -> str:
+    shown = [f"{name} {size}" for name, size in pairs]
+    return ", ".join(shown[:6]) + (f" and {len(shown) - 6} more" if len(shown) > 6 else "")
+
+
+def is_time_name(name: str) -> bool:
+    """True for the names under which a time column goes."""
+    return name.casefold() in ("time", "t")
+
+
+def _time_column(columns: Sequence[Column]) -> Column | None:
+    for wanted in ("time", "t"):
+        for column in columns:
+            if column.name.casefold() == wanted:
+                return column
+    return None
+
+
+def _seconds(column: Column, where: str) -> np.ndarray:
+    if column.fault:
+        raise InputError(f"{where}: time column '{column.name}' holds {column.fault}",
+                         mend="write time as numbers, with its unit in the header: 'time [s]'")
+    values, unit, known = units.to_si(column.values, column.unit)
+    if column.unit is not None and not (known and unit == "s"):
+        raise InputError(f"{where}: time column '{column.name}' has the unit '{column.unit}'",
+                         why="which is not one of time", mend="write e.g. 'time [s]' or 'time [ms]'")
+    return values
+
+
+def as_records(data: Any, name: str = "data") -> list[Record]:
+    """Records from whatever holds columns: records, dicts of arrays, pandas or polars data frames, or lists of these.
+
+    A column is named ``name [unit]`` as in a file's header, and one is called ``time`` or ``t``; a list is several
+    records.
+
+    Parameters
+    ----------
+    data : Record, mapping, data frame, or sequence of these
+    name : str
+        What to call records that have no name of their own; several are numbered.
+
+    Returns
+    -------
+    list of Record
+
+    Raises
+    ------
+    InputError
+        Something that holds no named columns (an array, a path), columns without a time, of unequal lengths or not
+        numbers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> as_records({"time [ms]": [0.0, 2.0, 4.0], "force [kN]": [0.0, 1.0, 0.5]})[0]["force"]
+    array([   0., 1000.,  500.])
+    """
+    if isinstance(data, Record):
+        return [data]
+    if _has_columns(data):
+        return [_from_columns(data, name)]
+    if isinstance(data, Iterable) and not isinstance(data, (str, bytes, np.ndarray)):
+        data = list(data)
+        several = len(data) > 1
+        return [r for k, one in enumerate(data) for r in
+                ([one] if isinstance(one, Record) else [_from_columns(one, f"{name} {k + 1}" if several else name)])]
+    raise _no_record(data)
+
+
+def _has_columns(data: Any) -> bool:
+    """Whether columns can be had by name: a mapping, or a data frame of pandas or polars."""
+    return isinstance(data, Mapping) or (hasattr(data, "columns") and hasattr(data, "__getitem__"))
+
+
+def _no_record(data: Any) -> InputError:
+    mend = "lpv.read(path) reads a file" if isinstance(data, (str, bytes)) or hasattr(data, "__fspath__") else (
+        "wrap it in lpv.Record({\"velocity\": v, \"force\": f}, sample_time=..., units={...}), or give a dict or data "
+        "frame with named columns")
+    return InputError("data are records, or columns by name", got=type(data).__name__, mend=mend)
+
+
+def _from_columns(data: Any, name: str) -> Record:
+    if not _has_columns(data):
+        raise _no_record(data)
+    columns = []
+    for header in data if isinstance(data, Mapping) else data.columns:
+        title, unit = units.parse_header(str(header))
+        try:
+            values = np.asarray(data[header], dtype=float)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{name}: column '{header}' must hold numbers", why=" ".join(str(error).split())[:80],
+                             mend="leave it out, or convert it") from None
+        if values.ndim != 1:
+            raise InputError(f"{name}: column '{header}' must have one dimension", got=f"shape {values.shape}")
+        columns.append(Column(title, values, unit))
+    return to_record(Table(columns), name, name=name, sample_rate=None, roles=None)
