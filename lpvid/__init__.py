@@ -88,6 +88,7 @@ if TYPE_CHECKING:
     from lpvid.synthesis.synthesizing import synthesize
     from lpvid.synthesis.weighing import weigh
     from lpvid.validation import Validation, validate
+    from lpvid.validation.comparing import ModelComparison, compare_models
 
 _EXPORTS = {
     "lpvid.analysis.bands": ("free_run_band", "frequency_band"),
@@ -163,27 +164,28 @@ _EXPORTS = {
     "lpvid.synthesis.synthesizing": ("synthesize",),
     "lpvid.synthesis.weighing": ("weigh",),
     "lpvid.validation": ("Validation", "validate"),
+    "lpvid.validation.comparing": ("ModelComparison", "compare_models"),
 }
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
-    "ARMAX", "ARX", "H2", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "Channel", "Compliance",
-    "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "Effect", "Euler", "ExtendedModel",
-    "ExtrapolationWarning", "Filter", "Fourier", "Gain", "GainCertificate", "Gap",
-    "GeneralizedPlant", "HInfinity", "HalfPlane", "Identification", "InputError",
-    "LFTFeedback", "LFTModel", "LPVStateSpace", "LPVTransferFunction", "LpvError", "MultiObjective", "NumericalError",
-    "Observer", "OutputError", "OutputFeedback", "Polynomial", "Product", "QuasiLPV", "Realization", "Record",
-    "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain", "Scheduling", "Selection", "Shifted", "Signal",
-    "Simulation", "Spline", "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError", "Subspace",
-    "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin", "Validation", "Verification", "ZeroOrderHold",
-    "anti_windup", "append", "audit", "back_calculation", "balanced_realization", "certified_share", "certify_gain",
-    "certify_region", "certify_stability", "certify_switching", "close_loop", "connect", "critical_scheduling",
-    "decay_rate", "diagnose", "discretise", "free_run_band", "frequency_band", "from_control", "from_lft",
-    "frozen_stability", "h2_norm", "identify", "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains",
-    "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel", "pole_band", "pole_locus", "predict",
-    "read", "realize", "reduce_order", "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify",
-    "stability_probability", "steadied", "summing_junction", "synthesize", "to_affine", "to_continuous", "to_grid",
-    "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
+    "ARMAX", "ARX", "H2", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "Channel",
+    "Compliance", "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "Effect", "Euler", "ExtendedModel",
+    "ExtrapolationWarning", "Filter", "Fourier", "Gain", "GainCertificate", "Gap", "GeneralizedPlant", "HInfinity",
+    "HalfPlane", "Identification", "InputError", "LFTFeedback", "LFTModel", "LPVStateSpace", "LPVTransferFunction",
+    "LpvError", "ModelComparison", "MultiObjective", "NumericalError", "Observer", "OutputError", "OutputFeedback",
+    "Polynomial", "Product", "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime",
+    "ScaledGain", "Scheduling", "Selection", "Shifted", "Signal", "Simulation", "Spline", "StabilityCertificate",
+    "Stacked", "StateFeedback", "StateSpaceError", "Subspace", "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage",
+    "Tustin", "Validation", "Verification", "ZeroOrderHold", "anti_windup", "append", "audit", "back_calculation",
+    "balanced_realization", "certified_share", "certify_gain", "certify_region", "certify_stability",
+    "certify_switching", "close_loop", "compare_models", "connect", "critical_scheduling", "decay_rate", "diagnose",
+    "discretise", "free_run_band", "frequency_band", "from_control", "from_lft", "frozen_stability", "h2_norm",
+    "identify", "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains", "largest_range", "largest_rate",
+    "lift", "load", "model_hash", "parallel", "pole_band", "pole_locus", "predict", "read", "realize", "reduce_order",
+    "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify", "stability_probability",
+    "steadied", "summing_junction", "synthesize", "to_affine", "to_continuous", "to_grid", "to_gridded", "to_lft",
+    "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
 ]
 
 

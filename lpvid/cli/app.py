@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from lpvid.cli.compare import compare
 from lpvid.cli.diagnose import diagnose
 from lpvid.cli.identify import identify
 from lpvid.cli.inspect import inspect
@@ -35,5 +36,5 @@ def _common(version: Annotated[bool, typer.Option("--version", callback=_version
     """
 
 
-for _command in (inspect, identify, validate, stability, diagnose, synthesize, verify):
+for _command in (inspect, identify, validate, compare, stability, diagnose, synthesize, verify):
     app.command()(_command)

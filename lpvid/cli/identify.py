@@ -102,7 +102,10 @@ def identify(
                                                     "and the coefficients, fitted to the data.")] = Filter.NONE,
     schedule_lag: Annotated[bool, typer.Option("--schedule-lag", help="The same as --schedule-filter "
                                                "rise-fall.")] = False,
-    affine: Annotated[bool, typer.Option("--affine", help="Add terms that depend on the scheduling alone.")] = False,
+    no_constant: Annotated[bool, typer.Option("--no-constant", help="No constant c_0(p) in the model; left out, it "
+                                              "takes the mean error away.")] = False,
+    affine: Annotated[bool, typer.Option("--affine", help="More terms that depend on the scheduling alone than that "
+                                         "constant.")] = False,
     affine_terms: Annotated[int | None, typer.Option("--affine-terms", min=1, metavar="N", help="How many of them, "
                                                      "lags 0 … N−1; with --affine alone na + 1, or 1 where no record's "
                                                      "scheduling moves.")] = None,
@@ -141,8 +144,8 @@ def identify(
                "basis": basis and basis.value, "segments": segments,
                "shape": None if shape is Shape.NONE else shape.value,
                "schedule-filter": None if schedule_filter is Filter.NONE else schedule_filter.value,
-               "schedule-lag": schedule_lag or None, "affine": affine or None, "affine-terms": affine_terms,
-               "lagged": lagged or None, "ridge": ridge}
+               "schedule-lag": schedule_lag or None, "no-constant": no_constant or None, "affine": affine or None,
+               "affine-terms": affine_terms, "lagged": lagged or None, "ridge": ridge}
     request = Request(split_names(input) or ("velocity",), split_names(output) or ("force",), split_names(schedule),
                       structure, {n: v for n, v in written.items() if v is not None}, rate, auto,
                       None if form is None else form.value, refit)

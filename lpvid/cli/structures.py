@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from lpvid.scheduling import Basis
 
 FUNCTIONS = ("degree", "basis", "segments")
-ORDERS = ("na", "nb", "nk", *FUNCTIONS, "affine", "affine-terms", "lagged")
+ORDERS = ("na", "nb", "nk", *FUNCTIONS, "no-constant", "affine", "affine-terms", "lagged")
 STAGES = ("shape", "schedule-filter", "schedule-lag")
-STATES = ("order", "nk", *FUNCTIONS, "affine")
+STATES = ("order", "nk", *FUNCTIONS, "no-constant", "affine")
 TAKES: Mapping[str, tuple[str, ...]] = {
     "arx": (*ORDERS, *STAGES, "ridge"),
     "oe": (*ORDERS, *STAGES),
@@ -26,7 +26,7 @@ TAKES: Mapping[str, tuple[str, ...]] = {
     "riv": (*ORDERS, *STAGES, "nc", "nd"),
     "subspace": (*STATES, "past"),
     "pem-ss": (*STATES, "innovation"),
-    "coprime": ("na", "nb", "nk", *FUNCTIONS, "affine", "affine-terms", *STAGES),
+    "coprime": ("na", "nb", "nk", *FUNCTIONS, "no-constant", "affine", "affine-terms", *STAGES),
     "quasi": ("na", "nb", "nk", *FUNCTIONS, "schedule-filter", "schedule-lag", "on", "trial", "odd"),
     "compliance": ("segments", "states", "side", "schedule-filter", "schedule-lag"),
     "recursive": (*ORDERS, "forgetting"),
@@ -107,11 +107,11 @@ class Request:
 
     @property
     def affine(self) -> int:
-        """Number of affine terms."""
+        """Number of affine terms: a constant unless it was declined."""
         if "affine-terms" in self.given:
             return self.given["affine-terms"]
         if "affine" not in self.given:
-            return 0
+            return 0 if "no-constant" in self.given else 1
         return 1 if self.structure == "coprime" else self.given.get("na", LAGS) + 1
 
     def basis(self) -> Basis:
@@ -204,7 +204,7 @@ class Request:
         from lpvid.identification.subspace import Subspace
 
         common = {"order": self.given.get("order"), "input": self.input, "output": self.output, "basis": arx.basis,
-                  "direct": self._direct(arx), "affine": "affine" in self.given}
+                  "direct": self._direct(arx), "affine": "no-constant" not in self.given}
         if self.structure == "subspace":
             return Subspace(**common, past=self.given.get("past"))
         return StateSpaceError(**common, noise="innovation" if "innovation" in self.given else "output")

@@ -10,6 +10,7 @@ import numpy as np
 
 from lpvid.plot.style import (
     BLUE,
+    CYCLE,
     INK,
     MEASURED,
     MODEL,
@@ -147,6 +148,46 @@ def _close_up(ax: Axes, shown: Comparison, window: slice) -> None:
     both = np.concatenate([shown.measured[window], shown.error[window]])
     ax.set_ylim(*_limits(both, shown.free_run.output[window, 0], 0.12))
     ax.set_xlim(float(t[0]), float(t[-1]))
+
+
+def overlay(shown: Sequence[tuple[str, Comparison]]) -> Figure:
+    """Free runs of several models over one measured record, whole and where the first of them is worst.
+
+    Parameters
+    ----------
+    shown : sequence of (str, Comparison)
+        Names and runs along the same record, each at its model's rate; measured as the first has it.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    first = shown[0][1]
+    t, window = first.record.times, _worst(first.error)
+    ends = float(t[window.start]), float(t[window.stop - 1])
+    with look():
+        figure, axes = panels(2, heights=[1.9, 2.7])
+        for ax, close in zip(axes[:, 0], (False, True), strict=True):
+            keep = window if close else slice(None)
+            ax.plot(*thinned(t[keep], first.measured[keep]), color=MEASURED, linewidth=1.4 if close else 0.7,
+                    label="measured")
+            drawn = []
+            for k, (name, c) in enumerate(shown):
+                own = c.record.times
+                inside = (own >= ends[0]) & (own <= ends[1]) if close else np.ones(own.size, dtype=bool)
+                run = c.free_run.output[inside, 0]
+                drawn.append(run)
+                ax.plot(*thinned(own[inside], run), color=CYCLE[(k + 1) % len(CYCLE)], linewidth=1.1 if close else 0.6,
+                        label=name)
+            ax.set_ylim(*_limits(first.measured[keep], np.concatenate(drawn), 0.1))
+            ax.set_ylabel(label(first.output, first.unit))
+            ax.margins(x=0.005)
+        axes[0, 0].axvspan(*ends, color=BLUE, alpha=0.10, linewidth=0)
+        axes[0, 0].set_title(f"{first.record.name} ({first.label}), free run")
+        axes[1, 0].set_title(f"The stretch with the largest error of {shown[0][0]}")
+        legend_above(axes[1, 0], len(shown) + 1)
+        axes[1, 0].set_xlabel("time [s]")
+    return figure
 
 
 def loops(shown: Sequence[Comparison], against: Sequence[str]) -> Figure | None:

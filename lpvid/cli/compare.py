@@ -1,0 +1,70 @@
+"""`lpvid compare`: several models of any kind on the same records."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lpvid.cli import options
+from lpvid.cli.running import Results, command, conclude, working
+
+if TYPE_CHECKING:
+    from lpvid.record import Record
+    from lpvid.simulation import Model
+
+
+@command
+def compare(
+    files: Annotated[list[str], typer.Argument(metavar="MODEL… DATA…", help="Model files (.json), then measurements.",
+                                               show_default=False)],
+    input: options.Inputs = None, output: options.Outputs = None, schedule: options.Schedule = None,
+    role: options.Role = None, flip: options.Flip = None, sample_rate: options.SampleRate = None,
+    training: Annotated[bool, typer.Option("--training", help="These data are those the models were fitted to: label "
+                                           "the figures so.")] = False,
+    out: options.Out = None, json: options.Json = False,
+) -> None:
+    """Rank models by their free run on the same records; writes compare.json and report.html.
+
+    Any kinds together: transfer functions, state spaces, damper models, extended models. Each runs at its own rate.
+    """
+    from lpvid.cli.data import read_clocked, split_names
+    from lpvid.cli.parts import parts
+    from lpvid.errors import InputError
+    from lpvid.export.serialise import load
+    from lpvid.validation.comparing import compare_models
+
+    results = Results(out)
+    models, data = [f for f in files if f.endswith(".json")], [f for f in files if not f.endswith(".json")]
+    if not models or not data:
+        raise InputError("lpvid compare needs model files and data", got=", ".join(files) or "nothing",
+                         mend="lpvid compare a.json b.json run*.csv")
+    named = {"input": split_names(input), "output": split_names(output), "schedule": split_names(schedule)}
+
+    def with_roles(model: Model, records: list[Record]) -> list[Record]:
+        return [r.with_roles(parts(model, named)) for r in records]
+
+    with working("reading") as say:
+        loaded = {name: load(file) for name, file in zip(_labels(models), models, strict=True)}
+        records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=sample_rate)
+        say("simulating")
+        found = compare_models(loaded, records, sample_rate=None if clockless else sample_rate,
+                               label="training" if training else "held-out", fitted=with_roles)
+        if results.kept:
+            from lpvid.report.comparing import compare_page
+
+            say("drawing")
+            results.json("compare.json", found.to_dict())
+            results.report(compare_page(found, records, with_roles))
+    conclude(results, found.to_dict(), repr(found), json)
+
+
+def _labels(files: list[str]) -> list[str]:
+    """Names of model files, short where that tells them apart: stems, else with their folders."""
+    stems = [Path(f).stem for f in files]
+    folders = [f"{Path(f).parent.name}/{Path(f).stem}" for f in files]
+    for names in (stems, folders):
+        if len(set(names)) == len(files):
+            return names
+    return files

@@ -1,0 +1,80 @@
+"""Report of `lpvid compare`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from lpvid import plot
+from lpvid.record import Record
+from lpvid.report.figures import comparisons, grade
+from lpvid.report.page import Figure, Item, Mark, Notes, Page, Section, Table, number
+from lpvid.simulation import Model
+from lpvid.validation.comparing import ModelComparison
+
+DRAWN = 5
+"""Models that are drawn over each other, the best ones: more curves than colours that can be told apart."""
+
+
+def compare_page(found: ModelComparison, records: Sequence[Record],
+                 fitted: Callable[[Model, list[Record]], list[Record]]) -> Page:
+    """A page about several models on the same data.
+
+    Parameters
+    ----------
+    found : ModelComparison
+    records : sequence of Record
+        As measured.
+    fitted : callable
+        Records with the roles that one model reads.
+
+    Returns
+    -------
+    Page
+    """
+    best = found.models[0]
+    sections = [Section("Figures", (_overall(found), _by_record(found))),
+                Section("Measured and simulated", tuple(_overlays(found, records, fitted)))]
+    if found.refused:
+        sections.append(Section("Left out", (Notes(tuple(f"{n}: {why}" for n, why in found.refused.items())),)))
+    facts = (("models", str(len(found.models))), ("records", str(len(best.found.records))), ("best", best.name),
+             (f"its free-run ESR, {best.found.label}", number(best.found.overall.free_run.esr)))
+    return Page("Models compared", found.verdict, grade(best.found.overall.free_run.esr), facts, (), tuple(sections))
+
+
+def _overall(found: ModelComparison) -> Table:
+    rows, marks = [], []
+    for m in found.models:
+        free, one = m.found.overall.free_run, m.found.overall.one_step
+        rows.append((m.name, m.found.label, number(free.esr), number(free.fit_percent),
+                     number(free.rmse, 4, free.rmse_unit), number(free.mean_error, 3, free.rmse_unit), number(one.esr),
+                     "–" if free.diverged_at is None else f"diverges at sample {free.diverged_at}"))
+        marks.append(grade(free.esr))
+    return Table(("model", "data", "free-run ESR", "free-run fit [%]", "free-run rmse", "mean error", "one-step ESR",
+                  "remark"), tuple(rows), "Pooled over records, each about its own mean; least free-run ESR first.",
+                 (2, 3, 4, 5, 6), tuple(marks))
+
+
+def _by_record(found: ModelComparison) -> Table:
+    names = [r.name for r in found.models[0].found.records]
+    by_model = [{r.name: r.free_run.esr for r in m.found.records} for m in found.models]
+    rows = tuple((name, *(number(esr.get(name)) for esr in by_model)) for name in names)
+    marks: tuple[Mark, ...] = tuple(grade(by_model[0].get(name)) for name in names)
+    return Table(("record", *(m.name for m in found.models)), rows, "Free-run ESR, record by record.",
+                 tuple(range(1, 1 + len(found.models))), marks, f"{len(rows)} records" if len(rows) > 40 else "")
+
+
+def _overlays(found: ModelComparison, records: Sequence[Record],
+              fitted: Callable[[Model, list[Record]], list[Record]]) -> list[Item]:
+    """All models over the record on which the best one is worst."""
+    best = found.models[0].found
+    worst = best.worst or best.records[0]
+    shown = []
+    for m in found.models[:DRAWN]:
+        runs = comparisons(m.model, fitted(m.model, list(records)), m.found.label)
+        shown += [(m.name, c) for c in runs if c.record.name == worst.name][:1]
+    if not shown:
+        return []
+    left = len(found.models) - len(shown)
+    more = f" The {left} models with larger errors are left out." if left > 0 else ""
+    return [Figure.of(plot.overlay(shown), f"Free runs along {worst.name}, {best.label}, measured: the record on which "
+                      f"the best model is worst. Below, its worst stretch.{more}")]
