@@ -52,7 +52,7 @@ class Figures:
         if self.esr is None:
             return f"{self.kind} without figures: the output does not move"
         return (f"{self.kind} ESR {self.esr:.4g} (fit {self.fit_percent:.1f} %, rmse {self.rmse:.4g} {self.rmse_unit}, "
-                f"mean error {self.mean_error:.2g} {self.rmse_unit})")
+                f"mean error {self.mean_error:.4g} {self.rmse_unit})")
 
 
 @dataclass(frozen=True)
