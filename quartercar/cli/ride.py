@@ -25,8 +25,8 @@ ConfigFile = Annotated[Path | None, typer.Argument(metavar="CONFIG", help="A TOM
 def ride(
     config: ConfigFile = None,
     car: Annotated[str | None, typer.Option("--car", metavar="NAME", help="Parameter set of the car.")] = None,
-    damper: Annotated[Path | None, typer.Option("--damper", metavar="FILE", help="A damper that fit wrote; left out: "
-                                                "the embedded identified one.")] = None,
+    damper: Annotated[Path | None, typer.Option("--damper", metavar="FILE", help="A model.json of lpvid identify, or a "
+                                                "damper that fit wrote; left out: the embedded one.")] = None,
     road: Annotated[list[str] | None, typer.Option("--road", metavar="ROAD", help="iso-c@20, bump@8, sweep, or a file "
                                                    "with its speed, roads.csv@10 [m/s]; repeat for several.")] = None,
     controller: Annotated[list[str] | None, typer.Option("--controller", metavar="LAW", help="A law by name or a "
