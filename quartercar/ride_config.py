@@ -121,7 +121,7 @@ def build_car(car: Any = "megane", damper: str | None = None, folder: Path = Pat
               coil: Mapping[str, Any] = {}) -> QuarterCar:
     """A nonlinear car from a set's name or a table, with a damper from a file or the embedded identified one.
 
-    Without a table `coil` its limits are the range of the damper's current, or of the voltage or duty that schedules it.
+    Without a table `coil` its limits are the range of the damper's current, or of what else schedules it.
     """
     model, parameters = read_damper(damper, folder), _parameters(car)
     check_rate(model, parameters, "the embedded damper" if damper is None else f"'{damper}'")

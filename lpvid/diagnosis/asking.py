@@ -15,6 +15,7 @@ from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.preparing import Prepared, prepare
 from lpvid.errors import InputError
+from lpvid.familiar import recalled
 from lpvid.record import Record
 
 if TYPE_CHECKING:
@@ -101,6 +102,7 @@ def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = Non
     if parameters is not None and not isinstance(given, str):
         raise InputError("parameters belong to a baseline that is given by name", got=type(given).__name__,
                          mend="leave them out, a model file holds its own")
+    training, kept = (recalled(part, getattr(given, "metadata", {})) for part in (training, kept))
     needed = given.channels if isinstance(given, Baseline) else _channels(given)
     prepared = prepare(training, kept, effects, needed, sample_rate or _own_rate(given, [*training, *kept]))
     found = _baseline(given, prepared.training, parameters)

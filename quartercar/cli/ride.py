@@ -13,6 +13,7 @@ from lpvid.cli.running import SHORTFALL, Results, command, conclude, solvers_unh
 from lpvid.errors import InputError, NumericalError
 
 if TYPE_CHECKING:
+    from quartercar.car import QuarterCar
     from quartercar.ride_comparison import RideComparison
     from quartercar.ride_config import RideConfig
     from quartercar.tuning import Tuned
@@ -109,9 +110,16 @@ def _setting(chosen: RideConfig) -> dict:
 
     sensors = chosen.settings.chain.sensors
     return {"car": asdict(chosen.car.parameters), "damper": None if chosen.car.damper is None else
-            chosen.car.damper.name, "coil": asdict(chosen.car.coil), "sample_time": chosen.settings.period(chosen.car),
+            chosen.car.damper.name, "coil": {**asdict(chosen.car.coil), "unit": "A" if chosen.car.damper is None else
+                                             chosen.car.damper.current_unit}, "sample_time": chosen.settings.period(chosen.car),
             "measurements": {"name": sensors.name, "sensors": [asdict(s) for s in sensors.sensors]},
             "roads": [r.to_dict() for r in chosen.roads]}
+
+
+def _command(car: QuarterCar) -> str:
+    """Limits of the coil with their unit."""
+    unit = "A" if car.damper is None else car.damper.current_unit
+    return f"{car.coil.lowest:g} to {car.coil.highest:g} {'of 1' if unit == '1' else unit}"
 
 
 def _deliver(results: Results, found: RideComparison, chosen: RideConfig, tuned: dict[str, Tuned],
@@ -134,6 +142,7 @@ def _deliver(results: Results, found: RideComparison, chosen: RideConfig, tuned:
     car = chosen.car
     facts = [("car", (car.parameters.source or "given").split(",")[0]),
              ("damper", "viscous" if car.damper is None else car.damper.title),
+             ("command", _command(car)),
              ("sensors", chosen.settings.chain.sensors.name),
              ("loop", f"{1 / chosen.settings.period(car):.6g} Hz")]
     results.report(ride_page(found, figures, tuned, facts))

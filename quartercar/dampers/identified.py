@@ -133,7 +133,7 @@ def _with_roles(model: Any, label: str) -> dict[str, str]:
         role = _motion(signal.name, signal.unit, said, label)
         if role in named:
             raise InputError(f"{label} has two inputs for the {role}", got=f"{named[role]}, {signal.name}",
-                             mend=f"identify again with one of them as --input")
+                             mend="identify again with one of them as --input")
         named[role] = signal.name
     if not any(m in named for m in MOTIONS):
         raise InputError(f"{label} has no velocity and no displacement among its inputs",

@@ -131,7 +131,7 @@ class SampledDamper(Damper):
         if abs(sample_time / clock - 1) > RATE_TOLERANCE:
             raise InputError(f"this {self.name} runs at the rate of its training data only",
                              got=f"{1 / sample_time:.6g} Hz against {1 / clock:.6g} Hz",
-                             mend=f"resample the record to {1 / clock:.6g} Hz (lpvid.condition.resample)")
+                             mend=f"resample the record to {1 / clock:.6g} Hz (--sample-rate {1 / clock:.6g})")
 
     def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
         """(n,) force at constant velocities, once all has settled, as the motion passes through `displacement` [N]."""
@@ -155,6 +155,10 @@ class SampledDamper(Damper):
         from quartercar.dampers.as_model import turned
 
         return turned(self.held.at(self.vector), self)
+
+    def to_linear_model(self) -> Any:
+        """The model inside, whatever the polarity of its records: one that schedules itself is judged as such."""
+        return self.held.at(self.vector)
 
     # -- fitting -----------------------------------------------------------------------------------------------------
     def estimate(self, records: Sequence[Record], settings: FitSettings) -> Estimate:
