@@ -1,4 +1,4 @@
-"""A damper from a file that a car can be given: dissipating sense, stable poles, a rate that shows the wheel's motion."""
+"""A damper from a file that a car can be given: it dissipates, its poles are stable, its rate shows the wheel hop."""
 
 from __future__ import annotations
 
@@ -73,7 +73,8 @@ def check_stable(damper: Damper, label: str) -> None:
         return
     unit = "" if damper.current_unit == "1" else f" {damper.current_unit}"
     where = "".join(f" at {n} {v:.4g}{unit}" for n, v in found.at.items())
-    raise InputError(f"{label}: the damper is unstable", got=f"a pole of modulus {found.max_modulus or np.inf:.4g}{where}",
+    size = np.inf if found.max_modulus is None else found.max_modulus
+    raise InputError(f"{label}: the damper is unstable", got=f"a pole of modulus {size:.4g}{where}",
                      why="its force in a car would grow without end", mend="identify again with a lower order, with "
                      "--passive, or with records at that current")
 
@@ -82,7 +83,8 @@ def check_rate(damper: Damper, parameters: CarParameters, label: str) -> None:
     """Refuse a sampled damper whose Nyquist frequency lies below the car's wheel hop √((k_s + k_t)/m_us)/2π."""
     if damper.clock is None:
         return
-    hop = math.sqrt((parameters.spring_stiffness + parameters.tyre_stiffness) / parameters.unsprung_mass) / (2 * math.pi)
+    stiffness = parameters.spring_stiffness + parameters.tyre_stiffness
+    hop = math.sqrt(stiffness / parameters.unsprung_mass) / (2 * math.pi)
     if 0.5 / damper.clock <= hop:
         raise InputError(f"{label}: the damper runs at {1 / damper.clock:.4g} Hz only", why="the loop runs at the "
                          f"damper's rate, and this car's wheel hops at {hop:.3g} Hz",

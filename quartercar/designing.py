@@ -105,6 +105,11 @@ class Design:
                 f"{self.car.coil.lowest:g} to {self.car.coil.highest:g} {self._unit}.")
 
     @property
+    def _command(self) -> dict[str, Any]:
+        coil = self.car.coil
+        return {"lowest": coil.lowest, "highest": coil.highest, "unit": self._unit}
+
+    @property
     def _unit(self) -> str:
         """Of the command: what schedules the damper."""
         return "A" if self.car.damper is None else self.car.damper.current_unit
@@ -113,10 +118,8 @@ class Design:
         """synthesis.json."""
         data = self.synthesis.to_dict()
         return {"schema": "quartercar/design/1", "summary": self.verdict, **data, "law": self.law.to_dict(),
-                "nominal_damping": self.task.nominal_damping, "command": {"lowest": self.car.coil.lowest,
-                                                                          "highest": self.car.coil.highest, "unit":
-                                                                          self._unit}, "sample_time": self.setting.sample_time,
-                "measured": self.law.measured, "criterion": self.law.criterion}
+                "nominal_damping": self.task.nominal_damping, "command": self._command,
+                "sample_time": self.setting.sample_time, "measured": self.law.measured, "criterion": self.law.criterion}
 
     def __str__(self) -> str:
         return f"{self.verdict}\n{self.synthesis!r}\n{self.law!r}"

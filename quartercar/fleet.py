@@ -179,6 +179,7 @@ class _SteppedFleet(Fleet):
     def __init__(self, car: QuarterCar, sample_time: float, road: np.ndarray, current: np.ndarray) -> None:
         super().__init__(car, sample_time, road, current)
         self._steppers = [car.start(sample_time, float(r), float(i)) for r, i in zip(road, current, strict=True)]
+        self.strut = np.array([s.strut for s in self._steppers])
 
     def _advance(self, road: np.ndarray, command: np.ndarray) -> None:
         for k, stepper in enumerate(self._steppers):

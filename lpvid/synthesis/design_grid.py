@@ -45,8 +45,8 @@ def _smaller(variables: int, points: int) -> str:
     """What brings a tensor grid below the limit."""
     most = int(MOST_POINTS ** (1 / variables) + 1e-9)
     fewer = f"at most {most} points along each variable, " if 2 <= most < points else ""
-    return (f"{fewer}a form of the plant with fewer scheduling variables (another realisation, or a reduced one), or one "
-            "that is affine in each, of which the corners alone are looked at")
+    return (f"{fewer}a form of the plant with fewer scheduling variables (another realisation, or a reduced one), or "
+            "one that is affine in each, of which the corners alone are looked at")
 
 
 def tensor(axes: tuple[np.ndarray, ...]) -> np.ndarray:

@@ -26,7 +26,8 @@ def fit(
     models: Annotated[list[str] | None, typer.Option("--models", metavar="NAMES", help="Models to fit, with commas, or "
                                                      "all (the default); --list prints their names.")] = None,
     parameters: Annotated[list[Path] | None, typer.Option("--parameters", metavar="FILE", help="Also compare this "
-                          "damper as it is: a published set, a damper that fit wrote, a model.json of lpvid identify; repeat for several.")] = None,
+                          "damper as it is: a published set, a damper that fit wrote, a model.json of lpvid "
+                          "identify; repeat for several.")] = None,
     held_out: Annotated[list[str] | None, typer.Option("--held-out", metavar="DATA", help="Files the fits do not see; "
                                                        "repeat for several.")] = None,
     hold_out: Annotated[str | None, typer.Option("--hold-out", metavar="SHARE", help="Keep the last part of every "

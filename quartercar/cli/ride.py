@@ -109,9 +109,10 @@ def _setting(chosen: RideConfig) -> dict:
     from dataclasses import asdict
 
     sensors = chosen.settings.chain.sensors
-    return {"car": asdict(chosen.car.parameters), "damper": None if chosen.car.damper is None else
-            chosen.car.damper.name, "coil": {**asdict(chosen.car.coil), "unit": "A" if chosen.car.damper is None else
-                                             chosen.car.damper.current_unit}, "sample_time": chosen.settings.period(chosen.car),
+    damper = chosen.car.damper
+    unit = "A" if damper is None else damper.current_unit
+    return {"car": asdict(chosen.car.parameters), "damper": None if damper is None else damper.name,
+            "coil": {**asdict(chosen.car.coil), "unit": unit}, "sample_time": chosen.settings.period(chosen.car),
             "measurements": {"name": sensors.name, "sensors": [asdict(s) for s in sensors.sensors]},
             "roads": [r.to_dict() for r in chosen.roads]}
 

@@ -1,4 +1,4 @@
-"""Identified: whatever `lpvid identify` wrote, from motion and at most one scheduling variable to one force, as a damper."""
+"""Identified: what `lpvid identify` wrote, from motion and at most one command to one force, as a damper."""
 
 from __future__ import annotations
 
