@@ -1,4 +1,4 @@
-"""`lpvid simulate`: tables that the readers take back, figures of the free run, one line where the input is at fault."""
+"""`lpvid simulate`: tables that readers take back, figures of the free run, one line where the input is at fault."""
 
 from __future__ import annotations
 
