@@ -18,6 +18,8 @@ USUAL = (0.01, 0.99)
 """quantiles between which a scheduling variable is usual, once it is smoothed by a running median."""
 RINGING = 9
 """samples of that median: an anti-alias filter rings at a step for about two samples each way."""
+CHUNK = 100_000
+"""samples smoothed at once."""
 
 
 def heads(records: Sequence[Record], output: str) -> list[list[float]]:
@@ -77,8 +79,14 @@ def usual_range(columns: Sequence[np.ndarray]) -> list[float]:
     >>> usual_range([steps])
     [0.0, 2.0]
     """
-    smooth = [np.median(sliding_window_view(np.pad(c, RINGING // 2, "edge"), RINGING), axis=1) for c in columns]
-    return [float(c) for c in np.quantile(np.concatenate(smooth), USUAL)]
+    return [float(c) for c in np.quantile(np.concatenate([_smoothed(c) for c in columns]), USUAL)]
+
+
+def _smoothed(column: np.ndarray) -> np.ndarray:
+    """Running median, the end values held, chunk by chunk: its windows are copied."""
+    padded = np.pad(column, RINGING // 2, "edge")
+    pieces = (padded[k: k + CHUNK + RINGING - 1] for k in range(0, len(column), CHUNK))
+    return np.concatenate([np.median(sliding_window_view(p, RINGING), axis=1) for p in pieces])
 
 
 # -- roles -----------------------------------------------------------------------------------------------------------

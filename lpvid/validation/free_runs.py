@@ -16,7 +16,7 @@ from lpvid.model.hull import outside_share
 from lpvid.record import Record
 from lpvid.simulation import Model, Simulation, simulate
 from lpvid.validation.figures import Figures, Pool
-from lpvid.validation.report import along
+from lpvid.validation.report import acting_model, along
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,14 +127,15 @@ def free_runs(model: Model | Adaptable, records: Record | Sequence[Record],
     (['time', 'simulated', 'u1', 'p'], [0.0, 1.5, 2.25])
     """
     listed = [records] if isinstance(records, Record) else list(records)
-    outputs = [s.name for s in model.outputs] if not isinstance(model, Adaptable) else []
-    known = recalled(listed, getattr(model, "metadata", {}))
-    having = [all(r.has(n) for n in outputs) for r in known]
+    if not listed:
+        raise InputError("no records given")
+    model = acting_model(model, listed, sample_rate)
+    having = [all(r.has(s.name) for s in model.outputs) for r in recalled(listed, model.metadata)]
     if any(having) and not all(having):
         raise InputError("only some records have the model's output", got=listed[having.index(False)].name,
                          mend="simulate them apart")
     acting, pieces, notes = along(model, listed, sample_rate, measured=all(having))
-    measured = all(r.has(s.name) for r in pieces for s in acting.outputs)
+    measured = all(having)
     pool, runs = Pool(), []
     for piece in pieces:
         run = simulate(acting, piece, "measured" if measured else "zero")

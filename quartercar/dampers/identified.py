@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from lpvid.errors import InputError
-from lpvid.export.serialise import model_from_dict
+from lpvid.export.renaming import renamed
 from lpvid.model.compliance import ComplianceModel
 from lpvid.model.quasi import QuasiLPVModel
 from lpvid.model.state_space import LPVStateSpace
@@ -191,23 +191,3 @@ def _channels(model: Any, named: Mapping[str, str]) -> dict[str, str]:
     """Role to channel of the files, as the training records had them."""
     said = model.metadata.get("roles", {})
     return {role: said.get(name, name) for role, name in named.items()}
-
-
-def renamed(model: Any, names: Mapping[str, str]) -> Any:
-    """The model with its signals and scheduling variables under other names; what is not named keeps its own.
-
-    Examples
-    --------
-    >>> from lpvid.scheduling import Polynomial
-    >>> model = LPVTransferFunction.siso([[-0.5, 0]], [[1.0, 2.0]], Polynomial("U", degree=1), 0.01)
-    >>> renamed(model, {"U": "current", "u1": "velocity"}).box.names
-    ('current',)
-    """
-    def walk(value: Any, key: str = "") -> Any:
-        if isinstance(value, Mapping):
-            return {k: v if k == "metadata" else walk(v, k) for k, v in value.items()}
-        if isinstance(value, (list, tuple)):
-            return [walk(v, key) for v in value]
-        return names.get(value, value) if key in ("name", "names") and isinstance(value, str) else value
-
-    return model_from_dict(walk({**model.to_dict(), "metadata": {}}))

@@ -85,6 +85,8 @@ def test_a_diagnosis_starts_from_it_although_the_channel_has_another_name(folder
     call("diagnose", folder / "run.csv", "--baseline", folder / "model.json", "--out", tmp_path, of=lpvid_app)
     told = json.loads((tmp_path / "diagnosis.json").read_text())
     assert told["baseline"]["esr_as_given"]["training"] < 0.01 and told["verdict"] != "explained"
+    if (tmp_path / "extended_model.json").exists():
+        call("validate", tmp_path / "extended_model.json", folder / "run.csv", of=lpvid_app)
 
 
 REFUSED = {**{n: said for n, (_, said) in {**NO_DAMPERS, **CAR_REFUSES}.items() if n != "unstable"},

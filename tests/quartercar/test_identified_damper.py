@@ -141,6 +141,18 @@ def test_the_model_keeps_the_ranges_and_roles_of_its_training_data():
     assert validated.label == "training" and validated.overall.free_run.esr < 0.01
 
 
+def test_a_diagnosis_calls_its_signals_by_their_roles_so_that_effects_meet_them():
+    from lpvid.diagnosis.asking import pose
+
+    record = run()
+    plain = Record({n: record[n] for n in ("velocity", "voltage", "force")}, 1 / RATE,
+                   units={"velocity": "m/s", "voltage": "V", "force": "N"})
+    found = fitted(arx(basis=Polynomial("voltage", 1)), plain)
+    question = pose([plain], found)
+    assert found.box.names == ("voltage",) and question.baseline.channels == ("velocity", "current", "force")
+    np.testing.assert_array_equal(question.prepared.training[0]["current"], record["voltage"])
+
+
 def test_a_ride_counts_what_the_records_never_held():
     damper = Identified.of(model("arx"))
     slow = car(damper).run(ROAD, 1 / RATE, VOLTS)
