@@ -66,7 +66,14 @@ def ride(
             raise typer.Exit(SHORTFALL) from None
         _deliver(results, found, chosen, tuned, say)
     data = {**found.to_dict(), **_setting(chosen), "tuned": {n: t.to_dict() for n, t in tuned.items()}}
-    conclude(results, data, str(found), json)
+    conclude(results, data, f"{found}\n{_told(chosen)}", json)
+
+
+def _told(chosen: RideConfig) -> str:
+    """Damper, limits of the command with their unit, rate of the loop."""
+    car = chosen.car
+    damper = "a viscous damper" if car.damper is None else f"damper {car.damper.name}"
+    return f"with {damper}, command {_command(car)}, loop at {1 / chosen.settings.period(car):.6g} Hz"
 
 
 def _chosen(config: Path | None, car: str | None, damper: Path | None, road: list[str] | None,

@@ -81,6 +81,8 @@ def test_the_figures_are_those_of_the_free_run(folder, tmp_path):
         total[0] += np.sum(table["residual"][start:] ** 2)
         total[1] += np.sum((y - y.mean()) ** 2)
     assert told["overall"]["esr"] == pytest.approx(total[0] / total[1]) and "free-run ESR" in said
+    page = (tmp_path / "report.html").read_text()
+    assert "Simulation by model.json" in page and page.count("<figure") >= 2 and "http" not in page
 
 
 def test_without_a_measured_output_it_runs_from_zero(folder, tmp_path):
