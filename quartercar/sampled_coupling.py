@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from lpvid.errors import InputError
+from lpvid.model.quasi import SelfScheduled
 from lpvid.model.scheduling_stage import SchedulingLag
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
@@ -43,8 +44,9 @@ class CurrentFilter:
         lag = model.scheduling_stage
         if lag is not None and not isinstance(lag, SchedulingLag):
             raise InputError("a car can only step a current filter that is a lag", got=type(lag).__name__)
+        assert model.sample_time is not None
         self._period = model.sample_time
-        self._delay = 0.0 if lag is None else lag.delay / model.sample_time
+        self._delay = 0.0 if lag is None else lag.delay / self._period
         self._lag = None if lag is None else replace(lag, delay=0.0)
         self._past: list[float] = []
         self._value = 0.0
@@ -70,7 +72,7 @@ class CurrentFilter:
 class SampledCoupling(Coupling):
     """Rows of the past: inputs, scheduling and force of the last samples, the newest last."""
 
-    def __init__(self, model: Inner) -> None:
+    def __init__(self, model: LPVTransferFunction | SelfScheduled) -> None:
         self._model = model
         self._names = [s.name for s in model.inputs]
         self._filter = CurrentFilter(model)

@@ -128,6 +128,7 @@ class SampledDamper(Damper):
 
     def _check_clock(self, sample_time: float) -> None:
         clock = self.held.model.sample_time
+        assert clock is not None
         if abs(sample_time / clock - 1) > RATE_TOLERANCE:
             raise InputError(f"this {self.name} runs at the rate of its training data only",
                              got=f"{1 / sample_time:.6g} Hz against {1 / clock:.6g} Hz",
