@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
 from lpvid import _checks
 from lpvid.condition.segmentation import RATE_TOLERANCE
-from lpvid.errors import InputError
+from lpvid.errors import InputError, NumericalError
 from quartercar.car import QuarterCar
 from quartercar.car_run import CarRun
 from quartercar.controllers.chain import Chain, ChainSettings
@@ -19,6 +20,7 @@ from quartercar.criteria import judge
 from quartercar.dampers.contract import Damper
 from quartercar.fleet import Log, start_fleet
 from quartercar.parameters import CarParameters
+from quartercar.plant.active import active_region
 from quartercar.ride_roads import RideRoad
 from quartercar.storage import RidePassivity, ride_passivity
 
@@ -186,11 +188,14 @@ def _together(car: QuarterCar, road: RideRoad, controllers: Sequence[Controller]
     chain = Chain(controllers, setting, car.coil, settings.chain, noise, n)
     fleet = start_fleet(car, step, elevation[0], np.full(cars, limits[0]))
     log = Log(fleet, elevation)
-    for k in range(n):
-        command = chain.step(true_signals(fleet))
-        log.note(command)
-        if k + 1 < n:
-            fleet.advance(elevation[k + 1], command)
+    try:
+        for k in range(n):
+            command = chain.step(true_signals(fleet))
+            log.note(command)
+            if k + 1 < n:
+                fleet.advance(elevation[k + 1], command)
+    except NumericalError as error:
+        raise NumericalError(f"{error}{_given_energy(car.damper, limits)}") from None
     counts = {name: a / n for name, a in chain.counted().items()}
     return [_ride(log.run(c), controllers[c], road, seeds[c], limits, chain.clipped[c] / n,
                   chain.out_of_reach[c] / n, {name: float(a[c]) for name, a in counts.items()})
@@ -202,6 +207,21 @@ def _ride(run: CarRun, controller: Controller, road: RideRoad, seed: int, limits
     counted = run.after(road.settle) if road.settle else run
     return Ride(controller, road.name, seed, run, judge(run, road.settle), ride_passivity(counted, limits),
                 float(at_limits), float(out_of_reach), counts, extrapolation(run))
+
+
+@lru_cache(maxsize=64)
+def _given_energy(damper: Damper | None, currents: tuple[float, float]) -> str:
+    """Where the damper of a car that left all bounds gives energy, and what to do about it."""
+    if damper is None:
+        return ""
+    region = active_region(damper, currents)
+    said = str(region) if region is not None else damper.passivity(0.5).says
+    if said:
+        return (f". Of the '{damper.name}' damper: {said}. Mend: fit or identify it again with --passive, or with more "
+                "records at these currents and speeds")
+    return (f". The settled force of the '{damper.name}' damper and its steady cycles take energy at every current. "
+            "Mend: `lpvid stability` says whether it is stable while the current moves; else another structure, or "
+            "--passive")
 
 
 def extrapolation(run: CarRun) -> dict[str, float]:

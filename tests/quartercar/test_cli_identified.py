@@ -50,6 +50,7 @@ def folder(tmp_path_factory) -> Path:
     for name, (make, _) in {**NO_DAMPERS, **CAR_REFUSES}.items():
         lpv.save(make(), path / f"{name}.json")
     lpv.save(linear(b=[[400.0, -300.0]]), path / "active.json")
+    lpv.save(linear(b=[[-4000.0, 5000.0]]), path / "wild.json")
     lpv.save(linear(sample_time=0.05), path / "slow.json")
     lpv.save(linear(sample_time=0.004), path / "quarter.json")
     lpv.save(Skyhook(), path / "controller.json")
@@ -127,6 +128,14 @@ def test_negative_nominal_damping_names_currents_and_speeds(folder):
     said = call("design", "--damper", folder / "active.json", code=2).stderr
     assert "nominal damping of the 'identified' damper must be positive: got -" in said
     assert "gives energy at 1.4 to 2 A between" in said and "--passive" in said
+
+
+def test_a_car_that_leaves_all_bounds_says_where_its_damper_gives_energy(folder):
+    """F(k) = 0.5 F(k−1) + (5000 i − 4000) v(k): below 0.8 A, where a passive car rests, it drives the motion."""
+    result = call("ride", "--damper", folder / "wild.json", "--controller", "passive", "--road", "bump@8", "--seeds", 1,
+                  "--car", "megane", code=3)
+    assert "left all bounds" in result.output and "it gives energy at 0 to" in result.output
+    assert "--passive" in result.output
 
 
 # -- what fit writes, in lpvid ---------------------------------------------------------------------------------------
