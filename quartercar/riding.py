@@ -20,7 +20,7 @@ from quartercar.criteria import judge
 from quartercar.dampers.contract import Damper
 from quartercar.fleet import Log, start_fleet
 from quartercar.parameters import CarParameters
-from quartercar.plant.active import active_region
+from quartercar.plant.active import active_frequency, active_region
 from quartercar.ride_roads import RideRoad
 from quartercar.storage import RidePassivity, ride_passivity
 
@@ -214,14 +214,13 @@ def _given_energy(damper: Damper | None, currents: tuple[float, float]) -> str:
     """Where the damper of a car that left all bounds gives energy, and what to do about it."""
     if damper is None:
         return ""
-    region = active_region(damper, currents)
-    said = str(region) if region is not None else damper.passivity(0.5).says
+    found = active_region(damper, currents) or active_frequency(damper, currents)
+    said = str(found) if found is not None else damper.passivity(0.5).says
     if said:
         return (f". Of the '{damper.name}' damper: {said}. Mend: fit or identify it again with --passive, or with more "
                 "records at these currents and speeds")
-    return (f". The settled force of the '{damper.name}' damper and its steady cycles take energy at every current. "
-            "Mend: `lpvid stability` says whether it is stable while the current moves; else another structure, or "
-            "--passive")
+    return (f". The '{damper.name}' damper takes energy at every current that is held. Mend: `lpvid stability` says "
+            "whether it is stable while the current moves; else another structure, or --passive")
 
 
 def extrapolation(run: CarRun) -> dict[str, float]:

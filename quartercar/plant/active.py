@@ -1,4 +1,4 @@
-"""Where a damper's settled force gives energy: the currents and speeds at which its law is active."""
+"""Where a damper gives energy: settled, by current and speed; along small sines, by current and frequency."""
 
 from __future__ import annotations
 
@@ -6,9 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
 from quartercar.dampers.contract import Damper
+from quartercar.dampers.sampled import SampledDamper
 
 SPEEDS = 61
+FREQUENCIES = 200
 CURRENTS = 11
 ROUNDING = 1e-6
 """share of the largest power below which a loss is rounding, as in `dampers.passivity`"""
@@ -78,3 +82,70 @@ def active_region(damper: Damper, currents: tuple[float, float], speed: float = 
                         float(power[finite].min(initial=0.0)), float(active.mean()), damper.current_unit,
                         None if reached is None else max(map(abs, reached)))
 
+
+@dataclass(frozen=True)
+class ActiveFrequency:
+    """Where a frozen model of a damper takes least from a small sine, Re F/v < 0.
+
+    Attributes
+    ----------
+    current, frequency, damping : float
+        In `unit`; [Hz]; Re F/v there [N·s/m].
+    unit : str
+        Of the current.
+    """
+
+    current: float
+    frequency: float
+    damping: float
+    unit: str
+
+    def __str__(self) -> str:
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return (f"held at {self.current:.3g}{unit} it gives energy to a small sine of {self.frequency:.3g} Hz "
+                f"(Re F/v = {self.damping:.4g} N*s/m)")
+
+
+def active_frequency(damper: Damper, currents: tuple[float, float]) -> ActiveFrequency | None:
+    """The current and frequency of the least Re F/v of an identified model, where that is negative; else None.
+
+    ::
+
+        F/v = G_v(e^jωT) + G_x(e^jωT)/(jω)      about rest, a static stage by its slope there
+
+    on a grid up to the Nyquist frequency. None too for a model that schedules itself and for a law that is not sampled.
+    """
+    if not isinstance(damper, SampledDamper) or damper.clock is None:
+        return None
+    model = damper.at_clock(damper.clock)
+    if not isinstance(model, (LPVTransferFunction, LPVStateSpace)):
+        return None
+    f = np.geomspace(0.1, 0.5 / damper.clock, FREQUENCIES)
+    grid = np.linspace(*currents, CURRENTS) if "current" in damper.reads else np.array(currents[:1])
+    real = np.array([np.real(_mechanical(model, float(i), f, damper.clock)) for i in grid])
+    row, column = np.unravel_index(int(np.argmin(real)), real.shape)
+    if real[row, column] >= -ROUNDING * np.abs(real).max():
+        return None
+    return ActiveFrequency(float(grid[row]), float(f[column]), float(real[row, column]), damper.current_unit)
+
+
+def _mechanical(model: LPVTransferFunction | LPVStateSpace, current: float, frequency: np.ndarray,
+                period: float) -> np.ndarray:
+    """(n,) F/v of the model with its current held, about rest."""
+    point = np.full((1, len(model.box.names)), current)
+    s = 2j * np.pi * frequency
+    per_speed = {"velocity": np.ones(s.size, complex), "displacement": 1 / s}
+    u = np.array([per_speed.get(x.name, np.zeros(s.size, complex)) for x in model.inputs])
+    if model.input_stage is not None:
+        nudge = 1e-7 * np.eye(len(model.inputs))
+        there = model.input_stage.apply(nudge, np.repeat(point, len(nudge), axis=0))
+        rest = model.input_stage.apply(0 * nudge, np.repeat(point, len(nudge), axis=0))
+        u = ((there - rest) / 1e-7).T @ u
+    z = np.exp(s * period)
+    if isinstance(model, LPVTransferFunction):
+        a, b, _ = model.coefficients(point[0])
+        above = np.einsum("jm,kj,mk->k", b[:, 0], z[:, None] ** -np.arange(len(b)), u)
+        return above / (1 + (z[:, None] ** -np.arange(1, len(a) + 1)) @ a[:, 0, 0])
+    a, b, c, d = model.frozen(point[0])
+    state = np.linalg.solve(z[:, None, None] * np.eye(model.order) - a, (b @ u).T[:, :, None])[:, :, 0]
+    return state @ c[0] + d[0] @ u

@@ -69,7 +69,7 @@ MODELS: dict[str, Callable] = {
     "subspace": lambda: fitted(Subspace(order=2, input="velocity", output="force", basis=CURRENT, direct=True,
                                         affine=True)),
     "pem-ss": lambda: fitted(StateSpaceError(order=1, input="velocity", output="force", basis=CURRENT, direct=True,
-                                             affine=True), run(0, 900)),
+                                             affine=True)),
     "subspace-displacement": lambda: fitted(Subspace(order=2, input=("velocity", "displacement"), output="force",
                                                      basis=CURRENT, direct=True, affine=True), run(0, mean=0.3)),
     "quasi": lambda: fitted(QuasiLPV(nb=3, nk=0, input="velocity", output="force", basis=Spline("force", 4, 1),

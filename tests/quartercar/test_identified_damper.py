@@ -245,3 +245,33 @@ def test_a_reversed_model_runs_along_its_records_and_is_turned_for_the_damper():
     damper = Identified.of(found)
     assert damper.polarity == -1 and damper.static_force(0.2, 1.0)[0] > 0
     np.testing.assert_allclose(damper.simulate(record).output, lpv.simulate(found, record).output, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["arx", "arx-displacement", "arx-both", "subspace", "arx-three-zone"])
+def test_the_frequency_response_about_rest_is_that_of_a_small_sine(name):
+    """Oracle: a least-squares sine through the end of a long run at 7 Hz and a held current."""
+    from quartercar.plant.active import _mechanical
+
+    damper, f, n, i = Identified.of(model(name)), 7.0, 4000, 1.1
+    t = np.arange(n) / RATE
+    v = 1e-6 * np.cos(2 * np.pi * f * t)
+    record = Record({"velocity": v, "displacement": damper.centre + 1e-6 * np.sin(2 * np.pi * f * t) / (2 * np.pi * f),
+                     "current": np.full(n, i)}, 1 / RATE, units={"velocity": "m/s", "displacement": "m",
+                                                                 "current": "V"})
+    tail = slice(n // 2, n)
+    force = damper.simulate(record).output[tail, 0]
+    basis = np.column_stack([np.cos(2 * np.pi * f * t[tail]), np.sin(2 * np.pi * f * t[tail]), np.ones(n - n // 2)])
+    cosine, sine, _ = np.linalg.lstsq(basis, force, rcond=None)[0] / 1e-6
+    found = _mechanical(damper.at_clock(1 / RATE), i, np.array([f]), 1 / RATE)[0]
+    assert found == pytest.approx(cosine - 1j * sine, rel=1e-4)
+
+
+def test_a_model_that_is_active_at_high_frequency_only_is_found():
+    """F(k) = −200 v(k) + 800 v(k−1): 600 N·s/m settled, −1000 where v alternates."""
+    from quartercar.plant.active import active_frequency, active_region
+
+    quick = Identified.of(linear(a=[[0.0, 0.0]], b=[[-200.0, 0.0], [800.0, 0.0]]))
+    assert active_region(quick, (0.0, 2.0)) is None
+    found = active_frequency(quick, (0.0, 2.0))
+    assert found.frequency == pytest.approx(250.0) and found.damping == pytest.approx(-1000.0)
+    assert active_frequency(Identified.of(linear()), (0.0, 2.0)) is None
