@@ -217,6 +217,7 @@ def _own_rate(model: Any, records: Sequence[Record]) -> float | None:
 def _baseline(given: Any, records: Sequence[Record], parameters: Any) -> Baseline:
     from lpvid.diagnosis import registry
     from lpvid.diagnosis.extended import ExtendedModel
+    from lpvid.model.adaptable import Adaptable
     from lpvid.model.quasi import SelfScheduled
     from lpvid.model.state_space import LPVStateSpace
     from lpvid.model.transfer_function import LPVTransferFunction
@@ -236,6 +237,8 @@ def _baseline(given: Any, records: Sequence[Record], parameters: Any) -> Baselin
     name = getattr(given, "name", None)
     if isinstance(name, str) and name in registry.factories():
         return registry.named_baseline(name, records, given)
+    if isinstance(given, Adaptable) and given.period is not None:
+        return _baseline(given.to_model(given.period), records, parameters)
     raise InputError("this can be no baseline", got=type(given).__name__,
                      mend="name one, or give a saved damper, transfer function, state space or extended model")
 

@@ -151,6 +151,7 @@ def test_a_diagnosis_calls_its_signals_by_their_roles_so_that_effects_meet_them(
     question = pose([plain], found)
     assert found.box.names == ("voltage",) and question.baseline.channels == ("velocity", "current", "force")
     np.testing.assert_array_equal(question.prepared.training[0]["current"], record["voltage"])
+    assert pose([plain], Identified.of(found)).baseline.channels == question.baseline.channels
 
 
 def test_a_ride_counts_what_the_records_never_held():
