@@ -1,17 +1,25 @@
-"""Has a model seen these data? A few samples of every training record travel with the model to tell."""
+"""What a model keeps of its training data: first samples that recognise them, the range of every channel, its roles."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
+from lpvid.condition.preparing import STAND_IN
 from lpvid.record import Record
 
 SAMPLES = 32
 """samples kept of every training record's output."""
 RECORDS = 64
 """most records whose samples are kept."""
+USUAL = (0.01, 0.99)
+"""quantiles between which a scheduling variable is usual, once it is smoothed by a running median."""
+RINGING = 9
+"""samples of that median: an anti-alias filter rings at a step for about two samples each way."""
+CHUNK = 100_000
+"""samples smoothed at once."""
 
 
 def heads(records: Sequence[Record], output: str) -> list[list[float]]:
@@ -41,3 +49,87 @@ def familiar(metadata: Mapping, records: Sequence[Record], output: str) -> list[
                    for h in known)
 
     return [r.name for r in records if seen(r)]
+
+
+# -- ranges ----------------------------------------------------------------------------------------------------------
+def ranges(records: Sequence[Record], names: Sequence[str]) -> dict[str, list[float]]:
+    """Least and largest sample of each channel, SI, for ``metadata["training"]["ranges"]``.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        As fitted: cut and resampled.
+    names : sequence of str
+        Channels or roles.
+
+    Returns
+    -------
+    dict of str to [float, float]
+    """
+    return {n: [min(float(r[n].min()) for r in records), max(float(r[n].max()) for r in records)] for n in names}
+
+
+def usual_range(columns: Sequence[np.ndarray]) -> list[float]:
+    """Lowest and highest value at which a variable is driven, without the ripple of filters and the rarest samples.
+
+    Examples
+    --------
+    >>> steps = np.repeat([0.0, 2.0, 0.0, 2.0], 50)
+    >>> steps[[49, 50, 99, 100]] += [-0.2, 0.2, 0.2, -0.2]
+    >>> usual_range([steps])
+    [0.0, 2.0]
+    """
+    return [float(c) for c in np.quantile(np.concatenate([_smoothed(c) for c in columns]), USUAL)]
+
+
+def _smoothed(column: np.ndarray) -> np.ndarray:
+    """Running median, the end values held, chunk by chunk: its windows are copied."""
+    padded = np.pad(column, RINGING // 2, "edge")
+    pieces = (padded[k: k + CHUNK + RINGING - 1] for k in range(0, len(column), CHUNK))
+    return np.concatenate([np.median(sliding_window_view(p, RINGING), axis=1) for p in pieces])
+
+
+# -- roles -----------------------------------------------------------------------------------------------------------
+def roles(record: Record, names: Sequence[str]) -> dict[str, str]:
+    """Role to channel of the file, for ``metadata["roles"]``: every name that a model reads, and every role given.
+
+    A voltage that is read where there is no current stands for it, as in `condition.preparing.with_current`.
+
+    Parameters
+    ----------
+    record : Record
+        One of the training records, with the roles that the user gave.
+    names : sequence of str
+        Channels or roles that the model reads and simulates.
+
+    Examples
+    --------
+    >>> run = Record({"v": [0.0, 1.0], "voltage": [0.0, 0.0], "F": [0.0, 1.0]}, 0.1, roles={"velocity": "v"})
+    >>> roles(run, ["velocity", "voltage", "F"])
+    {'velocity': 'v', 'voltage': 'voltage', 'F': 'F', 'current': 'voltage'}
+    """
+    found = {n: record.resolve(n) for n in names}
+    read = set(found.values())
+    found |= {role: channel for role, channel in record.roles.items() if channel in read and role not in found}
+    if STAND_IN in read and "current" not in found and not record.has("current"):
+        found["current"] = STAND_IN
+    return found
+
+
+def recalled(records: Sequence[Record], metadata: Mapping) -> list[Record]:
+    """Records with the roles of a model's training data, wherever a record lacks the role and has its channel.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    metadata : mapping
+        The model's.
+    """
+    known = metadata.get("roles", {})
+    if not isinstance(known, Mapping):
+        return list(records)
+    found = []
+    for record in records:
+        lacking = {str(r): str(c) for r, c in known.items() if not record.has(str(r)) and record.has(str(c))}
+        found.append(record.with_roles({r: record.resolve(c) for r, c in lacking.items()}) if lacking else record)
+    return found

@@ -113,6 +113,11 @@ class CarStepper:
             warnings.warn(f"{damper.name}: {outside:.0%} of the commands lie outside the fitted {low:g} to {high:g} "
                           f"{damper.current_unit}", ExtrapolationWarning, stacklevel=4)
 
+    @property
+    def strut(self) -> float:
+        """Force of damper and stops beside the linear part, without preload, at the present sample [N]."""
+        return float(self._held[0])
+
     # -- going on ----------------------------------------------------------------------------------------------------
     def advance(self, road: np.ndarray, command: np.ndarray) -> States:
         """Go on along a road.

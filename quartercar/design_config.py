@@ -103,7 +103,7 @@ def design_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "suspension controller design",
             "type": "object", "additionalProperties": False,
             "properties": {"car": {"oneOf": [{"enum": list(CARS)}, {"type": "object"}], "default": "megane"},
-                           "damper": {"type": "string", "description": "a model file that quartercar fit wrote"},
+                           "damper": {"type": "string", "description": "a file of lpvid identify or quartercar fit"},
                            "stops": numbers, "coil": numbers, **words,
                            "lag": {**quantity_schema("from demand to force [s]"), "default": 0.004},
                            "tune": {"type": "integer", "minimum": 0, "default": 0},
@@ -115,7 +115,7 @@ def design_template() -> str:
     law = LpvHinf()
     lines = ["# quartercar design CONFIG: a car, its damper, a law and its weights. Numbers are SI, or text: \"5 mm\".",
              "", "car = \"megane\"              # a set, or a table [car] of set and changes",
-             "# damper = \"lpv-arx.json\"   # written by `quartercar fit`; left out: the embedded identified damper",
+             "# damper = \"model.json\"     # of lpvid identify, quartercar fit; left out: embedded",
              "law = \"lpv-hinf\"            # the damper's limits inside the design; lpv-hinf-clipped: outside",
              "measured = \"observed\"       # states of the observer, or " + ", ".join(
                  n for n in MEASUREMENTS if n != "observed") + ": sensors alone",

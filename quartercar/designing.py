@@ -101,14 +101,25 @@ class Design:
             return f"No controller: {s.why}. Mend: {s.mend}."
         where = "on the whole scheduling box" if s.between_grid else "at grid points only"
         return (f"{self.law.title}: gain from {', '.join(_names(s, 'inputs'))} to {', '.join(_names(s, 'outputs'))} at "
-                f"most {s.gamma_verified:.4g}, verified {where}; c_nom {self.task.nominal_damping:.0f} N*s/m.")
+                f"most {s.gamma_verified:.4g}, verified {where}; c_nom {self.task.nominal_damping:.0f} N*s/m, command "
+                f"{self.car.coil.lowest:g} to {self.car.coil.highest:g} {self._unit}.")
+
+    @property
+    def _command(self) -> dict[str, Any]:
+        coil = self.car.coil
+        return {"lowest": coil.lowest, "highest": coil.highest, "unit": self._unit}
+
+    @property
+    def _unit(self) -> str:
+        """Of the command: what schedules the damper."""
+        return "A" if self.car.damper is None else self.car.damper.current_unit
 
     def to_dict(self) -> dict[str, Any]:
         """synthesis.json."""
         data = self.synthesis.to_dict()
         return {"schema": "quartercar/design/1", "summary": self.verdict, **data, "law": self.law.to_dict(),
-                "nominal_damping": self.task.nominal_damping, "sample_time": self.setting.sample_time,
-                "measured": self.law.measured, "criterion": self.law.criterion}
+                "nominal_damping": self.task.nominal_damping, "command": self._command,
+                "sample_time": self.setting.sample_time, "measured": self.law.measured, "criterion": self.law.criterion}
 
     def __str__(self) -> str:
         return f"{self.verdict}\n{self.synthesis!r}\n{self.law!r}"
@@ -151,13 +162,14 @@ def design(car: QuarterCar, law: LpvHinf | LpvHinfClipped | None = None,
 
 def _commanded(damper: Damper, currents: tuple[float, float]) -> None:
     """Refuse a coil without limits and a damper on which the current has no effect."""
+    unit = damper.current_unit
     if not np.isfinite(currents[1]):
-        raise InputError("a design needs limits of the current", got=f"{currents[0]:g} to {currents[1]:g} A",
+        raise InputError("a design needs limits of the current", got=f"{currents[0]:g} to {currents[1]:g} {unit}",
                          mend="give the car a coil with a highest current")
     band = admissible(damper, currents)
     if np.ptp([band.least, band.most], axis=0).max() <= 1e-6 * np.abs(band.most).max():
         raise InputError(f"the damper '{damper.name}' has the same force at every current, so that there is nothing to "
-                         "command", got=f"currents from {currents[0]:g} to {currents[1]:g} A",
+                         "command", got=f"currents from {currents[0]:g} to {currents[1]:g} {unit}",
                          mend="fit a model that depends on the current")
 
 

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from lpvid.model.input_stage import TanhStage
 from lpvid.model.scheduling_stage import SchedulingLag
+from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from quartercar.dampers.contract import Damper
-from quartercar.dampers.sampled import SampledDamper, at_rest
+from quartercar.dampers.rest import at_rest
+from quartercar.dampers.sampled import SampledDamper
+
+if TYPE_CHECKING:
+    from quartercar.state_bank import StateBank
 
 INPUTS = ("velocity", "displacement")
 
 
-def filter_of(damper: Damper | None) -> LPVTransferFunction | None:
-    """The transfer function inside a damper, where a `FilterBank` can run it; else None.
+def filter_of(damper: Damper | None) -> LPVTransferFunction | LPVStateSpace | None:
+    """The transfer function or state space inside a damper, where a `bank` can run it; else None.
 
     That is: inputs velocity and displacement, at most a tanh stage on the velocity, coefficients by the present current
     behind at most a lag.
@@ -22,13 +29,26 @@ def filter_of(damper: Damper | None) -> LPVTransferFunction | None:
     if not isinstance(damper, SampledDamper) or damper.stored is None:
         return None
     model = damper.held.at(damper.vector)
-    if not isinstance(model, LPVTransferFunction) or (model.lagged and model.box.names) or model.n_affine > 1:
+    if isinstance(model, LPVTransferFunction):
+        present = not (model.lagged and model.box.names) and model.n_affine <= 1
+    elif isinstance(model, LPVStateSpace):
+        present = True
+    else:
         return None
     names, stage, lag = [s.name for s in model.inputs], model.input_stage, model.scheduling_stage
-    plain = set(names) <= set(INPUTS) and "velocity" in names and model.box.names in ((), ("current",))
+    plain = set(names) <= set(INPUTS) and model.box.names in ((), ("current",)) and model.basis.lags == (0, 0)
     shaped = stage is None or (isinstance(stage, TanhStage) and names[stage.channel] == "velocity")
     lagging = lag is None or (isinstance(lag, SchedulingLag) and lag.delay == 0)
-    return model if plain and shaped and lagging else None
+    return model if present and plain and shaped and lagging else None
+
+
+def bank(model: LPVTransferFunction | LPVStateSpace, cars: int) -> FilterBank | StateBank:
+    """Copies of a model, as `filter_of` gives it, side by side."""
+    if isinstance(model, LPVTransferFunction):
+        return FilterBank(model, cars)
+    from quartercar.state_bank import StateBank
+
+    return StateBank(model, cars)
 
 
 class FilterBank:

@@ -13,7 +13,7 @@ from quartercar.car_run import CarRun
 from quartercar.car_stepper import States
 from quartercar.car_steps import Stages
 from quartercar.dampers.linear import Linear
-from quartercar.filter_bank import FilterBank, filter_of
+from quartercar.filter_bank import bank, filter_of
 from quartercar.law_form import law_form
 
 DIVERGED = 1e4
@@ -80,8 +80,8 @@ class Fleet(ABC):
 def start_fleet(car: QuarterCar, sample_time: float, road: np.ndarray, current: np.ndarray) -> Fleet:
     """Cars at rest on (cars,) elevations with (cars,) commands on which everything has settled.
 
-    Laws of the form of `law_form` and identified transfer functions are stepped together; any other damper car by car,
-    which takes a few milliseconds per simulated second and car longer.
+    Laws of the form of `law_form`, identified transfer functions and state spaces are stepped together; any other
+    damper car by car, which takes a few milliseconds per simulated second and car longer.
 
     Raises
     ------
@@ -134,7 +134,7 @@ class _LawFleet(Fleet):
 
 
 class _FilterFleet(Fleet):
-    """Identified transfer functions, at their own rate."""
+    """Identified transfer functions and state spaces, at their own rate."""
 
     def __init__(self, car: QuarterCar, sample_time: float, road: np.ndarray, current: np.ndarray) -> None:
         super().__init__(car, sample_time, road, current)
@@ -145,7 +145,7 @@ class _FilterFleet(Fleet):
         self._parts = round(sample_time / self._step)
         self._stages = Stages.ramp(self._part, self._step)
         self._lag = lag_coil(model)
-        self._bank = FilterBank(model, road.size)
+        self._bank = bank(model, road.size)
         self._bank.begin(self.current)
         self._rest = car.preload
         self._held = np.zeros((road.size, 3))
@@ -179,6 +179,7 @@ class _SteppedFleet(Fleet):
     def __init__(self, car: QuarterCar, sample_time: float, road: np.ndarray, current: np.ndarray) -> None:
         super().__init__(car, sample_time, road, current)
         self._steppers = [car.start(sample_time, float(r), float(i)) for r, i in zip(road, current, strict=True)]
+        self.strut = np.array([s.strut for s in self._steppers])
 
     def _advance(self, road: np.ndarray, command: np.ndarray) -> None:
         for k, stepper in enumerate(self._steppers):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -115,6 +115,11 @@ class Row:
         told = [r.passivity.holds for r in self.rides]
         return None if None in told else all(told)
 
+    @property
+    def extrapolation(self) -> dict[str, float]:
+        """Mean share of the samples outside what the damper's training records held, as in `Ride`."""
+        return {n: float(np.mean([r.extrapolation[n] for r in self.rides])) for n in self.rides[0].extrapolation}
+
     def to_dict(self, reference: Row) -> dict:
         """Plain data for JSON."""
         first = self.rides[0].passivity
@@ -122,6 +127,7 @@ class Row:
                 "figures": {n: {**self.interval(n).to_dict(), "unit": unit} for n, (unit, _) in FIGURES.items()},
                 "against": {n: self.against(reference, n).to_dict() for n in AXES},
                 "counts": {n: float(np.mean([r.counts[n] for r in self.rides])) for n in self.rides[0].counts},
+                "extrapolation": self.extrapolation,
                 "passivity": {"storage": first.storage, "holds": self.passive,
                               "lowest": None if first.lowest is None else min(
                                   r.passivity.lowest for r in self.rides if r.passivity.lowest is not None)}}
@@ -287,4 +293,28 @@ def compare_rides(car: QuarterCar, roads: Sequence[RideRoad], controllers: Mappi
             kept = (mine[0], *(without_run(r) for r in mine[1:]))
             rows.append(Row(name, controllers[name].title, controllers[name], road.name, kept))
         del rides
-    return RideComparison(tuple(rows), tuple(seeds), chosen)
+    return RideComparison(tuple(rows), tuple(seeds), chosen, tuple(_extrapolating(rows)))
+
+
+def _extrapolating(rows: Sequence[Row]) -> Iterator[str]:
+    """Where laws ask the damper for what its training records never held, road by road."""
+    for road in dict.fromkeys(r.road for r in rows):
+        for name in rows[0].rides[0].extrapolation:
+            shares = {r.name: r.extrapolation[name] for r in rows if r.road == road}
+            worst = max(shares, key=lambda n: shares[n])
+            if shares[worst] > 0:
+                yield (f"On {road} the damper's {name} leaves its training records, {_span(rows[0], name)}, in "
+                       f"{100 * min(shares.values()):.2g} to {100 * shares[worst]:.2g} % of the samples (most under "
+                       f"{worst}): the force there is extrapolated.")
+
+
+def _span(row: Row, name: str) -> str:
+    """The training range of a quantity in its unit."""
+    damper = row.rides[0].run.car.damper
+    assert damper is not None
+    if name == "current":
+        low, high = damper.current_range or (0.0, 0.0)
+        return f"{low:.3g} to {high:.3g} {'' if damper.current_unit == '1' else damper.current_unit}".rstrip()
+    role, unit = ("velocity", "m/s") if name == "speed" else ("displacement", "m")
+    low, high = damper.trained(role) or (0.0, 0.0)
+    return f"{low:.3g} to {high:.3g} {unit}"

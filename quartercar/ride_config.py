@@ -11,6 +11,7 @@ from typing import Any
 from lpvid import _checks
 from lpvid.errors import InputError
 from quartercar.car import BumpStops, Coil, QuarterCar
+from quartercar.car_damper import car_damper, check_rate, current_limits
 from quartercar.controllers import LAWS, law_class
 from quartercar.controllers.chain import ChainSettings
 from quartercar.controllers.contract import Controller
@@ -25,7 +26,7 @@ from quartercar.rig._tables import to_si
 STATIC_COIL = (0.005, 0.010)
 """rise and fall time of a coil whose damper model has no lag of its own [s]"""
 HIGHEST = 2.5
-"""[A]"""
+"""of the command where the damper knows no range of its own [A]"""
 DEFAULT_LAWS = tuple(name for name, _, _ in LAWS if name != "scheduled")
 UNITS: Mapping[str, str] = {"speed": "m/s", "duration": "s", "height": "m", "length": "m", "amplitude": "m",
                             "lowest": "Hz", "highest": "Hz", "stiffness": "N/m", "compression": "m", "rebound": "m",
@@ -118,11 +119,17 @@ def read_config(table: Mapping[str, Any], folder: Path) -> RideConfig:
 
 def build_car(car: Any = "megane", damper: str | None = None, folder: Path = Path(), stops: Mapping[str, Any] = {},
               coil: Mapping[str, Any] = {}) -> QuarterCar:
-    """A nonlinear car from a set's name or a table, with a damper from a file or the embedded identified one."""
-    model = read_damper(damper, folder)
+    """A nonlinear car from a set's name or a table, with a damper from a file or the embedded identified one.
+
+    Without a table `coil` its limits are the range of the damper's current, or of what else schedules it.
+    """
+    model, parameters = read_damper(damper, folder), _parameters(car)
+    check_rate(model, parameters, "the embedded damper" if damper is None else f"'{damper}'")
     lag = (0.0, 0.0) if _has_lag(model) else STATIC_COIL
-    numbers = {"rise_time": lag[0], "fall_time": lag[1], "highest": HIGHEST, **_numbers(coil, Coil, "coil")}
-    return QuarterCar(_parameters(car), model, BumpStops(**_numbers(stops, BumpStops, "stops")), Coil(**numbers))
+    low, high = current_limits(model, HIGHEST)
+    numbers = {"rise_time": lag[0], "fall_time": lag[1], "lowest": low, "highest": high,
+               **_numbers(coil, Coil, "coil", model.current_unit)}
+    return QuarterCar(parameters, model, BumpStops(**_numbers(stops, BumpStops, "stops")), Coil(**numbers))
 
 
 def measuring(name: Any) -> RideSettings:
@@ -131,21 +138,12 @@ def measuring(name: Any) -> RideSettings:
 
 
 def read_damper(name: str | None, folder: Path = Path()) -> Damper:
-    """A damper from a model file, or the embedded identified one for None."""
+    """A damper from a file of `quartercar fit` or `lpvid identify`, or the embedded identified one for None."""
     if name is None:
         from quartercar.embedded import identified_damper
 
         return identified_damper()
-    from lpvid.export.serialise import load
-
-    found = load(folder / str(name))
-    if not isinstance(found, Damper):
-        raise InputError(f"'{name}' holds no damper", got=type(found).__name__, mend="a file that fit wrote")
-    if found.polarity < 0:
-        raise InputError(f"'{name}': the damper was fitted to records of reversed polarity",
-                         why="its force is measured against the velocity, so that a car would be driven by it",
-                         mend="turn the force's sign and fit again (--flip force)")
-    return found
+    return car_damper(folder / str(name))
 
 
 def given_laws(names: Sequence[str], folder: Path = Path()) -> dict[str, Controller]:
@@ -207,13 +205,14 @@ def _parameters(car: Any) -> CarParameters:
                            if k not in ("set", "source")})
 
 
-def _numbers(table: Any, cls: type, where: str) -> dict[str, float]:
+def _numbers(table: Any, cls: type, where: str, current: str = "A") -> dict[str, float]:
     if not isinstance(table, Mapping):
         raise InputError(f"{where} must be a table", got=repr(table))
     known = [f.name for f in fields(cls)]
     for key in table:
         _checks.known_name(key, known, f"key of {where}")
-    units = {**UNITS, "lowest": "A", "highest": "A"} if cls is Coil else UNITS
+    command = "" if current == "1" else current
+    units = {**UNITS, "lowest": command, "highest": command} if cls is Coil else UNITS
     return {k: to_si(v, units[k], f"{where}.{k}") for k, v in table.items()}
 
 
@@ -264,17 +263,17 @@ def named(laws: Sequence[tuple[str, Controller]]) -> dict[str, Controller]:
 
 
 def _has_lag(damper: Damper) -> bool:
-    from quartercar.filter_bank import filter_of
+    from quartercar.dampers.sampled import SampledDamper
 
-    model = filter_of(damper)
-    return model is not None and model.scheduling_stage is not None
+    inner = damper.held.model if isinstance(damper, SampledDamper) and damper.stored is not None else None
+    return inner is not None and inner.scheduling_stage is not None
 
 
 TEMPLATE = '''\
 # quartercar ride CONFIG: a car, its damper, the roads and the laws. Numbers are SI, or text such as "5 mm".
 
 car = "megane"                 # a set (megane, savaresi, sh-add, motorcycle), or a table [car] of set and changes
-# damper = "lpv-arx.json"      # a file that `quartercar fit` wrote; left out: the embedded identified damper
+# damper = "model.json"        # written by `lpvid identify` or `quartercar fit`; left out: the embedded damper
 # known_damper = "guo.json"    # the damper as inverse and observer know it; left out: as it is
 measurements = "stroke-body"   # stroke-body, stroke-body-wheel or ideal
 seeds = 5                      # roads and noise of the comparison: the same for every law
@@ -286,8 +285,8 @@ compression = "60 mm"
 rebound = "60 mm"
 
 [coil]                         # rise_time and fall_time: left out, 5 and 10 ms, or none where the damper has its own
-lowest = 0.0
-highest = 2.5
+# lowest = 0.0                 # left out: the range of the damper's current (or of the voltage that schedules it)
+# highest = 2.5
 
 [[roads]]
 kind = "iso"

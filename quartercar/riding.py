@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
 from lpvid import _checks
-from lpvid.errors import InputError
+from lpvid.condition.segmentation import RATE_TOLERANCE
+from lpvid.errors import InputError, NumericalError
 from quartercar.car import QuarterCar
 from quartercar.car_run import CarRun
 from quartercar.controllers.chain import Chain, ChainSettings
@@ -18,6 +20,7 @@ from quartercar.criteria import judge
 from quartercar.dampers.contract import Damper
 from quartercar.fleet import Log, start_fleet
 from quartercar.parameters import CarParameters
+from quartercar.plant.active import active_frequency, active_region
 from quartercar.ride_roads import RideRoad
 from quartercar.storage import RidePassivity, ride_passivity
 
@@ -49,10 +52,23 @@ class RideSettings:
     parameters: CarParameters | None = None
 
     def period(self, car: QuarterCar) -> float:
-        """Of the loop around this car [s]."""
+        """Of the loop around this car [s].
+
+        Raises
+        ------
+        InputError
+            A known damper that runs at another rate only.
+        """
         if self.sample_time is not None:
-            return _checks.positive(self.sample_time, "sample_time", "s")
-        return (None if car.damper is None else car.damper.clock) or 1 / RATE
+            found = _checks.positive(self.sample_time, "sample_time", "s")
+        else:
+            found = (None if car.damper is None else car.damper.clock) or 1 / RATE
+        known = None if self.model is None else self.model.clock
+        if known is not None and abs(known / found - 1) > RATE_TOLERANCE:
+            raise InputError(f"the damper as it is known, a '{self.model.name}', runs at {1 / known:.6g} Hz only",  # type: ignore[union-attr]
+                             got=f"a loop at {1 / found:.6g} Hz", why="the loop runs at the rate of the car's damper",
+                             mend=f"identify it again with --sample-rate {1 / found:.6g}")
+        return found
 
     def setting(self, car: QuarterCar, cars: int) -> Setting:
         """What the laws of so many cars are told."""
@@ -78,6 +94,9 @@ class Ride:
         Share of the samples whose command stood at a limit of the current; whose demand the damper could not meet.
     counts : mapping of str to float
         What the law counted, as a share of the samples.
+    extrapolation : mapping of str to float
+        ``current``, ``speed`` and ``stroke`` of the damper: share of the samples outside what its training records
+        held, of those that its model reads and whose range is known.
     """
 
     controller: Controller
@@ -89,9 +108,11 @@ class Ride:
     at_limits: float
     out_of_reach: float
     counts: Mapping[str, float]
+    extrapolation: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         counted = "".join(f", {n.replace('_', ' ')} {v:.1%}" for n, v in self.counts.items())
+        counted += "".join(f", {n} outside the damper's records {v:.1%}" for n, v in self.extrapolation.items() if v)
         return (f"Ride of {self.controller.name} on {self.road}, seed {self.seed}\n{self.figures}\n"
                 f"current    at a limit {self.at_limits:.0%} of the time, demand out of reach "
                 f"{self.out_of_reach:.0%}{counted}\nenergy     {self.passivity}")
@@ -167,11 +188,14 @@ def _together(car: QuarterCar, road: RideRoad, controllers: Sequence[Controller]
     chain = Chain(controllers, setting, car.coil, settings.chain, noise, n)
     fleet = start_fleet(car, step, elevation[0], np.full(cars, limits[0]))
     log = Log(fleet, elevation)
-    for k in range(n):
-        command = chain.step(true_signals(fleet))
-        log.note(command)
-        if k + 1 < n:
-            fleet.advance(elevation[k + 1], command)
+    try:
+        for k in range(n):
+            command = chain.step(true_signals(fleet))
+            log.note(command)
+            if k + 1 < n:
+                fleet.advance(elevation[k + 1], command)
+    except NumericalError as error:
+        raise NumericalError(f"{error}{_given_energy(car.damper, limits)}") from None
     counts = {name: a / n for name, a in chain.counted().items()}
     return [_ride(log.run(c), controllers[c], road, seeds[c], limits, chain.clipped[c] / n,
                   chain.out_of_reach[c] / n, {name: float(a[c]) for name, a in counts.items()})
@@ -182,7 +206,46 @@ def _ride(run: CarRun, controller: Controller, road: RideRoad, seed: int, limits
           at_limits: float, out_of_reach: float, counts: Mapping[str, float]) -> Ride:
     counted = run.after(road.settle) if road.settle else run
     return Ride(controller, road.name, seed, run, judge(run, road.settle), ride_passivity(counted, limits),
-                float(at_limits), float(out_of_reach), counts)
+                float(at_limits), float(out_of_reach), counts, extrapolation(run))
+
+
+@lru_cache(maxsize=64)
+def _given_energy(damper: Damper | None, currents: tuple[float, float]) -> str:
+    """Where the damper of a car that left all bounds gives energy, and what to do about it."""
+    if damper is None:
+        return ""
+    found = active_region(damper, currents) or active_frequency(damper, currents)
+    said = str(found) if found is not None else damper.passivity(0.5).says
+    if said:
+        return (f". Of the '{damper.name}' damper: {said}. Mend: fit or identify it again with --passive, or with more "
+                "records at these currents and speeds")
+    return (f". The '{damper.name}' damper takes energy at every current that is held. Mend: `lpvid stability` says "
+            "whether it is stable while the current moves; else another structure, or --passive")
+
+
+def extrapolation(run: CarRun) -> dict[str, float]:
+    """Share of a run's samples at which its damper was asked what its training records never held.
+
+    A hundredth of the range, `Damper.slack` for the current, still counts as inside.
+
+    Returns
+    -------
+    dict of str to float
+        ``current``, ``speed``, ``stroke``: those that the damper's model reads and whose range it knows.
+    """
+    damper = run.car.damper
+    if damper is None:
+        return {}
+    found = {}
+    if "current" in damper.reads and damper.current_range is not None:
+        found["current"] = damper.outside(run["current"])
+    for name, role, signal in (("speed", "velocity", run["suspension_velocity"]),
+                               ("stroke", "displacement", run["suspension_deflection"] + damper.centre)):
+        span = damper.trained(role)
+        if role in damper.reads and span is not None:
+            slack = 0.01 * (span[1] - span[0])
+            found[name] = float(np.mean((signal < span[0] - slack) | (signal > span[1] + slack)))
+    return found
 
 
 def true_signals(fleet) -> dict[str, np.ndarray]:

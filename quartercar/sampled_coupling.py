@@ -8,17 +8,20 @@ from dataclasses import replace
 import numpy as np
 
 from lpvid.errors import InputError
+from lpvid.model.quasi import SelfScheduled
 from lpvid.model.scheduling_stage import SchedulingLag
+from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from quartercar.coupling import Coupling
 from quartercar.dampers.held import Inner
-from quartercar.dampers.sampled import SampledDamper, at_rest
+from quartercar.dampers.rest import at_rest, state_at_rest
+from quartercar.dampers.sampled import SampledDamper
 
 LIMIT = 1e12
 """force at which a run counts as diverged [N]"""
 
 
-def sampled_coupling(damper: SampledDamper, step: float) -> SampledCoupling:
+def sampled_coupling(damper: SampledDamper, step: float) -> Coupling:
     """The coupling of a sampled damper, at its own period.
 
     Raises
@@ -29,6 +32,8 @@ def sampled_coupling(damper: SampledDamper, step: float) -> SampledCoupling:
     model = damper.at_clock(step)
     if isinstance(model, LPVTransferFunction):
         return TransferFunctionCoupling(model)
+    if isinstance(model, LPVStateSpace):
+        return StateSpaceCoupling(model)
     return WindowCoupling(model)
 
 
@@ -39,8 +44,9 @@ class CurrentFilter:
         lag = model.scheduling_stage
         if lag is not None and not isinstance(lag, SchedulingLag):
             raise InputError("a car can only step a current filter that is a lag", got=type(lag).__name__)
+        assert model.sample_time is not None
         self._period = model.sample_time
-        self._delay = 0.0 if lag is None else lag.delay / model.sample_time
+        self._delay = 0.0 if lag is None else lag.delay / self._period
         self._lag = None if lag is None else replace(lag, delay=0.0)
         self._past: list[float] = []
         self._value = 0.0
@@ -66,14 +72,12 @@ class CurrentFilter:
 class SampledCoupling(Coupling):
     """Rows of the past: inputs, scheduling and force of the last samples, the newest last."""
 
-    def __init__(self, model: Inner) -> None:
+    def __init__(self, model: LPVTransferFunction | SelfScheduled) -> None:
         self._model = model
         self._names = [s.name for s in model.inputs]
         self._filter = CurrentFilter(model)
         self._scheduled = bool(model.box.names)
-        if model.box.names not in ((), ("current",)):
-            raise InputError("a car can only step a damper that is scheduled by its current",
-                             got=", ".join(model.box.names))
+        _by_current(model)
         self._rows = model.start + 1
 
     def begin(self, displacement: float, velocity: float, current: float) -> float:
@@ -142,3 +146,52 @@ class WindowCoupling(SampledCoupling):
         u[-1] = self._inputs(displacement, velocity)
         out, _ = self._model.free_run(u, self._p, self._y[:-1].copy(), LIMIT)  # type: ignore[union-attr]
         return float(out[-1])
+
+
+class StateSpaceCoupling(Coupling):
+    """F = C d + D u + g with the state carried along; a basis that reads past currents is given them."""
+
+    def __init__(self, model: LPVStateSpace) -> None:
+        _by_current(model)
+        low, self._memory = model.basis.lags
+        if low < 0:
+            raise InputError(f"this state space reads the current {-low} samples ahead", why="a car does not know it",
+                             mend="--form augmented or --form observable instead of shifted")
+        self._model, self._filter = model, CurrentFilter(model)
+        self._names = [s.name for s in model.inputs]
+        assert model.state_offset is not None and model.output_offset is not None
+        self._stacks = (model.A, model.B, model.C[:, 0], model.D[:, 0], model.state_offset, model.output_offset[:, 0])
+
+    def begin(self, displacement: float, velocity: float, current: float) -> float:
+        self._current = current
+        self._p = np.full((self._memory + 1, len(self._model.box.names)), self._filter.begin(current))
+        state, force = state_at_rest(self._model, np.array([velocity]), current, displacement)
+        self._state = state[0]
+        return float(force[0])
+
+    def approach(self, current: float) -> None:
+        self._current, filtered = current, self._filter(current)
+        self._p = np.roll(self._p, -1, axis=0)
+        self._p[-1] = filtered
+        phi = self._model.basis.evaluate(self._p)[-1]
+        self._now = tuple(np.tensordot(phi, x, axes=1) for x in self._stacks)
+        self._past = float(self._now[2] @ self._state + self._now[5])
+
+    def _inputs(self, displacement: float, velocity: float) -> np.ndarray:
+        motion = {"displacement": displacement, "velocity": velocity, "current": self._current}
+        u = np.array([[motion[n] for n in self._names]])
+        stage = self._model.input_stage
+        return u[0] if stage is None else stage.apply(u, self._p[-1:])[0]
+
+    def trial(self, displacement: float, velocity: float) -> float:
+        return self._past + float(self._now[3] @ self._inputs(displacement, velocity))
+
+    def commit(self, displacement: float, velocity: float) -> None:
+        a, b, _, _, f, _ = self._now
+        self._state = a @ self._state + b @ self._inputs(displacement, velocity) + f
+
+
+def _by_current(model: Inner) -> None:
+    if model.box.names not in ((), ("current",)):
+        raise InputError("a car can only step a damper that is scheduled by its current",
+                         got=", ".join(model.box.names))

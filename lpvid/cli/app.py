@@ -11,6 +11,7 @@ from lpvid.cli.diagnose import diagnose
 from lpvid.cli.identify import identify
 from lpvid.cli.inspect import inspect
 from lpvid.cli.running import new_app
+from lpvid.cli.simulate import simulate
 from lpvid.cli.stability import stability
 from lpvid.cli.synthesize import synthesize, verify
 from lpvid.cli.validate import validate
@@ -36,5 +37,5 @@ def _common(version: Annotated[bool, typer.Option("--version", callback=_version
     """
 
 
-for _command in (inspect, identify, validate, compare, stability, diagnose, synthesize, verify):
+for _command in (inspect, identify, simulate, validate, compare, stability, diagnose, synthesize, verify):
     app.command()(_command)

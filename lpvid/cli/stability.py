@@ -83,8 +83,8 @@ def _studied(loaded: object, path: Path, motion: tuple[list[str] | None, list[st
     from lpvid.report.stability import stability_page, study_stability
 
     named = type(loaded).__name__
-    if isinstance(loaded, Adaptable) and loaded.period:
-        loaded = loaded.to_model(loaded.period)
+    if isinstance(loaded, Adaptable):
+        loaded = loaded.to_linear_model()
     if not isinstance(loaded, (LPVTransferFunction, LPVStateSpace, QuasiLPVModel, ComplianceModel)):
         raise InputError(f"'{path}' holds a {named}", mend="give a transfer function, a state-space "
                          "model, or a model that schedules itself")

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lpvid.condition.preparing import with_current
 from lpvid.condition.tables import as_records
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.preparing import Prepared, prepare
+from lpvid.diagnosis.preparing import ROLES, Prepared, prepare
 from lpvid.errors import InputError
+from lpvid.familiar import recalled, roles
 from lpvid.record import Record
 
 if TYPE_CHECKING:
     from lpvid.diagnosis.engine import DiagnosisSettings
+    from lpvid.diagnosis.extended import ExtendedModel
 
 Progress = Callable[[str], None]
 
@@ -102,6 +105,8 @@ def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = Non
     if parameters is not None and not isinstance(given, str):
         raise InputError("parameters belong to a baseline that is given by name", got=type(given).__name__,
                          mend="leave them out, a model file holds its own")
+    training, kept = (recalled(part, getattr(given, "metadata", {})) for part in (training, kept))
+    given = _by_roles(given)
     needed = given.channels if isinstance(given, Baseline) else _channels(given)
     prepared = prepare(training, kept, effects, needed, sample_rate or _own_rate(given, [*training, *kept]))
     found = _baseline(given, prepared.training, parameters)
@@ -144,7 +149,7 @@ def answer(question: Question, settings: DiagnosisSettings | None = None,
         from lpvid.diagnosis.interrupted import interrupted
 
         found = interrupted(baseline, prepared, stage[0])
-    extended = None if found.extended is None else found.extended.remembering(prepared.training)
+    extended = None if found.extended is None else _with_roles(found.extended.remembering(prepared.training), question)
     told_of = {**found.baseline, "polarity": baseline.polarity, **({"esr_as_given": given} if given else {})}
     return replace(found, audit=heard, notes=(*found.notes, *notes), extended=extended, baseline=told_of)
 
@@ -179,6 +184,26 @@ def _channels(model: Any) -> tuple[str, ...]:
     return (*(s.name for s in model.inputs), *model.box.names, *(s.name for s in model.outputs))
 
 
+def _with_roles(extended: ExtendedModel, question: Question) -> ExtendedModel:
+    """The extended model, which knows again which channel of the files played which of its roles."""
+    raw = with_current(question.raw[:1])[0][0]
+    names = [n for n in (*extended.reads, question.baseline.output) if raw.has(n)]
+    return replace(extended, metadata={**extended.metadata, "roles": roles(raw, names)})
+
+
+def _by_roles(model: Any) -> Any:
+    """A model whose signals are called by the roles that their channels had in training, so that effects meet them."""
+    said = getattr(model, "metadata", {}).get("roles", {})
+    names = _channels(model)
+    known = [r for r in ROLES if r in said and r not in names]
+    others = {n: r for r in known for n in names if n not in ROLES and said.get(n, n) == said[r]}
+    if not others or not isinstance(said, Mapping) or not hasattr(model, "to_dict"):
+        return model
+    from lpvid.export.renaming import renamed
+
+    return renamed(model, others)
+
+
 def _own_rate(model: Any, records: Sequence[Record]) -> float | None:
     """Rate of a sampled model where the records have another; it can run at no other."""
     from lpvid.condition.segmentation import RATE_TOLERANCE
@@ -193,6 +218,7 @@ def _own_rate(model: Any, records: Sequence[Record]) -> float | None:
 def _baseline(given: Any, records: Sequence[Record], parameters: Any) -> Baseline:
     from lpvid.diagnosis import registry
     from lpvid.diagnosis.extended import ExtendedModel
+    from lpvid.model.adaptable import Adaptable
     from lpvid.model.quasi import SelfScheduled
     from lpvid.model.state_space import LPVStateSpace
     from lpvid.model.transfer_function import LPVTransferFunction
@@ -212,6 +238,8 @@ def _baseline(given: Any, records: Sequence[Record], parameters: Any) -> Baselin
     name = getattr(given, "name", None)
     if isinstance(name, str) and name in registry.factories():
         return registry.named_baseline(name, records, given)
+    if isinstance(given, Adaptable) and given.period is not None:
+        return _baseline(given.to_model(given.period), records, parameters)
     raise InputError("this can be no baseline", got=type(given).__name__,
                      mend="name one, or give a saved damper, transfer function, state space or extended model")
 

@@ -13,7 +13,7 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.composition import Composition
 from lpvid.errors import InputError
 from lpvid.familiar import heads
-from lpvid.model.adaptable import Adaptable
+from lpvid.model.adaptable import Acting, Adaptable
 from lpvid.record import Record
 
 if TYPE_CHECKING:
@@ -112,6 +112,11 @@ class ExtendedModel(Adaptable):
         from lpvid.diagnosis.extended_run import ExtendedRun
 
         return ExtendedRun(self, sample_time)
+
+    def to_linear_model(self) -> Acting:
+        """None: causes are put around the baseline's own simulation."""
+        raise InputError("an extended model has no LPV form", why="its causes act around the baseline's simulation",
+                         mend="extended_lpv.json beside it, where the causes have an LPV form")
 
     # -- storing -----------------------------------------------------------------------------------------------------
     def to_dict(self) -> dict:

@@ -9,7 +9,7 @@ import numpy as np
 from lpvid.condition import segments, with_velocity
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
-from lpvid.familiar import heads
+from lpvid.familiar import heads, ranges, roles, usual_range
 from lpvid.identification.result import Identification
 from lpvid.identification.sandwich import residual_memory
 from lpvid.identification.structure import Structure
@@ -69,7 +69,7 @@ def identify(records: Record | Sequence[Record], structure: Structure, *, sample
         listed = [with_velocity(r) for r in listed]
     pieces = segments(listed, structure.channels, sample_rate=sample_rate, minimum=structure.start + 2,
                       remedy="a lower order")
-    found = _remember(structure.estimate(pieces), pieces)
+    found = _remember(structure.estimate(pieces), pieces, listed[0])
     notes = tuple(dict.fromkeys((*(n for r in pieces for n in r.notes), *found.notes)))
     training = figures(found.model, pieces, "training")
     kept = None if held_out is None else validate(found.model, held_out, label="held-out")
@@ -92,14 +92,17 @@ def _coloured(found: Identification, pieces: Sequence[Record]) -> Identification
     return found.with_covariance(covariance).replace(notes=(*found.notes, said))
 
 
-def _remember(found: Identification, pieces: Sequence[Record]) -> Identification:
-    """Let the model know its training data again, and the region of scheduling space that they covered."""
-    training = {**found.model.metadata.get("training", {}), "heads": heads(pieces, found.model.outputs[0].name)}
-    metadata = {**found.model.metadata, "training": training}
-    names = list(found.model.box.names)
+def _remember(found: Identification, pieces: Sequence[Record], first: Record) -> Identification:
+    """Let the model know its training data again: their first samples, ranges, roles, region of scheduling space."""
+    model = found.model
+    names = list(model.box.names)
+    read = list(dict.fromkeys((*(s.name for s in (*model.inputs, *model.outputs)), *names)))
+    training = {**model.metadata.get("training", {}), "heads": heads(pieces, model.outputs[0].name),
+                "ranges": ranges(pieces, read), "usual": {n: usual_range([r[n] for r in pieces]) for n in names}}
+    metadata = {**model.metadata, "training": training, "roles": roles(first, read)}
     if len(names) > 1:
         metadata["hull"] = Hull.of(names, np.vstack([r.matrix(names) for r in pieces])).to_dict()
-    return found.replace(model=found.model.replace(metadata=metadata))
+    return found.replace(model=model.replace(metadata=metadata))
 
 
 __all__ = ["Identification", "Structure", "identify"]

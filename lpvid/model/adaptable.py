@@ -26,6 +26,16 @@ class Adaptable(ABC):
     def to_model(self, sample_time: float) -> Acting:
         """The model that runs like it at this period [s]; one that is sampled itself keeps its own period."""
 
+    @abstractmethod
+    def to_linear_model(self) -> Acting:
+        """The model whose stability is that of the law: an LPV one, or one of lpvid's that schedules itself.
+
+        Raises
+        ------
+        InputError
+            A law that has no such form.
+        """
+
 
 def acting(model: Acting | Adaptable, sample_time: float) -> Acting:
     """`model` itself, or what acts for it at this period."""

@@ -7,14 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid import plot
-from lpvid.condition import segments, with_velocity
-from lpvid.condition.derivation import derived
-from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.plot import Comparison
 from lpvid.record import Record
 from lpvid.report.page import Figure, Item, Mark, Table, number, percent
 from lpvid.simulation import Model
 from lpvid.validation import Validation
+from lpvid.validation.report import along
 
 LOOP_CHANNELS = ("velocity", "displacement")
 """What output is drawn against, where it was recorded."""
@@ -40,13 +38,7 @@ def comparisons(model: Model, records: Sequence[Record], label: str) -> list[Com
     -------
     list of Comparison
     """
-    assert model.sample_time is not None
-    rate = 1.0 / model.sample_time
-    listed = [with_velocity(r) for r in records]
-    foreign = any(not r.time_base.steady or abs(r.time_base.period * rate - 1) > RATE_TOLERANCE for r in listed)
-    channels = tuple(dict.fromkeys(s.name for s in (*model.inputs, *model.outputs))) + tuple(model.box.names)
-    listed = derived(listed, channels)
-    pieces = segments(listed, channels, sample_rate=rate if foreign else None, minimum=model.start + 2)
+    _, pieces, _ = along(model, records)
     return [plot.compare(model, piece, label) for piece in pieces]
 
 

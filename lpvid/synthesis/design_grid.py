@@ -37,8 +37,16 @@ def design_axes(box: Scheduling, points: int, affine: bool) -> tuple[np.ndarray,
     total = int(np.prod([len(a) for a in axes], initial=1))
     if total > MOST_POINTS:
         raise InputError(f"the grid of {', '.join(box.names)} has {total} points", why=f"the limit is {MOST_POINTS}",
-                         mend="lower `points`, or schedule on fewer variables")
+                         mend=_smaller(len(box.names), count))
     return axes
+
+
+def _smaller(variables: int, points: int) -> str:
+    """What brings a tensor grid below the limit."""
+    most = int(MOST_POINTS ** (1 / variables) + 1e-9)
+    fewer = f"at most {most} points along each variable, " if 2 <= most < points else ""
+    return (f"{fewer}a form of the plant with fewer scheduling variables (another realisation, or a reduced one), or "
+            "one that is affine in each, of which the corners alone are looked at")
 
 
 def tensor(axes: tuple[np.ndarray, ...]) -> np.ndarray:

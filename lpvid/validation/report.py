@@ -13,7 +13,7 @@ from lpvid.condition.derivation import derived
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
-from lpvid.familiar import familiar
+from lpvid.familiar import familiar, recalled
 from lpvid.model.adaptable import Adaptable, acting
 from lpvid.model.hull import outside_share
 from lpvid.model.state_space import LPVStateSpace
@@ -108,6 +108,54 @@ def acting_model(model: Model | Adaptable, records: Sequence[Record], sample_rat
     return acting(model, own or given or records[0].time_base.period)
 
 
+def along(model: Model | Adaptable, records: Record | Sequence[Record], sample_rate: float | None = None, *,
+          measured: bool = True) -> tuple[Model, list[Record], tuple[str, ...]]:
+    """What acts for a model, and the records as it can run along them: its roles, its rate, without gaps.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction, LPVStateSpace, SelfScheduled or Adaptable
+    records : Record or sequence of Record
+        As read. Where a channel has another name than the model's, the roles of its training data are tried.
+    sample_rate : float, optional
+        Only the model's own rate [Hz] is accepted.
+    measured : bool
+        Whether the outputs are needed.
+
+    Returns
+    -------
+    model, pieces, notes
+
+    Raises
+    ------
+    InputError
+        As `validate`.
+    """
+    listed = as_records(records)
+    if not listed:
+        raise InputError("no records given")
+    model = acting_model(model, listed, sample_rate)
+    if model.sample_time is None:
+        raise InputError("this model is continuous in time", why="records are sampled",
+                         mend="discretise the model first")
+    rate = 1.0 / model.sample_time
+    if sample_rate is not None and abs(sample_rate / rate - 1) > RATE_TOLERANCE:
+        raise InputError("a model runs at its own rate", got=f"{sample_rate:.6g} Hz against {rate:.6g} Hz",
+                         mend=f"--sample-rate {rate:.6g}, or leave it out")
+    foreign = [r for r in listed if not r.time_base.steady or abs(r.time_base.period * rate - 1) > RATE_TOLERANCE]
+    outputs = model.outputs if measured else ()
+    channels = tuple(dict.fromkeys((*(s.name for s in (*model.inputs, *outputs)), *model.box.names)))
+    listed = recalled(listed, model.metadata)
+    if "velocity" in channels:
+        listed = [with_velocity(r) for r in listed]
+    listed = derived(listed, channels)
+    pieces = segments(listed, channels, sample_rate=rate if foreign else None, minimum=model.start + 2)
+    notes = tuple(dict.fromkeys(n for r in listed for n in r.notes if "velocity" in n))
+    if foreign:
+        notes += (f"{len(foreign)} record(s) resampled to the model's {rate:.6g} Hz",)
+    return model, pieces, notes
+
+
 def validate(model: Model | Adaptable, records: Record | Sequence[Record], *, sample_rate: float | None = None,
              label: str = "held-out", horizons: Sequence[int] = ()) -> Validation:
     """Figures of a model on measured records, free-run, one-step and at any further prediction horizons.
@@ -138,26 +186,7 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record], *, sa
     InputError
         Missing channels, another unit than the model's, no stretch long enough.
     """
-    listed = as_records(records)
-    if not listed:
-        raise InputError("no records given")
-    model = acting_model(model, listed, sample_rate)
-    if model.sample_time is None:
-        raise InputError("this model is continuous in time", why="records are sampled",
-                         mend="discretise the model first")
-    rate = 1.0 / model.sample_time
-    if sample_rate is not None and abs(sample_rate / rate - 1) > RATE_TOLERANCE:
-        raise InputError("a model is validated at its own rate", got=f"{sample_rate:.6g} Hz against {rate:.6g} Hz",
-                         mend=f"--sample-rate {rate:.6g}, or leave it out")
-    foreign = [r for r in listed if not r.time_base.steady or abs(r.time_base.period * rate - 1) > RATE_TOLERANCE]
-    channels = tuple(dict.fromkeys((*(s.name for s in (*model.inputs, *model.outputs)), *model.box.names)))
-    if "velocity" in channels:
-        listed = [with_velocity(r) for r in listed]
-    listed = derived(listed, channels)
-    pieces = segments(listed, channels, sample_rate=rate if foreign else None, minimum=model.start + 2)
-    notes = tuple(dict.fromkeys(n for r in listed for n in r.notes if "velocity" in n))
-    if foreign:
-        notes += (f"{len(foreign)} record(s) resampled to the model's {rate:.6g} Hz",)
+    model, pieces, notes = along(model, records, sample_rate)
     seen = familiar(model.metadata, pieces, model.outputs[0].name)
     if seen and label == "held-out":
         label = "training" if len(seen) == len(pieces) else "partly training"

@@ -10,6 +10,7 @@ import typer
 
 from lpvid.cli import options
 from lpvid.cli.running import SHORTFALL, Results, command, conclude, solvers_unheard, working
+from lpvid.errors import InputError
 
 if TYPE_CHECKING:
     from quartercar.controllers.lpv_hinf import LpvHinf
@@ -24,6 +25,9 @@ ConfigFile = Annotated[Path | None, typer.Argument(metavar="CONFIG", help="A TOM
 @command
 def design(
     config: ConfigFile = None,
+    car: Annotated[str | None, typer.Option("--car", metavar="NAME", help="Parameter set of the car.")] = None,
+    damper: Annotated[Path | None, typer.Option("--damper", metavar="FILE", help="A model.json of lpvid identify, or a "
+                                                "damper that fit wrote; left out: the embedded one.")] = None,
     template: Annotated[bool, typer.Option("--template", help="Print a commented configuration and stop.")] = False,
     schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of a CONFIG and stop.")] = False,
     tune: Annotated[int | None, typer.Option("--tune", min=0, metavar="N", help="Tune the weights first, with N "
@@ -35,7 +39,7 @@ def design(
 
     Writes controller.json, which `quartercar ride --controller` takes, synthesis.json, closed_loop.json and
     certificate.json, which `lpvid verify` takes, report.html and its figures.
-    Without CONFIG: the embedded damper in the default car with the default weights.
+    Without CONFIG: the default weights, for --car and --damper or the embedded damper in the default car.
     """
     from quartercar.design_config import design_schema, design_template, load_design, read_design
     from quartercar.designing import design as designed
@@ -47,7 +51,8 @@ def design(
         return
     results = Results(out)
     with working("reading") as say, solvers_unheard():
-        chosen = read_design({}) if config is None else load_design(config)
+        given = _table(car, damper, config)
+        chosen = read_design(given) if config is None else load_design(config)
         law = _tuned(chosen, chosen.tune if tune is None else tune, say)
         say("looking for a controller")
         found = designed(chosen.car, law)
@@ -55,6 +60,15 @@ def design(
     conclude(results, found.to_dict(), str(found), json)
     if not found.synthesis.solved:
         raise typer.Exit(SHORTFALL)
+
+
+def _table(car: str | None, damper: Path | None, config: Path | None) -> dict[str, str]:
+    """What the options say of the car, as a CONFIG would."""
+    given = {k: str(v) for k, v in (("car", car), ("damper", damper)) if v is not None}
+    if given and config is not None:
+        raise InputError("--car and --damper belong to a design without CONFIG", mend="write them into the "
+                         "configuration")
+    return given
 
 
 def _tuned(chosen: DesignConfig, budget: int, say: Callable[[str], None]) -> LpvHinf | LpvHinfClipped:

@@ -26,7 +26,8 @@ def fit(
     models: Annotated[list[str] | None, typer.Option("--models", metavar="NAMES", help="Models to fit, with commas, or "
                                                      "all (the default); --list prints their names.")] = None,
     parameters: Annotated[list[Path] | None, typer.Option("--parameters", metavar="FILE", help="Also compare this "
-                          "parameter set as it is: a published set, or a model file; repeat for several.")] = None,
+                          "damper as it is: a published set, a damper that fit wrote, a model.json of lpvid "
+                          "identify; repeat for several.")] = None,
     held_out: Annotated[list[str] | None, typer.Option("--held-out", metavar="DATA", help="Files the fits do not see; "
                                                        "repeat for several.")] = None,
     hold_out: Annotated[str | None, typer.Option("--hold-out", metavar="SHARE", help="Keep the last part of every "
@@ -101,10 +102,10 @@ def _given(files: Sequence[Path], training: Sequence[Record], kept: Sequence[Rec
     """Parameter sets from files, their open settings and place as these data have them."""
     if not files:
         return []
-    from quartercar.dampers import model_class
+    from quartercar.dampers import load_damper, model_class
     from quartercar.dampers.facts import Facts
     from quartercar.dampers.preparing import prepare
-    from quartercar.dampers.published import model_of, read_parameters
+    from quartercar.dampers.published import model_of
 
     prepared = prepare(training, kept, rate)
     facts = Facts.of(prepared.training, prepared.polarity)
@@ -115,7 +116,7 @@ def _given(files: Sequence[Path], training: Sequence[Record], kept: Sequence[Rec
             like = None if name is None else model_class(name).suited(facts)
         except InputError:
             like = None
-        found.append(read_parameters(file, like))
+        found.append(load_damper(file, like))
     return found
 
 

@@ -13,6 +13,7 @@ from lpvid.cli.running import SHORTFALL, Results, command, conclude, solvers_unh
 from lpvid.errors import InputError, NumericalError
 
 if TYPE_CHECKING:
+    from quartercar.car import QuarterCar
     from quartercar.ride_comparison import RideComparison
     from quartercar.ride_config import RideConfig
     from quartercar.tuning import Tuned
@@ -25,8 +26,8 @@ ConfigFile = Annotated[Path | None, typer.Argument(metavar="CONFIG", help="A TOM
 def ride(
     config: ConfigFile = None,
     car: Annotated[str | None, typer.Option("--car", metavar="NAME", help="Parameter set of the car.")] = None,
-    damper: Annotated[Path | None, typer.Option("--damper", metavar="FILE", help="A damper that fit wrote; left out: "
-                                                "the embedded identified one.")] = None,
+    damper: Annotated[Path | None, typer.Option("--damper", metavar="FILE", help="A model.json of lpvid identify, or a "
+                                                "damper that fit wrote; left out: the embedded one.")] = None,
     road: Annotated[list[str] | None, typer.Option("--road", metavar="ROAD", help="iso-c@20, bump@8, sweep, or a file "
                                                    "with its speed, roads.csv@10 [m/s], where it has several tracks "
                                                    "roads.csv#TRACK@10; repeat for several.")] = None,
@@ -66,7 +67,14 @@ def ride(
             raise typer.Exit(SHORTFALL) from None
         _deliver(results, found, chosen, tuned, say)
     data = {**found.to_dict(), **_setting(chosen), "tuned": {n: t.to_dict() for n, t in tuned.items()}}
-    conclude(results, data, str(found), json)
+    conclude(results, data, f"{found}\n{_told(chosen)}", json)
+
+
+def _told(chosen: RideConfig) -> str:
+    """Damper, limits of the command with their unit, rate of the loop."""
+    car = chosen.car
+    damper = "a viscous damper" if car.damper is None else f"damper {car.damper.name}"
+    return f"with {damper}, command {_command(car)}, loop at {1 / chosen.settings.period(car):.6g} Hz"
 
 
 def _chosen(config: Path | None, car: str | None, damper: Path | None, road: list[str] | None,
@@ -109,10 +117,18 @@ def _setting(chosen: RideConfig) -> dict:
     from dataclasses import asdict
 
     sensors = chosen.settings.chain.sensors
-    return {"car": asdict(chosen.car.parameters), "damper": None if chosen.car.damper is None else
-            chosen.car.damper.name, "coil": asdict(chosen.car.coil), "sample_time": chosen.settings.period(chosen.car),
+    damper = chosen.car.damper
+    unit = "A" if damper is None else damper.current_unit
+    return {"car": asdict(chosen.car.parameters), "damper": None if damper is None else damper.name,
+            "coil": {**asdict(chosen.car.coil), "unit": unit}, "sample_time": chosen.settings.period(chosen.car),
             "measurements": {"name": sensors.name, "sensors": [asdict(s) for s in sensors.sensors]},
             "roads": [r.to_dict() for r in chosen.roads]}
+
+
+def _command(car: QuarterCar) -> str:
+    """Limits of the coil with their unit."""
+    unit = "A" if car.damper is None else car.damper.current_unit
+    return f"{car.coil.lowest:g} to {car.coil.highest:g} {'of 1' if unit == '1' else unit}"
 
 
 def _deliver(results: Results, found: RideComparison, chosen: RideConfig, tuned: dict[str, Tuned],
@@ -135,6 +151,7 @@ def _deliver(results: Results, found: RideComparison, chosen: RideConfig, tuned:
     car = chosen.car
     facts = [("car", (car.parameters.source or "given").split(",")[0]),
              ("damper", "viscous" if car.damper is None else car.damper.title),
+             ("command", _command(car)),
              ("sensors", chosen.settings.chain.sensors.name),
              ("loop", f"{1 / chosen.settings.period(car):.6g} Hz")]
     results.report(ride_page(found, figures, tuned, facts))

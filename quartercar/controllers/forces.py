@@ -9,7 +9,7 @@ import numpy as np
 from quartercar.car import Coil
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.families import StaticDamper
-from quartercar.filter_bank import FilterBank, filter_of
+from quartercar.filter_bank import bank, filter_of
 
 SPEEDS = np.concatenate([-np.geomspace(3.0, 1e-3, 60), [0.0], np.geomspace(1e-3, 3.0, 60)])
 """velocities at which a characteristic is tabulated [m/s]"""
@@ -84,7 +84,7 @@ class TabulatedForces(Forces):
 
 
 class FilterForces(Forces):
-    """An identified transfer function, run along the measured motion.
+    """An identified transfer function or state space, run along the measured motion.
 
     What each current would do is its settled characteristic, or the force some samples ahead.
     """
@@ -96,7 +96,7 @@ class FilterForces(Forces):
         lag = model.scheduling_stage
         self.lag = Coil() if lag is None else Coil(lag.tau_rise, lag.tau_fall)  # type: ignore[attr-defined]
         self._rest = float(damper.conservative_force(np.zeros(1))[0])
-        self._bank, self._steps = FilterBank(model, cars), steps
+        self._bank, self._steps = bank(model, cars), steps
         self._bank.begin(np.full(cars, currents[0]))
         self._settled = None if steps else TabulatedForces(damper, cars, currents)
         self.force = self._bank.force - self._rest

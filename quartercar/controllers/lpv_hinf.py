@@ -13,7 +13,7 @@ from lpvid.errors import InputError
 from quartercar.controllers.contract import Controller, Law, Setting, Signals, Values
 from quartercar.controllers.schedule_rules import GivenShare, share
 from quartercar.controllers.scheduled import ScheduledController
-from quartercar.controllers.suspension_design import CRITERIA, Task, admissible, running
+from quartercar.controllers.suspension_design import CRITERIA, Task, nominal_damping, running
 from quartercar.dampers.parameter import Parameter
 from quartercar.plant.weighted import MEASUREMENTS, SuspensionWeights
 
@@ -98,7 +98,7 @@ def task_of(values: Mapping[str, float], setting: Setting, law: LpvHinf | LpvHin
                          mend="give the car a damper model")
     names = ("tyre_force", "stroke", "demand", "comfort_high", "wheel_low", "relief")
     given = {n: values[n] for n in names if n in values}
-    damping = admissible(setting.damper, setting.currents).nominal(values["nominal_share"])
+    damping = nominal_damping(setting.damper, setting.currents, values["nominal_share"])
     return Task(setting.parameters, damping, SuspensionWeights(**given), least_share, law.measured, law.lag,
                 criterion=law.criterion)
 

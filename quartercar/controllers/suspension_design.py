@@ -22,6 +22,7 @@ from lpvid.synthesis.synthesizing import synthesize
 from quartercar.dampers.contract import Damper
 from quartercar.linear_car import OUTPUTS
 from quartercar.parameters import CarParameters
+from quartercar.plant.active import active_region
 from quartercar.plant.admissible import AdmissibleForce
 from quartercar.plant.car_part import STATES
 from quartercar.plant.embedding import Embedding
@@ -198,3 +199,27 @@ def held(controller: Nodes, sample_time: float) -> LPVStateSpace:
 def admissible(damper: Damper, currents: tuple[float, float]) -> AdmissibleForce:
     """The damper's admissible forces, tabulated once."""
     return AdmissibleForce.of(damper, currents)
+
+
+def nominal_damping(damper: Damper, currents: tuple[float, float], share: float = 0.0) -> float:
+    """c_nom of a line through the damper's admissible forces (`AdmissibleForce.nominal`) [N·s/m].
+
+    Raises
+    ------
+    InputError
+        A line that gives energy, with the currents and speeds at which the law does.
+    """
+    try:
+        band = admissible(damper, currents)
+        found = band.nominal(share)
+    except InputError:
+        if np.isfinite(damper.static_force(np.array([0.3, -0.3]), currents[0])).all():
+            raise
+        found = np.nan
+    if found > 0:
+        return found
+    where = active_region(damper, currents)
+    raise InputError(f"the nominal damping of the '{damper.name}' damper must be positive", got=f"{found:.4g} N*s/m",
+                     why=str(where) if where is not None else f"the share of {share:g} lies below its weakest force",
+                     mend="fit or identify it again with --passive, or with more records at these currents and speeds"
+                     if where is not None else "a larger nominal_share")

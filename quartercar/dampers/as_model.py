@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from lpvid.model.compliance import ComplianceModel
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.quasi import SelfScheduled
 from lpvid.model.signals import Signal
-from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Scheduling
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.drive import UNITS, Drive
+from quartercar.dampers.moved import Movable, moved
 
 OPEN = 1e300
 """Box of a current of which no range is known."""
@@ -196,24 +197,12 @@ class Turned(SelfScheduled):
         return f"{self.inner!r}, force measured with sign {self.polarity}"
 
 
-def turned(model: LPVTransferFunction | SelfScheduled, damper: Damper) -> LPVTransferFunction | SelfScheduled:
-    """A model of the damper itself as one of the records: their polarity, and their zero of the displacement.
-
-    Of a transfer function both are exact: −F = … turns b and c, and b_j (x − centre) adds −centre Σ_j b_j to c_0.
-    """
+def turned(model: Movable, damper: Damper) -> Movable:
+    """A model of the damper itself as one of the records: their polarity, and their zero of the displacement."""
     metadata = with_polarity(damper)
-    if damper.polarity > 0 and not damper.centre:
-        return model.replace(metadata=metadata)
-    if not isinstance(model, LPVTransferFunction):
+    if damper.polarity < 0 and isinstance(model, ComplianceModel):
         return Turned(model, damper.polarity, damper.centre, metadata)
-    assert model.c is not None
-    b, c = damper.polarity * model.b, damper.polarity * model.c
-    if damper.centre:
-        c = c if len(c) else np.zeros((1, *b.shape[1:2], b.shape[3]))
-        for k, signal in enumerate(model.inputs):
-            if signal.name == "displacement":
-                c[0] -= damper.centre * b[:, :, k].sum(axis=0)
-    return model.replace(b=b, c=c, metadata=metadata)
+    return moved(model, damper.polarity, -damper.centre).replace(metadata=metadata)
 
 
 def with_polarity(damper: Damper) -> dict[str, Any]:

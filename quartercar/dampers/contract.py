@@ -153,6 +153,20 @@ class Damper(Adaptable):
     def to_lpv(self, sample_time: float) -> Any:
         """The model as an LPV model of `lpvid`, where one exists; InputError where none does."""
 
+    def to_linear_model(self) -> Any:
+        """The LPV model of the law at its period, whatever the polarity and the zero of its records.
+
+        Raises
+        ------
+        InputError
+            A law that has none, or none without a signal of its own as scheduling.
+        """
+        period = self.period
+        if period is None:
+            raise InputError(f"'{self.name}' does not know the rate of its records", why="a parameter set has none",
+                             mend="fit it: quartercar fit DATA writes a damper that does")
+        return self.to_lpv(period)
+
     @property
     def period(self) -> float | None:
         """Its own period or that of its training data [s]; None where neither is known."""
@@ -254,6 +268,16 @@ class Damper(Adaptable):
             return self.current_range
         low, high = (_checks.real(c, "a usual current of the training") for c in given)
         return max(low, self.current_range[0]), min(high, self.current_range[1])
+
+    def trained(self, role: str) -> tuple[float, float] | None:
+        """Least and largest sample of a role in the training records, SI; None where that is not known."""
+        training = self.metadata.get("training", {})
+        ranges = training.get("ranges", {}) if isinstance(training, Mapping) else {}
+        given = ranges.get(role) if isinstance(ranges, Mapping) else None
+        if given is None:
+            return None
+        low, high = (_checks.real(x, f"a {role} of the training") for x in given)
+        return low, high
 
     # -- asking ------------------------------------------------------------------------------------------------------
     def fit(self, records: Sequence[Record], held_out: Sequence[Record] = (),

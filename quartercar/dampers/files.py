@@ -5,5 +5,5 @@ from __future__ import annotations
 from lpvid.export.serialise import Kind
 from quartercar.dampers import MODELS
 
-KIND = Kind("damper", 1, MODELS, "quartercar")
-"""``quartercar/damper/1``: every model of `quartercar.dampers.MODELS`, told apart by its name."""
+KIND = Kind("damper", 1, (*MODELS, ("identified", "quartercar.dampers.identified", "Identified")), "quartercar")
+"""``quartercar/damper/1``: every model of `quartercar.dampers.MODELS`, and those that lpvid identified."""

@@ -10,9 +10,11 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.identification.free_run_search import VectorLayout
 from lpvid.identification.layout import Layout
+from lpvid.identification.state_space_layout import StateSpaceLayout
 from lpvid.model.input_stage import InputStage
 from lpvid.model.quasi import SelfScheduled
 from lpvid.model.scheduling_stage import SchedulingStage
+from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from quartercar.dampers.parameter import Parameter
 
@@ -20,7 +22,10 @@ SHAPES = {"tanh": ("v0", "slope"),
           "three-zone": ("limit", "limit_slope", "upper", "upper_slope", "lower", "lower_slope")}
 """Names of the parameters of lpvid's input stages, in the order of their vectors."""
 
-Inner = LPVTransferFunction | SelfScheduled
+MATRICES = ("A", "B", "state_offset", "C", "D", "output_offset")
+"""What of a state space is a parameter: all but the observer's gain, which no free run reads."""
+Inner = LPVTransferFunction | LPVStateSpace | SelfScheduled
+Places = Layout | StateSpaceLayout | VectorLayout
 
 
 class Held:
@@ -28,12 +33,12 @@ class Held:
 
     Parameters
     ----------
-    model : LPVTransferFunction, QuasiLPVModel or ComplianceModel
-    layout : Layout or VectorLayout
+    model : LPVTransferFunction, LPVStateSpace, QuasiLPVModel or ComplianceModel
+    layout : Layout, StateSpaceLayout or VectorLayout
         Which of its coefficients are parameters.
     """
 
-    def __init__(self, model: Inner, layout: Layout | VectorLayout) -> None:
+    def __init__(self, model: Inner, layout: Places) -> None:
         self.model = model
         self.layout = layout
         reach = float(model.box.half_width[0]) if model.box.names else 0.0
@@ -50,16 +55,19 @@ class Held:
         if len(model.outputs) != 1 or [s.name for s in model.outputs] != ["force"]:
             raise InputError("the model inside a damper gives one force", got=", ".join(s.name for s in model.outputs))
         if isinstance(model, LPVTransferFunction):
-            return cls(model, Layout(np.asarray(data["layout"], dtype=int)))
+            return cls(model, Layout(np.asarray(data["layout"], dtype=int).reshape(-1, 5)))
+        if isinstance(model, LPVStateSpace):
+            return cls(model, layout_of(model))
         if not isinstance(model, SelfScheduled):
-            raise InputError("the model inside a damper is a transfer function or schedules itself",
+            raise InputError("the model inside a damper is a transfer function, a state space or schedules itself",
                              got=type(model).__name__)
         return cls(model, VectorLayout(model.vector.size))
 
     def to_dict(self) -> dict:
         """Plain data for JSON; the model without its metadata, which are the damper's."""
         model: Any = self.model
-        return {"model": {**model.to_dict(), "metadata": {}}, "layout": self.layout.to_list()}
+        layout = [] if isinstance(model, LPVStateSpace) else self.layout.to_list()  # of a state space: every entry
+        return {"model": {**model.to_dict(), "metadata": {}}, "layout": layout}
 
     @property
     def vector(self) -> np.ndarray:
@@ -110,8 +118,33 @@ class Held:
         return out
 
 
+def layout_of(model: Inner) -> Places:
+    """Every coefficient that is not structurally zero; of a state space every entry of its matrices."""
+    if isinstance(model, LPVTransferFunction):
+        assert model.c is not None
+        rows = [(part, lag, output, source, m) for part, array in ((0, model.a), (1, model.b))
+                for lag, output, source, m in np.argwhere(np.broadcast_to(np.any(array != 0, axis=3)[..., None],
+                                                                          array.shape))]
+        rows += [(2, lag, output, 0, m) for lag, output, m in np.ndindex(*model.c.shape)]
+        return Layout(np.array(rows, dtype=int).reshape(-1, 5))
+    if isinstance(model, LPVStateSpace):
+        return StateSpaceLayout.full(model, MATRICES)
+    return VectorLayout(model.vector.size)
+
+
 def _unit(name: str, model: Inner) -> str:
-    """SI unit of a coefficient by its name: a_i pure, b_j force per input, the rest as the models define them."""
+    """SI unit of a coefficient by its name: a_i pure, b_j force per input, the rest as the models define them.
+
+    The states of a state space have no unit: only D and g have one.
+    """
+    if isinstance(model, LPVStateSpace):
+        if name[0] == "g":
+            return "N"
+        if name[0] != "D":
+            return ""
+        place = name[1:name.index("[")]
+        column = int(place.split(",")[1]) if "," in place else int(place[1])
+        return {"m/s": "N*s/m", "m": "N/m"}.get(model.filter_inputs[column - 1].unit, "N")
     if name.startswith(("b", "kappa", "d")) and name != "displacement":
         source = name[name.index("{") + 1: name.index("}")] if "{" in name else model.inputs[0].name
         return {"velocity": "N*s/m", "displacement": "N/m"}.get(source, "N")

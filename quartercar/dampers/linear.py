@@ -76,4 +76,5 @@ class Linear(LawDamper):
         return self.values["damping"] * np.asarray(velocity) + self.conservative_force(np.array(displacement))
 
     def to_lpv(self, sample_time: float):
-        raise InputError("no LPV form of 'linear'", why="it is linear and time-invariant, with an improper mass term")
+        raise InputError("no LPV form of 'linear'", why="it is linear and time-invariant, with an improper mass term",
+                         mend="none is needed: no memory, no poles; quartercar fit says whether it is passive")

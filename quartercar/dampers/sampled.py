@@ -11,22 +11,18 @@ import numpy as np
 
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
-from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.model.state_space import LPVStateSpace
 from lpvid.record import Record
 from lpvid.simulation import simulate
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.drive import UNITS, Drive
 from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.rest import at_rest, record_of, state_at_rest
 
 if TYPE_CHECKING:
     from lpvid.identification import Identification
     from quartercar.dampers.fitting import Estimate, FitSettings
     from quartercar.dampers.held import Held, Inner
-
-HOLD = (64, 4096)
-"""samples for which a velocity is held to see where the force settles, at first and at most."""
-SETTLED = 1e-7
-"""change over the last half, as a share of the largest force, at which it has."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -97,7 +93,7 @@ class SampledDamper(Damper):
         if self.stored is None:
             return self.wanted
         model = self.held.model
-        return (*(s.name for s in model.inputs), *model.box.names)
+        return tuple(dict.fromkeys((*(s.name for s in model.inputs), *model.box.names)))
 
     @property
     @abstractmethod
@@ -117,21 +113,26 @@ class SampledDamper(Damper):
         model = self.held.at(vector)
         self._check_clock(drive.sample_time)
         if drive.force is not None:
-            return np.array(simulate(model, _record(drive, drive.force), "measured").output[:, 0])
+            return np.array(simulate(model, record_of(drive, drive.force), "measured").output[:, 0])
+        if isinstance(model, LPVStateSpace):
+            state, _ = state_at_rest(model, drive.velocity[:1], drive.current[0], drive.displacement[0])
+            quiet = record_of(drive, np.zeros(drive.n_samples))
+            return np.array(simulate(model, quiet, state[0] if np.isfinite(state).all() else "zero").output[:, 0])
         before = drive.displacement[0] + drive.velocity[0] * drive.sample_time * np.arange(-model.start, 0)
         rest = [at_rest(model, drive.velocity[:1], drive.current[0], x) for x in before]
         heads = np.full(model.start, drive.velocity[0]), before, np.full(model.start, drive.current[0])
         padded = Drive(drive.sample_time, *(np.concatenate(pair) for pair in zip(
             heads, (drive.velocity, drive.displacement, drive.current), strict=True)))
-        out = simulate(model, _record(padded, np.zeros(padded.n_samples)), np.reshape(rest, (model.start, 1)))
+        out = simulate(model, record_of(padded, np.zeros(padded.n_samples)), np.reshape(rest, (model.start, 1)))
         return np.array(out.output[model.start:, 0])
 
     def _check_clock(self, sample_time: float) -> None:
         clock = self.held.model.sample_time
+        assert clock is not None
         if abs(sample_time / clock - 1) > RATE_TOLERANCE:
             raise InputError(f"this {self.name} runs at the rate of its training data only",
                              got=f"{1 / sample_time:.6g} Hz against {1 / clock:.6g} Hz",
-                             mend=f"resample the record to {1 / clock:.6g} Hz (lpvid.condition.resample)")
+                             mend=f"resample the record to {1 / clock:.6g} Hz (--sample-rate {1 / clock:.6g})")
 
     def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
         """(n,) force at constant velocities, once all has settled, as the motion passes through `displacement` [N]."""
@@ -155,6 +156,10 @@ class SampledDamper(Damper):
         from quartercar.dampers.as_model import turned
 
         return turned(self.held.at(self.vector), self)
+
+    def to_linear_model(self) -> Any:
+        """The model inside, whatever the polarity of its records: one that schedules itself is judged as such."""
+        return self.held.at(self.vector)
 
     # -- fitting -----------------------------------------------------------------------------------------------------
     def estimate(self, records: Sequence[Record], settings: FitSettings) -> Estimate:
@@ -192,58 +197,3 @@ def _own_sense(damper: SampledDamper, record: Record) -> Record:
     names = (*damper.reads, "force")
     return Record({n: getattr(drive, n) for n in names}, drive.sample_time, units={n: units[n] for n in names},
                   name=record.name, start=record.start)
-
-
-def _record(drive: Drive, force: np.ndarray) -> Record:
-    columns: Any = {"velocity": drive.velocity, "displacement": drive.displacement, "current": drive.current,
-                    "force": force}
-    return Record(columns, drive.sample_time)
-
-
-def at_rest(model: Inner, velocity: np.ndarray, current: float, displacement: float) -> np.ndarray:
-    """(n,) force to which a model settles at each of these velocities; NaN where it does not.
-
-    A transfer function sees the displacement pass through `displacement` at that velocity; other models see both held.
-    """
-    if isinstance(model, LPVTransferFunction):
-        return _closed_form(model, velocity, current, displacement)
-    hold = HOLD[0]
-    while True:
-        v = np.repeat(velocity, hold)
-        drive = Drive(model.sample_time, *(np.concatenate([np.full(model.start, a[0]), a]) for a in
-                                           (v, np.full(v.size, displacement), np.full(v.size, current))))
-        run = simulate(model, _record(drive, np.zeros(drive.n_samples)), np.zeros((model.start, 1)))
-        y = run.output[model.start:, 0].reshape(-1, hold)
-        moved = np.abs(y[:, -1] - y[:, hold // 2])
-        if hold >= HOLD[1] or not np.isfinite(y).all() or np.all(moved <= SETTLED * np.abs(y).max()):
-            return y[:, -1].copy()
-        hold *= 4
-
-
-def _closed_form(model: LPVTransferFunction, velocity: np.ndarray, current: float,
-                 displacement: float) -> np.ndarray:
-    """y = (Σ_j b_j u + Σ_j c_j)/(1 + Σ_i a_i); NaN where a pole at this current stands outside the circle.
-
-    The displacement is no constant while the velocity is held, but x(k) = x_0 + v T k, to which the model answers with
-    y(k) = y_0 + G v T k, G = Σ_j b_j/(1 + Σ_i a_i), for its own ramp::
-
-        y_0 = G x_0 + v T (G Σ_i i a_i − Σ_j j b_j)/(1 + Σ_i a_i)
-
-    A map of past displacements may tell the velocity by their differences; held still they would tell of none.
-    """
-    point = [current] * len(model.box.names)
-    if np.abs(model.frozen_poles(point)).max(initial=0.0) >= 1:
-        return np.full(velocity.size, np.nan)
-    motion = {"velocity": velocity, "displacement": np.full(velocity.size, displacement)}
-    u = np.column_stack([motion[s.name] for s in model.inputs])
-    if model.input_stage is not None:
-        u = model.input_stage.apply(u, np.tile(point, (velocity.size, 1)))
-    a, b, c = model.coefficients(point)
-    below = 1.0 + a.sum()
-    settled = (u @ b.sum(axis=0)[0] + c.sum()) / below
-    read = [s.name for s in model.inputs]
-    if "displacement" not in read:
-        return settled
-    past = b[:, 0, read.index("displacement")]
-    lag = np.arange(1, len(a) + 1) @ a[:, 0, 0] * past.sum() / below - np.arange(len(past)) @ past
-    return settled + velocity * model.sample_time * lag / below

@@ -155,7 +155,8 @@ class SemiActiveDamper(LawDamper):
 
     def to_lpv(self, sample_time: float) -> Any:
         raise InputError(f"no LPV form of '{self.name}'",
-                         why="its current is delayed by times that switch with the motion")
+                         why="its current is delayed by times that switch with the motion",
+                         mend="fit lpv-arx, or lpvid's own LPV estimates, to the same records")
 
     def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
         return self.sensitivity(drive, vector, range(vector.size))

@@ -5,23 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypeVar
 
-import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
-
-from lpvid.familiar import heads
+from lpvid.familiar import heads, ranges, roles, usual_range
 from lpvid.record import Record
 from quartercar.dampers.contract import Damper
 
 D = TypeVar("D", bound=Damper)
 
-USUAL = (0.01, 0.99)
-"""quantiles between which a current is usual, once it is smoothed by a running median"""
-RINGING = 9
-"""samples of that median: an anti-alias filter rings at a step of the current for about two samples each way"""
-
 
 def remembering(damper: D, records: Sequence[Record]) -> D:
-    """The damper with names, size, rate, usual currents and first forces of its training records in its metadata.
+    """The damper with names, size, rate, ranges, roles and first forces of its training records in its metadata.
 
     Parameters
     ----------
@@ -31,20 +23,8 @@ def remembering(damper: D, records: Sequence[Record]) -> D:
     """
     training = {"records": [r.name for r in records], "n_samples": sum(r.n_samples for r in records),
                 "sample_time": records[0].sample_time, "heads": heads(records, "force")}
+    seen = [n for n in (*dict.fromkeys(("velocity", *damper.reads)), "force") if all(r.has(n) for r in records)]
+    training["ranges"] = ranges(records, seen)
     if "current" in damper.reads:
-        training["usual_currents"] = usual_currents([r["current"] for r in records])
-    return damper.replace(metadata={**damper.metadata, "training": training})
-
-
-def usual_currents(currents: Sequence[np.ndarray]) -> list[float]:
-    """Lowest and highest current that a damper is driven at, without the ripple of filters and the rarest samples.
-
-    Examples
-    --------
-    >>> steps = np.repeat([0.0, 2.0, 0.0, 2.0], 50)
-    >>> steps[[49, 50, 99, 100]] += [-0.2, 0.2, 0.2, -0.2]
-    >>> usual_currents([steps])
-    [0.0, 2.0]
-    """
-    smooth = [np.median(sliding_window_view(np.pad(c, RINGING // 2, "edge"), RINGING), axis=1) for c in currents]
-    return [float(c) for c in np.quantile(np.concatenate(smooth), USUAL)]
+        training["usual_currents"] = usual_range([r["current"] for r in records])
+    return damper.replace(metadata={**damper.metadata, "training": training, "roles": roles(records[0], seen)})

@@ -144,7 +144,7 @@ def test_a_fitted_law_keeps_the_rate_of_its_data_and_knows_them_again_at_another
     assert damper.period == pytest.approx(1 / 128) and damper.clock is None
     found = lpv.validate(damper, raw)
     assert found.label == "training" and any("resampled to the model's 128 Hz" in n for n in found.notes)
-    with pytest.raises(InputError, match="validated at its own rate"):
+    with pytest.raises(InputError, match="a model runs at its own rate"):
         lpv.validate(damper, raw, sample_rate=64.0)
     published = Linear(values={"damping": 3000.0})
     assert lpv.validate(published, raw).records[0].n_samples == raw.n_samples
@@ -199,7 +199,7 @@ def test_stability_of_dampers(fitted: dict[str, Damper], tmp_path: Path) -> None
     assert said["frozen"]["max_modulus"] == pytest.approx(poles)
     law = lpv.save(fit(Linear(), record()).damper, tmp_path / "law.json")
     refused = CliRunner().invoke(app, ["stability", str(law)])
-    assert refused.exit_code == 2 and "holds a Linear" in refused.output
+    assert refused.exit_code == 2 and "no LPV form of 'linear'" in refused.output
 
 
 # -- what is not a damper file -----------------------------------------------------------------------------------------

@@ -1,0 +1,68 @@
+"""`lpvid simulate`: a model's free run along records, as tables that every reader takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lpvid.cli import options
+from lpvid.cli.running import Results, command, conclude, working
+
+if TYPE_CHECKING:
+    from lpvid.validation.free_runs import FreeRuns
+
+
+class Format(StrEnum):
+    """Tables by their extension."""
+
+    CSV = "csv"
+    PARQUET = "parquet"
+    MAT = "mat"
+
+
+@command
+def simulate(model: options.ModelFile, data: options.Data, input: options.Inputs = None, output: options.Outputs = None,
+             schedule: options.Schedule = None, role: options.Role = None, flip: options.Flip = None,
+             sample_rate: options.SampleRate = None,
+             format: Annotated[Format, typer.Option("--format", help="Format of the simulation.")] = Format.CSV,
+             out: options.Out = None, json: options.Json = False) -> None:
+    """Run a model freely along records; writes simulation.csv (or parquet, mat), simulation.json and report.html.
+
+    Columns: time, measured, simulated, residual, then what drives and schedules the model; one file per record where
+    there are several. A run starts from the first measured samples; without a measured output it starts from zero. Data
+    of another rate are resampled to the model's, and it says so.
+    """
+    from lpvid.cli.data import read_clocked, split_names
+    from lpvid.cli.parts import parts
+    from lpvid.export.serialise import load
+    from lpvid.validation import acting_model
+    from lpvid.validation.free_runs import free_runs
+
+    results = Results(out)
+    with working("reading") as say:
+        loaded = load(model)
+        records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=sample_rate)
+        acting = acting_model(loaded, records, sample_rate)
+        named = {"input": split_names(input), "output": split_names(output), "schedule": split_names(schedule)}
+        records = [r.with_roles(parts(acting, named)) for r in records]
+        say("simulating")
+        found = free_runs(acting, records, None if clockless else sample_rate)
+        if results.kept:
+            _deliver(results, found, format.value, model.name, say)
+    conclude(results, found.to_dict(), repr(found), json)
+
+
+def _deliver(results: Results, found: FreeRuns, kind: str, name: str, say: Callable[[str], None]) -> None:
+    """Queue the tables, the figures and the report."""
+    from lpvid.export.tables import write_table
+    from lpvid.report.simulation import simulation_page
+
+    say("writing")
+    for label, run in zip(found.labels, found.runs, strict=True):
+        stem = "simulation" if len(found.runs) == 1 else f"simulation-{label}"
+        results.add(f"{stem}.{kind}", lambda path, columns=run.columns: write_table(columns, path))
+    results.json("simulation.json", found.to_dict())
+    results.report(simulation_page(found, name))
