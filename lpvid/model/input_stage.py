@@ -40,6 +40,10 @@ class InputStage(ABC):
         """(n, m) filter inputs from measured inputs `u` (n, n_inputs) and scheduling `p` (n, n_scheduling)."""
 
     @abstractmethod
+    def slopes(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """(n, m, k) derivative of `apply` by each entry of `vector`, from the inside where the map has a corner."""
+
+    @abstractmethod
     def starts(self, u: np.ndarray, p: np.ndarray) -> list[InputStage]:
         """A few starting points for a fit, from the data's own spread."""
 
@@ -96,6 +100,18 @@ class TanhStage(InputStage):
         moving = self.slope * p[:, self.variable] if self.slope and p.shape[1] else 0.0
         scale = np.maximum(self.v0 + moving, 0.05 * self.v0)
         return np.column_stack([u, np.tanh(u[:, self.channel] / scale)])
+
+    def slopes(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        moving = p[:, self.variable] if p.shape[1] else np.zeros(len(u))
+        free = self.v0 + self.slope * moving
+        scale = np.maximum(free, 0.05 * self.v0)
+        bent = free >= 0.05 * self.v0
+        ratio = u[:, self.channel] / scale
+        by_scale = -ratio / scale / np.cosh(np.minimum(np.abs(ratio), 300.0)) ** 2
+        out = np.zeros((len(u), u.shape[1] + 1, 2))
+        out[:, -1, 0] = by_scale * np.where(bent, 1.0, 0.05)
+        out[:, -1, 1] = by_scale * np.where(bent, moving, 0.0)
+        return out
 
     def starts(self, u: np.ndarray, p: np.ndarray) -> list[InputStage]:
         spread = float(np.sqrt(np.mean(u[:, self.channel] ** 2))) or 1.0
@@ -175,6 +191,21 @@ class ThreeZoneStage(InputStage):
         shaped = shaped + (self.lower + self.lower_slope * moving) * below
         out = np.array(u, dtype=float)
         out[:, self.channel] = shaped
+        return out
+
+    def slopes(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        v = u[:, self.channel]
+        moving = p[:, self.variable] if p.shape[1] else np.zeros(v.size)
+        free = self.limit + self.limit_slope * moving
+        high = np.maximum(free, 0.02 * self.limit)
+        bent = free >= 0.02 * self.limit
+        above, below = np.maximum(v - high, 0.0), np.minimum(v + high, 0.0)
+        by_high = ((1.0 - self.upper - self.upper_slope * moving) * (v > high)
+                   - (1.0 - self.lower - self.lower_slope * moving) * (v < -high))
+        out = np.zeros((len(u), u.shape[1], 6))
+        out[:, self.channel] = np.column_stack([
+            by_high * np.where(bent, 1.0, 0.02), by_high * np.where(bent, moving, 0.0),
+            above, moving * above, below, moving * below])
         return out
 
     def starts(self, u: np.ndarray, p: np.ndarray) -> list[InputStage]:
