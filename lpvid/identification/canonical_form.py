@@ -114,7 +114,7 @@ class CanonicalForm(Structure):
     def _packaged(self, search: Search, layout: StateSpaceLayout, records: Sequence[Record],
                   notes: Sequence[str]) -> Identification:
         found = package(self, search, layout, records, notes, free_coordinates=False)
-        said = {"form": self.form, "refitted": True}
+        said = {"form": self.form, "refitted": True, "causal": True}
         return found.replace(model=found.model.replace(
             metadata={**found.model.metadata, **_kept(self.source), "realization": said}))
 

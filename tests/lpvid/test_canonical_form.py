@@ -11,10 +11,8 @@ from lpvid.identification.canonical_form import CanonicalForm
 from lpvid.identification.form_layout import form_layout
 from lpvid.identification.staged_search import StagedData, StagedLayout
 from lpvid.identification.state_space_layout import stacks
-from lpvid.identification.state_space_search import evaluate
 from lpvid.model.input_stage import TanhStage, ThreeZoneStage
 from lpvid.model.scheduling_stage import SchedulingLag
-from lpvid.realization.augmented import augmented  # noqa: F401  (forms load)
 
 BASIS = lpv.Polynomial("p", degree=1)
 BOX = lpv.Scheduling(("p",), (-1.0,), (1.0,))
@@ -114,3 +112,55 @@ def test_a_known_form_comes_back(form, stages):
         np.testing.assert_allclose(found.model.frozen([p])[0], true.frozen([p])[0], atol=2e-4)
     if stage is not None:
         np.testing.assert_allclose(found.model.input_stage.vector, stage.vector, atol=2e-3)
+
+
+@pytest.mark.parametrize("form", ["controllable", "observable"])
+def test_never_worse_than_the_form_as_realised(form):
+    """Training data of the transfer function itself: its form cannot match them, and must not do worse than before."""
+    plant = transfer_function(ThreeZoneStage(limit=0.6, upper=0.3, lower=0.3), SchedulingLag(0.02, 0.02), True, True)
+    refit = lpv.refit_form(plant, measured(plant, 0, 0.1, 1200), form=form, held_out=measured(plant, 1, 0.1, 1200))
+    before, after = refit.esr("form as realised"), refit.esr("form re-estimated")
+    assert after < before and refit.esr("form re-estimated", "held-out") < refit.esr("form as realised", "held-out")
+    held = lpv.refit_form(plant, measured(plant, 0, 0.1, 1200), form=form, stages=False)
+    assert after <= held.esr("form re-estimated") <= before
+    assert held.model.input_stage == plant.input_stage
+    assert refit.model.metadata["realization"] == {"form": form, "refitted": True, "causal": True}
+    assert "as realised not safe when the scheduling moves" in str(refit) or "costs" in str(refit)
+
+
+def test_a_form_that_equals_its_transfer_function_is_refused():
+    with pytest.raises(InputError, match="no parameters of its own"):
+        CanonicalForm(transfer_function(), "augmented")
+    with pytest.raises(InputError, match="which form"):
+        lpv.refit_form(transfer_function(), record(0))
+    with pytest.raises(InputError, match="another form"):
+        lpv.refit_form(lpv.realize(transfer_function(), "observable"), record(0), form="controllable")
+    with pytest.raises(InputError, match="equations cannot determine"):
+        lpv.identify(measured(transfer_function(), 0, 0.1, 11), CanonicalForm(transfer_function()))
+
+
+def test_a_start_that_diverges_is_drawn_in():
+    true = lpv.realize(transfer_function(), "controllable").model
+    wild = transfer_function().replace(a=1.6 * transfer_function().a)
+    found = lpv.identify(measured(true, 0), CanonicalForm(wild))
+    assert found.training.overall.free_run.esr < 1e-6
+
+
+def test_the_file_keeps_the_figures(tmp_path):
+    true = lpv.realize(transfer_function(), "controllable").model
+    refit = lpv.refit_form(transfer_function(), measured(true, 0, 0.05), form="controllable")
+    lpv.save(refit.model, tmp_path / "state_space.json")
+    again = lpv.load(tmp_path / "state_space.json")
+    assert again.metadata["free_run"]["form re-estimated"]["training"]["esr"] == refit.esr("form re-estimated")
+    assert refit.found.standard_errors.shape == (refit.found.layout.size,)
+
+
+def test_the_stages_slopes_are_derivatives():
+    rng = np.random.default_rng(0)
+    u, p = rng.normal(size=(200, 2)), rng.uniform(-1, 1, (200, 1))
+    for stage in (TanhStage(0.4, 0.9), TanhStage(0.4, 0.0), ThreeZoneStage(0.5, 0.8, 0.2, 0.1, 0.3, -0.1, channel=1)):
+        step, vector = 1e-6, stage.vector
+        numeric = np.stack([(stage.with_vector(vector + step * d).apply(u, p)
+                             - stage.with_vector(vector - step * d).apply(u, p)) / (2 * step)
+                            for d in np.eye(vector.size)], axis=2)
+        np.testing.assert_allclose(stage.slopes(u, p), numeric, atol=1e-7)
