@@ -231,6 +231,9 @@ def stage_from_dict(data: Mapping | None) -> InputStage | None:
     """Rebuild an input stage from `InputStage.to_dict`; None stays None."""
     if data is None:
         return None
-    if data.get("kind") not in STAGES:
+    from lpvid.model.zone_lines import ZoneLines
+
+    known: dict[str, type[InputStage]] = {**STAGES, "zone-lines": ZoneLines}
+    if data.get("kind") not in known:
         raise InputError("unknown input stage in a model file", got=data.get("kind"))
-    return STAGES[data["kind"]](**{k: v for k, v in data.items() if k != "kind"})
+    return known[data["kind"]](**{k: tuple(v) if isinstance(v, list) else v for k, v in data.items() if k != "kind"})
