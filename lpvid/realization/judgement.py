@@ -92,7 +92,7 @@ def judge(realization: Realization, records: Sequence[Record], label: str = "") 
     first, names = max(source.start, model.start), [s.name for s in source.outputs]
     squares, gaps, forms, powers = [], [], [], []
     for record in records:
-        if any(n not in record.names for n in names) or record.n_samples <= first + 1:
+        if not all(record.has(n) for n in names) or record.n_samples <= first + 1:
             continue
         y = _outputs(source, record)[first:]
         runs = [simulate(m, record) for m in (source, model)]

@@ -2,9 +2,9 @@
 
     python tests/benchmarks/thesis_study.py [TEST…]
 
-Training: tests 1-3 of the virtual rig (seed 1; the per-level regression also reads the constant currents of test 6).
-Held-out: all eight experiments with other roads and currents (seed 2). Order 4, coefficients of first degree in the
-current, three zones. About six minutes on one core.
+The split of `examples/compare_dampers.py`: training on replicate 0 of tests 1-3 and the seven constant currents of test 6;
+held-out are other roads and currents of all eight experiments. Order 4, coefficients of first degree in the current,
+three zones. About five minutes on one core.
 """
 
 from __future__ import annotations
@@ -15,15 +15,9 @@ from collections.abc import Iterator, Sequence
 
 import lpvid as lpv
 from lpvid.identification.zone_regression import regress_zones
-from quartercar.rig import EXPERIMENTS, Rig
+from quartercar.rig import EXPERIMENTS, default_records
 
 SETTINGS = {"input": "velocity", "output": "force", "basis": lpv.Polynomial("current", degree=1)}
-
-
-def experiment(name: str, seed: int) -> list[lpv.Record]:
-    """All runs of one experiment: one run, or one for every constant current."""
-    levels = EXPERIMENTS[name].replicates if name in ("test-6", "test-7", "test-8") else 1
-    return [Rig().run(EXPERIMENTS[name], seed, k) for k in range(levels)]
 
 
 def models(training: Sequence[lpv.Record], constant: Sequence[lpv.Record]) -> Iterator[tuple[str, object]]:
@@ -54,11 +48,12 @@ def models(training: Sequence[lpv.Record], constant: Sequence[lpv.Record]) -> It
 
 def main(tests: Sequence[str] = tuple(EXPERIMENTS)) -> None:
     """Print the table."""
-    training = [r for name in ("test-1", "test-2", "test-3") for r in experiment(name, seed=1)]
-    held_out = {name: experiment(name, seed=2) for name in tests}
+    training = default_records(part="training")
+    kept = default_records(part="held-out") + default_records(1, "training", ["test-6"])
+    held_out = {name: [r for r in kept if r.name.startswith(name)] for name in tests}
     print(f"{'free-run ESR, held-out':<38}{''.join(f'{n:>8}' for n in tests)}{'mean':>9}{'s':>6}")
     begun = time.perf_counter()
-    for title, model in models(training, experiment("test-6", seed=1)):
+    for title, model in models(training, [r for r in training if r.name.startswith("test-6")]):
         esr = [lpv.validate(model, runs).overall.free_run.esr for runs in held_out.values()]  # type: ignore[arg-type]
         mean = None if None in esr else sum(e for e in esr if e is not None) / len(esr)
         shown = "".join(f"{'div.' if e is None else format(e, '.4f'):>8}" for e in esr)

@@ -136,7 +136,7 @@ def test_a_form_that_equals_its_transfer_function_is_refused():
     with pytest.raises(InputError, match="another form"):
         lpv.refit_form(lpv.realize(transfer_function(), "observable"), record(0), form="controllable")
     with pytest.raises(InputError, match="equations cannot determine"):
-        lpv.identify(measured(transfer_function(), 0, 0.1, 11), CanonicalForm(transfer_function()))
+        lpv.identify(measured(transfer_function(), 0, 0.1, 8), CanonicalForm(transfer_function()))
 
 
 def test_a_start_that_diverges_is_drawn_in():
