@@ -8,33 +8,27 @@ from pathlib import Path
 
 import lpvid as lpv
 from lpvid import plot
-from quartercar.rig import EXPERIMENTS, Rig
+from quartercar.rig import EXPERIMENTS, default_records
 
-TRAINING = ("test-1", "test-2", "test-3")
 SETTINGS = {"input": "velocity", "output": "force", "basis": lpv.Polynomial("current", degree=1), "stage": "three-zone"}
-
-
-def experiment(name: str, seed: int) -> list[lpv.Record]:
-    """All runs of one experiment: one run, or one for every constant current."""
-    levels = EXPERIMENTS[name].replicates if name in ("test-6", "test-7", "test-8") else 1
-    return [Rig().run(EXPERIMENTS[name], seed, k) for k in range(levels)]
 
 
 def show(models: Mapping[str, object], tests: Sequence[str]) -> dict[str, float]:
     """Free-run ESR of every model on every test, with roads and currents that no fit has seen; returns the means."""
-    held_out = {name: experiment(name, seed=2) for name in tests}
+    kept = default_records(part="held-out") + default_records(1, "training", ["test-6"])
+    held_out = {name: [r for r in kept if r.name.startswith(name)] for name in tests}
     means = {}
     print(f"{'free-run ESR, held-out':<34}{''.join(f'{n:>8}' for n in tests)}{'mean':>8}")
     for title, model in models.items():
         esr = [lpv.validate(model, runs).overall.free_run.esr for runs in held_out.values()]  # type: ignore[arg-type]
         means[title] = sum(float("inf") if e is None else e for e in esr) / len(esr)
-        print(f"{title:<34}{''.join(f'{e:>8.4f}' for e in (*esr, means[title]) if e is not None)}")
+        print(f"{title:<34}{''.join('    div.' if e is None else f'{e:>8.4f}' for e in (*esr, means[title]))}")
     return means
 
 
 def main(tests: Sequence[str] = tuple(EXPERIMENTS), figure: Path | None = None) -> dict[str, float]:
     """Print every figure beside the others; returns the mean ESR of every model."""
-    training = [r for name in TRAINING for r in experiment(name, seed=1)]
+    training = default_records(part="training")
     direct = lpv.identify(training, lpv.ARX(na=4, nb=4, nk=0, **SETTINGS)).model
     plain = lpv.identify(training, lpv.ARX(na=4, nb=4, nk=1, **SETTINGS)).model
     realized = lpv.realize(plain, "controllable")

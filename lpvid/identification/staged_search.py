@@ -110,8 +110,8 @@ class StagedData(SearchData):
         out = []
         for u, p in self.measured:
             phi, driven = _driven(model, model.input_stage, model.scheduling_stage, u, p)
-            d_phi = np.zeros((*phi.shape, len(self.layout.stage) + len(self.layout.lag)))
-            d_u = np.zeros((*driven.shape, d_phi.shape[2]))
+            free = len(self.layout.stage) + len(self.layout.lag)
+            d_phi, d_u = np.zeros((*phi.shape, free)), np.zeros((*driven.shape, free))
             if model.input_stage is not None and self.layout.stage:
                 moved = p if model.scheduling_stage is None else model.scheduling_stage.apply(p, _period(model))
                 d_u[:, :, : len(self.layout.stage)] = model.input_stage.slopes(u, moved)[:, :, list(self.layout.stage)]

@@ -112,8 +112,9 @@ def judge(realization: Realization, records: Sequence[Record], label: str = "") 
         return None
     own = np.sum([s.sum(axis=0) for s in squares], axis=0)
     spread = _standard_error(squares) * rows
-    parts = (own / power, spread / power, np.sum(gaps, axis=0) / power, np.sum(forms, axis=0) / power)
-    return Judgement(*(tuple(x.tolist()) for x in parts), label)
+    gap, form = np.sum(gaps, axis=0) / power, np.sum(forms, axis=0) / power
+    return Judgement(tuple((own / power).tolist()), tuple((spread / power).tolist()), tuple(gap.tolist()),
+                     tuple(form.tolist()), label)
 
 
 def _standard_error(squares: Sequence[np.ndarray]) -> np.ndarray:

@@ -2,8 +2,8 @@
 
     python tests/benchmarks/thesis_study.py [TEST…]
 
-The split of `examples/compare_dampers.py`: training on replicate 0 of tests 1-3 and the seven constant currents of test 6;
-held-out are other roads and currents of all eight experiments. Order 4, coefficients of first degree in the current,
+The split of `examples/compare_dampers.py`: training on replicate 0 of tests 1-3 and the seven constant currents of test
+6; held-out are other roads and currents of all eight experiments. Order 4, coefficients of first degree in the current,
 three zones. About five minutes on one core.
 """
 
