@@ -43,8 +43,10 @@ if TYPE_CHECKING:
     from lpvid.identification.armax import ARMAX
     from lpvid.identification.arx import ARX
     from lpvid.identification.box_jenkins import BoxJenkins
+    from lpvid.identification.canonical_form import CanonicalForm
     from lpvid.identification.compliance import Compliance
     from lpvid.identification.coprime import RightCoprime
+    from lpvid.identification.form_refit import FormRefit, refit_form
     from lpvid.identification.output_error import OutputError
     from lpvid.identification.quasi_lpv import QuasiLPV
     from lpvid.identification.recursive import Recursive
@@ -119,6 +121,8 @@ _EXPORTS = {
     "lpvid.identification.armax": ("ARMAX",),
     "lpvid.identification.arx": ("ARX",),
     "lpvid.identification.box_jenkins": ("BoxJenkins",),
+    "lpvid.identification.canonical_form": ("CanonicalForm",),
+    "lpvid.identification.form_refit": ("FormRefit", "refit_form"),
     "lpvid.identification.compliance": ("Compliance",),
     "lpvid.identification.coprime": ("RightCoprime",),
     "lpvid.identification.output_error": ("OutputError",),
@@ -169,23 +173,24 @@ _EXPORTS = {
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
-    "ARMAX", "ARX", "H2", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "Channel",
-    "Compliance", "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "Effect", "Euler", "ExtendedModel",
-    "ExtrapolationWarning", "Filter", "Fourier", "Gain", "GainCertificate", "Gap", "GeneralizedPlant", "HInfinity",
-    "HalfPlane", "Identification", "InputError", "LFTFeedback", "LFTModel", "LPVStateSpace", "LPVTransferFunction",
-    "LpvError", "ModelComparison", "MultiObjective", "NumericalError", "Observer", "OutputError", "OutputFeedback",
-    "Polynomial", "Product", "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime",
-    "ScaledGain", "Scheduling", "Selection", "Shifted", "Signal", "Simulation", "Spline", "StabilityCertificate",
-    "Stacked", "StateFeedback", "StateSpaceError", "Subspace", "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage",
-    "Tustin", "Validation", "Verification", "ZeroOrderHold", "anti_windup", "append", "audit", "back_calculation",
-    "balanced_realization", "certified_share", "certify_gain", "certify_region", "certify_stability",
-    "certify_switching", "close_loop", "compare_models", "connect", "critical_scheduling", "decay_rate", "diagnose",
-    "discretise", "free_run_band", "frequency_band", "from_control", "from_lft", "frozen_stability", "h2_norm",
-    "identify", "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains", "largest_range", "largest_rate",
-    "lift", "load", "model_hash", "parallel", "pole_band", "pole_locus", "predict", "read", "realize", "reduce_order",
-    "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify", "stability_probability",
-    "steadied", "summing_junction", "synthesize", "to_affine", "to_continuous", "to_grid", "to_gridded", "to_lft",
-    "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
+    "ARMAX", "ARX", "H2", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "CanonicalForm",
+    "Channel", "Compliance", "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "Effect", "Euler", "ExtendedModel",
+    "ExtrapolationWarning", "Filter", "FormRefit", "Fourier", "Gain", "GainCertificate", "Gap", "GeneralizedPlant",
+    "HInfinity", "HalfPlane", "Identification", "InputError", "LFTFeedback", "LFTModel", "LPVStateSpace",
+    "LPVTransferFunction", "LpvError", "ModelComparison", "MultiObjective", "NumericalError", "Observer",
+    "OutputError", "OutputFeedback", "Polynomial", "Product", "QuasiLPV", "Realization", "Record", "Recursive",
+    "RefinedIV", "Ridge", "RightCoprime", "ScaledGain", "Scheduling", "Selection", "Shifted", "Signal", "Simulation",
+    "Spline", "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError", "Subspace", "Synthesis",
+    "TanhStage", "Taylor", "ThreeZoneStage", "Tustin", "Validation", "Verification", "ZeroOrderHold", "anti_windup",
+    "append", "audit", "back_calculation", "balanced_realization", "certified_share", "certify_gain",
+    "certify_region", "certify_stability", "certify_switching", "close_loop", "compare_models", "connect",
+    "critical_scheduling", "decay_rate", "diagnose", "discretise", "free_run_band", "frequency_band", "from_control",
+    "from_lft", "frozen_stability", "h2_norm", "identify", "identify_stream", "joint_spectral_radius", "l2_gain",
+    "l2_gains", "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel", "pole_band", "pole_locus",
+    "predict", "read", "realize", "reduce_order", "refit_form", "saturate", "save", "scaled_gain", "select", "series",
+    "simulate", "sparsify", "stability_probability", "steadied", "summing_junction", "synthesize", "to_affine",
+    "to_continuous", "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate", "verify",
+    "weigh",
 ]
 
 

@@ -108,15 +108,17 @@ def states_run(matrices, phi, u, x0, states):
 
 
 @njit()
-def sensitivity_rows(matrices, phi, u, y, table, weight, x, moved, first, last, block, row0):
-    """Rows of [∂ŷ/∂x0, ∂ŷ/∂θ, ŷ − y] of samples first … last−1, output by output, times `weight` (ny,).
+def sensitivity_rows(matrices, phi, u, y, table, weight, x, moved, first, last, block, row0, d_phi, d_u):
+    """Rows of [∂ŷ/∂x0, ∂ŷ/∂θ, ∂ŷ/∂ψ, ŷ − y] of samples first … last−1, output by output, times `weight` (ny,).
 
-    table (entries, 6): parameter, array (0 A, 1 B, 2 f, 3 K, 4 C, 5 D, 6 g), function, row, column, sign. State x (nx,)
-    and its sensitivities moved (nx, nx + parameters), x0 first, are carried from call to call. block (columns, height)
-    is filled from row `row0` on, as `ChunkedQR` wants it.
+    table (entries, 6): parameter, array (0 A, 1 B, 2 f, 3 K, 4 C, 5 D, 6 g), function, row, column, sign. ψ are
+    parameters of what makes φ and u: d_phi (n, M, s) and d_u (n, nu, s) are their derivatives, s may be 0. State x
+    (nx,) and its sensitivities moved (nx, nx + parameters), x0 first and ψ last, are carried from call to call. block
+    (columns, height) is filled from row `row0` on, as `ChunkedQR` wants it.
     """
     A, B, C, D, f, g, K = matrices
     ny, nx, nu, width = C.shape[1], A.shape[1], u.shape[1], moved.shape[1]
+    signals = d_u.shape[2]
     a, b, c, d = np.empty((nx, nx)), np.empty((nx, nu)), np.empty((ny, nx)), np.empty((ny, nu))
     ff, gg, k_ = np.empty((nx, 1)), np.empty((ny, 1)), np.empty((nx, ny))
     slope, spread = np.empty((ny, width)), np.empty((nx, width))
@@ -141,6 +143,8 @@ def sensitivity_rows(matrices, phi, u, y, table, weight, x, moved, first, last, 
             if table[e, 1] >= 4:
                 w = phi[k, table[e, 2]] * table[e, 5]
                 slope[table[e, 3], nx + table[e, 0]] += w * _signal(table[e, 1], table[e, 4], x, u[k], error)
+        if signals:
+            _add_drive(slope[:, width - signals:], C, D, g, d, phi[k], x, u[k], d_phi[k], d_u[k])
         _product(a, moved, spread)
         for i in range(nx):
             for o in range(ny):
@@ -153,6 +157,9 @@ def sensitivity_rows(matrices, phi, u, y, table, weight, x, moved, first, last, 
             if table[e, 1] < 4:
                 w = phi[k, table[e, 2]] * table[e, 5]
                 spread[table[e, 3], nx + table[e, 0]] += w * _signal(table[e, 1], table[e, 4], x, u[k], error)
+        if signals:
+            _add_drive(spread[:, width - signals:], A, B, f, b, phi[k], x, u[k], d_phi[k], d_u[k])
+            _add_gain(spread[:, width - signals:], K, error, d_phi[k])
         moved[:] = spread
         for i in range(nx):
             total = ff[i, 0]
@@ -169,6 +176,37 @@ def sensitivity_rows(matrices, phi, u, y, table, weight, x, moved, first, last, 
             for q in range(width):
                 block[q, row] = weight[o] * slope[o, q]
             block[width, row] = weight[o] * error[o]
+
+
+@njit()
+def _add_drive(out, on_state, on_input, alone, held, phi, x, u, d_phi, d_u):
+    """out[i, q] += Σ_m ∂φ_m/∂ψ_q (X_m x + U_m u + c_m)[i] + (U ∂u/∂ψ_q)[i], U = Σ φ_m U_m as `held`."""
+    for m in range(phi.size):
+        for i in range(out.shape[0]):
+            total = alone[m, i, 0]
+            for j in range(x.size):
+                total += on_state[m, i, j] * x[j]
+            for j in range(u.size):
+                total += on_input[m, i, j] * u[j]
+            for q in range(out.shape[1]):
+                out[i, q] += d_phi[m, q] * total
+    for i in range(out.shape[0]):
+        for j in range(u.size):
+            for q in range(out.shape[1]):
+                out[i, q] += held[i, j] * d_u[j, q]
+
+
+@njit()
+def _add_gain(out, K, error, d_phi):
+    """out[i, q] −= Σ_m ∂φ_m/∂ψ_q (K_m e)[i] with e = ŷ − y."""
+    for m in range(d_phi.shape[0]):
+        for i in range(out.shape[0]):
+            total = 0.0
+            for o in range(error.size):
+                total += K[m, i, o] * error[o]
+            if total != 0.0:
+                for q in range(out.shape[1]):
+                    out[i, q] -= d_phi[m, q] * total
 
 
 @njit()

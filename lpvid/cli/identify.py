@@ -119,6 +119,8 @@ def identify(
     refit: Annotated[bool, typer.Option("--refit", help="Report the held-out figures, then fit the same structure to "
                                         "all data: model.json is that fit.")] = False,
     form: Annotated[Form | None, typer.Option("--form", help="Also write state_space.json in this form.")] = None,
+    refit_form: Annotated[bool, typer.Option("--refit-form", help="Re-estimate that form in its own entries, by "
+                                             "simulation error: controllable, observable.")] = False,
     role: options.Role = None,
     flip: options.Flip = None,
     sample_rate: options.SampleRateOrRaw = None,
@@ -126,6 +128,8 @@ def identify(
     json: options.Json = False,
 ) -> None:
     """Fit an LPV model; writes model.json, identification.json and report.html, with --auto selection.json too.
+
+    --form adds state_space.json, --refit-form puts the form re-estimated there, and its figures into form.json.
 
     Without --schedule the model is time-invariant. A velocity that was not measured is derived from displacement.
     Every figure says whether it is free-run or one-step, on training or on held-out data.
@@ -148,7 +152,7 @@ def identify(
                "affine-terms": affine_terms, "lagged": lagged or None, "ridge": ridge}
     request = Request(split_names(input) or ("velocity",), split_names(output) or ("force",), split_names(schedule),
                       structure, {n: v for n, v in written.items() if v is not None}, rate, auto,
-                      None if form is None else form.value, refit)
+                      None if form is None else form.value, refit, refit_form)
     with working("reading") as say:
         request.check()
         records, kept = read_parts(data, held_out, roles=role, flip=flip, sample_rate=rate)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from lpvid.cli.running import Results
     from lpvid.cli.structures import Request
     from lpvid.identification import Identification, Structure
+    from lpvid.identification.form_refit import FormRefit
     from lpvid.model.transfer_function import LPVTransferFunction
     from lpvid.report.forms import FormGap
     from lpvid.simulation import Model
@@ -43,6 +44,8 @@ class Outcome:
         How the structure was chosen, with --auto.
     refitted : Identification or None
         The same structure on all data, with --refit: what model.json holds.
+    form_refit : FormRefit or None
+        The form re-estimated, with --refit-form: what state_space.json holds.
     """
 
     found: Identification
@@ -53,6 +56,7 @@ class Outcome:
     form: str | None = None
     choice: Choice | None = None
     refitted: Identification | None = None
+    form_refit: FormRefit | None = None
 
     def with_notes(self, notes: tuple[str, ...]) -> Outcome:
         """The same with further remarks first."""
@@ -68,7 +72,9 @@ class Outcome:
         findings = [{"name": f.name, "record": f.record, "channel": f.channel, "severity": f.severity}
                     for f in self.audit.findings]
         again = self.refitted
+        own = self.form_refit
         return {**self.found.to_dict(), "model": "model.json", "realizations": [g.to_dict() for g in self.gaps],
+                "form_refit": None if own is None else {"form": own.form, "free_run": own.summary()},
                 "audit": {"verdict": self.audit.verdict, "findings": findings},
                 "selection": None if self.choice is None else
                 {k: v for k, v in self.choice.to_dict().items() if k != "identification"},
@@ -84,6 +90,8 @@ class Outcome:
             lines.append(f"  refitted to all data: {self.refitted.training.summary()}; model.json is this fit")
         if self.gaps:
             lines.append(f"  state space: {'; '.join(str(g) for g in self.gaps)}")
+        if self.form_refit is not None:
+            lines += [f"  {line}" for line in str(self.form_refit).splitlines()]
         lines.append(f"  audit: {self.audit.verdict}")
         lines += [f"    {f}" for f in grave[:3]]
         if len(grave) > 3:
@@ -93,7 +101,7 @@ class Outcome:
     def deliver(self, results: Results, say: Callable[[str], None]) -> None:
         """Queue the files."""
         realized = None
-        if self.form is not None:
+        if self.form is not None and self.form_refit is None:
             from lpvid.realization import realize
 
             realized = realize(_transfer_function(self.model), form=self.form)
@@ -102,6 +110,7 @@ class Outcome:
         from lpvid.export.serialise import save
         from lpvid.report.bands import sureness
         from lpvid.report.figures import comparisons
+        from lpvid.report.forms import form_section
         from lpvid.report.identification import identification_page
         from lpvid.report.selection import selection_section
 
@@ -115,6 +124,11 @@ class Outcome:
             results.json("selection.json", self.choice.to_dict())
         if realized is not None:
             results.add("state_space.json", lambda path: save(realized, path))
+        refit = self.form_refit
+        if refit is not None:
+            results.add("state_space.json", lambda path: save(refit.model, path))
+            results.json("form.json", refit.to_dict())
+            chosen = (*chosen, form_section(refit))
         say("bands")
         sure = sureness(self.found, shown)
         say("drawing")
@@ -175,14 +189,32 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
     pieces = segments(derived, structure.channels, sample_rate=1 / found.model.sample_time if request.sample_rate
                       else None, minimum=found.model.start + 2)
     say("state-space forms")
-    gaps = tuple(form_gaps(found.model, pieces)) if isinstance(found.model, LPVTransferFunction) else ()
+    gaps = tuple(form_gaps(found.model, pieces, "training")) if isinstance(found.model, LPVTransferFunction) else ()
     notes += _leak_note(pieces, held_out, found)
     again = None
     if request.refit:
         say("fitting to all data")
         again = _marked(identify(everything, structure, sample_rate=request.sample_rate), heard)
     found = _marked(found.replace(notes=(*notes, *found.notes)), heard)
-    return Outcome(found, gaps, heard, tuple(training), tuple(held_out), request.form, choice, again)
+    own = _form_refit(request, found, again, training, held_out, everything, say) if request.refit_form else None
+    return Outcome(found, gaps, heard, tuple(training), tuple(held_out), request.form, choice, again, own)
+
+
+def _form_refit(request: Request, found: Identification, again: Identification | None, training: Sequence[Record],
+                held_out: Sequence[Record], everything: Sequence[Record], say: Callable[[str], None]) -> FormRefit:
+    """The form re-estimated on the training data; with --refit on all data, its figures still those of the former."""
+    from lpvid.identification.form_refit import refit_form
+
+    say("re-estimating the form")
+    rate = request.sample_rate
+    refit = refit_form(_transfer_function(found.model), training, form=request.form, held_out=held_out or None,
+                       sample_rate=rate)
+    if again is None:
+        return refit
+    say("re-estimating the form on all data")
+    whole = refit_form(_transfer_function(again.model), everything, form=request.form, sample_rate=rate)
+    metadata = {**whole.model.metadata, "free_run": refit.summary()}
+    return refit.with_model(whole.model.replace(metadata=metadata))
 
 
 def _compared(bare: Identification) -> tuple[str, ...]:

@@ -56,6 +56,8 @@ class Request:
         State-space form to write as well.
     refit : bool
         Whether the model is fitted to all data again once its held-out figures are known.
+    refit_form : bool
+        Whether the state-space form is re-estimated in its own entries.
     """
 
     input: tuple[str, ...]
@@ -67,10 +69,13 @@ class Request:
     automatic: bool = False
     form: str | None = None
     refit: bool = False
+    refit_form: bool = False
 
     def check(self) -> None:
         """Refuse what does not go together, before any data are read."""
         _checks.one_of(self.structure, tuple(TAKES), "--structure")
+        if self.refit_form:
+            self._check_refit_form()
         if self.automatic:
             wanted = [f"--{n}" for n in self.given] + (["--structure"] if self.structure != "arx" else [])
             if wanted:
@@ -87,6 +92,15 @@ class Request:
         if "trial" in self.given and self.given.get("on", "trial") != "trial":
             raise InputError("--trial needs --on trial", got=f"--on {self.given['on']}")
         self.build(self.delay)
+
+    def _check_refit_form(self) -> None:
+        from lpvid.identification.form_layout import FREE
+
+        if self.form not in FREE:
+            raise InputError("--refit-form needs a form that is not exact", got=f"--form {self.form}" if self.form else
+                             "no --form", why="the others equal the transfer function",
+                             mend=f"add {' or '.join(f'--form {n}' for n in FREE)}, or fit the transfer function by "
+                                  "simulation error with --structure oe")
 
     # -- what was asked for -------------------------------------------------------------------------------------
     @property

@@ -10,10 +10,11 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.identification.arx import ARX, scheduling_box
+from lpvid.identification.form_layout import bounded_start
 from lpvid.identification.result import Identification
 from lpvid.identification.state_space_layout import ARRAYS, StateSpaceLayout
 from lpvid.identification.state_space_result import checked_signals, package, static_basis
-from lpvid.identification.state_space_search import BEYOND, Search, SearchData, evaluate, refine
+from lpvid.identification.state_space_search import Search, SearchData, refine
 from lpvid.identification.structure import Structure
 from lpvid.model.input_stage import InputStage
 from lpvid.model.scheduling_stage import SchedulingStage
@@ -25,8 +26,6 @@ from lpvid.scheduling import Basis, Polynomial
 
 RIDGES = (0.0, 1e-6, 1e-3)
 """penalties of the warm start, each tried where the one before cannot be solved or leads nowhere."""
-SHRUNK = (1.0, 0.98, 0.95, 0.9, 0.8, 0.5, 0.0)
-"""factors on the poles of a start that diverges, until its run is bounded."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +113,7 @@ class RightCoprime(Structure):
             layout = bound.layout(template)
             data = SearchData.of(records, template)
             theta = bound._from_transfer_function(warm, template, layout)
-            begun = bound._bounded(template, layout, theta, data)
+            begun = bounded_start(layout.fill(template, theta), layout, data, self.na)
             found.append((refine(begun.model, layout.outputs, data, iterations=2, free_coordinates=False), layout))
         found.sort(key=lambda pair: pair[0].evaluation.cost)
         ends = [(refine(s.model, layout, s.data, iterations=self.iterations, free_coordinates=False), layout)
@@ -228,19 +227,6 @@ class RightCoprime(Structure):
         """Coefficients of the product of two functions, as well as the basis can say it over the box."""
         phi = self.basis.evaluate(warm.box.grid(7))
         return np.linalg.lstsq(phi, (phi @ x) * (phi @ y), rcond=1e-10)[0]
-
-    def _bounded(self, template: LPVStateSpace, layout: StateSpaceLayout, theta: np.ndarray,
-                 data: SearchData) -> Search:
-        """The start with its frozen poles drawn toward zero by the least factor that bounds its run."""
-        power = np.repeat(np.arange(1, self.na + 1), self.basis.size)
-        for factor in SHRUNK:
-            drawn = theta.copy()
-            drawn[: power.size] *= factor**power
-            model = layout.fill(template, drawn)
-            run = evaluate(model, data)
-            if run.cost < BEYOND * data.rows:
-                break
-        return Search(model, run, data, 0, "not begun")
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""

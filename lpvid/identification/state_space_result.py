@@ -10,8 +10,10 @@ from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.identification.arx import _moves
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
+from lpvid.identification.staged_search import StagedLayout
 from lpvid.identification.state_space_layout import StateSpaceLayout
-from lpvid.identification.state_space_search import Search, precision
+from lpvid.identification.state_space_precision import precision
+from lpvid.identification.state_space_search import Search
 from lpvid.identification.structure import Structure
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
@@ -69,11 +71,15 @@ def package(structure: Structure, search: Search, layout: StateSpaceLayout, reco
             notes: Sequence[str], *, free_coordinates: bool = True) -> Identification:
     """The Identification of a search's end, with covariance, noise and what to beware of."""
     sure = precision(search, layout, free_coordinates=free_coordinates)
+    covariance = sure.covariance
+    if isinstance(layout, StagedLayout):  # a model's file holds the law of its matrix entries; ψ is marginalised
+        layout = layout.linear
+        covariance = covariance[: layout.size, : layout.size]
     metadata: dict = {"structure": structure.to_dict(),  # type: ignore[attr-defined]
                       "training": {"records": [r.name for r in records], "n_samples": search.data.rows}}
     if layout.size <= COVARIANCE_LIMIT:
         metadata["parameters"] = {"layout": layout.to_list(), "labels": list(layout.labels),
-                                  "covariance": sure.covariance.tolist()}
+                                  "covariance": covariance.tolist()}
     model = search.model.replace(noise_covariance=sure.noise, metadata=metadata)
     said = list(notes)
     if sure.free < layout.size and free_coordinates:
@@ -83,7 +89,7 @@ def package(structure: Structure, search: Search, layout: StateSpaceLayout, reco
     if unstable > 0:
         said.append(f"{100 * unstable:.2g} % of the training samples have a frozen pole outside the unit circle: "
                     "the run is bounded there by the motion of the scheduling, not by the model")
-    return Identification(model, structure, layout, sure.covariance, sure.condition, sure.condition,
+    return Identification(model, structure, layout, covariance, sure.condition, sure.condition,
                           search.data.rows, notes=tuple(said), covariance_kind=sure.kind)
 
 
@@ -91,6 +97,6 @@ def unstable_share(model: LPVStateSpace, search: Search) -> float:
     """Share of the training samples at which the frozen model is unstable."""
     if not model.order:
         return 0.0
-    phi = np.vstack([piece[0][:: max(1, len(piece[0]) // 2000)] for piece in search.data.pieces])
+    phi = np.vstack([piece[0][:: max(1, len(piece[0]) // 2000)] for piece in search.data.at(model).pieces])
     poles = np.linalg.eigvals(np.tensordot(phi, model.A, axes=1))
     return float(np.mean(np.abs(poles).max(axis=1) > 1.0))

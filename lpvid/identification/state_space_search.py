@@ -8,12 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid._threads import single_thread
-from lpvid.identification.sandwich import block_length, residual_memory
 from lpvid.identification.state_space_layout import StateSpaceLayout, stacks
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.record import Record
 from lpvid.simulation import _outputs, _signals
-from lpvid.validation import residual_tests
 
 INFLUENCED = 5000
 """samples of a record to which its initial state is fitted."""
@@ -63,6 +61,14 @@ class SearchData:
         spread = np.where(y.std(axis=0) > 1e-12 * reach, y.std(axis=0), np.maximum(reach, 1.0))
         return cls(tuple(pieces), 1.0 / spread, BEYOND * np.maximum(reach, spread))
 
+    def at(self, model: LPVStateSpace) -> SearchData:
+        """The data as this model's stages see them: these here, whose stages do not move."""
+        return self
+
+    def tangents(self, model: LPVStateSpace) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Per record the derivatives of φ (n, M, s) and u (n, nu, s) by what moves the stages: nothing does."""
+        return [(np.zeros((*phi.shape, 0)), np.zeros((*u.shape, 0))) for phi, u, _ in self.pieces]
+
     @property
     def rows(self) -> int:
         """Number of scalar residuals."""
@@ -98,7 +104,7 @@ def evaluate(model: LPVStateSpace, data: SearchData) -> Evaluation:
     if not all(np.isfinite(a).all() for a in arrays):
         return Evaluation(np.inf)
     cost, starts, errors = 0.0, [], []
-    for phi, u, y in data.pieces:
+    for phi, u, y in data.at(model).pieces:
         n, (ny, nx) = min(len(y), INFLUENCED), model.C.shape[1:]
         output, influence, x0 = np.zeros_like(y), np.zeros((n, ny, nx)), np.zeros(nx)
         if predictor_run(arrays, phi, u, y, x0, n, data.limit, output, influence) >= 0:
@@ -127,12 +133,13 @@ def linearise(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData,
     arrays, table = stacks(model), np.array(layout.table)
     nx, ny, width = model.order, model.n_outputs, model.order + layout.size
     total = np.zeros((layout.size + 1, layout.size + 1))
-    for (phi, u, y), x0 in zip(data.pieces, starts, strict=True):
+    for (phi, u, y), (d_phi, d_u), x0 in zip(data.at(model).pieces, data.tangents(model), starts, strict=True):
         qr = ChunkedQR(width + 1, CHUNK * ny)
         x, moved = x0.copy(), np.hstack([np.eye(nx), np.zeros((nx, layout.size))])
         for first in range(0, len(y), CHUNK):
             last = min(first + CHUNK, len(y))
-            sensitivity_rows(arrays, phi, u, y, table, data.weight, x, moved, first, last, qr.block, width + 1)
+            sensitivity_rows(arrays, phi, u, y, table, data.weight, x, moved, first, last, qr.block, width + 1,
+                             d_phi, d_u)
             qr.absorb((last - first) * ny)
         total = triangle(np.vstack([total, qr.r[nx:, nx:]]))
     return total
@@ -183,7 +190,7 @@ class Search:
 
 
 @dataclass(frozen=True, eq=False)
-class _Local:
+class LocalProblem:
     """The linearised problem in coordinates that the data see: unit columns, gauge directions projected out."""
 
     scale: np.ndarray
@@ -194,7 +201,7 @@ class _Local:
     condition: float
 
     @classmethod
-    def of(cls, factor: np.ndarray, directions: np.ndarray) -> _Local:
+    def of(cls, factor: np.ndarray, directions: np.ndarray) -> LocalProblem:
         k = factor.shape[0] - 1
         jacobian, residual = factor[:k, :k], factor[:k, k]
         norms = np.linalg.norm(jacobian, axis=0)
@@ -273,7 +280,7 @@ def _levenberg(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData,
         if not np.isfinite(factor).all():
             return Search(model, now, data, count, "sensitivities out of range")
         directions = gauge(model, layout, ones) if free_coordinates else np.zeros((layout.size, 0))
-        local = _Local.of(factor, directions)
+        local = LocalProblem.of(factor, directions)
         if local.expected(0.0) * data.rows < DECIDED * now.cost:
             return Search(model, now, data, count, CONVERGED)
         for _ in range(14):
@@ -293,7 +300,7 @@ def _levenberg(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData,
         fall = (now.cost - after.cost) * data.rows / now.cost
         slow = slow + 1 if fall < SLOW else 0
         damping = max(damping / 8.0, 1e-10) if gain > 0.7 else damping * 2.0 if gain < 0.2 else damping
-        model, theta, now, radius = trial, theta + step, after, min(radius, outside)
+        model, theta, now, radius = trial, layout.read(trial), after, min(radius, outside)
         if slow >= 3 or (fall < DECIDED and damping < 1.0):
             return Search(model, now, data, count + 1, CONVERGED)
     return Search(model, now, data, iterations, "the limit of iterations")
@@ -304,70 +311,12 @@ def frozen_radius(model: LPVStateSpace, data: SearchData) -> float:
     if not model.order:
         return 0.0
     step = max(1, sum(len(piece[0]) for piece in data.pieces) // FROZEN_POINTS)
-    phi = np.vstack([piece[0][::step] for piece in data.pieces])
+    phi = np.vstack([piece[0][::step] for piece in data.at(model).pieces])
     return float(np.abs(np.linalg.eigvals(np.tensordot(phi, model.A, axes=1))).max())
 
 
 def _filled(layout: StateSpaceLayout, model: LPVStateSpace, theta: np.ndarray) -> LPVStateSpace | None:
     return layout.fill(model, theta) if np.isfinite(theta).all() else None
-
-
-@dataclass(frozen=True, eq=False)
-class Precision:
-    """How sure the parameters of a search are: covariance, noise, condition number, number of free directions."""
-
-    covariance: np.ndarray
-    noise: np.ndarray
-    condition: float
-    free: int
-    kind: str = "projected Jacobian, white errors"
-
-
-def precision(search: Search, layout: StateSpaceLayout, *, free_coordinates: bool = True) -> Precision:
-    """Covariance through the projected Jacobian, zero along a change of coordinates.
-
-    For white errors σ² (JᵀJ)⁺. Where the whiteness test fails and the data are long enough, the sandwich
-    (JᵀJ)⁺ S (JᵀJ)⁺ with S from sums of the scores over blocks (`sandwich`), the initial states held.
-    """
-    model, data = search.model, search.data
-    with single_thread():
-        factor = linearise(model, layout, data, search.evaluation.starts)
-        directions = (gauge(model, layout, data.ones) if free_coordinates else np.zeros((layout.size, 0)))
-        local = _Local.of(factor, directions)
-        lost = local.singular.size + model.order * len(data.pieces)
-        freedom = max(data.rows - lost, 1)
-        covariance, free = local.covariance(search.evaluation.cost / freedom)
-        kind = Precision.kind
-        series = [e[:, o] for e in search.evaluation.errors for o in range(e.shape[1])]
-        length = block_length(residual_memory(series), data.rows // model.n_outputs, free)
-        white = all(t.passed for t in residual_tests(series, [None] * len(series)))
-        if length is not None and not white:
-            inverse, _ = local.covariance(1.0)
-            middle = _scores(model, layout, data, search.evaluation.starts, length) * (data.rows / freedom)
-            covariance, kind = inverse @ middle @ inverse, "projected Jacobian, sandwich over coloured errors"
-    errors = np.vstack(search.evaluation.errors)
-    noise = errors.T @ errors / max(len(errors) - lost / errors.shape[1], 1.0)
-    return Precision(covariance, noise, local.condition, free, kind)
-
-
-def _scores(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, starts: Sequence[np.ndarray],
-            length: int) -> np.ndarray:
-    """(k, k) long-run sum of products of the scores Jᵀe, from sums over blocks of `length` samples."""
-    from lpvid._state_space_kernels import sensitivity_rows
-
-    arrays, table = stacks(model), np.array(layout.table)
-    nx, ny, k = model.order, model.n_outputs, layout.size
-    total, used, every = np.zeros((k, k)), 0, 0
-    block = np.zeros((nx + k + 1, length * ny))
-    for (phi, u, y), x0 in zip(data.pieces, starts, strict=True):
-        x, moved = x0.copy(), np.hstack([np.eye(nx), np.zeros((nx, k))])
-        every += len(y)
-        for first in range(0, len(y) - length + 1, length):
-            sensitivity_rows(arrays, phi, u, y, table, data.weight, x, moved, first, first + length, block, 0)
-            score = block[nx: nx + k] @ block[nx + k]
-            total += np.outer(score, score)
-            used += length
-    return total * (every / max(used, 1))
 
 
 def bounded(model: LPVStateSpace, data: SearchData) -> tuple[LPVStateSpace, float]:

@@ -44,6 +44,10 @@ class InputStage(ABC):
         """(n,) size of the shaped input at which the stage bends, along scheduling `p` (n, n_scheduling)."""
 
     @abstractmethod
+    def slopes(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """(n, m, k) derivative of `apply` by each entry of `vector`, from the inside where the map has a corner."""
+
+    @abstractmethod
     def starts(self, u: np.ndarray, p: np.ndarray) -> list[InputStage]:
         """A few starting points for a fit, from the data's own spread."""
 
@@ -102,6 +106,18 @@ class TanhStage(InputStage):
     def knee(self, p: np.ndarray) -> np.ndarray:
         moving = self.slope * p[:, self.variable] if self.slope and p.shape[1] else np.zeros(len(p))
         return np.maximum(self.v0 + moving, 0.05 * self.v0)
+
+    def slopes(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        moving = p[:, self.variable] if p.shape[1] else np.zeros(len(u))
+        free = self.v0 + self.slope * moving
+        scale = np.maximum(free, 0.05 * self.v0)
+        bent = free >= 0.05 * self.v0
+        ratio = u[:, self.channel] / scale
+        by_scale = -ratio / scale / np.cosh(np.minimum(np.abs(ratio), 300.0)) ** 2
+        out = np.zeros((len(u), u.shape[1] + 1, 2))
+        out[:, -1, 0] = by_scale * np.where(bent, 1.0, 0.05)
+        out[:, -1, 1] = by_scale * np.where(bent, moving, 0.0)
+        return out
 
     def starts(self, u: np.ndarray, p: np.ndarray) -> list[InputStage]:
         spread = float(np.sqrt(np.mean(u[:, self.channel] ** 2))) or 1.0
@@ -187,6 +203,21 @@ class ThreeZoneStage(InputStage):
         moving = p[:, self.variable] if p.shape[1] else np.zeros(len(p))
         return np.maximum(self.limit + self.limit_slope * moving, 0.02 * self.limit)
 
+    def slopes(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        v = u[:, self.channel]
+        moving = p[:, self.variable] if p.shape[1] else np.zeros(v.size)
+        free = self.limit + self.limit_slope * moving
+        high = np.maximum(free, 0.02 * self.limit)
+        bent = free >= 0.02 * self.limit
+        above, below = np.maximum(v - high, 0.0), np.minimum(v + high, 0.0)
+        by_high = ((1.0 - self.upper - self.upper_slope * moving) * (v > high)
+                   - (1.0 - self.lower - self.lower_slope * moving) * (v < -high))
+        out = np.zeros((len(u), u.shape[1], 6))
+        out[:, self.channel] = np.column_stack([
+            by_high * np.where(bent, 1.0, 0.02), by_high * np.where(bent, moving, 0.0),
+            above, moving * above, below, moving * below])
+        return out
+
     def starts(self, u: np.ndarray, p: np.ndarray) -> list[InputStage]:
         spread = float(np.sqrt(np.mean(u[:, self.channel] ** 2))) or 1.0
         flat = {"limit_slope": 0.0, "upper_slope": 0.0, "lower_slope": 0.0}
@@ -210,6 +241,9 @@ def stage_from_dict(data: Mapping | None) -> InputStage | None:
     """Rebuild an input stage from `InputStage.to_dict`; None stays None."""
     if data is None:
         return None
-    if data.get("kind") not in STAGES:
+    from lpvid.model.zone_lines import ZoneLines
+
+    known: dict[str, type[InputStage]] = {**STAGES, "zone-lines": ZoneLines}
+    if data.get("kind") not in known:
         raise InputError("unknown input stage in a model file", got=data.get("kind"))
-    return STAGES[data["kind"]](**{k: v for k, v in data.items() if k != "kind"})
+    return known[data["kind"]](**{k: tuple(v) if isinstance(v, list) else v for k, v in data.items() if k != "kind"})

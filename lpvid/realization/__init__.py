@@ -1,6 +1,7 @@
 """Transfer function to state space, in every form, with the gap each one makes."""
 
 from lpvid.realization.gap import Gap, RecordGap
+from lpvid.realization.judgement import Judgement
 from lpvid.realization.noun import FORMS, Realization, realize
 
-__all__ = ["FORMS", "Gap", "Realization", "RecordGap", "realize"]
+__all__ = ["FORMS", "Gap", "Judgement", "Realization", "RecordGap", "realize"]

@@ -11,6 +11,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.state_space import LPVStateSpace
+from lpvid.realization.judgement import Judgement, judge
 from lpvid.record import Channel, Record
 from lpvid.simulation import _signals, simulate
 
@@ -70,6 +71,8 @@ class Gap:
         Names.
     advice : str
         Which form serves on these data.
+    judgement : Judgement or None
+        The gap beside the model's own error, where the records hold the measured outputs.
     """
 
     form: str
@@ -81,6 +84,14 @@ class Gap:
     outputs: tuple[str, ...]
     scheduling: tuple[str, ...]
     advice: str
+    judgement: Judgement | None = None
+
+    @property
+    def verdict(self) -> str | None:
+        """"safe", "costs" or "not safe" while the scheduling moves; None where it is not exact and nothing measured."""
+        if self.exact:
+            return "safe"
+        return None if self.judgement is None else self.judgement.verdict
 
     @property
     def fit_percent(self) -> tuple[float, ...]:
@@ -92,6 +103,7 @@ class Gap:
         return {"form": self.form, "exact": self.exact, "causal": self.causal, "esr": list(self.esr),
                 "fit_percent": list(self.fit_percent), "largest_step": list(self.largest_step),
                 "outputs": list(self.outputs), "scheduling": list(self.scheduling), "advice": self.advice,
+                "verdict": self.verdict, "judgement": None if self.judgement is None else self.judgement.to_dict(),
                 "records": [{"name": r.name, "esr": list(r.esr), "fit_percent": list(r.fit_percent),
                              "largest_step": list(r.largest_step), "diverged_at": r.diverged_at,
                              "diverged": r.diverged} for r in self.records]}
@@ -114,7 +126,7 @@ class Gap:
     __repr__ = __str__
 
 
-def measure_gap(realization: Realization, records: Sequence[Record]) -> Gap:
+def measure_gap(realization: Realization, records: Sequence[Record], label: str = "") -> Gap:
     """Simulate both models along each record's inputs and scheduling, from rest, and compare their outputs.
 
     Rest is the equilibrium at the first scheduling value with zero input, so that neither start counts as gap.
@@ -123,6 +135,8 @@ def measure_gap(realization: Realization, records: Sequence[Record]) -> Gap:
     ----------
     realization : Realization
     records : sequence of Record
+    label : str
+        What the records are to the model: "training", "held-out", or "" (not said).
 
     Returns
     -------
@@ -149,9 +163,10 @@ def measure_gap(realization: Realization, records: Sequence[Record]) -> Gap:
     esr = _ratio(numerator, denominator)
     steps = tuple(float(max(each)) for each in zip(*(r.largest_step for r in measured), strict=True))
     ran_away = any(r.diverged == "state space" for r in measured)
+    judged = None if realization.exact else judge(realization, records, label)
     return Gap(realization.form, realization.exact, realization.causal, tuple(measured), esr, steps,
                tuple(s.name for s in model.outputs), tuple(source.box.names),
-               _advice(realization, max(steps, default=0.0), np.inf if ran_away else max(esr)))
+               _advice(realization, max(steps, default=0.0), np.inf if ran_away else max(esr), judged), judged)
 
 
 def _both_runs(realization: Realization, record: Record) -> tuple[np.ndarray, np.ndarray, int | None, str]:
@@ -199,12 +214,16 @@ def _ratio(error: np.ndarray, signal: np.ndarray) -> tuple[float, ...]:
     return tuple(np.where(signal > 0, error / safe, np.where(error > 0, np.inf, 0.0)).tolist())
 
 
-def _advice(realization: Realization, step: float, esr: float) -> str:
+def _advice(realization: Realization, step: float, esr: float, judged: Judgement | None) -> str:
     if realization.exact and realization.causal:
         return "exact, nothing is lost"
     if realization.exact:
         return "exact, but it reads future scheduling: for control use form 'augmented', or identify with lagged=True"
     other = "use form 'augmented', or identify with lagged=True, whose observable form is exact"
+    if judged is not None:
+        said = judged.text(realization.model.outputs[judged.worst].name, step > 0)
+        mend = f"; re-estimate it in this form (refit_form, --refit-form), or {other}"
+        return said + (mend if judged.verdict != "safe" else "")
     if realization.source.order >= 2 and step > FAST:
         why = f"the scheduling moves up to {100 * step:.3g} % of its range per sample"
         return f"{why}: {other}" if esr > NEGLIGIBLE else f"{why}, yet on these data the gap is negligible"

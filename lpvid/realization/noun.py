@@ -93,13 +93,16 @@ class Realization:
         matrix = influence[rows].reshape(-1, model.order)
         return np.linalg.lstsq(matrix, (y - forced)[rows].ravel(), rcond=None)[0]
 
-    def gap(self, records: Record | Sequence[Record]) -> Gap:
+    def gap(self, records: Record | Sequence[Record], label: str = "") -> Gap:
         """What this form costs on given scheduling trajectories: free runs of both models compared.
 
         Parameters
         ----------
         records : Record or sequence of Record
-            With the model's inputs and scheduling; measured outputs are not needed.
+            With the model's inputs and scheduling. Where they hold the measured outputs too, ``.verdict`` weighs the
+            gap against the model's own error (`Judgement`).
+        label : str
+            "training" or "held-out", as the figures are to say.
 
         Returns
         -------
@@ -107,7 +110,7 @@ class Realization:
         """
         from lpvid.realization.gap import measure_gap
 
-        return measure_gap(self, as_records(records))
+        return measure_gap(self, as_records(records), label)
 
     def to_dict(self) -> dict:
         """Plain data for JSON: the state-space model; its metadata say how it was made."""

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 from lpvid.errors import InputError
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
-from lpvid.report.page import Mark, Table, listing, number
+from lpvid.report.page import Mark, Paragraph, Section, Table, listing, number
 
 if TYPE_CHECKING:
+    from lpvid.identification.form_refit import FormRefit
     from lpvid.realization.gap import Gap
 
 
@@ -35,10 +36,11 @@ class FormGap:
             return f"{self.form}: not available ({self.why_not})"
         fit = min(self.gap.fit_percent)
         exact = "exact" if self.gap.exact else f"fit {fit:.5g} % against the transfer function"
-        return f"{self.form} ({self.order} states): {exact}" + ("" if self.gap.causal else ", not causal")
+        said = "" if self.gap.exact or self.gap.verdict is None else f", {self.gap.verdict}"
+        return f"{self.form} ({self.order} states): {exact}{said}" + ("" if self.gap.causal else ", not causal")
 
 
-def form_gaps(model: LPVTransferFunction, records: Sequence[Record]) -> list[FormGap]:
+def form_gaps(model: LPVTransferFunction, records: Sequence[Record], label: str = "") -> list[FormGap]:
     """Realise a model in every form and measure each on given records.
 
     Parameters
@@ -46,6 +48,8 @@ def form_gaps(model: LPVTransferFunction, records: Sequence[Record]) -> list[For
     model : LPVTransferFunction
     records : sequence of Record
         Uniform, finite, at the model's rate.
+    label : str
+        "training" or "held-out".
 
     Returns
     -------
@@ -57,7 +61,7 @@ def form_gaps(model: LPVTransferFunction, records: Sequence[Record]) -> list[For
     for form in FORMS:
         try:
             realization = realize(model, form=form)
-            found.append(FormGap(form, realization.model.order, realization.gap(records)))
+            found.append(FormGap(form, realization.model.order, realization.gap(records, label)))
         except InputError as error:
             found.append(FormGap(form, None, None, error.what))
     return found
@@ -79,7 +83,16 @@ def forms_table(gaps: Sequence[FormGap]) -> Table:
                  (1, 4, 5), tuple(marks))
 
 
+def form_section(refit: FormRefit) -> Section:
+    """The transfer function, the form as realised and the form re-estimated beside each other."""
+    rows = tuple(refit.rows())
+    heads = ("model", *(f"free-run ESR, {v.label}" for v in next(iter(refit.figures.values()))))
+    table = Table(heads, rows, "", tuple(range(1, len(heads))))
+    return Section(f"The {refit.form} form, re-estimated",
+                   (Paragraph(f"state_space.json holds the last. As realised the form {refit.gap.advice}."), table))
+
+
 def _mark(gap: Gap) -> Mark:
     if not gap.causal:
         return "warn"
-    return "good" if gap.exact or max(gap.esr) < 1e-4 else "warn"
+    return "good" if gap.verdict == "safe" or (gap.verdict is None and max(gap.esr) < 1e-4) else "warn"

@@ -259,3 +259,55 @@ def test_one_affine_term_where_the_scheduling_stands_still(tmp_path):
     assert any("one affine term" in note for note in told["notes"])
     line = run(*common, "--affine-terms", 2, code=2).stderr
     assert "affine=1" in line and len(line.splitlines()) == 1
+
+
+# -- the form that is used, re-estimated -------------------------------------------------------------------------------
+def moving_form(n: int, seed: int) -> dict[str, np.ndarray]:
+    """A canonical form whose scheduling takes a new value every third sample."""
+    rng = np.random.default_rng(seed)
+    u, p = 0.1 * rng.standard_normal(n), np.repeat(rng.uniform(0, 2, n // 3 + 1), 3)[:n]
+    w, y = np.zeros(n + 1), np.zeros(n)
+    for k in range(2, n + 1):
+        w[k] = u[k - 1] + (1.4 - 0.4 * p[k - 1]) * w[k - 1] - (0.8 - 0.3 * p[k - 1]) * w[k - 2]
+    y[1:] = (500 + 250 * p[1:]) * w[1:n] + (350 - 200 * p[1:]) * w[: n - 1]
+    return {"time": np.arange(n) / RATE, "velocity": u, "current": p,
+            "force": y + 0.01 * y.std() * rng.standard_normal(n)}
+
+
+@pytest.mark.parametrize("form", ["controllable", "observable"])
+def test_refit_form_writes_the_form_with_its_own_figures(tmp_path, form):
+    data = write(tmp_path / "run.csv", **moving_form(1500, 0))
+    shown = run("identify", data, "--schedule", "current", "--na", 2, "--nb", 2, "--nk", 1, "--form", form,
+                "--refit-form", "--hold-out", "1/3", "--out", tmp_path / "m").output
+    assert "form re-estimated" in shown and "held-out" in shown and "not safe when the scheduling moves" in shown
+    told = json.loads((tmp_path / "m" / "form.json").read_text())
+    esr = {name: parts["held-out"]["esr"] for name, parts in told["free_run"].items()}
+    assert told["gap"]["verdict"] == "not safe" and told["gap"]["judgement"]["label"] == "training"
+    if form == "controllable":
+        assert esr["form re-estimated"] < 5e-4
+    assert esr["form re-estimated"] < esr["form as realised"]
+    model = lpv.load(tmp_path / "m" / "state_space.json")
+    assert isinstance(model, lpv.LPVStateSpace) and model.metadata["free_run"] == told["free_run"]
+    assert isinstance(lpv.load(tmp_path / "m" / "model.json"), lpv.LPVTransferFunction)
+    summary = json.loads((tmp_path / "m" / "identification.json").read_text())["form_refit"]
+    assert summary == {"form": form, "free_run": told["free_run"]}
+    run("validate", tmp_path / "m" / "state_space.json", data)
+
+
+def test_refit_form_takes_stages_filter_and_affine_terms_and_all_data(tmp_path):
+    data = write(tmp_path / "run.csv", **system(900))
+    run("identify", data, "--schedule", "current", "--na", 1, "--nb", 1, "--nk", 0, "--shape", "three-zone",
+        "--schedule-lag", "--affine-terms", 1, "--form", "controllable", "--refit-form", "--hold-out", "1/3", "--refit",
+        "--out", tmp_path / "m")
+    model = lpv.load(tmp_path / "m" / "state_space.json")
+    assert model.input_stage is not None and model.scheduling_stage is not None
+    whole, training = model.metadata["training"]["n_samples"], json.loads(
+        (tmp_path / "m" / "form.json").read_text())["identification"]["training"]["overall"]["free_run"]
+    assert whole == 900 and training["esr"] is not None
+
+
+def test_refit_form_refuses_exact_forms_and_none(tmp_path):
+    data = write(tmp_path / "run.csv", **system(300))
+    for options, word in ((("--form", "augmented"), "--form controllable"), ((), "no --form")):
+        result = CliRunner().invoke(app, ["identify", str(data), "--schedule", "current", "--refit-form", *options])
+        assert result.exit_code == 2 and word in result.output and "Traceback" not in result.output

@@ -1,0 +1,155 @@
+"""A realised form and the same form re-estimated, beside the transfer function that both come from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from lpvid.condition import segments, with_velocity
+from lpvid.errors import InputError
+from lpvid.identification import identify
+from lpvid.identification.canonical_form import CanonicalForm
+from lpvid.identification.result import Identification
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.realization import Gap, Realization, realize
+from lpvid.record import Record
+from lpvid.validation import Validation, validate
+
+SHOWN = ("transfer function", "form as realised", "form re-estimated")
+"""The models whose figures stand beside each other, in this order."""
+
+
+@dataclass(frozen=True, eq=False)
+class FormRefit:
+    """What a form is worth before and after its own entries were estimated.
+
+    Attributes
+    ----------
+    realization : Realization
+        The form as realised; ``realization.source`` is the transfer function.
+    found : Identification
+        The form re-estimated (`CanonicalForm`), with its figures.
+    gap : Gap
+        Of the form as realised, on the training records.
+    figures : mapping of str to tuple of Validation
+        For each of `SHOWN` the figures on training and, where there are such data, on held-out records.
+    """
+
+    realization: Realization
+    found: Identification
+    gap: Gap
+    figures: Mapping[str, tuple[Validation, ...]]
+
+    @property
+    def model(self) -> LPVStateSpace:
+        """The form re-estimated."""
+        return self.found.model
+
+    @property
+    def form(self) -> str:
+        """Its name."""
+        return self.realization.form
+
+    def esr(self, which: str, label: str = "training") -> float | None:
+        """Pooled free-run ESR of one of `SHOWN` on "training" or "held-out" data; None where it diverges."""
+        return {v.label: v.overall.free_run.esr for v in self.figures[which]}[label]
+
+    def with_model(self, model: LPVStateSpace) -> FormRefit:
+        """The same figures beside another model of this form, such as one fitted to all data."""
+        return replace(self, found=self.found.replace(model=model))
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"form": self.form, "gap": self.gap.to_dict(), "free_run": self.summary(),
+                "identification": self.found.to_dict()}
+
+    def summary(self) -> dict:
+        """Free-run figures by model and by part of the data."""
+        return {name: {v.label: {"esr": v.overall.free_run.esr, "fit_percent": v.overall.free_run.fit_percent}
+                       for v in shown} for name, shown in self.figures.items()}
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """Name, and free-run ESR on each part of the data, as text."""
+        def text(value: float | None) -> str:
+            return "diverges" if value is None else f"{value:.4g}"
+
+        return [(name, *(text(v.overall.free_run.esr) for v in shown)) for name, shown in self.figures.items()]
+
+    def __str__(self) -> str:
+        parts = [v.label for v in self.figures[SHOWN[0]]]
+        lines = [f"The {self.form} form ({self.model.order} states), free-run ESR:",
+                 f"  {'':<20}{''.join(f'{p:>12}' for p in parts)}"]
+        lines += [f"  {row[0]:<20}{''.join(f'{cell:>12}' for cell in row[1:])}" for row in self.rows()]
+        lines.append(f"  as realised {self.gap.advice}")
+        lines += [f"  note: {n}" for n in self.found.notes if "Levenberg" in n or "stages" in n or "frozen pole" in n]
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+
+def refit_form(realization: Realization | LPVTransferFunction, records: Record | Sequence[Record], *,
+               form: str | None = None, held_out: Record | Sequence[Record] | None = None, stages: bool = True,
+               iterations: int = 60, sample_rate: float | None = None) -> FormRefit:
+    """Re-estimate a realised form in its own entries, by simulation error, and set its figures beside the others.
+
+    Parameters
+    ----------
+    realization : Realization or LPVTransferFunction
+        What `realize` returned, or the transfer function with `form`.
+    records, held_out : Record or sequence of Record
+        Training data, and data that no fit sees.
+    form : {"controllable", "observable"}, optional
+        Needed with a transfer function only.
+    stages : bool
+        Whether the parameters of input stage and scheduling filter join the search.
+    iterations : int
+        Linearisations at most, in each of the two searches.
+    sample_rate : float, optional
+        As in `identify`.
+
+    Returns
+    -------
+    FormRefit
+
+    Raises
+    ------
+    InputError
+        A form that equals its transfer function, several outputs, unusable data.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lpvid.scheduling import Polynomial
+    >>> from lpvid.simulation import simulate
+    >>> rng, basis = np.random.default_rng(0), Polynomial("p", degree=1)
+    >>> plant = LPVTransferFunction.siso([[-1.2, 0.3], [0.5, -0.2]], [[0, 0], [0.4, 0.1]], basis, 1.0)
+    >>> signals = {"u1": rng.normal(size=800), "p": rng.uniform(-1, 1, 800)}
+    >>> y = simulate(realize(plant, "controllable").model, Record(signals, sample_time=1.0), "zero").output[:, 0]
+    >>> record = Record({**signals, "y1": y}, sample_time=1.0)
+    >>> refit = refit_form(plant, record, form="controllable")
+    >>> refit.esr("transfer function") > 0.1, refit.esr("form re-estimated") < 1e-9
+    (True, True)
+    """
+    if isinstance(realization, LPVTransferFunction):
+        if form is None:
+            raise InputError("which form is to be re-estimated?", mend='give form="controllable" or "observable"')
+        realization = realize(realization, form)
+    elif form not in (None, realization.form):
+        raise InputError("another form than the one realised", got=f"{form} and {realization.form}",
+                         mend="leave form out, or give the transfer function")
+    source = realization.source
+    structure = CanonicalForm(source, realization.form, stages, iterations)
+    found = identify(records, structure, held_out=held_out, sample_rate=sample_rate)
+    models = dict(zip(SHOWN[:2], (source, realization.model), strict=True))
+    data = {"training": records} | ({} if held_out is None else {"held-out": held_out})
+    figures = {name: tuple(validate(model, part, label=label) for label, part in data.items())
+               for name, model in models.items()}
+    own = tuple(v for v in (found.training, found.held_out) if v is not None)
+    figures[SHOWN[2]] = own
+    listed = [records] if isinstance(records, Record) else list(records)
+    listed = [with_velocity(r) for r in listed] if "velocity" in structure.channels else listed
+    pieces = segments(listed, structure.channels, sample_rate=1 / source.sample_time if sample_rate else None,
+                      minimum=structure.start + 2)
+    made = FormRefit(realization, found, realization.gap(pieces, "training"), figures)
+    return made.with_model(found.model.replace(metadata={**found.model.metadata, "free_run": made.summary()}))
