@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from lpvid.cli.automatic import Choice, choose
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.report.passivity import energy_statement, passivity_lines, passivity_section
 
 if TYPE_CHECKING:
     from lpvid.auditing import Audit
@@ -64,7 +65,9 @@ class Outcome:
         findings = [{"name": f.name, "record": f.record, "channel": f.channel, "severity": f.severity}
                     for f in self.audit.findings]
         again = self.refitted
-        return {**self.found.to_dict(), "model": "model.json", "realizations": [g.to_dict() for g in self.gaps],
+        energy = energy_statement(self.model)
+        return {**self.found.to_dict(), "model": "model.json", "passivity": None if energy is None else
+                energy.to_dict(), "realizations": [g.to_dict() for g in self.gaps],
                 "audit": {"verdict": self.audit.verdict, "findings": findings},
                 "selection": None if self.choice is None else
                 {k: v for k, v in self.choice.to_dict().items() if k != "identification"},
@@ -80,6 +83,7 @@ class Outcome:
             lines.append(f"  refitted to all data: {self.refitted.training.summary()}; model.json is this fit")
         if self.gaps:
             lines.append(f"  state space: {'; '.join(str(g) for g in self.gaps)}")
+        lines += [f"  {line}" for line in passivity_lines(self.refitted or self.found)]
         lines.append(f"  audit: {self.audit.verdict}")
         lines += [f"    {f}" for f in grave[:3]]
         if len(grave) > 3:
@@ -114,7 +118,8 @@ class Outcome:
         say("bands")
         sure = sureness(self.found, shown)
         say("drawing")
-        results.report(identification_page(self.found, shown, self.gaps, self.audit, (*sure, *chosen)))
+        results.report(identification_page(self.found, shown, self.gaps, self.audit, (*sure, *passivity_section(self.refitted or self.found),
+                                            *chosen)))
 
 
 def _transfer_function(model: Model) -> LPVTransferFunction:

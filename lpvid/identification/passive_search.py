@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,32 +11,53 @@ from lpvid.errors import NumericalError
 from lpvid.identification.layout import Layout
 from lpvid.identification.levenberg_marquardt import reduce
 from lpvid.identification.pem_problem import Point, Problem
+from lpvid.lmi.passive_form import slack
 from lpvid.lmi.passive_search import Iterate, PassiveProgram, current_centre, scaled
 from lpvid.model.transfer_function import LPVTransferFunction
 
 MOST_STEPS = 40
-SMALL = 5e-3
+SMALL = 2e-3
 """fall of the free-run error, as a share of itself, below which (twice in a row) the search ends."""
 ROOM = 1e-3
-"""damping kept in hand, in units of rms force over rms velocity: what the re-check's rounding needs, and 0.1 % of it."""
+"""damping kept in hand, as a share of rms force over rms velocity: far above the rounding of the re-check (1e-9), far
+below what the data can tell."""
+LEAST = 0.02
+"""least damping and yield of the static start, as a share of their largest: it must be strictly passive."""
 LONGEST = 8.0
 """times a step that is tried at most, where the inequality allows: the inner approximation is cautious."""
-WORSE = 4.0
-"""factor by which the free-run error may grow in a step on the way to the first passive model."""
-FALLS = (0.6, 0.8, 0.95)
-"""shares of the shortage that a step on the way in is to leave, the boldest first."""
-SHRINK = (1.0, 0.99, 0.98, 0.96, 0.93, 0.9, 0.85, 0.8, 0.7, 0.5, 0.2, 0.0)
-"""factors by which the poles of a start are drawn in until one storage function holds for all motions."""
+SHORTEST = 1e-3
+"""share of a step below which no descent is left."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """Where a search stands.
+
+    Attributes
+    ----------
+    xi : (k,) array
+    iterate : Iterate
+        Storage function and multiplier there.
+    cost : float
+        Free-run sum of squares.
+    steps : int
+        Taken so far.
+    """
+
+    xi: np.ndarray
+    iterate: Iterate
+    cost: float
+    steps: int
 
 
 @dataclass(frozen=True, eq=False)
 class PassiveSearch:
-    """Parameters ξ = (a, b, F₀) in units in which velocity and force are about one.
+    """Parameters ξ = (a, b, F₀, knee, scheduling filter) in units in which velocity and force are about one.
 
     Parameters
     ----------
     problem : Problem
-        Of output error, from measured starts, with the stages held.
+        Of output error, from measured starts.
     layout : Layout
     speed, force : float
         rms of input and output.
@@ -51,7 +72,7 @@ class PassiveSearch:
     speed: float
     force: float
     offset: bool
-    degree: int = 1
+    degree: int = 0
 
     @property
     def moving(self) -> np.ndarray:
@@ -112,19 +133,23 @@ class PassiveSearch:
         return self.problem.point(self.model_at(xi))
 
     def linearised(self, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
-        """J and r, triangular, with the error ‖r + J dξ‖², and the cost; scaled by the cost's own reference."""
+        """J and r of the linearised error ‖r + J dξ‖², both folded into a triangle, and the cost."""
         point = self.point(xi)
         now = self.problem.residuals(point)
         if now is None:
             return None
         shared, _ = reduce(self.problem, self.problem.factors(point, now))
         jacobian, error = shared[:, :-1], shared[:, -1]
-        chain, stages = np.zeros((jacobian.shape[1], xi.size)), np.arange(self.n_stages)
+        return -jacobian @ self.chain(xi), error, now.cost
+
+    def chain(self, xi: np.ndarray) -> np.ndarray:
+        """(parameters of the problem, size of ξ) derivative of the one by the other."""
+        chain, stages = np.zeros((sum(self.problem.sizes), xi.size)), np.arange(self.n_stages)
         chain[self.moving, np.arange(self.moving.size)] = self.units[: self.moving.size]
         chain[self.layout.size + stages, xi.size - self.n_stages + stages] = self.units[xi.size - self.n_stages :]
         if self.offset:
             self._chain_offset(xi, chain)
-        return -jacobian @ chain, error, now.cost
+        return chain
 
     def _chain_offset(self, xi: np.ndarray, chain: np.ndarray) -> None:
         """∂c₀/∂a_i[f] = F₀ and ∂c₀/∂F₀ = 1 + Σ a_i."""
@@ -137,20 +162,18 @@ class PassiveSearch:
             chain[row, : self.moving.size][same] = xi[self.moving.size] * self.force
 
     # -- the search --------------------------------------------------------------------------------------------------
-    def start(self, model: LPVTransferFunction, offset: float) -> tuple[np.ndarray, Iterate]:
-        """ξ near a model, with poles drawn in as far as a storage function needs, and what damping is missing."""
-        for share in SHRINK:
-            power = share ** np.arange(1, model.na + 1)
-            drawn = model.replace(a=model.a * power[:, None, None, None])
-            xi = self.read(drawn, offset)
-            program = self.program(xi)
-            found = program.given(frame_of(program.model))
-            if found is not None and np.isfinite(found.shortage):
-                return xi, found
-        raise NumericalError("no start for a passive model was found")
+    def memoryless(self, model: LPVTransferFunction, offset: float) -> Reached:
+        """The static damper d(p) v + A(p) w + F₀ nearest to the output, positive at the corners of the box.
 
-    def memoryless(self, model: LPVTransferFunction, offset: float) -> tuple[np.ndarray, Iterate]:
-        """ξ of a static force: damping and yield by non-negative least squares at the ends of the box."""
+        It is passive with λ = A and P → 0, whatever the motion, so that the search has a feasible start.
+
+        Parameters
+        ----------
+        model : LPVTransferFunction
+            The unconstrained model, for the stages.
+        offset : float
+            F₀.
+        """
         from scipy.optimize import nnls
 
         table = self.layout.table[self.moving]
@@ -163,54 +186,50 @@ class PassiveSearch:
             rows.append(np.vstack([weights * u[q] for q in range(len(direct))]).T)
             target.append(y[:, 0] - offset)
         found = nnls(np.vstack(rows), np.concatenate(target))[0].reshape(len(direct), -1)
-        print(found)
         xi = self.read(model.replace(a=0 * model.a, b=0 * model.b), offset)
         for q, places in enumerate(direct):
-            own = np.linalg.lstsq(ends[:, table[places, 4]], np.maximum(found[q], 0.02 * found[q].max()), rcond=None)[0]
+            least = LEAST * max(float(found[q].max()), self.force / (self.speed if q == 0 else 1.0))
+            own = np.linalg.lstsq(ends[:, table[places, 4]], np.maximum(found[q], least), rcond=None)[0]
             xi[places] = own / self.units[places]
         program = self.program(xi)
         start = program.given(np.eye(program.sizes[0]), 1.0)
         if start is None:
             raise NumericalError("a static damper is passive, and no solver shows it")
-        return xi, start
+        return Reached(xi, self.judged(xi, start), self.cost(xi), 0)
 
-    def run(self, xi: np.ndarray, iterate: Iterate, reference: float,
-            say: Callable[[str], None] = lambda text: None) -> tuple[np.ndarray, Iterate, float]:
-        """The passive ξ that the search ends at, with its storage function and cost.
+    def run(self, reached: Reached, most: int = MOST_STEPS, say: Callable[[str], None] = lambda text: None) -> Reached:
+        """Descend from a passive point; every point on the way is passive.
 
         Parameters
         ----------
-        xi, iterate
-            As `start` gives them.
-        reference : float
-            Sum of squares about the mean that errors are measured by.
+        reached : Reached
+        most : int
+            Steps.
+        say : callable
+            Told of every step.
         """
-        iterate = self.judged(xi, iterate)
-        calm, cost = 0, self.cost(xi)
-        for step in range(MOST_STEPS):
+        xi, iterate, cost, steps, calm = reached.xi, reached.iterate, reached.cost, reached.steps, 0
+        while steps < reached.steps + most and calm < 2:
             found = self.linearised(xi)
             if found is None:
                 raise NumericalError("the free run of a passive model diverged")
-            inside = iterate.shortage <= -0.5 * ROOM
-            moved = self._step(xi, iterate, found, inside)
-            if moved is None:
+            scale = np.sqrt(max(found[2], 1e-300))
+            moved = self.program(xi).stepped(iterate, found[0] / scale, found[1] / scale,
+                                             max(-ROOM, 0.5 * iterate.shortage), self.knee)
+            share, ahead = (0.0, cost) if moved is None else self._along(xi, moved, iterate, cost)
+            if moved is None or not share:
                 break
-            share, ahead = self._along(xi, moved, iterate, cost, inside)
-            if not share:
-                break
-            xi = xi + share * moved[0]
-            iterate = self.recentred(xi, self.judged(xi, _between(iterate, moved[1], share)))
-            say(f"passive step {step + 1}: ESR {ahead / reference:.4g}, shortage {iterate.shortage:.3g}, "
-                f"share {share:.3g}")
-            calm = calm + 1 if inside and cost - ahead < SMALL * cost else 0
+            xi, steps = xi + share * moved[0], steps + 1
+            iterate = self.recentred(xi, _between(iterate, moved[1], share))
+            say(f"passive step {steps}: free-run rms {np.sqrt(ahead / self.problem.counted):.4g}, "
+                f"room {-iterate.shortage:.3g}, share {share:.3g}")
+            calm = calm + 1 if cost - ahead < SMALL * cost else 0
             cost = ahead
-            if calm >= 2:
-                break
-        return xi, iterate, cost
+        return Reached(xi, iterate, cost, steps)
 
     def recentred(self, xi: np.ndarray, iterate: Iterate) -> Iterate:
-        """P and λ with the most room at ξ, where they have more than those of the last step."""
-        program = self.program(xi)
+        """P and λ with the most room at ξ: on the boundary of the set that one P allows, steps would shrink to none."""
+        iterate, program = self.judged(xi, iterate), self.program(xi)
         try:
             frame = np.linalg.inv(np.linalg.cholesky(current_centre(program, iterate))).T
         except np.linalg.LinAlgError:
@@ -219,42 +238,24 @@ class PassiveSearch:
         if found is None:
             return iterate
         found = self.judged(xi, found)
-        return found if found.shortage <= 0.0 else iterate
+        return found if found.shortage <= min(0.0, 0.5 * iterate.shortage) else iterate
 
     def judged(self, xi: np.ndarray, iterate: Iterate) -> Iterate:
         """The iterate with its shortage as the program at ξ has it."""
         return replace(iterate, shortage=self.program(xi).shortage(iterate))
 
-    def _step(self, xi: np.ndarray, iterate: Iterate, found: tuple[np.ndarray, np.ndarray, float], inside: bool
-              ) -> tuple[np.ndarray, Iterate] | None:
-        """The step of least linearised error: inside with the room kept, on the way in with less shortage."""
-        jacobian, error, cost = found
-        scale = np.sqrt(cost)
-        for fall in ((1.0,) if inside else FALLS):
-            ceiling = max(fall * iterate.shortage, -ROOM) if not inside else -ROOM
-            if ceiling < 0.02:
-                ceiling = -ROOM
-            moved = self.program(xi).stepped(iterate, jacobian / scale, error / scale, ceiling, self.knee)
-            if moved is not None:
-                return moved
-        return None
-
-    def _along(self, xi: np.ndarray, moved: tuple[np.ndarray, Iterate], iterate: Iterate, cost: float, inside: bool
+    def _along(self, xi: np.ndarray, moved: tuple[np.ndarray, Iterate], iterate: Iterate, cost: float
                ) -> tuple[float, float]:
-        """Share of a step to take, and the cost there.
+        """Share of a step to take, and the cost there: the best of 8, 4, 2, 1, ½ … that stays passive with room.
 
-        All of the step is passive by construction; beyond it the inequality is evaluated. From inside, the share of
-        least cost among 8, 4, 2, 1, ½ … that keeps the room; on the way in, the first whose run is bounded.
+        All of the step is passive by construction; beyond it the inequality is evaluated.
         """
         best, share = (0.0, cost), LONGEST
-        while share > 1e-3:
+        while share > SHORTEST:
             trial = xi + share * moved[0]
             if share <= 1 or self._keeps(trial, _between(iterate, moved[1], share), iterate.shortage):
                 ahead = self.cost(trial)
-                if not inside:
-                    if ahead < WORSE * cost:
-                        return share, ahead
-                elif ahead < best[1]:
+                if ahead < best[1]:
                     best = (share, ahead)
                 elif best[0]:
                     break
@@ -262,32 +263,25 @@ class PassiveSearch:
         return best
 
     def _keeps(self, xi: np.ndarray, iterate: Iterate, before: float) -> bool:
-        stage = self.model_at(xi).input_stage
-        if stage is not None and np.any(self.read_knee(xi) <= 0):
+        model = self.model_at(xi)
+        if model.n_filter_inputs > 1 and np.any(slack(model, model.box.grid(2)) <= 0):
             return False
-        return self.program(xi).shortage(iterate) <= max(-0.9 * ROOM, min(before, 0.0))
+        return self.program(xi).shortage(iterate) <= 0.9 * max(-ROOM, 0.5 * before)
 
-    def read_knee(self, xi: np.ndarray) -> np.ndarray:
-        """v₀ at the ends of the box."""
-        from lpvid.lmi.passive_form import slack
+    def covariance(self, reached: Reached) -> tuple[np.ndarray, float, int]:
+        """(k, k) σ²(JᵀJ)⁻¹ of the layout's parameters in free run, the condition of J in unit columns, and its rows.
 
-        return slack(self.model_at(xi), self.problem.model.box.grid(2))
-
-
-def frame_of(model: LPVTransferFunction) -> np.ndarray:
-    """Coordinates of the past in which the frozen model at the centre of the box is a contraction."""
-    from lpvid.lmi.passive_form import supplied, sector_basis
-    from lpvid.lmi.search import _gramian
-
-    system = supplied(model, np.zeros(sector_basis(model).size))
-    if not system.order:
-        return np.zeros((0, 0))
-    from lpvid.lmi.autonomous import box_of
-
-    a = system.matrices(box_of(system.readings, model.box).centre[None])[0][0]
-    size = max(float(np.abs(np.linalg.eigvals(a)).max()), 1e-3)
-    gram = _gramian(a * min(1.0, 0.999 / size), np.eye(len(a)))
-    return np.linalg.inv(np.linalg.cholesky(gram)).T
+        The constraint is left out: where it is active the parameters vary less.
+        """
+        found = self.linearised(reached.xi)
+        assert found is not None
+        jacobian = found[0]
+        size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+        inverse = np.linalg.pinv(jacobian / size) / size[:, None]
+        rows = self.problem.counted
+        chain = self.chain(reached.xi)[: self.layout.size]
+        spread = found[2] / max(rows - reached.xi.size, 1)
+        return (chain @ (spread * inverse @ inverse.T) @ chain.T, float(np.linalg.cond(jacobian / size)), rows)
 
 
 def _between(before: Iterate, after: Iterate, share: float) -> Iterate:

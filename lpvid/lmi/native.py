@@ -96,8 +96,6 @@ class Conic:
         curved = sparse.csc_matrix(sparse.triu(self.h))
         found = clarabel.DefaultSolver(curved, self.c, matrix, b, cones, settings).solve()
         status = STATUS.get(str(found.status), "")
-        import os
-        if os.environ.get("DBG"): print(found.status, found.iterations, found.obj_val, found.solve_time)
         return (np.array(found.x, dtype=float) if status else None), status
 
 

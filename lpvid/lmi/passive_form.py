@@ -48,8 +48,8 @@ def obstacle(model: object) -> str:
 def preload(model: LPVTransferFunction) -> float | None:
     """The constant F₀ that the affine terms add to the output whatever p does, or None where they add anything else.
 
-    c(p) = F₀ (1 + Σ a_i(p)) leaves y − F₀ a model without affine terms. Any other affine term is a force that depends on
-    p at rest, which does work when p moves: no storage function of the past covers it.
+    c(p) = F₀ (1 + Σ a_i(p)) leaves y − F₀ a model without affine terms. Any other affine term is a force at rest that
+    depends on p, which does work when p moves: no storage function of the past covers it.
     """
     assert model.c is not None
     if not model.c.any():

@@ -26,6 +26,7 @@ from lpvid.lmi.certificate import tensor
 from lpvid.lmi.gain_search import symmetric_units
 from lpvid.lmi.passive_form import sector_basis, shift, slack, supplied
 from lpvid.lmi.program import Program
+from lpvid.lmi.search import frozen_gramian
 from lpvid.model.input_stage import TanhStage
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Polynomial, Scheduling
@@ -36,7 +37,9 @@ LARGEST = 1e4
 GIVEN = 1e-5
 """least eigenvalue of P(p) in the frame for a given model: P must be invertible for a step to be taken from it."""
 STEP = 0.03
-"""least eigenvalue that a step may leave of a P(p) that stood at one: the approximation is good near where it is made."""
+"""least eigenvalue that a step may leave of a P(p) that stood at one: the approximation is good near its own point."""
+CONTRACTED = 0.999
+"""largest modulus to which an unstable model's poles are drawn for coordinates to be found."""
 KNEE = 0.5
 """share of v₀ below which a step may not take it."""
 DAMPING = 1e-4
@@ -237,7 +240,8 @@ class PassiveProgram:
         program.require(_affine(np.full((1, 1), ceiling), -_unit(unknowns)))
         squares = np.zeros((len(residual), 1, unknowns.size))
         squares[:, 0, :count] = jacobian
-        program.minimise(_affine(np.zeros((1, 1)), np.zeros((1, 1, unknowns.size))), _affine(residual[:, None], squares))
+        nothing = _affine(np.zeros((1, 1)), np.zeros((1, 1, unknowns.size)))
+        program.minimise(nothing, _affine(residual[:, None], squares))
         found = self._solution(program, unknowns, frame)
         return None if found is None else (found[0][:count] * pace, found[1])
 
@@ -423,6 +427,12 @@ def _affine(constant: np.ndarray, linear: np.ndarray) -> Affine:
     return Affine(constant, sparse.csr_array(linear.reshape(constant.size, -1)))
 
 
-def reading_box(model: LPVTransferFunction, scheduling: Scheduling) -> Scheduling:
-    """Box of what the inequality reads."""
-    return box_of(supplied(model, np.zeros(sector_basis(model).size)).readings, scheduling)
+def frame_of(model: LPVTransferFunction) -> np.ndarray:
+    """(n, n) coordinates of the past in which the frozen model at the centre of the box is a contraction."""
+    system = supplied(model, np.zeros(sector_basis(model).size))
+    if not system.order:
+        return np.zeros((0, 0))
+    a = system.matrices(box_of(system.readings, model.box).centre[None])[0][0]
+    size = max(float(np.abs(np.linalg.eigvals(a)).max()), 1e-3)
+    gramian = frozen_gramian(a * min(1.0, CONTRACTED / size), np.eye(len(a)))
+    return np.linalg.inv(np.linalg.cholesky(gramian)).T
