@@ -175,24 +175,24 @@ _EXPORTS = {
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
-    "ARMAX", "ARX", "H2", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "Channel", "Compliance",
-    "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "Effect", "Euler", "ExtendedModel",
-    "ExtrapolationWarning", "Filter", "Fourier", "Gain", "GainCertificate", "Gap",
-    "GeneralizedPlant", "HInfinity", "HalfPlane", "Identification", "InputError",
-    "LFTFeedback", "LFTModel", "LPVStateSpace", "LPVTransferFunction", "LpvError", "MultiObjective", "NumericalError",
-    "Observer", "OutputError", "OutputFeedback", "Passive", "PassivityCertificate",
-    "PassivityMargin", "Polynomial", "Product", "QuasiLPV", "Realization", "Record",
+    "ARMAX", "ARX", "H2", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "Channel",
+    "Compliance", "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "Effect", "Euler", "ExtendedModel",
+    "ExtrapolationWarning", "Filter", "Fourier", "Gain", "GainCertificate", "Gap", "GeneralizedPlant", "HInfinity",
+    "HalfPlane", "Identification", "InputError", "LFTFeedback", "LFTModel", "LPVStateSpace", "LPVTransferFunction",
+    "LpvError", "MultiObjective", "NumericalError", "Observer", "OutputError", "OutputFeedback", "Passive",
+    "PassivityCertificate", "PassivityMargin", "Polynomial", "Product", "QuasiLPV", "Realization", "Record",
     "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain", "Scheduling", "Selection", "Shifted", "Signal",
     "Simulation", "Spline", "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError", "Subspace",
     "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin", "Validation", "Verification", "ZeroOrderHold",
     "anti_windup", "append", "audit", "back_calculation", "balanced_realization", "certified_share", "certify_gain",
-    "certify_passivity", "certify_region", "certify_stability", "certify_switching", "close_loop", "connect", "critical_scheduling",
-    "decay_rate", "diagnose", "discretise", "free_run_band", "frequency_band", "from_control", "from_lft",
-    "frozen_stability", "h2_norm", "identify", "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains",
-    "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel", "passivity_margin", "pole_band", "pole_locus", "predict",
-    "read", "realize", "reduce_order", "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify",
-    "stability_probability", "steadied", "summing_junction", "synthesize", "to_affine", "to_continuous", "to_grid",
-    "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
+    "certify_passivity", "certify_region", "certify_stability", "certify_switching", "close_loop", "connect",
+    "critical_scheduling", "decay_rate", "diagnose", "discretise", "free_run_band", "frequency_band", "from_control",
+    "from_lft", "frozen_stability", "h2_norm", "identify", "identify_stream", "joint_spectral_radius", "l2_gain",
+    "l2_gains", "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel", "passivity_margin",
+    "pole_band", "pole_locus", "predict", "read", "realize", "reduce_order", "saturate", "save", "scaled_gain",
+    "select", "series", "simulate", "sparsify", "stability_probability", "steadied", "summing_junction", "synthesize",
+    "to_affine", "to_continuous", "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate",
+    "verify", "weigh",
 ]
 
 

@@ -19,16 +19,17 @@ from lpvid.lmi.stored import kind_of
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Polynomial, Scheduling
 
-DEGREES = (0, 1, 2)
-"""of P in the scheduling, in the order in which they are tried."""
+HIGHEST = 2
+"""degree of P in the scheduling up to which it is looked for."""
 RECENTRED = 3
 """programs for each degree, each in the coordinates of the answer before."""
 
 
-def certify_passivity(model: LPVTransferFunction, rate: Rate = None, range: Range = None) -> PassivityCertificate:
+def certify_passivity(model: LPVTransferFunction, rate: Rate = None, range: Range = None,
+                      degree: int = HIGHEST) -> PassivityCertificate:
     """Look for a storage function that proves a model passive while its scheduling moves.
 
-    The dissipation inequality stands in `lpvid.lmi.passive_form`: P(p) of degree 0 to 2, and a multiplier λ(p) for the
+    The dissipation inequality stands in `lpvid.lmi.passive_form`: P(p) of rising degree, and a multiplier λ(p) for the
     sector of a tanh stage. Whatever a solver proposes counts only after a re-check with numpy, on the whole box where
     the dependence is polynomial. Any motion of the scheduling is asked for first, then that which the model's own
     scheduling filter lets through.
@@ -41,6 +42,8 @@ def certify_passivity(model: LPVTransferFunction, rate: Rate = None, range: Rang
         Bound on |dp/dt| [units per second]; None leaves the variation arbitrary.
     range : (lower, upper), one pair for each variable, or mapping of name to pair, optional
         Left out, the model's own box.
+    degree : int
+        Highest degree of P in the scheduling.
 
     Returns
     -------
@@ -74,8 +77,8 @@ def certify_passivity(model: LPVTransferFunction, rate: Rate = None, range: Rang
     tried = list(dict.fromkeys((scheduling, behind_filter(model, scheduling))))
     on_grid: PassivityCertificate | None = None
     for box in tried:
-        for degree in DEGREES if _moves(model, box) else (0,):
-            for storage, multiplier, outcome in _proofs(model, box, degree):
+        for order in np.arange(degree + 1 if _moves(model, box) else 1):
+            for storage, multiplier, outcome in _proofs(model, box, int(order)):
                 found = certificate_of(model, storage, multiplier, outcome)
                 if found.between_grid:
                     return found

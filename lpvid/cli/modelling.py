@@ -118,8 +118,8 @@ class Outcome:
         say("bands")
         sure = sureness(self.found, shown)
         say("drawing")
-        results.report(identification_page(self.found, shown, self.gaps, self.audit, (*sure, *passivity_section(self.refitted or self.found),
-                                            *chosen)))
+        more = (*sure, *passivity_section(self.refitted or self.found), *chosen)
+        results.report(identification_page(self.found, shown, self.gaps, self.audit, more))
 
 
 def _transfer_function(model: Model) -> LPVTransferFunction:
