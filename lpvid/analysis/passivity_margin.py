@@ -47,6 +47,8 @@ class PassivityMargin:
         Of the scheduling variables.
     unit : str
         Of the damping.
+    shaped : bool
+        Whether there is an input stage, so that the amplitude matters.
     """
 
     scheduling: np.ndarray
@@ -56,6 +58,7 @@ class PassivityMargin:
     names: tuple[str, ...]
     units: tuple[str, ...]
     unit: str
+    shaped: bool = False
 
     @property
     def mask(self) -> np.ndarray:
@@ -94,9 +97,9 @@ class PassivityMargin:
         row, column = np.unravel_index(int(np.argmin(np.where(mask, damping, np.inf))), mask.shape)
         at = ", ".join([*(f"{_number(v)} {u}".rstrip() for v, u in zip(self.scheduling[row], self.units, strict=True)),
                         f"{_number(f[column])} Hz"])
-        size = "large" if self.large[:, inside][row, column] else "small"
+        size = f", {'large' if self.large[:, inside][row, column] else 'small'} amplitudes" if self.shaped else ""
         unit = f" {self.unit}" if self.unit else ""
-        return f"gives energy at {where} (least damping {damping[row, column]:.4g}{unit} at {at}, {size} amplitudes)"
+        return f"gives energy at {where} (least damping {damping[row, column]:.4g}{unit} at {at}{size})"
 
     def statement(self) -> str:
         """What an unconstrained model says of itself, unasked: within `BAND`, and beyond it; empty if passive."""
@@ -166,7 +169,8 @@ def passivity_margin(model: LPVTransferFunction, currents: Sequence | np.ndarray
     for i, point in enumerate(points):
         damping[i], large[i] = _damping(model, point, f)
     unit = _unit(model)
-    return PassivityMargin(points, f, damping, large, model.box.names, model.box.units, unit)
+    return PassivityMargin(points, f, damping, large, model.box.names, model.box.units, unit,
+                           model.input_stage is not None)
 
 
 def frozen_response(model: LPVTransferFunction, point: np.ndarray, frequencies: np.ndarray) -> np.ndarray:

@@ -179,9 +179,8 @@ class PassiveProgram:
             now, h, _ = self._state(unknowns, frame, point, room)
             ab = self._both(frame, h)
             for psi in self.psi(nexts):
-                later = np.einsum("j,qab->abjq", psi, ab.T @ unknowns.units @ ab).reshape(*now[0].shape, -1)
                 linear = now[1].copy()
-                linear[:, :, unknowns.storage] -= later
+                linear[:, :, unknowns.storage] -= _mixed(psi, ab.T @ unknowns.units @ ab)
                 program.require(_affine(now[0], linear))
         self._positive(program, unknowns, GIVEN)
         program.minimise(Affine(np.zeros((1, 1)), ends))
@@ -229,9 +228,8 @@ class PassiveProgram:
             for psi, plus in zip(self.psi(nexts), np.tensordot(self.psi(nexts), current.matrices, axes=1), strict=True):
                 inverse = np.linalg.inv(frame.T @ plus @ frame)
                 inverse = 0.5 * (inverse + inverse.T)
-                pulled = np.einsum("j,qab->abjq", psi, inverse @ unknowns.units @ inverse)
                 corner = np.zeros((len(ab), len(ab), unknowns.size))
-                corner[:, :, unknowns.storage] = -pulled.reshape(len(ab), len(ab), -1)
+                corner[:, :, unknowns.storage] = -_mixed(psi, inverse @ unknowns.units @ inverse)
                 constant = np.block([[now[0], ab.T], [ab, 2 * inverse]])
                 linear = np.concatenate([np.concatenate([now[1], move.transpose(1, 0, 2)], axis=1),
                                          np.concatenate([move, corner], axis=1)])
@@ -259,7 +257,7 @@ class PassiveProgram:
             h = np.concatenate([frame.T @ h[:n], h[n:]])
             value = np.zeros((n + nu, n + nu))
             value[:n, :n] = np.tensordot(self.psi(point[None])[0], inner, axes=1)
-            if np.linalg.eigvalsh(value[:n, :n])[0] <= 0:
+            if n and np.linalg.eigvalsh(value[:n, :n])[0] <= 0:
                 return np.inf
             value[n] += 0.5 * h
             value[:, n] += 0.5 * h
@@ -288,7 +286,7 @@ class PassiveProgram:
         constant = np.zeros((n + nu, n + nu))
         linear = np.zeros((n + nu, n + nu, unknowns.size))
         psi = self.psi(point[None])[0]
-        linear[:n, :n, unknowns.storage] = np.einsum("j,qab->abjq", psi, unknowns.units).reshape(n, n, -1)
+        linear[:n, :n, unknowns.storage] = _mixed(psi, unknowns.units)
         constant[n] += 0.5 * h
         constant[:, n] += 0.5 * h
         if unknowns.parameters:
@@ -343,12 +341,13 @@ class PassiveProgram:
         n, _ = self.sizes
         ends = points if self.degree > 1 else points[np.all(self._at_end(points), axis=1)]
         total = np.zeros((1, 1, unknowns.size))
-        for psi in np.unique(self.psi(ends), axis=0):
+        for psi in np.unique(self.psi(ends), axis=0) if n else ():
             linear = np.zeros((n, n, unknowns.size))
-            linear[:, :, unknowns.storage] = np.einsum("j,qab->abjq", psi, unknowns.units).reshape(n, n, -1)
+            linear[:, :, unknowns.storage] = _mixed(psi, unknowns.units)
             program.require(_affine(-floor * np.eye(n), linear))
             total += np.einsum("aak->k", linear)
-        program.require(_affine(np.full((1, 1), LARGEST), -total))
+        if n:
+            program.require(_affine(np.full((1, 1), LARGEST), -total))
         basis = sector_basis(self.model)
         if unknowns.multiplier.stop > unknowns.multiplier.start:
             for own in np.unique(basis.evaluate(points[:, [self.box.names.index(m) for m in basis.names]]), axis=0):
@@ -372,9 +371,9 @@ class PassiveProgram:
         if solution is None:
             return None
         n = self.sizes[0]
-        inner = np.tensordot(solution.x[unknowns.storage].reshape(-1, len(unknowns.units)), unknowns.units, axes=1)
+        inner = np.tensordot(solution.x[unknowns.storage].reshape(self.basis.size, len(unknowns.units)), unknowns.units, axes=1)
         back = np.linalg.inv(frame)
-        matrices = back.T @ inner.reshape(-1, n, n) @ back
+        matrices = back.T @ inner.reshape(self.basis.size, n, n) @ back
         return solution.x, Iterate(0.5 * (matrices + matrices.swapaxes(1, 2)), solution.x[unknowns.multiplier],
                                    float(solution.x[-1]))
 
@@ -415,6 +414,12 @@ def scaled(model: LPVTransferFunction, speed: float, force: float) -> LPVTransfe
     if stage is not None:
         stage = replace(stage, v0=stage.v0 / speed, slope=stage.slope / speed)  # type: ignore[call-arg]
     return model.replace(b=b, c=model.c / force, input_stage=stage)
+
+
+def _mixed(psi: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    """(m, m, K·q) ψ_j times each of the parts (q, m, m)."""
+    q, m, _ = parts.shape
+    return np.einsum("j,qab->abjq", psi, parts).reshape(m, m, len(psi) * q)
 
 
 def _unit(unknowns: _Layout) -> np.ndarray:
