@@ -21,7 +21,6 @@ from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.stage_fit import shorten
 from lpvid.identification.structure import Structure
 from lpvid.lmi.passive_form import preload
-from lpvid.lmi.passive_search import scaled
 from lpvid.model.input_stage import TanhStage
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.transfer_function import LPVTransferFunction
@@ -31,6 +30,8 @@ SAMPLES = 20_000
 """Samples on which the search goes most of its way: several hundred per parameter. All data are used at the end."""
 LAST_STEPS = 6
 """Steps on all data."""
+TIGHTER = (10.0, 10.0, 10.0)
+"""Factors by which the room kept in the inequality grows where the re-check does not hold."""
 
 
 @dataclass(frozen=True)
@@ -124,14 +125,18 @@ class Passive(Structure):
     def _constrained(self, records: list[Record], first: Identification) -> Identification:
         sample = shorten(records, SAMPLES, self.start + 50)
         offset = _offset(first.model) if self.arx.affine else 0.0
-        coarse = self._search(sample, first)
-        reached = coarse.run(coarse.memoryless(first.model, offset))
+        search = self._search(sample, first)
+        reached = search.run(search.memoryless(first.model, offset))
         if sum(r.n_samples for r in sample) < sum(r.n_samples for r in records):
-            whole = self._search(records, first)
-            reached = whole.run(replace(reached, cost=whole.cost(reached.xi)), LAST_STEPS)
-        else:
-            whole = coarse
-        return self._package(records, first, whole, reached)
+            search = self._search(records, first)
+            reached = search.run(replace(reached, cost=search.cost(reached.xi)), LAST_STEPS)
+        for factor in TIGHTER:
+            certificate = self.certificate(search, reached)
+            if certificate.verified:
+                break
+            search = replace(search, room=factor * search.room)
+            reached = search.run(reached, LAST_STEPS, descend=False)
+        return self._package(records, first, search, reached, self.certificate(search, reached))
 
     def _search(self, records: list[Record], first: Identification) -> PassiveSearch:
         arx = first.structure if isinstance(first.structure, ARX) else first.structure.arx
@@ -142,22 +147,20 @@ class Passive(Structure):
                for n in (*arx.input, *arx.output)]
         return PassiveSearch(problem, first.layout, *rms, offset=bool(arx.affine), degree=self.degree)
 
-    def certificate(self, search: PassiveSearch, reached: Reached, model: LPVTransferFunction) -> PassivityCertificate:
+    def certificate(self, search: PassiveSearch, reached: Reached) -> PassivityCertificate:
         """What numpy finds about the storage function that the search ended with; else a search of its own."""
-        units = (search.speed, search.force)
+        units, model = (search.speed, search.force), search.model_at(reached.xi)
         program = search.program(reached.xi)
-        assert scaled(model, *units).na == program.model.na
         storage, multiplier, outcome = proven(model, program, reached.iterate, units)
         if outcome.holds and outcome.between_grid:
             return certificate_of(model, storage, multiplier, outcome)
         return certify_passivity(model)
 
-    def _package(self, records: list[Record], first: Identification, search: PassiveSearch, reached: Reached
-                 ) -> Identification:
+    def _package(self, records: list[Record], first: Identification, search: PassiveSearch, reached: Reached,
+                 certificate: PassivityCertificate) -> Identification:
         layout = first.layout
         model = search.model_at(reached.xi)
         covariance, condition, rows = search.covariance(reached)
-        certificate = self.certificate(search, reached, model)
         structure = replace(self, structure=replace(self.structure, basis=model.basis, stage=model.input_stage,
                                                     schedule_filter=model.scheduling_stage))
         kind = "free run, white residual, the constraint left out"

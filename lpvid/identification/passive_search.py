@@ -21,6 +21,8 @@ SMALL = 2e-3
 ROOM = 1e-3
 """damping kept in hand, as a share of rms force over rms velocity: far above the rounding of the re-check (1e-9), far
 below what the data can tell."""
+DENSITY = 2
+"""of the points in the scheduling: between five points the product λ v₀ leaves its chord by 1/64 of its bend."""
 LEAST = 0.02
 """least damping and yield of the static start, as a share of their largest: it must be strictly passive."""
 LONGEST = 8.0
@@ -65,6 +67,8 @@ class PassiveSearch:
         Whether there is a preload F₀.
     degree : int
         Of P in the scheduling.
+    room : float
+        Kept in the inequality.
     """
 
     problem: Problem
@@ -73,6 +77,7 @@ class PassiveSearch:
     force: float
     offset: bool
     degree: int = 0
+    room: float = ROOM
 
     @property
     def moving(self) -> np.ndarray:
@@ -120,7 +125,7 @@ class PassiveSearch:
     def program(self, xi: np.ndarray) -> PassiveProgram:
         """The inequalities at ξ."""
         model = scaled(self.model_at(xi), self.speed, self.force)
-        return PassiveProgram(model, model.box, self.degree, self.layout.table[self.moving])
+        return PassiveProgram(model, model.box, self.degree, self.layout.table[self.moving], DENSITY)
 
     # -- free run ----------------------------------------------------------------------------------------------------
     def cost(self, xi: np.ndarray) -> float:
@@ -197,7 +202,8 @@ class PassiveSearch:
             raise NumericalError("a static damper is passive, and no solver shows it")
         return Reached(xi, self.judged(xi, start), self.cost(xi), 0)
 
-    def run(self, reached: Reached, most: int = MOST_STEPS, say: Callable[[str], None] = lambda text: None) -> Reached:
+    def run(self, reached: Reached, most: int = MOST_STEPS, say: Callable[[str], None] = lambda text: None, *,
+            descend: bool = True) -> Reached:
         """Descend from a passive point; every point on the way is passive.
 
         Parameters
@@ -207,16 +213,17 @@ class PassiveSearch:
             Steps.
         say : callable
             Told of every step.
+        descend : bool
+            Whether a step must lower the error; not so on the way to more room.
         """
         xi, iterate, cost, steps, calm = reached.xi, reached.iterate, reached.cost, reached.steps, 0
         while steps < reached.steps + most and calm < 2:
             found = self.linearised(xi)
             if found is None:
                 raise NumericalError("the free run of a passive model diverged")
-            scale = np.sqrt(max(found[2], 1e-300))
-            moved = self.program(xi).stepped(iterate, found[0] / scale, found[1] / scale,
-                                             max(-ROOM, 0.5 * iterate.shortage), self.knee)
-            share, ahead = (0.0, cost) if moved is None else self._along(xi, moved, iterate, cost)
+            moved = self._step(xi, iterate, found)
+            share, ahead = (0.0, cost) if moved is None else (
+                self._along(xi, moved, iterate, cost) if descend else (1.0, self.cost(xi + moved[0])))
             if moved is None or not share:
                 break
             xi, steps = xi + share * moved[0], steps + 1
@@ -226,6 +233,16 @@ class PassiveSearch:
             calm = calm + 1 if cost - ahead < SMALL * cost else 0
             cost = ahead
         return Reached(xi, iterate, cost, steps)
+
+    def _step(self, xi: np.ndarray, iterate: Iterate, found: tuple[np.ndarray, np.ndarray, float]
+              ) -> tuple[np.ndarray, Iterate] | None:
+        """The step of least linearised error with room to spare, or with half the room there is where it needs that."""
+        scale, program = np.sqrt(max(found[2], 1e-300)), self.program(xi)
+        for ceiling in dict.fromkeys((-self.room, max(-self.room, 0.5 * iterate.shortage))):
+            moved = program.stepped(iterate, found[0] / scale, found[1] / scale, ceiling, self.knee)
+            if moved is not None:
+                return moved
+        return None
 
     def recentred(self, xi: np.ndarray, iterate: Iterate) -> Iterate:
         """P and λ with the most room at ξ: on the boundary of the set that one P allows, steps would shrink to none."""
@@ -266,7 +283,7 @@ class PassiveSearch:
         model = self.model_at(xi)
         if model.n_filter_inputs > 1 and np.any(slack(model, model.box.grid(2)) <= 0):
             return False
-        return self.program(xi).shortage(iterate) <= 0.9 * max(-ROOM, 0.5 * before)
+        return self.program(xi).shortage(iterate) <= 0.9 * max(-self.room, 0.5 * before)
 
     def covariance(self, reached: Reached) -> tuple[np.ndarray, float, int]:
         """(k, k) σ²(JᵀJ)⁻¹ of the layout's parameters in free run, the condition of J in unit columns, and its rows.

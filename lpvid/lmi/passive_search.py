@@ -371,7 +371,8 @@ class PassiveProgram:
         if solution is None:
             return None
         n = self.sizes[0]
-        inner = np.tensordot(solution.x[unknowns.storage].reshape(self.basis.size, len(unknowns.units)), unknowns.units, axes=1)
+        weights = solution.x[unknowns.storage].reshape(self.basis.size, len(unknowns.units))
+        inner = np.tensordot(weights, unknowns.units, axes=1)
         back = np.linalg.inv(frame)
         matrices = back.T @ inner.reshape(self.basis.size, n, n) @ back
         return solution.x, Iterate(0.5 * (matrices + matrices.swapaxes(1, 2)), solution.x[unknowns.multiplier],
