@@ -93,4 +93,4 @@ def test_output_error_and_held_out_data_go_with_it():
     assert [v.label for v in found.unconstrained_figures] == ["training", "held-out"]
     assert found.held_out.overall.free_run.esr < 1e-3
     assert found.to_dict()["structure"]["passive"] is True
-    assert STEP == found.model.sample_time
+    assert found.model.sample_time == STEP
