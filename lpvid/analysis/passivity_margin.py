@@ -103,13 +103,14 @@ class PassivityMargin:
 
     def statement(self) -> str:
         """What an unconstrained model says of itself, unasked: within `BAND`, and beyond it; empty if passive."""
-        inside, beyond = self.says(BAND), self.says(None)
-        if not beyond:
+        inside, everywhere = self.says(BAND), self.says(None)
+        if not everywhere:
             return ""
-        nyquist = f"up to {_number(self.frequencies[-1])} Hz it {beyond}"
         if not inside:
-            return f"passive in steady motion up to {BAND:g} Hz, but {nyquist}"
-        return f"up to {BAND:g} Hz it {inside}" + ("" if inside == beyond else f"; {nyquist}")
+            return f"{everywhere}, all of it beyond {BAND:g} Hz"
+        if inside == everywhere:
+            return everywhere
+        return f"up to {BAND:g} Hz it {inside}; up to {_number(self.frequencies[-1])} Hz it {everywhere}"
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""
@@ -120,8 +121,7 @@ class PassivityMargin:
                 "damping": [[_finite(v) for v in row] for row in self.damping]}
 
     def __repr__(self) -> str:
-        said = self.statement()
-        return f"passivity margin: it {said}" if said.startswith("gives") else f"passivity margin: {said or 'passive'}"
+        return f"passivity margin: {self.statement() or 'takes energy in every steady motion'}"
 
 
 def passivity_margin(model: LPVTransferFunction, currents: Sequence | np.ndarray | None = None,

@@ -5,10 +5,10 @@
     python tests/benchmarks/passive_study.py [DATA]
 
 For the rig's default records, and for mr_damper_random and mr_damper_sines where DATA holds them: held-out free-run ESR
-of the demo's structure (order 4, tanh stage, current filter, a constant) unconstrained and passive, the certificate, the
-time. Then the same two models of the rig as dampers of a quarter car on ISO C and over the bump, at currents held from
-0 to 2.5 A and under a current that jumps at random: the least of the energy that the damper has received, and for the
-certified model the least of received − stored + initially stored, which is zero or more.
+of the demo's structure (order 4, tanh stage, current filter, a constant) unconstrained and passive, the certificate and
+the time. Then the same two models of the rig as dampers of a quarter car on ISO C and over the bump, at currents held
+from 0 to 2.5 A and under a current that jumps at random: the least of the energy that the damper has received, and for
+the certified model the least of received − stored + initially stored, which is zero or more.
 """
 
 from __future__ import annotations

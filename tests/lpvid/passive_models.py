@@ -19,12 +19,13 @@ NAMES = {"inputs": (Signal("velocity", "m/s"),), "outputs": (Signal("force", "N"
 def maxwell(stiffness: float = 1e5, damping: float = 800.0, parallel: float = 50.0) -> LPVTransferFunction:
     """Spring and damper in series beside a damper, by the trapezoidal rule, which keeps positive realness.
 
-    F' = k(v − F/c) becomes (1 + h) F(k) − (1 − h) F(k−1) = ½ kT (v(k) + v(k−1)), h = kT/2c. Alone it is lossless at half
-    the sampling rate; the parallel damper gives it room there.
+    F' = k(v − F/c) becomes (1 + h) F(k) − (1 − h) F(k−1) = ½ kT (v(k) + v(k−1)), h = kT/2c. Alone it is lossless at
+    half the sampling rate; the parallel damper gives it room there.
     """
     h = stiffness * STEP / (2 * damping)
     pole, gain = (1 - h) / (1 + h), 0.5 * stiffness * STEP / (1 + h)
-    return LPVTransferFunction.siso([[-pole]], [[gain + parallel], [gain - parallel * pole]], Polynomial(), STEP, **NAMES)
+    b = [[gain + parallel], [gain - parallel * pole]]
+    return LPVTransferFunction.siso([[-pole]], b, Polynomial(), STEP, **NAMES)
 
 
 def late(delay: int = 2, damping: float = 500.0, own: float = 0.0) -> LPVTransferFunction:
