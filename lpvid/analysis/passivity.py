@@ -13,7 +13,8 @@ from lpvid.analysis.passivity_margin import passivity_margin
 from lpvid.errors import InputError
 from lpvid.lmi.certificate import Recheck
 from lpvid.lmi.passive_form import obstacle, preload, sector_basis, slack, supplied
-from lpvid.lmi.passive_search import Iterate, PassiveProgram, current_centre, frame_of, scaled
+from lpvid.lmi.passive_search import PassiveProgram, current_centre
+from lpvid.lmi.passive_unknowns import Iterate, frame_of, scaled
 from lpvid.lmi.storage import Storage
 from lpvid.lmi.stored import kind_of
 from lpvid.model.transfer_function import LPVTransferFunction

@@ -91,12 +91,12 @@ class PassivityMargin:
         rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
         spans = [_span(self.scheduling[rows, i], n, u)
                  for i, (n, u) in enumerate(zip(self.names, self.units, strict=True))]
-        where = ", ".join([*spans, f"{_number(f[columns[0]])} to {_number(f[columns[-1]])} Hz"])
+        where = ", ".join([*spans, f"{_number(float(f[columns[0]]))} to {_number(float(f[columns[-1]]))} Hz"])
         if not np.isfinite(damping[mask]).all():
             return f"unstable at {where}"
         row, column = np.unravel_index(int(np.argmin(np.where(mask, damping, np.inf))), mask.shape)
-        at = ", ".join([*(f"{_number(v)} {u}".rstrip() for v, u in zip(self.scheduling[row], self.units, strict=True)),
-                        f"{_number(f[column])} Hz"])
+        held = zip(self.scheduling[row].tolist(), self.units, strict=True)
+        at = ", ".join([*(f"{_number(v)} {u}".rstrip() for v, u in held), f"{_number(float(f[column]))} Hz"])
         size = f", {'large' if self.large[:, inside][row, column] else 'small'} amplitudes" if self.shaped else ""
         unit = f" {self.unit}" if self.unit else ""
         return f"gives energy at {where} (least damping {damping[row, column]:.4g}{unit} at {at}{size})"
@@ -110,7 +110,7 @@ class PassivityMargin:
             return f"{everywhere}, all of it beyond {BAND:g} Hz"
         if inside == everywhere:
             return everywhere
-        return f"up to {BAND:g} Hz it {inside}; up to {_number(self.frequencies[-1])} Hz it {everywhere}"
+        return f"up to {BAND:g} Hz it {inside}; up to {_number(float(self.frequencies[-1]))} Hz it {everywhere}"
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""
@@ -184,7 +184,7 @@ def frozen_response(model: LPVTransferFunction, point: np.ndarray, frequencies: 
 def _damping(model: LPVTransferFunction, point: np.ndarray, f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if np.abs(model.frozen_poles(point)).max(initial=0.0) >= 1:
         return np.full(len(f), -np.inf), np.zeros(len(f), dtype=bool)
-    response, stage = frozen_response(model, point, f).real, model.input_stage
+    response, stage = np.real(frozen_response(model, point, f)), model.input_stage
     if isinstance(stage, TanhStage):
         u = np.zeros((1, 1))
         u[0, 0] = 1e-9 * stage.v0
@@ -224,7 +224,7 @@ def _span(values: np.ndarray, name: str, unit: str) -> str:
 
 
 def _number(value: float) -> str:
-    return f"{round(float(value), 3) + 0.0:.3g}"
+    return f"{round(value, 3) + 0.0:.3g}"
 
 
 def _finite(value: float) -> float | None:

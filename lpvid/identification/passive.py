@@ -158,7 +158,7 @@ class Passive(Structure):
 
     def _package(self, records: list[Record], first: Identification, search: PassiveSearch, reached: Reached,
                  certificate: PassivityCertificate) -> Identification:
-        layout = first.layout
+        layout = search.layout
         model = search.model_at(reached.xi)
         covariance, condition, rows = search.covariance(reached)
         structure = replace(self, structure=replace(self.structure, basis=model.basis, stage=model.input_stage,

@@ -12,7 +12,8 @@ from lpvid.identification.layout import Layout
 from lpvid.identification.levenberg_marquardt import reduce
 from lpvid.identification.pem_problem import Point, Problem
 from lpvid.lmi.passive_form import slack
-from lpvid.lmi.passive_search import Iterate, PassiveProgram, current_centre, scaled
+from lpvid.lmi.passive_search import PassiveProgram, current_centre
+from lpvid.lmi.passive_unknowns import Iterate, scaled
 from lpvid.model.transfer_function import LPVTransferFunction
 
 MOST_STEPS = 40

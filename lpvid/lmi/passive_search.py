@@ -14,19 +14,18 @@ Nothing here proves anything; every candidate goes through `lpvid.lmi.inequality
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
 
 from lpvid.lmi.affine import Affine
-from lpvid.lmi.autonomous import box_of, readings_of
+from lpvid.lmi.autonomous import readings_of
 from lpvid.lmi.bernstein import nodes
 from lpvid.lmi.certificate import tensor
-from lpvid.lmi.gain_search import symmetric_units
-from lpvid.lmi.passive_form import sector_basis, shift, slack, supplied
+from lpvid.lmi.passive_form import sector_basis, shift, slack
+from lpvid.lmi.passive_unknowns import Iterate, PassiveUnknowns, affine, mixed
 from lpvid.lmi.program import Program
-from lpvid.lmi.search import frozen_gramian
 from lpvid.model.input_stage import TanhStage
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Polynomial, Scheduling
@@ -38,31 +37,10 @@ GIVEN = 1e-5
 """least eigenvalue of P(p) in the frame for a given model: P must be invertible for a step to be taken from it."""
 STEP = 0.03
 """least eigenvalue that a step may leave of a P(p) that stood at one: the approximation is good near its own point."""
-CONTRACTED = 0.999
-"""largest modulus to which an unstable model's poles are drawn for coordinates to be found."""
 KNEE = 0.5
 """share of v₀ below which a step may not take it."""
 DAMPING = 1e-4
 """Levenberg-Marquardt damping in unit-column scaling: 1 % of a parameter's own standard error per step."""
-
-
-@dataclass(frozen=True, eq=False)
-class Iterate:
-    """A model's storage function and multiplier, and the damping still missing.
-
-    Attributes
-    ----------
-    matrices : (K, n, n) array
-        P(p) over the storage basis.
-    multiplier : (L, ) array
-        λ(p) over `sector_basis`; empty without a stage.
-    shortage : float
-        ε, in units of the form: M + ε·diag(0, I) ≻ 0 was reached. Negative for a passive model with room.
-    """
-
-    matrices: np.ndarray
-    multiplier: np.ndarray
-    shortage: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,11 +121,9 @@ class PassiveProgram:
         """(N, K) basis of P."""
         return self.basis.evaluate(points[:, [self.box.names.index(n) for n in self.basis.names]])
 
-    def rest(self) -> tuple[np.ndarray, np.ndarray]:
-        """Empty storage and multiplier."""
+    def _unknowns(self, pace: np.ndarray, products: int = 0) -> PassiveUnknowns:
         n, nu = self.sizes
-        basis = sector_basis(self.model)
-        return np.zeros((self.basis.size, n, n)), np.zeros(basis.size if nu > 1 else 0)
+        return PassiveUnknowns(n, self.basis.size, sector_basis(self.model).size if nu > 1 else 0, pace, products)
 
     def equation(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """h (n + n_u,) at a point of the scheduling, and (n + n_u, k) how it moves with the parameters."""
@@ -172,7 +148,7 @@ class PassiveProgram:
         room : float
             Weight of the states in M ≽ −ε·diag(room·I, I).
         """
-        unknowns = _Layout(self, np.zeros(0))
+        unknowns = self._unknowns(np.zeros(0))
         program = unknowns.program()
         ends = sparse.csr_array(([1.0], ([0], [unknowns.size - 1])), shape=(1, unknowns.size))
         for point, nexts in zip(*self.samples(), strict=True):
@@ -180,11 +156,12 @@ class PassiveProgram:
             ab = self._both(frame, h)
             for psi in self.psi(nexts):
                 linear = now[1].copy()
-                linear[:, :, unknowns.storage] -= _mixed(psi, ab.T @ unknowns.units @ ab)
-                program.require(_affine(now[0], linear))
+                linear[:, :, unknowns.storage] -= mixed(psi, ab.T @ unknowns.units @ ab)
+                program.require(affine(now[0], linear))
         self._positive(program, unknowns, GIVEN)
         program.minimise(Affine(np.zeros((1, 1)), ends))
-        return self._first(program, unknowns, frame)
+        found = self._solution(program, unknowns, frame)
+        return None if found is None else found[1]
 
     def stepped(self, current: Iterate, jacobian: np.ndarray, residual: np.ndarray, ceiling: float,
                 knee: tuple[int, ...] = ()) -> tuple[np.ndarray, Iterate] | None:
@@ -215,7 +192,7 @@ class PassiveProgram:
         jacobian = np.vstack([jacobian * pace, np.sqrt(DAMPING) * np.eye(count)])
         residual = np.append(residual, np.zeros(count))
         points, ahead = self.samples()
-        unknowns = _Layout(self, pace, len(points) if knee else 0)
+        unknowns = self._unknowns(pace, len(points) if knee else 0)
         program = unknowns.program()
         for i, (point, nexts) in enumerate(zip(points, ahead, strict=True)):
             now, h, slope = self._state(unknowns, frame, point, 1.0)
@@ -229,17 +206,18 @@ class PassiveProgram:
                 inverse = np.linalg.inv(frame.T @ plus @ frame)
                 inverse = 0.5 * (inverse + inverse.T)
                 corner = np.zeros((len(ab), len(ab), unknowns.size))
-                corner[:, :, unknowns.storage] = -_mixed(psi, inverse @ unknowns.units @ inverse)
+                corner[:, :, unknowns.storage] = -mixed(psi, inverse @ unknowns.units @ inverse)
                 constant = np.block([[now[0], ab.T], [ab, 2 * inverse]])
                 linear = np.concatenate([np.concatenate([now[1], move.transpose(1, 0, 2)], axis=1),
                                          np.concatenate([move, corner], axis=1)])
-                program.require(_affine(constant, linear))
+                program.require(affine(constant, linear))
         self._positive(program, unknowns, STEP)
-        program.require(_affine(np.full((1, 1), ceiling), -_unit(unknowns)))
+        last = np.zeros((1, 1, unknowns.size))
+        last[0, 0, -1] = 1.0
+        program.require(affine(np.full((1, 1), ceiling), -last))
         squares = np.zeros((len(residual), 1, unknowns.size))
         squares[:, 0, :count] = jacobian
-        nothing = _affine(np.zeros((1, 1)), np.zeros((1, 1, unknowns.size)))
-        program.minimise(nothing, _affine(residual[:, None], squares))
+        program.minimise(affine(np.zeros((1, 1)), 0 * last), affine(residual[:, None], squares))
         found = self._solution(program, unknowns, frame)
         return None if found is None else (found[0][:count] * pace, found[1])
 
@@ -275,7 +253,7 @@ class PassiveProgram:
         return worst
 
     # -- pieces ------------------------------------------------------------------------------------------------------
-    def _state(self, unknowns: _Layout, frame: np.ndarray, point: np.ndarray, room: float
+    def _state(self, unknowns: PassiveUnknowns, frame: np.ndarray, point: np.ndarray, room: float
                ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
         """M without the last term at a point, as (constant, linear), and h with its slopes, all in the frame."""
         n, nu = self.sizes
@@ -286,7 +264,7 @@ class PassiveProgram:
         constant = np.zeros((n + nu, n + nu))
         linear = np.zeros((n + nu, n + nu, unknowns.size))
         psi = self.psi(point[None])[0]
-        linear[:n, :n, unknowns.storage] = _mixed(psi, unknowns.units)
+        linear[:n, :n, unknowns.storage] = mixed(psi, unknowns.units)
         constant[n] += 0.5 * h
         constant[:, n] += 0.5 * h
         if unknowns.parameters:
@@ -302,7 +280,7 @@ class PassiveProgram:
         linear[np.arange(n, n + nu), np.arange(n, n + nu), -1] += 1.0
         return (constant, linear), h, slope
 
-    def _bound_product(self, program: Program, unknowns: _Layout, linear: np.ndarray, current: Iterate,
+    def _bound_product(self, program: Program, unknowns: PassiveUnknowns, linear: np.ndarray, current: Iterate,
                        knee: tuple[int, ...], i: int, point: np.ndarray) -> None:
         """Put an unknown s ≤ λ v₀ of this point in the place of λ v₀."""
         n, stage = self.sizes[0], self.model.input_stage
@@ -322,8 +300,8 @@ class PassiveProgram:
         square[0, 0] = 2 * total * (weight + moved)
         square[0, 0, place] -= 4.0
         square[0, 1] = square[1, 0] = weight - moved
-        program.require(_affine(np.array([[2 * total * now - total**2, -now], [-now, 1.0]]), square))
-        program.require(_affine(np.full((1, 1), (1 - KNEE) * now), moved[None, None]))
+        program.require(affine(np.array([[2 * total * now - total**2, -now], [-now, 1.0]]), square))
+        program.require(affine(np.full((1, 1), (1 - KNEE) * now), moved[None, None]))
 
     def _both(self, frame: np.ndarray, h: np.ndarray) -> np.ndarray:
         """[A B] in the frame."""
@@ -335,7 +313,7 @@ class PassiveProgram:
             both += np.outer(np.linalg.inv(frame)[:, 0], h)
         return both
 
-    def _positive(self, program: Program, unknowns: _Layout, floor: float) -> None:
+    def _positive(self, program: Program, unknowns: PassiveUnknowns, floor: float) -> None:
         """P ≽ 0 and λ ≥ 0 at the corners of the box."""
         points, _ = self.samples()
         n, _ = self.sizes
@@ -343,18 +321,18 @@ class PassiveProgram:
         total = np.zeros((1, 1, unknowns.size))
         for psi in np.unique(self.psi(ends), axis=0) if n else ():
             linear = np.zeros((n, n, unknowns.size))
-            linear[:, :, unknowns.storage] = _mixed(psi, unknowns.units)
-            program.require(_affine(-floor * np.eye(n), linear))
+            linear[:, :, unknowns.storage] = mixed(psi, unknowns.units)
+            program.require(affine(-floor * np.eye(n), linear))
             total += np.einsum("aak->k", linear)
         if n:
-            program.require(_affine(np.full((1, 1), LARGEST), -total))
+            program.require(affine(np.full((1, 1), LARGEST), -total))
         basis = sector_basis(self.model)
         if unknowns.multiplier.stop > unknowns.multiplier.start:
             for own in np.unique(basis.evaluate(points[:, [self.box.names.index(m) for m in basis.names]]), axis=0):
                 linear = np.zeros((1, 1, unknowns.size))
                 linear[0, 0, unknowns.multiplier] = own
-                program.require(_affine(np.zeros((1, 1)), linear))
-                program.require(_affine(np.full((1, 1), LARGEST), -linear))
+                program.require(affine(np.zeros((1, 1)), linear))
+                program.require(affine(np.full((1, 1), LARGEST), -linear))
 
     def _at_end(self, points: np.ndarray) -> np.ndarray:
         """(N, variables) whether a coordinate is at an end of its range, or does not matter."""
@@ -362,11 +340,8 @@ class PassiveProgram:
         inner = np.array([n in self.basis.names for n in self.box.names], dtype=bool)
         return (points == low) | (points == high) | ~inner
 
-    def _first(self, program: Program, unknowns: _Layout, frame: np.ndarray) -> Iterate | None:
-        found = self._solution(program, unknowns, frame)
-        return None if found is None else found[1]
-
-    def _solution(self, program: Program, unknowns: _Layout, frame: np.ndarray) -> tuple[np.ndarray, Iterate] | None:
+    def _solution(self, program: Program, unknowns: PassiveUnknowns, frame: np.ndarray
+                  ) -> tuple[np.ndarray, Iterate] | None:
         solution = next(program.solve(solvers=SOLVERS), None)
         if solution is None:
             return None
@@ -379,66 +354,6 @@ class PassiveProgram:
                                    float(solution.x[-1]))
 
 
-class _Layout:
-    """Where the unknowns stand: parameters, P, λ, lower bounds of λ v₀, ε."""
-
-    def __init__(self, owner: PassiveProgram, pace: np.ndarray, products: int = 0) -> None:
-        n, nu = owner.sizes
-        self.pace, self.parameters = pace, len(pace)
-        self.units = symmetric_units(n)
-        storage = owner.basis.size * len(self.units)
-        multiplier = sector_basis(owner.model).size if nu > 1 else 0
-        self.storage = slice(self.parameters, self.parameters + storage)
-        self.multiplier = slice(self.storage.stop, self.storage.stop + multiplier)
-        self.product = slice(self.multiplier.stop, self.multiplier.stop + products)
-        self.size = self.product.stop + 1
-
-    def program(self) -> Program:
-        """An empty program over these unknowns."""
-        program = Program()
-        program.unknowns.matrix(1, self.size)
-        return program
-
-
 def current_centre(program: PassiveProgram, current: Iterate) -> np.ndarray:
     """P at the centre of the box."""
     return np.tensordot(program.psi(program.box.centre[None])[0], current.matrices, axes=1)
-
-
-def scaled(model: LPVTransferFunction, speed: float, force: float) -> LPVTransferFunction:
-    """The model with its first input in units of `speed` and its output in units of `force`; storage in their product.
-    """
-    b = model.b / force
-    b[:, :, 0] *= speed
-    stage = model.input_stage
-    assert model.c is not None
-    if stage is not None:
-        stage = replace(stage, v0=stage.v0 / speed, slope=stage.slope / speed)  # type: ignore[call-arg]
-    return model.replace(b=b, c=model.c / force, input_stage=stage)
-
-
-def _mixed(psi: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """(m, m, K·q) ψ_j times each of the parts (q, m, m)."""
-    q, m, _ = parts.shape
-    return np.einsum("j,qab->abjq", psi, parts).reshape(m, m, len(psi) * q)
-
-
-def _unit(unknowns: _Layout) -> np.ndarray:
-    out = np.zeros((1, 1, unknowns.size))
-    out[0, 0, -1] = 1.0
-    return out
-
-
-def _affine(constant: np.ndarray, linear: np.ndarray) -> Affine:
-    return Affine(constant, sparse.csr_array(linear.reshape(constant.size, -1)))
-
-
-def frame_of(model: LPVTransferFunction) -> np.ndarray:
-    """(n, n) coordinates of the past in which the frozen model at the centre of the box is a contraction."""
-    system = supplied(model, np.zeros(sector_basis(model).size))
-    if not system.order:
-        return np.zeros((0, 0))
-    a = system.matrices(box_of(system.readings, model.box).centre[None])[0][0]
-    size = max(float(np.abs(np.linalg.eigvals(a)).max()), 1e-3)
-    gramian = frozen_gramian(a * min(1.0, CONTRACTED / size), np.eye(len(a)))
-    return np.linalg.inv(np.linalg.cholesky(gramian)).T

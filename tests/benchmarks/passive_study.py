@@ -40,6 +40,7 @@ def studied(name: str, training: list, held_out: list, inner: lpv.ARX, rate: flo
     begun = time.perf_counter()
     found = lpv.identify(training, lpv.Passive(inner), held_out=held_out, sample_rate=rate)
     ended = time.perf_counter()
+    assert found.held_out is not None
     before, after = found.unconstrained_figures[1].overall.free_run, found.held_out.overall.free_run
     certificate = lpv.PassivityCertificate.from_dict(found.model.metadata["passive"])
     again = lpv.verify(certificate, found.model)
@@ -58,9 +59,12 @@ def rig() -> lpv.Identification:
     """The rig's records; experiments 7 and 8 are no part of the training."""
     training, held_out = rig_data(0)
     found = studied("rig", training, held_out, structure())
+    assert found.held_out is not None
     rows = experiment_figures(found.held_out, found.unconstrained_figures[1])
-    said = ", ".join(f"{e.name} {e.plain_esr:.4f} -> {e.esr:.4f}" for e in rows)
-    print(f"           {said}; mean {np.mean([e.plain_esr for e in rows]):.4f} -> {np.mean([e.esr for e in rows]):.4f}")
+    said = ", ".join(f"{e.name} {e.plain_esr or np.inf:.4f} -> {e.esr or np.inf:.4f}" for e in rows)
+    before, after = (np.mean([v or np.inf for v in column]) for column in
+                     ([e.plain_esr for e in rows], [e.esr for e in rows]))
+    print(f"          {said}; mean {before:.4f} -> {after:.4f}", flush=True)
     return found
 
 
