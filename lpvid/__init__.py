@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from lpvid.analysis.gain import Gain, l2_gain, l2_gains
     from lpvid.analysis.h2 import h2_norm
     from lpvid.analysis.largest import certified_share, largest_range, largest_rate
+    from lpvid.analysis.passivity import certify_passivity
+    from lpvid.analysis.passivity_certificate import PassivityCertificate
+    from lpvid.analysis.passivity_margin import PassivityMargin, passivity_margin
     from lpvid.analysis.pole_locus import pole_locus
     from lpvid.analysis.pole_regions import certify_region
     from lpvid.analysis.stability_certificate import StabilityCertificate, Verification
@@ -48,6 +51,7 @@ if TYPE_CHECKING:
     from lpvid.identification.coprime import RightCoprime
     from lpvid.identification.form_refit import FormRefit, refit_form
     from lpvid.identification.output_error import OutputError
+    from lpvid.identification.passive import Passive
     from lpvid.identification.quasi_lpv import QuasiLPV
     from lpvid.identification.recursive import Recursive
     from lpvid.identification.refined_iv import RefinedIV
@@ -101,6 +105,9 @@ _EXPORTS = {
     "lpvid.analysis.gain": ("Gain", "l2_gain", "l2_gains"),
     "lpvid.analysis.h2": ("h2_norm",),
     "lpvid.analysis.largest": ("certified_share", "largest_range", "largest_rate"),
+    "lpvid.analysis.passivity": ("certify_passivity",),
+    "lpvid.analysis.passivity_certificate": ("PassivityCertificate",),
+    "lpvid.analysis.passivity_margin": ("PassivityMargin", "passivity_margin"),
     "lpvid.analysis.pole_locus": ("pole_locus",),
     "lpvid.analysis.pole_regions": ("certify_region",),
     "lpvid.analysis.stability_certificate": ("StabilityCertificate", "Verification"),
@@ -126,6 +133,7 @@ _EXPORTS = {
     "lpvid.identification.compliance": ("Compliance",),
     "lpvid.identification.coprime": ("RightCoprime",),
     "lpvid.identification.output_error": ("OutputError",),
+    "lpvid.identification.passive": ("Passive",),
     "lpvid.identification.quasi_lpv": ("QuasiLPV",),
     "lpvid.identification.recursive": ("Recursive",),
     "lpvid.identification.refined_iv": ("RefinedIV",),
@@ -178,19 +186,20 @@ __all__ = [
     "ExtrapolationWarning", "Filter", "FormRefit", "Fourier", "Gain", "GainCertificate", "Gap", "GeneralizedPlant",
     "HInfinity", "HalfPlane", "Identification", "InputError", "LFTFeedback", "LFTModel", "LPVStateSpace",
     "LPVTransferFunction", "LpvError", "ModelComparison", "MultiObjective", "NumericalError", "Observer",
-    "OutputError", "OutputFeedback", "Polynomial", "Product", "QuasiLPV", "Realization", "Record", "Recursive",
-    "RefinedIV", "Ridge", "RightCoprime", "ScaledGain", "Scheduling", "Selection", "Shifted", "Signal", "Simulation",
-    "Spline", "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError", "Subspace", "Synthesis",
-    "TanhStage", "Taylor", "ThreeZoneStage", "Tustin", "Validation", "Verification", "ZeroOrderHold", "anti_windup",
-    "append", "audit", "back_calculation", "balanced_realization", "certified_share", "certify_gain",
-    "certify_region", "certify_stability", "certify_switching", "close_loop", "compare_models", "connect",
-    "critical_scheduling", "decay_rate", "diagnose", "discretise", "free_run_band", "frequency_band", "from_control",
-    "from_lft", "frozen_stability", "h2_norm", "identify", "identify_stream", "joint_spectral_radius", "l2_gain",
-    "l2_gains", "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel", "pole_band", "pole_locus",
-    "predict", "read", "realize", "reduce_order", "refit_form", "saturate", "save", "scaled_gain", "select", "series",
-    "simulate", "sparsify", "stability_probability", "steadied", "summing_junction", "synthesize", "to_affine",
-    "to_continuous", "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate", "verify",
-    "weigh",
+    "OutputError", "OutputFeedback", "Passive", "PassivityCertificate", "PassivityMargin", "Polynomial", "Product",
+    "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain",
+    "Scheduling", "Selection", "Shifted", "Signal", "Simulation", "Spline", "StabilityCertificate", "Stacked",
+    "StateFeedback", "StateSpaceError", "Subspace", "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin",
+    "Validation", "Verification", "ZeroOrderHold", "anti_windup", "append", "audit", "back_calculation",
+    "balanced_realization", "certified_share", "certify_gain", "certify_passivity", "certify_region",
+    "certify_stability", "certify_switching", "close_loop", "compare_models", "connect", "critical_scheduling",
+    "decay_rate", "diagnose", "discretise", "free_run_band", "frequency_band", "from_control", "from_lft",
+    "frozen_stability", "h2_norm", "identify", "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains",
+    "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel", "passivity_margin", "pole_band",
+    "pole_locus", "predict", "read", "realize", "reduce_order", "refit_form", "saturate", "save", "scaled_gain",
+    "select", "series", "simulate", "sparsify", "stability_probability", "steadied", "summing_junction", "synthesize",
+    "to_affine", "to_continuous", "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate",
+    "verify", "weigh",
 ]
 
 

@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from lpvid.plot import passivity
 from lpvid.report import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number
 from lpvid.report.figures import grade
 from lpvid.report.page import percent
 from quartercar import plot
-from quartercar.dampers.compared import FLAGS, Compared, Comparison
+from quartercar.dampers.compared import FLAGS, Compared, Comparison, energy_lines
+from quartercar.dampers.sampled_passivity import margin_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -43,6 +45,12 @@ def comparison_figures(found: Comparison) -> tuple[Drawn, ...]:
                     f"an excerpt of {excerpt}, held-out; below, what each model leaves."),
               Drawn("force_velocity", plot.force_over_velocity(found), "Force over velocity on held-out data, measured "
                     f"and {best} in free run{by_current}")]
+    for row in found.rows:
+        margin = margin_of(row.damper)
+        if margin is not None:
+            said = (f"{row.title}: damping in steady sine motion at the least favourable amplitude; negative where the "
+                    "model gives energy.")
+            drawn.append(Drawn(f"passivity_{row.damper.name}", passivity(margin), said))
     return tuple(drawn)
 
 
@@ -67,6 +75,10 @@ def comparison_page(found: Comparison, figures: Sequence[Drawn]) -> Page:
     sections += [Section("Force over time", (drawn["force_time"],)),
                  Section("Force over velocity", (drawn["force_velocity"], _quadrants(found))),
                  Section("Parameters", tuple(_parameters(found)))]
+    energy = [drawn[f.name] for f in figures if f.name.startswith("passivity_")]
+    if energy:
+        said = tuple(line for row in found.rows for line in energy_lines(row.damper))
+        sections.append(Section("Energy of identified models", (Notes(said), *energy)))
     if found.not_fitted:
         rows = tuple((name, why) for name, why in found.not_fitted)
         sections.append(Section("Not fitted", (Table(("model", "why"), rows, "Models that these data do not allow."),)))

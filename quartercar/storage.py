@@ -10,6 +10,7 @@ import numpy as np
 from quartercar.dampers.families import StaticDamper
 from quartercar.dampers.linear import Linear
 from quartercar.dampers.sampled import SampledDamper
+from quartercar.dampers.sampled_passivity import stored_energy
 
 if TYPE_CHECKING:
     from quartercar.car_run import CarRun
@@ -84,23 +85,28 @@ def ride_passivity(run: CarRun, currents: tuple[float, float] = (0.0, 2.5)) -> R
     E(t) = ∫F v dt, by the trapezoidal rule. A damper with storage S ≥ 0 has E(t) − S(t) ≥ −S(0) for every t (Willems
     1972, Arch. Rational Mech. Anal. 45, 321-351). A law without memory F = F_gas(z) + F_d(z, v, i) with F_d·v ≥ 0 on a
     grid has S = ∫F_gas dz, and a moved mass ½ m v² beside it; a rising law in series with a spring (`Compliance` of one
-    velocity lag) has F_s²/2k_h beside it; other models have none that is known.
+    velocity lag) has F_s²/2k_h beside it. A sampled model with a certificate of passivity has S = T·x'P x in its past.
+    The sum T·Σ F(k) v(k) at its own samples bounds that, and is taken in place of the integral; the car moves by the
+    trapezoidal rule, whose work is less by ¼T·Σ ΔF Δv. Other models have none that is known.
     """
     damper = run.car.damper
     z, v, force = (run[n] for n in ("suspension_deflection", "suspension_velocity", "damper_force"))
     spring = np.zeros(z.size) if damper is None else np.asarray(damper.conservative_force(z), dtype=float)
     free = force - spring
+    sampled = stored_energy(damper, v, run["current"], free)
     delivered = _integral(free * v, run.sample_time)
+    if sampled is not None:  # the sum that the dissipation inequality of a sampled model bounds
+        delivered = np.cumsum(free * v) * run.sample_time
     power = free * v
     given = power < -ROUNDING * max(float(np.abs(power).max(initial=0.0)), 1e-12)
     returned = float(np.max(np.maximum.accumulate(delivered) - delivered))
     exchanged = float(np.sum(np.abs(power)) * run.sample_time)
     common = {"negative_share": float(given.mean()), "returned": returned,
               "negative_energy": float(-np.sum(power[given]) * run.sample_time)}
-    stored = _stored(damper, free, v, currents)
+    stored = _stored(damper, free, v, currents) if sampled is None else sampled[1:]
     if stored is None:
         return RidePassivity(float(delivered[-1]), "unknown", None, None, **common)
-    balance = delivered - (stored - stored[0])
+    balance = delivered - (stored - (stored[0] if sampled is None else sampled[0]))
     lowest = float(balance.min())
     return RidePassivity(float(balance[-1]), "known", lowest, lowest >= -1e-3 * max(exchanged, 1e-12), **common)
 

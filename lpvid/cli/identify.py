@@ -111,6 +111,8 @@ def identify(
                                                      "scheduling moves.")] = None,
     lagged: Annotated[bool, typer.Option("--lagged", help="Coefficients of lag i at p(k−i): exact and causal in "
                                          "observer form.")] = False,
+    passive: Annotated[bool, typer.Option("--passive", help="arx, oe: the best model that never gives energy (velocity "
+                                          "in, force out), certified; nk is 0.")] = False,
     ridge: Annotated[float | None, typer.Option("--ridge", min=0.0, help="Penalty on the parameters (0).")] = None,
     hold_out: Annotated[str | None, typer.Option("--hold-out", metavar="SHARE", help="Keep the last part of every "
                                                  "record out of the fit: 1/3, 0.25, last-third.")] = None,
@@ -149,7 +151,7 @@ def identify(
                "shape": None if shape is Shape.NONE else shape.value,
                "schedule-filter": None if schedule_filter is Filter.NONE else schedule_filter.value,
                "schedule-lag": schedule_lag or None, "no-constant": no_constant or None, "affine": affine or None,
-               "affine-terms": affine_terms, "lagged": lagged or None, "ridge": ridge}
+               "affine-terms": affine_terms, "lagged": lagged or None, "ridge": ridge, "passive": passive or None}
     request = Request(split_names(input) or ("velocity",), split_names(output) or ("force",), split_names(schedule),
                       structure, {n: v for n, v in written.items() if v is not None}, rate, auto,
                       None if form is None else form.value, refit, refit_form)

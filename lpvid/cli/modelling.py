@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from lpvid.cli.automatic import Choice, choose
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.report.passivity import energy_statement, passivity_lines, passivity_section
 
 if TYPE_CHECKING:
     from lpvid.auditing import Audit
@@ -72,8 +73,9 @@ class Outcome:
         findings = [{"name": f.name, "record": f.record, "channel": f.channel, "severity": f.severity}
                     for f in self.audit.findings]
         again = self.refitted
-        own = self.form_refit
+        own, energy = self.form_refit, energy_statement(self.model)
         return {**self.found.to_dict(), "model": "model.json", "realizations": [g.to_dict() for g in self.gaps],
+                "passivity": None if energy is None else energy.to_dict(),
                 "form_refit": None if own is None else {"form": own.form, "free_run": own.summary()},
                 "audit": {"verdict": self.audit.verdict, "findings": findings},
                 "selection": None if self.choice is None else
@@ -92,6 +94,7 @@ class Outcome:
             lines.append(f"  state space: {'; '.join(str(g) for g in self.gaps)}")
         if self.form_refit is not None:
             lines += [f"  {line}" for line in str(self.form_refit).splitlines()]
+        lines += [f"  {line}" for line in passivity_lines(self.refitted or self.found)]
         lines.append(f"  audit: {self.audit.verdict}")
         lines += [f"    {f}" for f in grave[:3]]
         if len(grave) > 3:
@@ -132,7 +135,8 @@ class Outcome:
         say("bands")
         sure = sureness(self.found, shown)
         say("drawing")
-        results.report(identification_page(self.found, shown, self.gaps, self.audit, (*sure, *chosen)))
+        more = (*sure, *passivity_section(self.refitted or self.found), *chosen)
+        results.report(identification_page(self.found, shown, self.gaps, self.audit, more))
 
 
 def _transfer_function(model: Model) -> LPVTransferFunction:

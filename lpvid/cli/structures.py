@@ -19,8 +19,8 @@ ORDERS = ("na", "nb", "nk", *FUNCTIONS, "no-constant", "affine", "affine-terms",
 STAGES = ("shape", "schedule-filter", "schedule-lag")
 STATES = ("order", "nk", *FUNCTIONS, "no-constant", "affine")
 TAKES: Mapping[str, tuple[str, ...]] = {
-    "arx": (*ORDERS, *STAGES, "ridge"),
-    "oe": (*ORDERS, *STAGES),
+    "arx": (*ORDERS, *STAGES, "ridge", "passive"),
+    "oe": (*ORDERS, *STAGES, "passive"),
     "bj": (*ORDERS, *STAGES, "nc", "nd"),
     "armax": (*ORDERS, *STAGES, "nc"),
     "riv": (*ORDERS, *STAGES, "nc", "nd"),
@@ -105,8 +105,8 @@ class Request:
     # -- what was asked for -------------------------------------------------------------------------------------
     @property
     def delay(self) -> int | tuple[int, ...] | None:
-        """First input lags that were asked for."""
-        return self.given.get("nk")
+        """First input lags that were asked for; 0 for a passive model, which has a direct term."""
+        return self.given.get("nk", 0 if "passive" in self.given else None)
 
     @property
     def searches_delay(self) -> bool:
@@ -126,7 +126,7 @@ class Request:
             return self.given["affine-terms"]
         if "affine" not in self.given:
             return 0 if "no-constant" in self.given else 1
-        return 1 if self.structure == "coprime" else self.given.get("na", LAGS) + 1
+        return 1 if self.structure == "coprime" or "passive" in self.given else self.given.get("na", LAGS) + 1
 
     def basis(self) -> Basis:
         """The basis in the scheduling variables."""
@@ -183,16 +183,16 @@ class Request:
         from lpvid.identification.box_jenkins import BoxJenkins
         from lpvid.identification.coprime import RightCoprime
         from lpvid.identification.output_error import OutputError
+        from lpvid.identification.passive import Passive
         from lpvid.identification.recursive import Recursive
         from lpvid.identification.refined_iv import RefinedIV
 
         common = {n: getattr(arx, n) for n in ("na", "nb", "nk", "input", "output", "basis", "affine", "lagged",
                                                "stage", "schedule_filter")}
         colour = {n: self.given[n] for n in ("nc", "nd") if n in self.given}
-        if self.structure == "arx":
-            return arx
-        if self.structure == "oe":
-            return OutputError(**common)
+        if self.structure in ("arx", "oe"):
+            plain = arx if self.structure == "arx" else OutputError(**common)
+            return Passive(plain) if "passive" in self.given else plain
         if self.structure == "bj":
             return BoxJenkins(**common, **colour)
         if self.structure == "armax":

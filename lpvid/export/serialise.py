@@ -66,6 +66,9 @@ KINDS: tuple[Kind, ...] = (
                                       for kind in ("quadratic", "poly-quadratic", "parameter-dependent"))),
     Kind("bound-certificate", 1, tuple((kind, "lpvid.lmi.bound_certificate", "BoundCertificate")
                                        for kind in ("quadratic", "poly-quadratic", "parameter-dependent"))),
+    Kind("passivity-certificate", 1, tuple(
+        (kind, "lpvid.analysis.passivity_certificate", "PassivityCertificate")
+        for kind in ("quadratic", "poly-quadratic", "parameter-dependent", "none"))),
     Kind("polytopic-certificate", 1, (("polytopic", "lpvid.analysis.switching", "PolytopicCertificate"),)),
     Kind("stability-certificate", 1, tuple(
         (kind, "lpvid.analysis.stability_certificate", "StabilityCertificate")

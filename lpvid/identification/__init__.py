@@ -73,6 +73,10 @@ def identify(records: Record | Sequence[Record], structure: Structure, *, sample
     notes = tuple(dict.fromkeys((*(n for r in pieces for n in r.notes), *found.notes)))
     training = figures(found.model, pieces, "training")
     kept = None if held_out is None else validate(found.model, held_out, label="held-out")
+    if found.unconstrained is not None:
+        before = figures(found.unconstrained, pieces, "training")
+        late = () if held_out is None else (validate(found.unconstrained, held_out, label="held-out"),)
+        found = found.replace(unconstrained_figures=(before, *late))
     return _coloured(found.replace(training=training, held_out=kept, notes=notes), pieces)
 
 

@@ -40,6 +40,10 @@ class Identification:
         What was done to the data and what to beware of.
     covariance_kind : str
         What the covariance assumes of the residual.
+    unconstrained : LPVTransferFunction or None
+        Of a constrained estimate: the model of the same structure without the constraint.
+    unconstrained_figures : tuple of Validation
+        Its figures on the training data, and on the data kept back.
     """
 
     model: Any
@@ -53,6 +57,8 @@ class Identification:
     held_out: Validation | None = None
     notes: tuple[str, ...] = ()
     covariance_kind: str = "least squares, white equation error"
+    unconstrained: Any = None
+    unconstrained_figures: tuple[Validation, ...] = ()
 
     @property
     def parameters(self) -> np.ndarray:

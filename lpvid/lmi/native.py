@@ -26,7 +26,7 @@ def installed() -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Conic:
-    """Minimise cᵀx subject to b − Ax in a product of cones, with A = A_0 + Σ θ_k A_k and b alike.
+    """Minimise ½xᵀHx + cᵀx subject to b − Ax in a product of cones, with A = A_0 + Σ θ_k A_k and b alike.
 
     Parameters
     ----------
@@ -35,15 +35,19 @@ class Conic:
     sizes : sequence of int
         Orders of the symmetric matrices, one cone each.
     c : (K,) array
+    h : (K, K) sparse array
+        H, positive semidefinite.
     """
 
     parts: Mapping[str, tuple[Any, np.ndarray]]
     sizes: Sequence[int]
     c: np.ndarray
+    h: Any
 
     @classmethod
-    def of(cls, required: Sequence[tuple[Affine, Mapping[str, Affine]]], objective: Affine | None, size: int) -> Conic:
-        """From F(x) + Σ θ_k G_k(x) ⪰ 0 for each of `required`.
+    def of(cls, required: Sequence[tuple[Affine, Mapping[str, Affine]]], objective: Affine | None, size: int,
+           squares: Affine | None = None) -> Conic:
+        """From F(x) + Σ θ_k G_k(x) ⪰ 0 for each of `required`; half the sum of `squares` is added to the objective.
 
         Examples
         --------
@@ -67,7 +71,13 @@ class Conic:
         goal = np.zeros(size)
         if objective is not None:
             goal[: objective.linear.shape[1]] = objective.linear.toarray().ravel()
-        return cls(parts, sizes, goal)
+        curved: Any = sparse.csc_array((size, size))
+        if squares is not None:
+            m = squares.linear
+            wide: Any = sparse.csr_array((m.data, m.indices, m.indptr), shape=(m.shape[0], size))
+            curved = sparse.csc_array(wide.T @ wide)
+            goal += wide.T @ squares.constant.ravel()
+        return cls(parts, sizes, goal, curved)
 
     def solve(self, values: Mapping[str, float], options: Mapping[str, Any]) -> tuple[np.ndarray | None, str]:
         """x, or None, and the status."""
@@ -81,10 +91,10 @@ class Conic:
         for name, value in options.items():
             setattr(settings, name, value)
         cones = [clarabel.PSDTriangleConeT(n) if n > 1 else clarabel.NonnegativeConeT(1) for n in self.sizes if n]
-        size = len(self.c)
         matrix = sparse.csc_matrix(a)
         matrix.sort_indices()
-        found = clarabel.DefaultSolver(sparse.csc_matrix((size, size)), self.c, matrix, b, cones, settings).solve()
+        curved = sparse.csc_matrix(sparse.triu(self.h))
+        found = clarabel.DefaultSolver(curved, self.c, matrix, b, cones, settings).solve()
         status = STATUS.get(str(found.status), "")
         return (np.array(found.x, dtype=float) if status else None), status
 

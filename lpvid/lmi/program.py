@@ -129,6 +129,7 @@ class Program:
         self.unknowns = Unknowns()
         self._required: list[tuple[Affine, dict[str, Affine]]] = []
         self._objective: Affine | None = None
+        self._squares: Affine | None = None
         self._compiled: tuple[Any, Any, dict[str, Any]] | None = None
         self._conic: native.Conic | None = None
 
@@ -137,9 +138,9 @@ class Program:
         self._required.append((matrix - margin * np.eye(matrix.shape[0]) if margin else matrix, dict(scaled or {})))
         self._compiled = self._conic = None
 
-    def minimise(self, objective: Affine) -> None:
-        """Set the (1, 1) objective."""
-        self._objective, self._compiled, self._conic = objective, None, None
+    def minimise(self, objective: Affine, squares: Affine | None = None) -> None:
+        """Set the (1, 1) objective; half the sum of the squared entries of `squares` is added to it."""
+        self._objective, self._squares, self._compiled, self._conic = objective, squares, None, None
 
     def solve(self, values: Mapping[str, float] | None = None, *, solvers: Sequence[str] = SOLVERS,
               settings: Mapping[str, Mapping[str, Any]] | None = None) -> Iterator[Solution]:
@@ -162,6 +163,8 @@ class Program:
                 x, status = self._modelled(solver, known, options)
             if x is not None and np.all(np.isfinite(x)):
                 value = float(self._objective.value(x)[0, 0]) if self._objective is not None else 0.0
+                if self._squares is not None:
+                    value += 0.5 * float(np.sum(self._squares.value(x) ** 2))
                 yield Solution(x, value, solver, status)
 
     def prepare(self) -> None:
@@ -171,7 +174,7 @@ class Program:
 
     def _direct(self) -> native.Conic:
         if self._conic is None:
-            self._conic = native.Conic.of(self._required, self._objective, self.unknowns.size)
+            self._conic = native.Conic.of(self._required, self._objective, self.unknowns.size, self._squares)
         return self._conic
 
     def _modelled(self, solver: str, values: Mapping[str, float], options: Mapping[str, Any]
@@ -208,6 +211,8 @@ class Program:
                 flat = flat + theta * (_flat(part, size) @ x + part.constant.ravel())
             constraints.append(cp.reshape(flat, (n, n), order="C") >> 0 if n > 1 else flat >= 0)
         goal = 0 if self._objective is None else (_flat(self._objective, size) @ x)[0]
+        if self._squares is not None:
+            goal = goal + 0.5 * cp.sum_squares(_flat(self._squares, size) @ x + self._squares.constant.ravel())
         return cp.Problem(cp.Minimize(goal), constraints), x, parameters
 
 

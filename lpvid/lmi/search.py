@@ -73,7 +73,7 @@ class Search:
             shifted = (a - 0.5 * worst * eye) / max(float(np.abs(a).sum(axis=2).max()), 1e-300)
             a = (eye + shifted) @ np.linalg.inv(eye - shifted)
         weight = np.broadcast_to(np.diag(_balance(np.abs(a).mean(axis=0)) ** -2.0), a.shape)
-        return np.array([_gramian(x, w) for x, w in zip(a, weight, strict=True)])
+        return np.array([frozen_gramian(x, w) for x, w in zip(a, weight, strict=True)])
 
     def closed_forms(self) -> Iterator[Lyapunov]:
         """The mean of the frozen Lyapunov matrices: exact for a time-invariant model, and no solver."""
@@ -192,7 +192,7 @@ def _symmetric_units(n: int) -> np.ndarray:
     return units
 
 
-def _gramian(a: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def frozen_gramian(a: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Σ (Aᵏ)ᵀ W Aᵏ by doubling."""
     total, power = np.array(weight), np.array(a)
     for _ in range(60):

@@ -34,6 +34,8 @@ def fit(
                                                  "record out of the fits (last-third, without --held-out).")] = None,
     thorough: Annotated[bool, typer.Option("--thorough", help="Fit slow models to all data from twenty starts, however "
                                            "long it takes.")] = False,
+    passive: Annotated[bool, typer.Option("--passive", help="Fit lpv-arx so that it never gives energy, certified; the "
+                                          "other models' passivity is checked as ever.")] = False,
     input: options.Inputs = None,
     output: options.Outputs = None,
     schedule: options.Schedule = None,
@@ -63,7 +65,7 @@ def fit(
         named = (split_names(input), split_names(output), split_names(schedule))
         training, kept = ([damper_parts(r, *named) for r in part] for part in (training, kept))
         wanted: list[str | Damper] = [*(split_names(models) or ([] if parameters else ("all",)))]
-        settings = CompareSettings(seed=seed, sample_rate=rate, thorough=thorough)
+        settings = CompareSettings(seed=seed, sample_rate=rate, thorough=thorough, passive=passive)
         found = compare(training, [*wanted, *_given(parameters or (), training, kept, rate)], kept, settings, say)
         found = found.with_notes(notes)
         _deliver(results, found, say)

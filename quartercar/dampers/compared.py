@@ -11,6 +11,7 @@ from quartercar.dampers.contract import Damper
 from quartercar.dampers.fitting import DamperFit
 from quartercar.dampers.passivity import Passivity
 from quartercar.dampers.preparing import Prepared
+from quartercar.dampers.sampled_passivity import certificate_for, margin_of
 from quartercar.dampers.scoring import Score
 
 SCHEMA = "quartercar/comparison/1"
@@ -167,6 +168,7 @@ class Comparison:
         lines += [f"{i:2d} {_row(row)}" for i, row in enumerate(self.rows, start=1)]
         lines.append(f"  N = {total:,} samples in {count} record{'s' * (count > 1)} at {self.data.sample_rate:.6g} Hz; "
                      "'training' is the ESR on training data, ms/s the time to simulate a second")
+        lines += [f"  {line}" for row in self.rows for line in energy_lines(row.damper)]
         lines += [f"  not fitted: {', '.join(names)}: {why}" for why, names in self._refusals().items()]
         lines += [f"  note: {n}" for n in self.notes if n not in grave]
         return "\n".join(lines)
@@ -179,6 +181,17 @@ class Comparison:
         return groups
 
     __repr__ = __str__
+
+
+def energy_lines(damper: Damper) -> list[str]:
+    """Where an identified damper gives energy, or what certifies that it gives none."""
+    margin = margin_of(damper)
+    if margin is None:
+        return []
+    if margin.active:
+        return [f"{damper.name} is NOT passive: {margin.statement()}: --passive"]
+    certificate = certificate_for(damper)
+    return [] if certificate is None else [f"{damper.name} {certificate.verdict}: {certificate.claim}"]
 
 
 def _row(row: Compared) -> str:

@@ -16,6 +16,7 @@ from quartercar.dampers.contract import Damper
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import DynamicDamper, LawDamper
 from quartercar.dampers.fitting import DamperFit, FitSettings, fit
+from quartercar.dampers.lpv import LpvArx
 from quartercar.dampers.preparing import Prepared, prepare
 from quartercar.dampers.scoring import score, stretches, time_per_simulated_second
 
@@ -48,6 +49,8 @@ class CompareSettings:
         Samples above which they are thinned for models identified from samples, such as NARX and LPV.
     thorough : bool
         All data and twenty starts for every model, however long that takes.
+    passive : bool
+        Models that can be fitted under the constraint of passivity (lpv-arx) are; the others are checked as ever.
     """
 
     seed: int = 0
@@ -56,6 +59,7 @@ class CompareSettings:
     slow_work: int = 80_000
     sampled_samples: int = 40_000
     thorough: bool = False
+    passive: bool = False
 
     def __post_init__(self) -> None:
         _checks.count(self.seed, "seed")
@@ -108,6 +112,9 @@ def compare(records: Sequence[Record], models: str | Sequence[str | Damper] = "a
     facts = Facts.of(data.training, data.polarity)
     given = [_as_given(m, data) for m in wanted if isinstance(m, Damper)]
     suited, refused = _suited([m for m in wanted if isinstance(m, str)], facts)
+    if settings.passive:
+        suited = [d.replace(passive=True) if isinstance(d, LpvArx) else d for d in suited]
+        notes = (*notes, *_constrained(suited))
     fits, failed, complete = _fit_all(suited, data, settings, progress)
     refused += failed
     dampers = [*(f.damper for f in fits), *given]
@@ -175,6 +182,14 @@ def _reason(error: Exception, name: str) -> str:
     """What stands in the way, without the model's name and without the mend."""
     said = " ".join(str(error).split()).split(" Mend: ")[0].rstrip(".")
     return said.removeprefix(f"{name} ").removeprefix(f"{name}: ")
+
+
+def _constrained(suited: Sequence[Damper]) -> tuple[str, ...]:
+    """Which models --passive constrains."""
+    bound = [d.name for d in suited if isinstance(d, LpvArx)]
+    free = [d.name for d in suited if not isinstance(d, LpvArx)]
+    said = f"passive: {', '.join(bound)} fitted under the constraint" if bound else "passive constrains lpv-arx only"
+    return (said + (f"; the laws of {', '.join(free)} are checked instead (flag not-passive)" if free else ""),)
 
 
 def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings,

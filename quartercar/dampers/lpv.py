@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from lpvid import _checks
+from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.scheduling import Polynomial
 from quartercar.dampers.facts import Facts
-from quartercar.dampers.sampled import SampledDamper
+from quartercar.dampers.sampled import SampledDamper, boolean
 
 if TYPE_CHECKING:
     from lpvid.identification import Identification
@@ -38,6 +39,8 @@ class LpvArx(SampledDamper):
         Lags of force and velocity.
     degree : int
         Degree of the coefficients in the current; 0 without current.
+    passive : bool
+        The best model that never gives energy, whatever motion and current do (`lpvid.Passive`), with the tanh shape.
     """
 
     name: ClassVar[str] = "lpv-arx"
@@ -47,11 +50,14 @@ class LpvArx(SampledDamper):
     shape: str = "tanh"
     order: int = 4
     degree: int = 1
+    passive: bool = False
 
     def check_orders(self) -> None:
         _checks.one_of(self.shape, SHAPES, "shape")
         _checks.count(self.order, "order", at_least=1)
         _checks.count(self.degree, "degree")
+        if boolean(self.passive, "passive") and self.shape != "tanh":
+            raise InputError("a passive lpv-arx has the tanh shape", got=self.shape, mend="set shape to tanh")
 
     @property
     def wanted(self) -> tuple[str, ...]:
@@ -86,6 +92,12 @@ class LpvArx(SampledDamper):
         arx = self.arx(bool(self.degree) and current_moves(records))
         if self.shape == "three-zone":
             return self, identify(records, arx), ()
+        if self.passive:
+            from lpvid.identification.passive import Passive
+            from lpvid.report.passivity import cost_lines
+
+            found = identify(records, Passive(arx))
+            return self, found.replace(notes=()), (*found.notes, *cost_lines(found))
         found, notes = by_simulation_error(records, arx)
         return self, found, notes
 

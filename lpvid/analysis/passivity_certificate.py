@@ -1,0 +1,195 @@
+"""What a certificate of passivity holds, says and stores."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.lmi.autonomous import box_of
+from lpvid.lmi.certificate import Recheck, grid
+from lpvid.lmi.inequality import recheck_inequality
+from lpvid.lmi.passive_form import Dissipation, obstacle, preload, sector_basis, supplied
+from lpvid.lmi.storage import Storage
+from lpvid.lmi.stored import describe_box, kind_of, reproduced
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.scheduling import Basis, Scheduling, basis_from_dict
+
+SCHEMA = "lpvid/passivity-certificate/1"
+
+
+@dataclass(frozen=True, eq=False)
+class PassivityCertificate:
+    """A storage function that no motion of input and scheduling can overdraw, or the lack of one.
+
+    With the past x(k) = [y(k−1) − F₀ …, v(k−1), w(k−1) …] of the model and its constant preload F₀,
+
+        V(k+1) − V(k) ≤ (y(k) − F₀) v(k),     V = x'P(p)x ≥ 0
+
+    so that the energy given back never exceeds what is stored: Σ (y − F₀) v T ≥ −T V(0). F₀ is the force of a
+    potential in the displacement, and does no net work on a closed path.
+
+    Parameters
+    ----------
+    kind : str
+        "quadratic" (one P), "poly-quadratic" (P(p), arbitrary jumps), "parameter-dependent" (P(p), bounded rate), or
+        "none".
+    matrices : (K, n, n) array
+        P(p) = Σ_k matrices[k] ψ_k(p), in units of output times input.
+    basis : Basis
+    multiplier : (L,) array
+        λ(p) ≥ 0 of the input stage's sector, affine in the scheduling [unit of the output]; empty without a stage.
+    preload : float
+        F₀ [unit of the output].
+    box : Scheduling
+        Range and rate bounds [units per second].
+    sample_time : float
+    model_hash : str
+        sha256 of the coefficients, the basis, the stage and the sampling time it was made for.
+    verified : bool
+        The inequality was re-checked with numpy and holds.
+    margin : float
+        Smallest eigenvalue of the inequality after the congruence that makes P, and the inputs' own entries, at the
+        centre of the box the identity, less a bound of the rounding errors.
+    between_grid : bool
+        Proven on the whole box, not only on the points of a grid.
+    why : str
+        What stands in the way where nothing is certified.
+    solver : str
+        What proposed the matrices.
+    """
+
+    kind: str
+    matrices: np.ndarray
+    basis: Basis
+    multiplier: np.ndarray
+    preload: float
+    box: Scheduling
+    sample_time: float
+    model_hash: str
+    verified: bool
+    margin: float
+    between_grid: bool
+    why: str = ""
+    solver: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "matrices", _checks.frozen_array(self.matrices, "matrices", ndim=3))
+        object.__setattr__(self, "multiplier", _checks.frozen_array(self.multiplier, "multiplier", ndim=1))
+
+    @property
+    def verdict(self) -> str:
+        """"certified", "certified on a grid only" or "not certified"."""
+        if not self.verified:
+            return "not certified"
+        return "certified" if self.between_grid else "certified on a grid only"
+
+    @property
+    def claim(self) -> str:
+        """What the certificate says, in words."""
+        if not self.verified:
+            return "no statement on the energy that the model can give"
+        text = "passive: it gives back no more energy than is stored in it" + describe_box(self.box, self.kind)
+        text += f", beside a constant force of {self.preload:.4g}" if self.preload else ""
+        return text + ("" if self.between_grid else "; shown at the points of a grid only, not proven between them")
+
+    def storage_at(self, p: np.ndarray) -> np.ndarray:
+        """(N, n, n) P at scheduling values of shape (N, variables of the box)."""
+        columns = [self.box.names.index(n) for n in self.basis.names]
+        return np.tensordot(self.basis.evaluate(np.asarray(p, dtype=float)[:, columns]), self.matrices, axes=1)
+
+    def stored(self, past: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """(N,) energy T·V [J for m/s and N] in pasts (N, n), in order y(k−1) − F₀ …, v(k−1), w(k−1) …, at p(k)."""
+        return self.sample_time * np.einsum("ni,nij,nj->n", past, self.storage_at(p), past)
+
+    def check(self, model: LPVTransferFunction) -> Recheck:
+        """Recompute the claim for a model; it holds only if every number in it can be reproduced."""
+        fault = self._misfit(model)
+        if fault:
+            return Recheck(False, False, math.nan, fault)
+        storage = Storage(self.matrices, self.basis, self.box, self.sample_time)
+        found = recheck_passivity(model, storage, self.multiplier)
+        return reproduced(self, kind_of(storage), found)  # type: ignore[arg-type]
+
+    def _misfit(self, model: LPVTransferFunction) -> str:
+        if not self.verified or self.kind == "none":
+            return "the certificate makes no claim"
+        fault = obstacle(model)
+        if fault:
+            return fault
+        force = preload(model)
+        if force is None or abs(force - self.preload) > 1e-9 * max(abs(force), 1.0):
+            return "the model's constant force is not the certificate's"
+        count = sector_basis(model).size if model.n_filter_inputs > 1 else 0
+        if self.multiplier.shape != (count,) or not np.all(np.isfinite(self.multiplier)):
+            return "the certificate's multiplier does not fit the model"
+        system = supplied(model, self.multiplier)
+        if system.digest != self.model_hash or model.sample_time != self.sample_time:
+            return "the certificate was made for another model"
+        labels = tuple(r.label for r in system.readings)
+        if self.box.names != labels or not set(self.basis.names) <= set(labels):
+            return "the certificate names other scheduling variables than the model reads"
+        if self.matrices.shape != (self.basis.size, system.order, system.order):
+            return "matrices and basis of the certificate do not fit the model"
+        if not np.all(np.isfinite(self.matrices)) or not np.array_equal(self.matrices, self.matrices.swapaxes(1, 2)):
+            return "the certificate's matrices are not finite and symmetric"
+        if any(r is not None and not r >= 0 for r in self.box.rate):
+            return "the certificate holds a negative rate"
+        return ""
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON; `lpvid.verify` needs nothing else but the model."""
+        return {"schema": SCHEMA, "kind": self.kind, "verdict": self.verdict, "claim": self.claim,
+                "verified": self.verified, "between_grid": self.between_grid,
+                "margin": self.margin if math.isfinite(self.margin) else None, "matrices": self.matrices.tolist(),
+                "order": self.matrices.shape[1], "basis": self.basis.to_dict(), "multiplier": self.multiplier.tolist(),
+                "preload": self.preload, "box": self.box.to_dict(), "sample_time": self.sample_time,
+                "model_hash": self.model_hash, "why": self.why, "solver": self.solver}
+
+    @classmethod
+    def from_dict(cls, data: Mapping) -> PassivityCertificate:
+        """Inverse of `to_dict`."""
+        if data.get("schema") != SCHEMA:
+            raise InputError("not a passivity certificate of this version", got=data.get("schema"))
+        n, count = data["order"], len(data["matrices"])
+        return cls(data["kind"], np.asarray(data["matrices"], dtype=float).reshape(count, n, n),
+                   basis_from_dict(data["basis"]), np.asarray(data["multiplier"], dtype=float), data["preload"],
+                   Scheduling.from_dict(data["box"]), data["sample_time"], data["model_hash"], data["verified"],
+                   math.nan if data["margin"] is None else data["margin"], data["between_grid"], data["why"],
+                   data["solver"])
+
+    def __repr__(self) -> str:
+        lines = [f"{self.verdict}: {self.claim}"]
+        if self.verified:
+            lines.append(f"  {self.kind} storage function; margin {self.margin:.3g}, re-checked with numpy")
+        elif self.why:
+            lines.append(f"  {self.why}")
+        return "\n".join(lines)
+
+
+def recheck_passivity(model: LPVTransferFunction, storage: Storage, multiplier: np.ndarray) -> Recheck:
+    """Check with numpy alone that P(p) and λ(p) prove a model passive, between grid points where that can be decided.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+    storage : Storage
+        P over the box of what `supplied` reads.
+    multiplier : (L,) array
+        λ over `sector_basis`, affine: its sign at the corners of the box is its sign in it.
+    """
+    system, basis, box = supplied(model, multiplier), sector_basis(model), storage.box
+    if multiplier.size:
+        corners = grid(box, 2)[:, [box.names.index(n) for n in basis.names]]
+        if not np.all(basis.evaluate(corners) @ multiplier >= 0):
+            return Recheck(False, False, math.nan, "the multiplier of the input stage is negative somewhere in the box")
+    return recheck_inequality(Dissipation(system, storage))
+
+
+def reading_box(model: LPVTransferFunction, scheduling: Scheduling) -> Scheduling:
+    """Box of what the inequality reads, with the rates of the scheduling."""
+    return box_of(supplied(model, np.zeros(sector_basis(model).size)).readings, scheduling)

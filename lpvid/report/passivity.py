@@ -1,0 +1,87 @@
+"""Whether an identified damper gives energy: lines for the terminal and a section of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.report.page import Figure, Item, Notes, Paragraph, Section, Table, number
+
+if TYPE_CHECKING:
+    from lpvid.analysis.passivity_margin import PassivityMargin
+    from lpvid.identification.result import Identification
+
+VELOCITY, FORCE = "m/s", "N"
+
+
+def energy_statement(model: Any) -> PassivityMargin | None:
+    """Damping in steady motion of a model from a velocity to a force; None for every other model.
+
+    A model whose metadata say that its polarity is reversed is judged with the sign of its force turned.
+    """
+    if not isinstance(model, LPVTransferFunction) or len(model.inputs) != 1 or model.n_outputs != 1:
+        return None
+    source, target = model.inputs[0], model.outputs[0]
+    moves = source.unit == VELOCITY or source.name == "velocity"
+    if not (moves and (target.unit == FORCE or target.name == "force")):
+        return None
+    from lpvid.analysis.passivity_margin import passivity_margin
+
+    assert model.c is not None
+    turned = model.metadata.get("polarity") == "reversed"
+    return passivity_margin(model.replace(b=-model.b, c=-model.c) if turned else model)
+
+
+def passivity_lines(found: Identification) -> list[str]:
+    """What is printed of a model's energy: its certificate and cost with --passive, else where it is active."""
+    data = found.model.metadata.get("passive")
+    if isinstance(data, Mapping):
+        return [*str(_certificate(data)).splitlines(), *cost_lines(found)]
+    margin = energy_statement(found.model)
+    said = "" if margin is None else margin.statement()
+    return [f"NOT passive: {said}: --passive"] if said else []
+
+
+def cost_lines(found: Identification) -> list[str]:
+    """What the constraint costs in free run, held-out and training."""
+    after = [v for v in (found.training, found.held_out) if v is not None]
+    pairs = list(zip(found.unconstrained_figures, after, strict=False))
+    said = [f"{new.label} free-run ESR {number(old.overall.free_run.esr, 4)} unconstrained, "
+            f"{number(new.overall.free_run.esr, 4)} passive" for old, new in reversed(pairs)]
+    return [f"what it costs: {'; '.join(said)}"] if said else []
+
+
+def passivity_section(found: Identification) -> tuple[Section, ...]:
+    """The section of a report; empty for a model that is no damper."""
+    margin = energy_statement(found.model)
+    if margin is None:
+        return ()
+    from lpvid import plot
+
+    data, items = found.model.metadata.get("passive"), []
+    if isinstance(data, Mapping):
+        items.append(Paragraph(str(_certificate(data)).splitlines()[0] + ".", strong=True))
+    items.append(Paragraph((margin.statement() or "In steady motion it takes energy at every amplitude, frequency and "
+                            "held scheduling").capitalize() + "."))
+    items.append(Figure.of(plot.passivity(margin), "Damping in steady sine motion at the least favourable amplitude: "
+                           "where it is negative the model gives energy in every period."))
+    items += _cost_table(found)
+    return (Section("Energy", tuple(items)),)
+
+
+def _cost_table(found: Identification) -> list[Item]:
+    after = [v for v in (found.training, found.held_out) if v is not None]
+    rows = tuple((new.label, number(old.overall.free_run.esr, 4), number(new.overall.free_run.esr, 4))
+                 for old, new in zip(found.unconstrained_figures, after, strict=False))
+    if not rows:
+        return []
+    return [Table(("data", "unconstrained", "passive"), rows, "Free-run ESR with and without the constraint.", (1, 2)),
+            Notes(("The passive model's free run was minimised; the unconstrained model is the estimate that it "
+                   "started from.",))]
+
+
+def _certificate(data: Mapping) -> Any:
+    from lpvid.analysis.passivity_certificate import PassivityCertificate
+
+    return PassivityCertificate.from_dict(data)
