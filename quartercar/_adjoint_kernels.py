@@ -129,7 +129,8 @@ def forward(ends, state, road_in, force_in, profile, step, q, a, b, rest, first,
 
 
 @njit()
-def backward(ends, state, force_in, q, a, b, stop, tyre, pairs, places, past, motion_bar, pair_bar, q_bar, a_bar, b_bar):
+def backward(ends, state, force_in, q, a, b, stop, tyre, pairs, places, past, motion_bar, pair_bar, q_bar, a_bar,
+             b_bar):
     """Gradient of a scalar by every coefficient, from its gradient by what `forward` gave.
 
     motion_bar (N + 1, 4) and pair_bar (N + 1, 2) are the gradients by the states and by (f, g) at the ends of the
@@ -146,9 +147,9 @@ def backward(ends, state, force_in, q, a, b, stop, tyre, pairs, places, past, mo
         for j in range(stages - 1, -1, -1):
             last = j == stages - 1
             w = force_in[j, j + 1]
-            f, g, z, v = pairs[k + 1, j, 0], pairs[k + 1, j, 1], places[k + 1, j, 0], places[k + 1, j, 1]
+            g, z, v = pairs[k + 1, j, 1], places[k + 1, j, 0], places[k + 1, j, 1]
             c[:] = q[k, j]
-            y, y_z, y_v, s, bump, hard = law_slopes(z, v, c, stop)
+            _, y_z, y_v, s, _, hard = law_slopes(z, v, c, stop)
             f_bar, g_bar = kept_bar[j + 1, 0], kept_bar[j + 1, 1]
             base_bar[:] = 0.0
             z_bar = v_bar = y_bar = sharp_bar = 0.0
@@ -173,8 +174,8 @@ def backward(ends, state, force_in, q, a, b, stop, tyre, pairs, places, past, mo
             force = total / slope
             law_bar = force + y_bar
             steep = law_bar * c[3] * (1.0 - s * s)
-            q_bar[k, j, 0], q_bar[k, j, 1], q_bar[k, j, 2], q_bar[k, j, 3] = law_bar, law_bar * v, law_bar * z, law_bar * s
-            q_bar[k, j, 4], q_bar[k, j, 5] = steep * v + sharp_bar, steep * z
+            q_bar[k, j, 0], q_bar[k, j, 1], q_bar[k, j, 2] = law_bar, law_bar * v, law_bar * z
+            q_bar[k, j, 3], q_bar[k, j, 4], q_bar[k, j, 5] = law_bar * s, steep * v + sharp_bar, steep * z
             q_bar[k, j, 6] = steep * math.tanh(z / c[7]) if c[6] != 0.0 else 0.0
             memory_bar += law_bar
             z_bar += force * (y_z + hard)

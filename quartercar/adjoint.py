@@ -24,6 +24,14 @@ def has_gradient(damper: Damper | None) -> bool:
     return damper is not None and (law_form(damper) is not None or filter_of(damper) is not None)
 
 
+def refuse_without_gradient(damper: Damper | None) -> None:
+    """InputError for a damper that an `AdjointCar` cannot carry, which says what can."""
+    if not has_gradient(damper):
+        raise InputError("no bound is available for this damper", got="none" if damper is None else damper.name,
+                         why="the gradient of its ride by the current is not built",
+                         mend="an identified transfer function (lpv-arx) or a law of one tanh (guo, kwok)")
+
+
 @dataclass(frozen=True, eq=False)
 class Coefficients:
     """Damper at N steps of S stages: law (N, S, 8) as `law` reads it; past forces (N, na), past inputs (N, nb, 3)."""
@@ -152,19 +160,13 @@ class AdjointCar:
     """
 
     def __init__(self, car: QuarterCar, road: np.ndarray, sample_time: float) -> None:
-        if not has_gradient(car.damper):
-            name = "none" if car.damper is None else car.damper.name
-            raise InputError("no gradient of a ride is available for this damper", got=name,
-                             why="its stepper is not differentiated",
-                             mend="an identified transfer function (lpv-arx, lpv-oe) or a law of velocity, displacement "
-                                  "and current of one tanh (guo, kwok, ...)")
+        refuse_without_gradient(car.damper)
         self.car, self.sample_time, self.road = car, sample_time, np.array(road, dtype=float)
         coil, damper = car.coil, car.damper
         assert damper is not None
-        start = float(coil.limited(np.zeros(1))[0]) if coil.lowest <= 0 else coil.lowest
         model = filter_of(damper)
         form = law_form(damper)
-        step = car.start(sample_time, 0.0, start).step  # which checks the rate
+        step = car.start(sample_time, 0.0, coil.lowest).step  # which checks the rate
         parts = round(sample_time / step)
         self._step, self._parts, self._first = step, parts, coil.lowest
         if form is not None:
@@ -185,6 +187,8 @@ class AdjointCar:
         n = self.road.size
         self._profile = np.interp(np.arange((n - 1) * parts + 1) / parts, np.arange(n), self.road)
         self._rate = np.concatenate([[0.0], np.diff(self.road) / sample_time])
+        ends = np.asarray(damper.conservative_force(np.array([0.0, 1.0])), dtype=float)
+        self._affine = None if form is not None else (float(ends[0]), float(ends[1] - ends[0]))
 
     def run(self, command: np.ndarray) -> Trajectory:
         """Drive under (n,) commands, each held until the next sample; the last one acts on nothing.
@@ -224,7 +228,9 @@ class AdjointCar:
         return Trajectory(body, tyre, z, v, free, state)
 
     def _spring(self, z: np.ndarray) -> np.ndarray:
-        """(n,) force of the displacement alone."""
+        """(n,) force of the displacement alone; that of a transfer function is affine."""
+        if self._affine is not None:
+            return self._affine[0] + self._affine[1] * z
         assert self.car.damper is not None
         return np.asarray(self.car.damper.conservative_force(z), dtype=float)
 

@@ -63,6 +63,8 @@ class BestCurrents:
     passivity : RidePassivity
     objective : float
         J, each figure over that of the passive car.
+    limits : mapping of str to float
+        Under which it was searched.
     by_start : mapping of str to float
         J of the local optimum that each start led to, before the best one was carried on.
     evaluations : int
@@ -74,6 +76,7 @@ class BestCurrents:
     figures: Figures
     passivity: RidePassivity
     objective: float
+    limits: Mapping[str, float]
     by_start: Mapping[str, float]
     evaluations: int
 
@@ -226,7 +229,7 @@ def best_currents(problem: Problem, starts: Mapping[str, np.ndarray], effort: Ef
     counted = run.after(problem.road.settle) if problem.road.settle else run
     coil = problem.car.coil
     return BestCurrents(search.command(x), run, figures, ride_passivity(counted, (coil.lowest, coil.highest)),
-                        problem.objective.of([figures], [problem.reference]),
+                        problem.objective.of([figures], [problem.reference]), dict(problem.limits),
                         {n: f[0] for n, f in found.items()}, search.evaluations)
 
 

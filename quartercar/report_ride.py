@@ -9,18 +9,22 @@ import numpy as np
 from lpvid.report import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number
 from lpvid.report.page import percent
 from quartercar.plot import riding as plot
+from quartercar.report_bound import bound_items
 from quartercar.report_fit import Drawn
+from quartercar.ride_bound import Bound
 from quartercar.ride_comparison import Interval, RideComparison, Row
 from quartercar.tuning import Tuned
 
 
-def ride_figures(found: RideComparison) -> tuple[Drawn, ...]:
-    """The figures of a comparison of rides."""
+def ride_figures(found: RideComparison, bounds: Sequence[Bound] = ()) -> tuple[Drawn, ...]:
+    """The figures of a comparison of rides, with the bounds marked."""
     seeds = "one seed" if len(found.seeds) == 1 else f"{len(found.seeds)} seeds, bars: 95 % intervals, paired by seed"
-    drawn = [Drawn("pareto", plot.trade_offs(found), "Weighted acceleration against tyre load and against stroke, "
-                   f"as a difference to {found.reference} on the same roads and noise; {seeds}; dashed: laws that no "
+    marked = ("" if not bounds else " Stars: best current found for the known road, at the objective and at "
+              "either end (comfort at the reference's tyre load, tyre load at its comfort).")
+    drawn = [Drawn("pareto", plot.trade_offs(found, bounds), "Weighted acceleration against tyre load and against "
+                   f"stroke, as a difference to {found.reference} on the same roads and noise; {seeds}; dashed: laws that no "
                    f"other beats in both. Down and left is better; a law more than {plot.FRAME:g} % above the "
-                   "best is outside the frame, and in the table.")]
+                   f"best is outside the frame, and in the table.{marked}")]
     for k, road in enumerate(found.roads, start=1):
         drawn.append(Drawn(f"time_{k}", plot.over_time(found, road), f"The liveliest {plot.EXCERPT:g} s of {road}, "
                            "first seed."))
@@ -28,7 +32,7 @@ def ride_figures(found: RideComparison) -> tuple[Drawn, ...]:
 
 
 def ride_page(found: RideComparison, figures: Sequence[Drawn], tuned: Mapping[str, Tuned] | None = None,
-              facts: Sequence[tuple[str, str]] = ()) -> Page:
+              facts: Sequence[tuple[str, str]] = (), bounds: Sequence[Bound] = ()) -> Page:
     """A page about a comparison of rides.
 
     Parameters
@@ -40,6 +44,8 @@ def ride_page(found: RideComparison, figures: Sequence[Drawn], tuned: Mapping[st
         Where the laws were tuned.
     facts : sequence of (str, str)
         Car, damper, sensors.
+    bounds : sequence of Bound
+        What the damper could have reached.
 
     Returns
     -------
@@ -47,6 +53,8 @@ def ride_page(found: RideComparison, figures: Sequence[Drawn], tuned: Mapping[st
     """
     drawn = {f.name: Figure.of(f.figure, f.caption) for f in figures}
     sections = [Section("What each law trades", (drawn["pareto"],))]
+    if bounds:
+        sections.append(Section("What the damper could have reached", bound_items(bounds)))
     for k, road in enumerate(found.roads, start=1):
         sections.append(Section(road, (_figures(found, road), _against(found, road), drawn[f"time_{k}"])))
     sections += [Section("Energy and passivity", _energy(found)), Section("Laws", tuple(_laws(found, tuned or {})))]
