@@ -31,7 +31,10 @@ MEMORY = 20
 
 @dataclass(frozen=True)
 class Effort:
-    """How long to search.
+    """How long to search; by default some 7 s per road of 20 s at 512 Hz.
+
+    On ISO C the objective after 60, 120, 240, 480, 960 iterations is .8977, .8964, .8954, .8941, .8939 of the passive
+    car's; starts differ by 2e-4.
 
     Attributes
     ----------
@@ -43,7 +46,7 @@ class Effort:
         Further iterations from the best of the starts.
     """
 
-    iterations: int = 120
+    iterations: int = 40
     rounds: int = 4
     polish: int = 240
 

@@ -22,8 +22,8 @@ def ride_figures(found: RideComparison, bounds: Sequence[Bound] = ()) -> tuple[D
     marked = ("" if not bounds else " Stars: best current found for the known road, at the objective and at "
               "either end (comfort at the reference's tyre load, tyre load at its comfort).")
     drawn = [Drawn("pareto", plot.trade_offs(found, bounds), "Weighted acceleration against tyre load and against "
-                   f"stroke, as a difference to {found.reference} on the same roads and noise; {seeds}; dashed: laws that no "
-                   f"other beats in both. Down and left is better; a law more than {plot.FRAME:g} % above the "
+                   f"stroke, as a difference to {found.reference} on the same roads and noise; {seeds}; dashed: laws "
+                   f"that no other beats in both. Down and left is better; a law more than {plot.FRAME:g} % above the "
                    f"best is outside the frame, and in the table.{marked}")]
     for k, road in enumerate(found.roads, start=1):
         drawn.append(Drawn(f"time_{k}", plot.over_time(found, road), f"The liveliest {plot.EXCERPT:g} s of {road}, "

@@ -66,9 +66,9 @@ def _points(ax: Axes, found: RideComparison, road: str, other: str, bounds: Sequ
 
 
 def _stars(ax: Axes, bound: Bound, other: str) -> list[tuple[float, float]]:
-    """The best currents of each aim, filled at the objective, joined; their places."""
+    """The best currents of each aim, filled at the objective, joined; their places. No ends against stroke."""
     places = {}
-    for aim in bound.best:
+    for aim in bound.best if other == "tyre_load" else ("objective",):
         gaps = [bound.against_reference(aim, m) for m in ("comfort", other)]
         places[aim] = tuple(100 * g.mean for g in gaps if g is not None)
     x, y = np.array(sorted(places.values())).T

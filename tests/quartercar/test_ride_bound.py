@@ -1,0 +1,128 @@
+"""The best current for a known road: no law is better, limits hold, small cases against enumeration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from lpvid.errors import InputError
+from quartercar.car import Coil, QuarterCar
+from quartercar.clairvoyant import HELD, Effort, Problem, best_currents, energy_limit, replay
+from quartercar.controllers import LinearSkyhook, Passive, SkyhookAccelerationDriven
+from quartercar.criteria import judge
+from quartercar.dampers import Guo
+from quartercar.parameters import MEGANE
+from quartercar.ride_bound import BoundSettings, bound_rides
+from quartercar.ride_comparison import compare_rides
+from quartercar.ride_config import build_car
+from quartercar.ride_roads import IsoRoad, RideRoad
+from quartercar.riding import drive
+from quartercar.tuning import Objective
+
+SHORT = IsoRoad("C", 20.0, 1.0)
+LAWS = {"passive": Passive(values={"fixed_current": 0.0}), "skyhook-linear": LinearSkyhook(),
+        "sh-add": SkyhookAccelerationDriven()}
+QUICK = Effort(iterations=40, rounds=4, polish=60)
+SOFT = Guo(degree=1, span=(0.0, 2.0), current_range=(0.0, 2.0), hysteresis=False)
+
+
+@dataclass(frozen=True)
+class Given(RideRoad):
+    """A road from numbers."""
+
+    heights: tuple[float, ...]
+    name = "given"
+    settle = 0.0
+
+    def profile(self, sample_time: float, seed: int) -> np.ndarray:
+        return np.array(self.heights)
+
+    def to_dict(self) -> dict:
+        return {}
+
+
+@pytest.fixture(scope="module")
+def bounds():
+    car = build_car()
+    found = compare_rides(car, [SHORT], LAWS, (0, 1))
+    return found, bound_rides(car, [SHORT], found, how=BoundSettings(2, effort=QUICK))
+
+
+def test_no_law_is_better_than_the_bound(bounds):
+    found, (nonlinear, linear) = bounds
+    assert (nonlinear.car, linear.car) == ("nonlinear", "linear")
+    best = nonlinear.values(nonlinear.at(), "objective")
+    for row in found.rows:
+        assert np.all(best < nonlinear.values(nonlinear.laws[row.name], "objective"))
+        share = nonlinear.share(row.name)
+        assert share is not None and share.mean < 1
+    assert nonlinear.share("passive").mean == pytest.approx(0, abs=1e-12)
+    assert nonlinear.share("sh-add").mean == pytest.approx(
+        (2 - nonlinear.values(nonlinear.laws["sh-add"], "objective").sum()) / (2 - best.sum()))
+
+
+def test_each_aim_has_the_least_of_its_figure_within_its_limits(bounds):
+    _, found = bounds
+    for bound in found:
+        for aim, other in (("comfort", "tyre_load"), ("tyre_load", "comfort")):
+            assert np.all(bound.values(bound.at(aim), aim) <= bound.values(bound.at(), aim) * (1 + HELD))
+            for best in bound.best[aim]:
+                assert getattr(best.figures, other) <= best.limits[other] * (1 + 2 * HELD)
+        for best in sum(bound.best.values(), ()):
+            assert best.passivity.negative_energy <= best.limits["given"] * (1 + 2 * HELD)
+
+
+def test_what_is_told_of_a_bound(bounds):
+    _, (nonlinear, linear) = bounds
+    data = nonlinear.to_dict()
+    assert set(data["best"]) == {"objective", "comfort", "tyre_load"} and set(data["shares"]) == set(LAWS)
+    assert "known road" in data["obtained"] and "energy given by the damper held" in str(nonlinear)
+    assert data["best"]["objective"]["against"]["comfort"]["mean"] < 0 and linear.to_dict()["shares"] == {}
+    assert nonlinear.best["objective"][1].run.n_samples == 2 < nonlinear.best["objective"][0].run.n_samples
+
+
+def problem(car: QuarterCar, road: RideRoad, objective: Objective, sample_time: float = 2e-3) -> Problem:
+    passive = drive(car, road, [Passive(values={"fixed_current": 0.0})], [0], None)[0]
+    return Problem(car, road, 0, sample_time, passive.figures, objective, {"given": energy_limit(passive.passivity)})
+
+
+def test_two_commands_against_all_of_them():
+    car = QuarterCar(MEGANE, SOFT, coil=Coil(highest=2.0))
+    heights = np.repeat([0.0, 0.01, 0.015, 0.0], 5)
+    posed = problem(car, Given(tuple(heights)), Objective(0.5, 0.5))
+    grid = np.linspace(0, 2, 9)
+
+    def cost(first: float, second: float) -> float:
+        command = np.r_[np.full(5, first), np.full(15, second)]
+        return posed.objective.of([judge(replay(car, heights, 2e-3, command))], [posed.reference])
+
+    least = min(cost(a, b) for a in grid for b in grid)
+    found = best_currents(posed, {"low": np.zeros(20), "high": np.full(20, 2.0)}, QUICK)
+    assert found.objective <= least + 1e-9 and found.objective < cost(0.0, 0.0)
+    again = judge(replay(car, heights, 2e-3, found.command))
+    assert found.objective == pytest.approx(posed.objective.of([again], [posed.reference]), rel=1e-12)
+    assert np.all((found.command >= 0) & (found.command <= 2))
+
+
+def test_more_damping_is_always_better_for_a_faint_damper():
+    """A car left swinging on a step: far below critical damping every force against the motion takes what is left."""
+    faint = SOFT.replace(values={n: v * (0.02 if n.startswith(("post_yield", "yield")) else 1.0)
+                                 for n, v in SOFT.values.items()})
+    car = QuarterCar(MEGANE, faint, coil=Coil(highest=2.0))
+    heights = np.r_[0.0, np.full(999, 0.01)]
+    posed = problem(car, Given(tuple(heights)), Objective(0.0, 0.0, 1.0))
+    constant = {i: posed.objective.of([judge(replay(car, heights, 2e-3, np.full(1000, i)))], [posed.reference])
+                for i in (0.0, 1.0, 2.0)}
+    assert constant[2.0] < constant[1.0] < constant[0.0] == 1
+    found = best_currents(posed, {"low": np.zeros(1000)}, Effort(100, 1, 0))
+    assert found.objective == pytest.approx(constant[2.0], rel=2e-3)
+
+
+def test_bad_starts_are_refused():
+    car = QuarterCar(MEGANE, SOFT, coil=Coil(highest=2.0))
+    posed = problem(car, Given((0.0, 0.01, 0.01)), Objective())
+    for starts in ({}, {"short": np.zeros(2)}):
+        with pytest.raises(InputError, match="starts are commands"):
+            best_currents(replace(posed), starts)
