@@ -198,15 +198,26 @@ class AdjointCar:
         NumericalError
             A car that leaves all bounds.
         """
-        from quartercar._adjoint_kernels import currents, forward
+        from quartercar._adjoint_kernels import currents
 
         command = np.clip(np.asarray(command, dtype=float), self.car.coil.lowest, self.car.coil.highest)[:-1]
         points = self._coil.shape[1]
         in_coil, lagged = np.empty((command.size, points)), np.empty((command.size, points))
         currents(command, self._first, self._coil, self._lag, in_coil, lagged)
-        stages, size = self._stages, self._stages.ends.size
-        p = lagged.reshape(-1, size)
-        c, count = self._damper.at(p), len(p) + 1
+        p = lagged.reshape(-1, self._stages.ends.size)
+        return self.driven(self._damper.at(p), (command, in_coil, lagged, p))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(N, S): steps, and stages of each."""
+        return self._profile.size - 1, self._stages.ends.size
+
+    def driven(self, c: Coefficients, currents: tuple[Any, ...] = ()) -> Trajectory:
+        """Drive with given coefficients of the damper, instead of those that a command gives."""
+        from quartercar._adjoint_kernels import forward
+
+        stages, (count, size) = self._stages, self.shape
+        count += 1
         motion, past = np.empty((count, 4)), np.empty((count, 4))
         pairs, places = np.empty((count, size, 2)), np.empty((count, size, 2))
         forward(stages.ends, stages.state, stages.road, stages.force, self._profile, self._step, c.law, c.a, c.b,
@@ -214,7 +225,7 @@ class AdjointCar:
         if not np.all(np.abs(motion[-1]) < 1e4):
             raise NumericalError("the car left all bounds; a damper that gives energy, or a step that is too long")
         at = slice(0, None, self._parts)
-        return self._signals(motion[at], pairs[at, -1], (command, in_coil, lagged, p, c, motion, pairs, places, past))
+        return self._signals(motion[at], pairs[at, -1], (currents, c, pairs, places, past))
 
     def _signals(self, motion: np.ndarray, pair: np.ndarray, state: tuple[Any, ...]) -> Trajectory:
         """What is measured at the samples, from the states and (f, g) there."""
@@ -245,18 +256,27 @@ class AdjointCar:
     def gradient(self, at: Trajectory, acceleration: np.ndarray, tyre_force: np.ndarray, deflection: np.ndarray,
                  speed: np.ndarray, force: np.ndarray) -> np.ndarray:
         """(n,) gradient by the command of a scalar, from its gradients by the (n,) signals of a trajectory."""
-        from quartercar._adjoint_kernels import backward, currents_back
+        from quartercar._adjoint_kernels import currents_back
 
-        command, in_coil, lagged, p, c, motion, pairs, places, past = at.state
-        motion_bar, pair_bar = self._signals_back(at, acceleration, tyre_force, deflection, speed, force, len(motion))
-        bars = Coefficients(np.empty((*c.law.shape[:2], 7)), np.empty_like(c.a), np.empty_like(c.b))
-        stages = self._stages
-        backward(stages.ends, stages.state, stages.force, c.law, c.a, c.b, self._stop, self._tyre, pairs, places, past,
-                 motion_bar, pair_bar, bars.law, bars.a, bars.b)
+        command, in_coil, lagged, p = at.state[0]
+        bars = self.gradient_by_coefficients(at, acceleration, tyre_force, deflection, speed, force)
         by_p = self._damper.back(p, bars).reshape(lagged.shape)
         found = np.zeros(command.size + 1)
         currents_back(command, self._first, self._coil, self._lag, in_coil, lagged, by_p, found[:-1])
         return found
+
+    def gradient_by_coefficients(self, at: Trajectory, acceleration: np.ndarray, tyre_force: np.ndarray,
+                                 deflection: np.ndarray, speed: np.ndarray, force: np.ndarray) -> Coefficients:
+        """The same by the damper's coefficients; of the law (N, S, 7), its scale a_7 left out."""
+        from quartercar._adjoint_kernels import backward
+
+        _, c, pairs, places, past = at.state
+        motion_bar, pair_bar = self._signals_back(at, acceleration, tyre_force, deflection, speed, force, len(past))
+        bars = Coefficients(np.empty((*c.law.shape[:2], 7)), np.empty_like(c.a), np.empty_like(c.b))
+        stages = self._stages
+        backward(stages.ends, stages.state, stages.force, c.law, c.a, c.b, self._stop, self._tyre, pairs, places, past,
+                 motion_bar, pair_bar, bars.law, bars.a, bars.b)
+        return bars
 
     def _signals_back(self, at: Trajectory, a: np.ndarray, t: np.ndarray, z: np.ndarray, v: np.ndarray,
                       force: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -265,7 +285,7 @@ class AdjointCar:
         inverse = part.inverse_mass[0]
         strut = a * (inverse[1] - inverse[0])
         tyre = t - inverse[1] * a
-        size = 1e-4  # [m] of the difference: the force of displacement alone is affine for most, smooth for all
+        size = 1e-7  # [m] of the difference, far below the strokes over which a law turns
         spring = (self._spring(at.deflection + size) - self._spring(at.deflection - size)) / (2 * size)
         by_z = z + part.stiffness * strut - force * (self._bump(at.deflection)[1] + spring)
         by_v = v + part.damping * strut

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.report import Item, Paragraph, Table, number
-from quartercar.ride_bound import MEASURES, Bound, obtained, told_share
+from quartercar.ride_bound import MEASURES, Bound, obtained, told_floor, told_share
 from quartercar.ride_comparison import Interval
 
 AIM_NAMES = {"objective": "least objective", "comfort": "least comfort at the reference's tyre load",
@@ -28,6 +28,7 @@ def bound_items(bounds: Sequence[Bound]) -> tuple[Item, ...]:
                         f"comfort to {first.reference}", f"tyre load to {first.reference}", "energy given [J]"), rows,
                        "Means over the seeds of the bound. Linear: without bump stops and lift-off.",
                        tuple(range(3, 9))))
+    items += [Paragraph(f"{b.road}, linear car: {told_floor(b)}.") for b in bounds if b.floor]
     shares = tuple((b.road, law, *(told_share(b.share(law, m)) for m in MEASURES)) for b in bounds for law in b.laws)
     items.append(Table(("road", "law", *(m.replace("_", " ") for m in MEASURES)), shares,
                        "(passive − law)/(passive − bound at the least objective), nonlinear car, same roads, ± half of "

@@ -14,6 +14,7 @@ from quartercar.clairvoyant import BestCurrents, Effort, Problem, best_currents,
 from quartercar.controllers.contract import Controller
 from quartercar.controllers.passive import Passive
 from quartercar.criteria import Ride as Figures
+from quartercar.relaxation import RelaxedBound, relaxed_bound
 from quartercar.ride_comparison import Interval, RideComparison
 from quartercar.ride_roads import RideRoad
 from quartercar.riding import Ride, RideSettings, drive, short_run
@@ -72,6 +73,8 @@ class Bound:
         The passive car of the same kind under the lowest current, one per seed.
     laws : mapping of str to tuple of criteria.Ride
         Laws of the comparison; empty for the linear car, in which they did not ride.
+    floor : tuple of RelaxedBound
+        Certified lower bounds of the objective, one per seed; of the linear car alone.
     """
 
     road: str
@@ -82,6 +85,7 @@ class Bound:
     best: Mapping[str, tuple[BestCurrents, ...]]
     passive: tuple[Figures, ...]
     laws: Mapping[str, tuple[Figures, ...]]
+    floor: tuple[RelaxedBound, ...] = ()
 
     def values(self, figures: Sequence[Figures], measure: str) -> np.ndarray:
         """(seeds,) of a measure of `MEASURES`; the objective is over the passive car."""
@@ -123,7 +127,7 @@ class Bound:
         shares = {law: {m: None if (s := self.share(law, m)) is None else s.to_dict() for m in MEASURES}
                   for law in self.laws}
         return {"road": self.road, "car": self.car, "seeds": list(self.seeds), "objective": self.objective.says,
-                "reference": self.reference, "obtained": obtained(self), "best": best, "shares": shares,
+                "reference": self.reference, "obtained": obtained(self), "best": best, "shares": shares, "floor": [f.to_dict() for f in self.floor],
                 "passive": {m: Interval.of(self.values(self.passive, m)).to_dict() for m in MEASURES}}
 
     def __str__(self) -> str:
@@ -140,6 +144,8 @@ class Bound:
             lines.append("  share of the way from passive to that bound: objective, comfort, tyre load")
             lines += [f"    {law:<18}" + "".join(f"{told_share(self.share(law, m)):>16}" for m in MEASURES)
                       for law in self.laws]
+        if self.floor:
+            lines.append(f"  {told_floor(self)}")
         return "\n".join(lines)
 
     __repr__ = __str__
@@ -157,6 +163,15 @@ def told_share(share: Interval | None) -> str:
         return "-"
     half = "" if share.high is None else f" ± {100 * (share.high - share.mean):.1f}"
     return f"{100 * share.mean:.0f}{half} %"
+
+
+def told_floor(bound: Bound) -> str:
+    """The certified lower bounds, in a sentence."""
+    low, best = (float(np.mean(v)) for v in ([f.value for f in bound.floor],
+                                             bound.values(bound.at(), "objective")))
+    reach, slope = max(f.reach for f in bound.floor), float(np.mean([f.slope for f in bound.floor]))
+    return (f"objective: {best:.4g} of passive found; certified that no force within {reach:.4g} N of {slope:.4g} "
+            f"N*s/m, were it an active one, makes it less than {low:.4g}")
 
 
 def obtained(bound: Bound) -> str:
@@ -227,6 +242,7 @@ def _road_bound(car: QuarterCar, kind: str, road: RideRoad, found: RideCompariso
     laws = {r.name: tuple(x.figures for x in r.rides[:len(seeds)]) for r in rows}
     costs = {n: how.objective.of(f, passive) for n, f in laws.items()}
     chosen = dict.fromkeys([found.reference, min(costs, key=lambda n: costs[n])])
+    floor: list[RelaxedBound] = []
     best: dict[str, list[BestCurrents]] = {aim: [] for aim in (AIMS if how.ends else ("objective",))}
     for k, seed in enumerate(seeds):
         held = reference.rides[k]
@@ -244,8 +260,10 @@ def _road_bound(car: QuarterCar, kind: str, road: RideRoad, found: RideCompariso
             if aim != "objective":
                 from_ = {"objective": best["objective"][k].command}
             best[aim].append(best_currents(part, from_, how.effort, lambda text: say(f"{text}, {kind} car")))
+        if nonlinear is not None:
+            floor.append(relaxed_bound(problem, best["objective"][k], say=say))
     return Bound(road.name, kind, seeds, how.objective, found.reference, {a: tuple(v) for a, v in best.items()},
-                 passive, laws if nonlinear is None else {})
+                 passive, laws if nonlinear is None else {}, tuple(floor))
 
 
 def _aimed(problem: Problem, aim: str, held: Ride) -> Problem:

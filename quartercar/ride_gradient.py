@@ -87,8 +87,12 @@ class RideGradient:
 
     def gradient(self, run: Trajectory, figures: Mapping[str, Figure], weights: Mapping[str, float]) -> np.ndarray:
         """(n,) gradient by the command of Σ weight·figure."""
+        return self.car.gradient(run, *self.bars(figures, weights))
+
+    def bars(self, figures: Mapping[str, Figure], weights: Mapping[str, float]) -> list[np.ndarray]:
+        """(n,) gradients of Σ weight·figure by the signals, in the order of `SIGNALS`."""
         bars = {s: np.zeros(self._size) for s in SIGNALS}
         for name, weight in weights.items():
             for signal, slope in figures[name].slopes.items() if weight else ():
                 bars[signal] += weight * slope
-        return self.car.gradient(run, *(bars[s] for s in SIGNALS))
+        return [bars[s] for s in SIGNALS]
