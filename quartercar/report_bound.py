@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.report import Item, Paragraph, Table, number
+from lpvid.report.page import percent
 from quartercar.ride_bound import MEASURES, Bound, obtained, told_floor, told_share
 from quartercar.ride_comparison import Interval
 
@@ -34,6 +35,16 @@ def bound_items(bounds: Sequence[Bound]) -> tuple[Item, ...]:
                        "(passive − law)/(passive − bound at the least objective), nonlinear car, same roads, ± half of "
                        "the 95 % interval. Above 100 % where a law gives away the other criterion.", (2, 3, 4)))
     return tuple(items)
+
+
+def bound_row(bound: Bound) -> tuple[str, ...]:
+    """The least objective as a row of the table of laws: comfort, tyre load, stroke, largest, MTVV, off road."""
+    def mean(name: str, scale: float, digits: int) -> str:
+        return number(scale * float(np.mean([getattr(f, name) for f in bound.at()])), digits)
+
+    return (f"clairvoyant bound, {bound.car} car ({len(bound.seeds)} of the seeds)", mean("comfort", 1, 4),
+            mean("tyre_load", 1, 4), mean("stroke", 1e3, 3), mean("largest_stroke", 1e3, 3), mean("transient", 1, 4),
+            percent(float(np.mean([f.off_road for f in bound.at()]))), "–", "–")
 
 
 def _mean(bound: Bound, aim: str, measure: str) -> str:

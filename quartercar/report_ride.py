@@ -9,7 +9,7 @@ import numpy as np
 from lpvid.report import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number
 from lpvid.report.page import percent
 from quartercar.plot import riding as plot
-from quartercar.report_bound import bound_items
+from quartercar.report_bound import bound_items, bound_row
 from quartercar.report_fit import Drawn
 from quartercar.ride_bound import Bound
 from quartercar.ride_comparison import Interval, RideComparison, Row
@@ -56,7 +56,7 @@ def ride_page(found: RideComparison, figures: Sequence[Drawn], tuned: Mapping[st
     if bounds:
         sections.append(Section("What the damper could have reached", bound_items(bounds)))
     for k, road in enumerate(found.roads, start=1):
-        sections.append(Section(road, (_figures(found, road), _against(found, road), drawn[f"time_{k}"])))
+        sections.append(Section(road, (_figures(found, road, bounds), _against(found, road), drawn[f"time_{k}"])))
     sections += [Section("Energy and passivity", _energy(found)), Section("Laws", tuple(_laws(found, tuned or {})))]
     if found.notes:
         sections.append(Section("Remarks", (Notes(found.notes),)))
@@ -97,13 +97,15 @@ def _caveats(found: RideComparison) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _figures(found: RideComparison, road: str) -> Table:
+def _figures(found: RideComparison, road: str, bounds: Sequence[Bound]) -> Table:
     rows = tuple((r.name, told(r.interval("comfort")), told(r.interval("tyre_load")),
                   told(r.interval("stroke"), 1e3, 3), number(1e3 * r.interval("largest_stroke").mean, 3),
                   number(r.interval("transient").mean, 4), percent(r.interval("off_road").mean),
                   percent(r.interval("at_limits").mean), percent(r.interval("out_of_reach").mean))
                  for r in found.on(road))
     marks: tuple[Mark, ...] = tuple("good" if r.name in found.front[road] else "plain" for r in found.on(road))
+    rows += tuple(bound_row(b) for b in bounds if b.road == road)
+    marks += ("plain",) * (len(rows) - len(marks))
     return Table(("law", "comfort [m/s²]", "tyre load [N]", "stroke [mm]", "largest [mm]", "MTVV [m/s²]", "off road",
                   "current at a limit", "demand out of reach"), rows,
                  "Means over the seeds ± half of the 95 % interval; comfort is W_k-weighted (ISO 2631-1), tyre load "

@@ -127,7 +127,8 @@ class Bound:
         shares = {law: {m: None if (s := self.share(law, m)) is None else s.to_dict() for m in MEASURES}
                   for law in self.laws}
         return {"road": self.road, "car": self.car, "seeds": list(self.seeds), "objective": self.objective.says,
-                "reference": self.reference, "obtained": obtained(self), "best": best, "shares": shares, "floor": [f.to_dict() for f in self.floor],
+                "reference": self.reference, "obtained": obtained(self), "best": best, "shares": shares,
+                "floor": [f.to_dict() for f in self.floor],
                 "passive": {m: Interval.of(self.values(self.passive, m)).to_dict() for m in MEASURES}}
 
     def __str__(self) -> str:
