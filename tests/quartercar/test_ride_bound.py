@@ -25,7 +25,7 @@ from quartercar.tuning import Objective
 SHORT = IsoRoad("C", 20.0, 1.0)
 LAWS = {"passive": Passive(values={"fixed_current": 0.0}), "skyhook-linear": LinearSkyhook(),
         "sh-add": SkyhookAccelerationDriven()}
-QUICK = Effort(iterations=40, rounds=4, polish=60)
+QUICK = Effort(iterations=20, rounds=3, polish=30)
 SOFT = Guo(degree=1, span=(0.0, 2.0), current_range=(0.0, 2.0), hysteresis=False)
 
 
