@@ -9,6 +9,8 @@ import numpy as np
 
 from lpvid.errors import InputError, NumericalError
 from quartercar.car import QuarterCar
+from quartercar.car_run import CarRun
+from quartercar.car_stepper import States
 from quartercar.car_steps import Stages
 from quartercar.dampers.contract import Damper
 from quartercar.filter_bank import INPUTS, FilterBank, filter_of
@@ -116,6 +118,8 @@ class Trajectory:
     ----------
     acceleration, tyre_force, deflection, speed, force : (n,) arrays
         Body acceleration [m/s²], F_t [N], z_d [m], ż_d [m/s], damper force less what displacement alone gives [N].
+    motion : (n, 4) array
+        As in `car_stepper.States`.
     state : tuple of arrays
         Inner.
     """
@@ -125,6 +129,7 @@ class Trajectory:
     deflection: np.ndarray
     speed: np.ndarray
     force: np.ndarray
+    motion: np.ndarray
     state: tuple[Any, ...]
 
 
@@ -163,6 +168,7 @@ class AdjointCar:
         refuse_without_gradient(car.damper)
         self.car, self.sample_time, self.road = car, sample_time, np.array(road, dtype=float)
         coil, damper = car.coil, car.damper
+        self._rest = car.preload
         assert damper is not None
         model = filter_of(damper)
         form = law_form(damper)
@@ -221,11 +227,19 @@ class AdjointCar:
         motion, past = np.empty((count, 4)), np.empty((count, 4))
         pairs, places = np.empty((count, size, 2)), np.empty((count, size, 2))
         forward(stages.ends, stages.state, stages.road, stages.force, self._profile, self._step, c.law, c.a, c.b,
-                self.car.preload, self._damper.first, self._stop, self._tyre, motion, pairs, places, past)
+                self._rest, self._damper.first, self._stop, self._tyre, motion, pairs, places, past)
         if not np.all(np.abs(motion[-1]) < 1e4):
             raise NumericalError("the car left all bounds; a damper that gives energy, or a step that is too long")
         at = slice(0, None, self._parts)
         return self._signals(motion[at], pairs[at, -1], (currents, c, pairs, places, past))
+
+    def car_run(self, run: Trajectory, command: np.ndarray) -> CarRun:
+        """Every signal of a trajectory under the (n,) commands that gave it."""
+        (_, in_coil, *_), _, pairs, _, _ = run.state
+        pair = pairs[::self._parts, -1]
+        current = np.concatenate([[self._first], in_coil[:, -1]])
+        return CarRun.of(self.car, self.sample_time, self.road.copy(), np.array(command, dtype=float),
+                         States(run.motion, pair[:, 0], pair[:, 1], current))
 
     def _signals(self, motion: np.ndarray, pair: np.ndarray, state: tuple[Any, ...]) -> Trajectory:
         """What is measured at the samples, from the states and (f, g) there."""
@@ -235,8 +249,8 @@ class AdjointCar:
         tyre = kt * (zu - self.road) + ct * (vu - self._rate) + pair[:, 1]
         strut = part.stiffness * z + part.damping * v + pair[:, 0]
         body = part.inverse_mass[0] @ np.vstack([-strut, strut - tyre])
-        free = pair[:, 0] - self._bump(z)[0] - (self._spring(z) - self.car.preload)
-        return Trajectory(body, tyre, z, v, free, state)
+        free = pair[:, 0] - self._bump(z)[0] - (self._spring(z) - self._rest)
+        return Trajectory(body, tyre, z, v, free, motion, state)
 
     def _spring(self, z: np.ndarray) -> np.ndarray:
         """(n,) force of the displacement alone; that of a transfer function is affine."""

@@ -10,9 +10,7 @@ import numpy as np
 from lpvid import _checks
 from quartercar.adjoint import refuse_without_gradient
 from quartercar.car import QuarterCar
-from quartercar.clairvoyant import BestCurrents, Effort, Problem, best_currents, energy_limit
-from quartercar.controllers.contract import Controller
-from quartercar.controllers.passive import Passive
+from quartercar.clairvoyant import BestCurrents, Effort, Problem, best_currents, energy_limit, lowest_current
 from quartercar.criteria import Ride as Figures
 from quartercar.relaxation import RelaxedBound, relaxed_bound
 from quartercar.ride_comparison import Interval, RideComparison
@@ -238,23 +236,23 @@ def _road_bound(car: QuarterCar, kind: str, road: RideRoad, found: RideCompariso
     """The bound of one kind of car on one road."""
     rows = found.on(road.name)
     reference = found.row(found.reference, road.name)
-    rest: Controller = Passive(values={"fixed_current": car.coil.lowest})
-    passive = tuple(r.figures for r in drive(car, road, [rest] * len(seeds), seeds, settings))
+    period = settings.period(car)
+    passive = tuple(lowest_current(car, road, seed, period) for seed in seeds)
     laws = {r.name: tuple(x.figures for x in r.rides[:len(seeds)]) for r in rows}
     costs = {n: how.objective.of(f, passive) for n, f in laws.items()}
     chosen = dict.fromkeys([found.reference, min(costs, key=lambda n: costs[n])])
+    chosen_laws = [found.row(n, road.name).controller for n in chosen for _ in seeds]
+    rides = drive(car, road, chosen_laws, list(seeds) * len(chosen), settings) if nonlinear is None else []
     floor: list[RelaxedBound] = []
     best: dict[str, list[BestCurrents]] = {aim: [] for aim in (AIMS if how.ends else ("objective",))}
     for k, seed in enumerate(seeds):
         held = reference.rides[k]
         if nonlinear is None:
-            rides = drive(car, road, [found.row(n, road.name).controller for n in chosen], [seed] * len(chosen),
-                          settings)
-            starts = {n: r.run["command"] for n, r in zip(chosen, rides, strict=True)}
+            starts = {n: r.run["command"] for n, r in zip(chosen, rides[k::len(seeds)], strict=True)}
             starts["lowest current"] = np.full(rides[0].run.n_samples, car.coil.lowest)
         else:
             starts = {"nonlinear car": nonlinear.best["objective"][k].command}
-        problem = Problem(car, road, seed, settings.period(car), passive[k], how.objective,
+        problem = Problem(car, road, seed, period, passive[k], how.objective,
                           {"given": energy_limit(held.passivity)})
         for aim in best:
             part, from_ = _aimed(problem, aim, held), starts

@@ -121,7 +121,7 @@ def test_a_bound_stands_beside_the_laws(quick: Path, tmp_path: Path):
     assert (nonlinear["car"], linear["car"]) == ("nonlinear", "linear") and nonlinear["seeds"] == [0]
     shares = nonlinear["shares"]
     assert list(shares) == ["passive", "skyhook-linear", "mixed"]
-    assert shares["passive"]["objective"]["mean"] == pytest.approx(0, abs=1e-9) and shares["mixed"]["comfort"][
+    assert shares["passive"]["objective"]["mean"] == pytest.approx(0, abs=1e-7) and shares["mixed"]["comfort"][
         "mean"] < 1
     assert linear["floor"][0]["value"] < linear["best"]["objective"]["figures"]["objective"]["mean"] < 1
     page = (tmp_path / "out" / "report.html").read_text()

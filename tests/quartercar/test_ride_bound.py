@@ -55,11 +55,13 @@ def test_no_law_is_better_than_the_bound(bounds):
     found, (nonlinear, linear) = bounds
     assert (nonlinear.car, linear.car) == ("nonlinear", "linear")
     best = nonlinear.values(nonlinear.at(), "objective")
+    again = replay(build_car(), SHORT.profile(1 / 512, 0), 1 / 512, nonlinear.best["objective"][0].command)
+    assert judge(again, SHORT.settle).comfort == pytest.approx(nonlinear.at()[0].comfort, rel=1e-8)
     for row in found.rows:
         assert np.all(best < nonlinear.values(nonlinear.laws[row.name], "objective"))
         share = nonlinear.share(row.name)
         assert share is not None and share.mean < 1
-    assert nonlinear.share("passive").mean == pytest.approx(0, abs=1e-12)
+    assert nonlinear.share("passive").mean == pytest.approx(0, abs=1e-7)
     assert nonlinear.share("sh-add").mean == pytest.approx(
         (2 - nonlinear.values(nonlinear.laws["sh-add"], "objective").sum()) / (2 - best.sum()))
 
@@ -102,8 +104,10 @@ def test_two_commands_against_all_of_them():
     least = min(cost(a, b) for a in grid for b in grid)
     found = best_currents(posed, {"low": np.zeros(20), "high": np.full(20, 2.0)}, QUICK)
     assert found.objective <= least + 1e-9 and found.objective < cost(0.0, 0.0)
-    again = judge(replay(car, heights, 2e-3, found.command))
-    assert found.objective == pytest.approx(posed.objective.of([again], [posed.reference]), rel=1e-12)
+    again = replay(car, heights, 2e-3, found.command)
+    assert found.objective == pytest.approx(posed.objective.of([judge(again)], [posed.reference]), rel=1e-8)
+    for name, signal in again.signals.items():
+        np.testing.assert_allclose(found.run[name], signal, rtol=0, atol=1e-7 * max(np.abs(signal).max(), 1e-6))
     assert np.all((found.command >= 0) & (found.command <= 2))
 
 
