@@ -34,8 +34,14 @@ class Given(RideRoad):
     """A road from numbers."""
 
     heights: tuple[float, ...]
-    name = "given"
-    settle = 0.0
+
+    @property
+    def name(self) -> str:
+        return "given"
+
+    @property
+    def settle(self) -> float:
+        return 0.0
 
     def profile(self, sample_time: float, seed: int) -> np.ndarray:
         return np.array(self.heights)
