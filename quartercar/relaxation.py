@@ -39,7 +39,7 @@ class RelaxedBound:
         return {"value": self.value, "attained": self.attained, "slope": self.slope, "reach": self.reach}
 
 
-def relaxed_bound(problem: Problem, best: BestCurrents, iterations: int = 300,
+def relaxed_bound(problem: Problem, best: BestCurrents, iterations: int = 150,
                   say: Callable[[str], None] = lambda text: None) -> RelaxedBound:
     """Lower bound of J over the linear car by a convex relaxation: the force free in a strip about a line.
 

@@ -255,10 +255,12 @@ def _road_bound(car: QuarterCar, kind: str, road: RideRoad, found: RideCompariso
         problem = Problem(car, road, seed, period, passive[k], how.objective,
                           {"given": energy_limit(held.passivity)})
         for aim in best:
-            part, from_ = _aimed(problem, aim, held), starts
+            part, from_, effort = _aimed(problem, aim, held), starts, how.effort
             if aim != "objective":
                 from_ = {"objective": best["objective"][k].command}
-            best[aim].append(best_currents(part, from_, how.effort, lambda text: say(f"{text}, {kind} car")))
+            if len(from_) == 1:  # from a neighbouring optimum
+                effort = replace(effort, iterations=effort.polish // 2, polish=0)
+            best[aim].append(best_currents(part, from_, effort, lambda text: say(f"{text}, {kind} car")))
         if nonlinear is not None:
             floor.append(relaxed_bound(problem, best["objective"][k], say=say))
     return Bound(road.name, kind, seeds, how.objective, found.reference, {a: tuple(v) for a, v in best.items()},
