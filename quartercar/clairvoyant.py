@@ -25,6 +25,8 @@ NOTHING = 1e-6
 """energy given, as a share of what the damper takes, that stands for none where the reference gives none"""
 FIRST_WEIGHT = 0.2
 """of the quadratic term of a limit at first; the objective is of order one, and it doubles with every round"""
+OUT_OF_BOUNDS = 1e3
+"""value of a car that leaves all bounds; the objective of one that does not is of order one"""
 MEMORY = 20
 """pairs of L-BFGS-B"""
 
@@ -138,14 +140,21 @@ class _Search:
         self._gradient = RideGradient(AdjointCar(problem.car, elevation, problem.sample_time), problem.road.settle)
         coil = problem.car.coil
         self._low, self._span = coil.lowest, coil.highest - coil.lowest
+        if not np.isfinite(self._span):
+            raise InputError("the best current needs limits of the current", got=f"up to {coil.highest:g}",
+                             mend="a coil with a highest current")
         self.evaluations = 0
         self.best: tuple[float, np.ndarray] | None = None
 
     def _value(self, x: np.ndarray, multipliers: Mapping[str, float], weight: float) -> tuple[float, np.ndarray]:
-        run = self._gradient.car.run(self._low + self._span * x)
+        self.evaluations += 1
+        try:
+            run = self._gradient.car.run(self._low + self._span * x)
+        except NumericalError:  # a step of the line search that throws the car off all bounds is too long
+            self._last = np.inf, dict.fromkeys(self.problem.limits, np.inf)
+            return OUT_OF_BOUNDS, np.zeros(x.size)
         figures = self._gradient.of(run)
         value, slopes = self.problem.weights(figures)
-        self.evaluations += 1
         self._last = value, {n: figures[n].value / limit - 1 for n, limit in self.problem.limits.items()}
         if max(self._last[1].values(), default=0.0) <= HELD and (self.best is None or value < self.best[0]):
             self.best = value, x.copy()
@@ -169,7 +178,9 @@ class _Search:
                                       "gtol": 1e-9, "maxfun": 20 * iterations})
             x = found.x
             self._value(x, multipliers, weight)
-            excess = self._last[1]
+            value, excess = self._last
+            if not np.isfinite(value):
+                break
             multipliers = {n: max(0.0, m + weight * excess[n]) for n, m in multipliers.items()}
             weight *= 2
         return (np.inf, x) if self.best is None else self.best
@@ -209,7 +220,7 @@ def best_currents(problem: Problem, starts: Mapping[str, np.ndarray], effort: Ef
     Raises
     ------
     InputError
-        A damper without gradient, no start, a start of another length.
+        A damper without gradient, a coil without limits, no start, a start of another length.
     NumericalError
         No point within the limits found.
     """

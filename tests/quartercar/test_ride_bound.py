@@ -139,13 +139,15 @@ def test_the_relaxed_bound_lies_below_everything_and_is_convex_to_rounding(bound
 def test_a_relaxed_bound_wants_a_linear_car():
     car = QuarterCar(MEGANE, SOFT, coil=Coil(highest=2.0))
     posed = problem(car, Given((0.0, 0.01, 0.01)), Objective())
-    with pytest.raises(ValueError, match="without stops and lift-off"):
+    with pytest.raises(InputError, match="without stops and lift-off"):
         relaxed_bound(posed, best_currents(posed, {"low": np.zeros(3)}, Effort(2, 1, 0)))
 
 
 def test_bad_starts_are_refused():
     car = QuarterCar(MEGANE, SOFT, coil=Coil(highest=2.0))
     posed = problem(car, Given((0.0, 0.01, 0.01)), Objective())
+    with pytest.raises(InputError, match="needs limits of the current"):
+        best_currents(replace(posed, car=replace(car, coil=Coil())), {"low": np.zeros(3)})
     for starts in ({}, {"short": np.zeros(2)}):
         with pytest.raises(InputError, match="starts are commands"):
             best_currents(replace(posed), starts)
