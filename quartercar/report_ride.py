@@ -9,18 +9,22 @@ import numpy as np
 from lpvid.report import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number
 from lpvid.report.page import percent
 from quartercar.plot import riding as plot
+from quartercar.report_bound import bound_items, bound_row
 from quartercar.report_fit import Drawn
+from quartercar.ride_bound import Bound
 from quartercar.ride_comparison import Interval, RideComparison, Row
 from quartercar.tuning import Tuned
 
 
-def ride_figures(found: RideComparison) -> tuple[Drawn, ...]:
-    """The figures of a comparison of rides."""
+def ride_figures(found: RideComparison, bounds: Sequence[Bound] = ()) -> tuple[Drawn, ...]:
+    """The figures of a comparison of rides, with the bounds marked."""
     seeds = "one seed" if len(found.seeds) == 1 else f"{len(found.seeds)} seeds, bars: 95 % intervals, paired by seed"
-    drawn = [Drawn("pareto", plot.trade_offs(found), "Weighted acceleration against tyre load and against stroke, "
-                   f"as a difference to {found.reference} on the same roads and noise; {seeds}; dashed: laws that no "
-                   f"other beats in both. Down and left is better; a law more than {plot.FRAME:g} % above the "
-                   "best is outside the frame, and in the table.")]
+    marked = ("" if not bounds else " Stars: best current found for the known road, at the objective and at "
+              "either end (comfort at the reference's tyre load, tyre load at its comfort).")
+    drawn = [Drawn("pareto", plot.trade_offs(found, bounds), "Weighted acceleration against tyre load and against "
+                   f"stroke, as a difference to {found.reference} on the same roads and noise; {seeds}; dashed: laws "
+                   f"that no other beats in both. Down and left is better; a law more than {plot.FRAME:g} % above the "
+                   f"best is outside the frame, and in the table.{marked}")]
     for k, road in enumerate(found.roads, start=1):
         drawn.append(Drawn(f"time_{k}", plot.over_time(found, road), f"The liveliest {plot.EXCERPT:g} s of {road}, "
                            "first seed."))
@@ -28,7 +32,7 @@ def ride_figures(found: RideComparison) -> tuple[Drawn, ...]:
 
 
 def ride_page(found: RideComparison, figures: Sequence[Drawn], tuned: Mapping[str, Tuned] | None = None,
-              facts: Sequence[tuple[str, str]] = ()) -> Page:
+              facts: Sequence[tuple[str, str]] = (), bounds: Sequence[Bound] = ()) -> Page:
     """A page about a comparison of rides.
 
     Parameters
@@ -40,6 +44,8 @@ def ride_page(found: RideComparison, figures: Sequence[Drawn], tuned: Mapping[st
         Where the laws were tuned.
     facts : sequence of (str, str)
         Car, damper, sensors.
+    bounds : sequence of Bound
+        What the damper could have reached.
 
     Returns
     -------
@@ -47,8 +53,10 @@ def ride_page(found: RideComparison, figures: Sequence[Drawn], tuned: Mapping[st
     """
     drawn = {f.name: Figure.of(f.figure, f.caption) for f in figures}
     sections = [Section("What each law trades", (drawn["pareto"],))]
+    if bounds:
+        sections.append(Section("What the damper could have reached", bound_items(bounds)))
     for k, road in enumerate(found.roads, start=1):
-        sections.append(Section(road, (_figures(found, road), _against(found, road), drawn[f"time_{k}"])))
+        sections.append(Section(road, (_figures(found, road, bounds), _against(found, road), drawn[f"time_{k}"])))
     sections += [Section("Energy and passivity", _energy(found)), Section("Laws", tuple(_laws(found, tuned or {})))]
     if found.notes:
         sections.append(Section("Remarks", (Notes(found.notes),)))
@@ -89,13 +97,15 @@ def _caveats(found: RideComparison) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _figures(found: RideComparison, road: str) -> Table:
+def _figures(found: RideComparison, road: str, bounds: Sequence[Bound]) -> Table:
     rows = tuple((r.name, told(r.interval("comfort")), told(r.interval("tyre_load")),
                   told(r.interval("stroke"), 1e3, 3), number(1e3 * r.interval("largest_stroke").mean, 3),
                   number(r.interval("transient").mean, 4), percent(r.interval("off_road").mean),
                   percent(r.interval("at_limits").mean), percent(r.interval("out_of_reach").mean))
                  for r in found.on(road))
     marks: tuple[Mark, ...] = tuple("good" if r.name in found.front[road] else "plain" for r in found.on(road))
+    rows += tuple(bound_row(b) for b in bounds if b.road == road)
+    marks += ("plain",) * (len(rows) - len(marks))
     return Table(("law", "comfort [m/s²]", "tyre load [N]", "stroke [mm]", "largest [mm]", "MTVV [m/s²]", "off road",
                   "current at a limit", "demand out of reach"), rows,
                  "Means over the seeds ± half of the 95 % interval; comfort is W_k-weighted (ISO 2631-1), tyre load "

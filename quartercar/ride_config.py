@@ -32,8 +32,8 @@ UNITS: Mapping[str, str] = {"speed": "m/s", "duration": "s", "height": "m", "len
                             "lowest": "Hz", "highest": "Hz", "stiffness": "N/m", "compression": "m", "rebound": "m",
                             "rise_time": "s", "fall_time": "s"}
 ROADS: Mapping[str, type] = {"iso": IsoRoad, "bump": Bump, "sweep": SineSweep}
-KEYS = ("car", "damper", "known_damper", "measurements", "seeds", "first_seed", "tune", "tune_seed", "stops", "coil",
-        "roads", "controllers")
+KEYS = ("car", "damper", "known_damper", "measurements", "seeds", "first_seed", "tune", "tune_seed", "bound",
+        "bound_seeds", "stops", "coil", "roads", "controllers")
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +52,10 @@ class RideConfig:
         Evaluations per law; 0 keeps the given values.
     tune_seed : int
         Of the tuning's roads, which are others than those of the comparison.
+    bound : bool
+        Also what the damper could have reached, the roads known.
+    bound_seeds : int
+        Of the comparison's, for which that is searched.
     """
 
     car: QuarterCar
@@ -61,6 +65,8 @@ class RideConfig:
     settings: RideSettings = field(default_factory=RideSettings)
     tune: int = 0
     tune_seed: int = 100_000
+    bound: bool = False
+    bound_seeds: int = 2
 
     def with_changes(self, **changes: Any) -> RideConfig:
         """A copy with what is not None replaced."""
@@ -114,6 +120,12 @@ def read_config(table: Mapping[str, Any], folder: Path) -> RideConfig:
     for key in ("tune", "tune_seed"):
         if key in table:
             given[key] = _checks.count(table[key], key)
+    if "bound_seeds" in table:
+        given["bound_seeds"] = _checks.count(table["bound_seeds"], "bound_seeds", at_least=1)
+    if "bound" in table:
+        if not isinstance(table["bound"], bool):
+            raise InputError("bound is true or false", got=repr(table["bound"]))
+        given["bound"] = table["bound"]
     return RideConfig(**given)
 
 
@@ -278,6 +290,8 @@ car = "megane"                 # a set (megane, savaresi, sh-add, motorcycle), o
 measurements = "stroke-body"   # stroke-body, stroke-body-wheel or ideal
 seeds = 5                      # roads and noise of the comparison: the same for every law
 tune = 0                       # evaluations for each law before the comparison, on other seeds; 0: values as given
+bound = false                  # true: also what this damper could have reached, the road known (--bound)
+bound_seeds = 2                # for how many of the seeds
 
 [stops]
 stiffness = "200 N/mm"

@@ -258,6 +258,9 @@ def true_signals(fleet) -> dict[str, np.ndarray]:
 
 def without_run(found: Ride) -> Ride:
     """The same with its signals thinned to nothing, for collections of many rides."""
-    short = CarRun(found.run.sample_time, {n: a[:2] for n, a in found.run.signals.items()}, found.run.units,
-                   found.run.static_load, found.run.car)
-    return replace(found, run=short)
+    return replace(found, run=short_run(found.run))
+
+
+def short_run(run: CarRun) -> CarRun:
+    """The first two samples of a run."""
+    return CarRun(run.sample_time, {n: a[:2] for n, a in run.signals.items()}, run.units, run.static_load, run.car)

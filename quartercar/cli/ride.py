@@ -14,6 +14,7 @@ from lpvid.errors import InputError, NumericalError
 
 if TYPE_CHECKING:
     from quartercar.car import QuarterCar
+    from quartercar.ride_bound import Bound
     from quartercar.ride_comparison import RideComparison
     from quartercar.ride_config import RideConfig
     from quartercar.tuning import Tuned
@@ -38,6 +39,11 @@ def ride(
     seeds: Annotated[int | None, typer.Option("--seeds", min=1, help="Number of roads and noises.")] = None,
     tune: Annotated[int | None, typer.Option("--tune", min=0, metavar="N", help="Tune every law first, with N "
                                              "evaluations each, on other seeds.")] = None,
+    bound: Annotated[bool | None, typer.Option("--bound/--no-bound", help="Also the clairvoyant bound: the best "
+                                               "current for the known road, and each law as a share of it.",
+                                               show_default=False)] = None,
+    bound_seeds: Annotated[int | None, typer.Option("--bound-seeds", min=1, metavar="N", help="For how many of the "
+                                                    "seeds (2).")] = None,
     template: Annotated[bool, typer.Option("--template", help="Print a commented configuration and stop.")] = False,
     out: options.Out = None,
     json: options.Json = False,
@@ -56,21 +62,26 @@ def ride(
     results = Results(out)
     with working("reading") as say:
         chosen = _chosen(config, car, damper, road, controller, measurements, seeds, tune)
+        chosen = chosen.with_changes(bound=bound, bound_seeds=bound_seeds)
+        _check_bound(chosen)
         try:
             with solvers_unheard():
                 laws, tuned = _tuned(chosen, say)
                 found = compare_rides(chosen.car, chosen.roads, laws, chosen.seeds, chosen.settings, say=say)
+                bounds = _bounds(chosen, found, say)
         except NumericalError as error:
             data = {"schema": "quartercar/ride/1", "verdict": f"No comparison: {error}", "rides": []}
             results.json("ride.json", data)
             conclude(results, data, str(data["verdict"]), json)
             raise typer.Exit(SHORTFALL) from None
-        _deliver(results, found, chosen, tuned, say)
-    data = {**found.to_dict(), **_setting(chosen), "tuned": {n: t.to_dict() for n, t in tuned.items()}}
-    conclude(results, data, f"{found}\n{_told(chosen)}", json)
+        data = {**found.to_dict(), **_setting(chosen), "tuned": {n: t.to_dict() for n, t in tuned.items()}}
+        if chosen.bound:
+            data["bounds"] = [b.to_dict() for b in bounds]
+        _deliver(results, data, found, chosen, tuned, bounds, say)
+    conclude(results, data, "\n".join(map(str, (found, _loop(chosen), *bounds))), json)
 
 
-def _told(chosen: RideConfig) -> str:
+def _loop(chosen: RideConfig) -> str:
     """Damper, limits of the command with their unit, rate of the loop."""
     car = chosen.car
     damper = "a viscous damper" if car.damper is None else f"damper {car.damper.name}"
@@ -113,6 +124,23 @@ def _tuned(chosen: RideConfig, say: Callable[[str], None]) -> tuple[dict, dict[s
     return {n: t.controller for n, t in tuned.items()}, tuned
 
 
+def _check_bound(chosen: RideConfig) -> None:
+    """Refuse a bound that cannot be had before anything is computed."""
+    if chosen.bound:
+        from quartercar.adjoint import refuse_without_gradient
+
+        refuse_without_gradient(chosen.car.damper)
+
+
+def _bounds(chosen: RideConfig, found: RideComparison, say: Callable[[str], None]) -> tuple[Bound, ...]:
+    """What the damper could have reached, where that was asked for."""
+    if not chosen.bound:
+        return ()
+    from quartercar.ride_bound import BoundSettings, bound_rides
+
+    return bound_rides(chosen.car, chosen.roads, found, chosen.settings, BoundSettings(chosen.bound_seeds), say)
+
+
 def _setting(chosen: RideConfig) -> dict:
     from dataclasses import asdict
 
@@ -131,8 +159,8 @@ def _command(car: QuarterCar) -> str:
     return f"{car.coil.lowest:g} to {car.coil.highest:g} {'of 1' if unit == '1' else unit}"
 
 
-def _deliver(results: Results, found: RideComparison, chosen: RideConfig, tuned: dict[str, Tuned],
-             say: Callable[[str], None]) -> None:
+def _deliver(results: Results, data: dict, found: RideComparison, chosen: RideConfig, tuned: dict[str, Tuned],
+             bounds: tuple[Bound, ...], say: Callable[[str], None]) -> None:
     """Queue ride.json, the laws, the figures and the report."""
     if not results.kept:
         return
@@ -141,11 +169,10 @@ def _deliver(results: Results, found: RideComparison, chosen: RideConfig, tuned:
     from quartercar.report_ride import ride_figures, ride_page
 
     say("drawing")
-    results.json("ride.json", {**found.to_dict(), **_setting(chosen), "tuned": {n: t.to_dict() for n, t in
-                                                                                tuned.items()}})
+    results.json("ride.json", data)
     for row in found.on(found.roads[0]):
         results.add(f"{row.name}.json", lambda path, law=row.controller: save(law, path))
-    figures = ride_figures(found)
+    figures = ride_figures(found, bounds)
     for drawn in figures:
         results.bytes(f"{drawn.name}.png", png(drawn.figure))
     car = chosen.car
@@ -154,4 +181,4 @@ def _deliver(results: Results, found: RideComparison, chosen: RideConfig, tuned:
              ("command", _command(car)),
              ("sensors", chosen.settings.chain.sensors.name),
              ("loop", f"{1 / chosen.settings.period(car):.6g} Hz")]
-    results.report(ride_page(found, figures, tuned, facts))
+    results.report(ride_page(found, figures, tuned, facts, bounds))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from quartercar.ride_bound import Bound
     from quartercar.ride_comparison import Interval, RideComparison, Row
 
 MARKERS = "osD^vP"
@@ -25,14 +27,14 @@ LABELS = {"comfort": ("weighted acceleration", "m/s²", 1.0), "tyre_load": ("tyr
           "stroke": ("stroke, rms", "mm", 1e3)}
 
 
-def trade_offs(found: RideComparison) -> Figure:
+def trade_offs(found: RideComparison, bounds: Sequence[Bound] = ()) -> Figure:
     """Comfort against tyre load and against stroke, road by road, relative to the reference; the front is joined."""
     with look():
         figure, axes = panels(len(found.roads), 2, height=3.4)
         for row, road in zip(axes, found.roads, strict=True):
             reference = found.row(found.reference, road)
             for ax, other in zip(row, ("tyre_load", "stroke"), strict=True):
-                _points(ax, found, road, other)
+                _points(ax, found, road, other, [b for b in bounds if b.road == road and b.laws])
                 said = ", ".join(f"{LABELS[n][2] * reference.interval(n).mean:.4g} {LABELS[n][1]}"
                                  for n in ("comfort", other))
                 ax.set_title(f"{road}\n(0, 0): {found.reference}, {said}", fontsize=8.5)
@@ -43,7 +45,7 @@ def trade_offs(found: RideComparison) -> Figure:
     return figure
 
 
-def _points(ax: Axes, found: RideComparison, road: str, other: str) -> None:
+def _points(ax: Axes, found: RideComparison, road: str, other: str, bounds: Sequence[Bound]) -> None:
     reference = found.row(found.reference, road)
     reach = []
     for k, row in enumerate(found.on(road)):
@@ -52,6 +54,7 @@ def _points(ax: Axes, found: RideComparison, road: str, other: str) -> None:
         ax.errorbar(x, y, tall, wide, fmt=marker, color=colour, markersize=7, label=row.name, elinewidth=0.8,
                     alpha=0.95, markeredgecolor="white", markeredgewidth=0.6)
         reach += [(x - wide, y - tall), (x + wide, y + tall)]
+    reach += [place for b in bounds for place in _stars(ax, b, other)]
     ends = np.array(reach)
     for set_limits, values in ((ax.set_xlim, ends[:, 0]), (ax.set_ylim, ends[:, 1])):
         low, high = robust_limits(values)
@@ -60,6 +63,19 @@ def _points(ax: Axes, found: RideComparison, road: str, other: str) -> None:
     ax.axvline(0.0, color=MUTED, linewidth=0.6, zorder=0)
     for axis, name in ((ax.set_xlabel, "comfort"), (ax.set_ylabel, other)):
         axis(label(f"{LABELS[name][0]}, difference", "%"))
+
+
+def _stars(ax: Axes, bound: Bound, other: str) -> list[tuple[float, float]]:
+    """The best currents of each aim, filled at the objective, joined; their places. No ends against stroke."""
+    places = {}
+    for aim in bound.best if other == "tyre_load" else ("objective",):
+        gaps = [bound.against_reference(aim, m) for m in ("comfort", other)]
+        places[aim] = tuple(100 * g.mean for g in gaps if g is not None)
+    x, y = np.array(sorted(places.values())).T
+    ax.plot(x, y, color=INK, linewidth=0.7, linestyle=":", zorder=1)
+    ax.plot(x, y, "*", color="white", markeredgecolor=INK, markersize=9, zorder=2)
+    ax.plot(*places["objective"], "*", color=INK, markersize=12, label="clairvoyant bound", zorder=3)
+    return list(places.values())
 
 
 def _percent(interval: Interval) -> tuple[float, float]:

@@ -1,12 +1,14 @@
 """Every control law on ISO C at 20 m/s and over a bump: tuned with one budget on other seeds, compared on twenty.
 
     python tests/benchmarks/ride_study.py --out FOLDER [--budget 64] [--seeds 20] [--weights 0.5] [--laws add,sh-add]
-                                          [--capped] [--sensors stroke-body] [--roads iso,bump]
+                                          [--capped] [--sensors stroke-body] [--roads iso,bump] [--bound 20]
 
 Resumable: what is in FOLDER is not done again. Sensors are those of a production car (stroke and body acceleration,
 with noise), the coil's lag is that of the identified damper; the roads of the tuning are others than those of the
 comparison. Prints the table, differences to SH-ADD paired by seed, and, for several weights, each law's front. With
---capped every law is tuned once more, for comfort at a tyre load no higher than that of SH-ADD as first tuned.
+--capped every law is tuned once more, for comfort at a tyre load no higher than that of SH-ADD as first tuned. With
+--bound N the clairvoyant bound is searched for the first N seeds, some 20 s each, and every law is given as a share of
+the way from the passive car to it; each road and seed is kept as it comes.
 """
 
 from __future__ import annotations
@@ -17,12 +19,15 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from lpvid import load, save
 from quartercar.controllers import LAWS, law_class
 from quartercar.controllers.chain import ChainSettings
 from quartercar.controllers.contract import Controller
 from quartercar.controllers.sensing import SETS
-from quartercar.ride_comparison import RideComparison, compare_rides
+from quartercar.ride_bound import MEASURES, BoundSettings, bound_rides
+from quartercar.ride_comparison import Interval, RideComparison, compare_rides
 from quartercar.ride_config import build_car
 from quartercar.ride_roads import Bump, IsoRoad
 from quartercar.riding import RideSettings
@@ -57,6 +62,53 @@ def compared(laws: dict[str, Controller], roads: list[str], settings: RideSettin
     data = found.to_dict()
     path.write_text(json.dumps(data, indent=1))
     return data
+
+
+def bounded(laws: dict[str, Controller], roads: list[str], settings: RideSettings, seeds: int, weight: float,
+            folder: Path, mark: str) -> None:
+    """Shares of the way from passive to bound, seed by seed, pooled over the seeds."""
+    known = json.loads(json.dumps({n: law.to_dict() for n, law in laws.items()}))
+    for road in roads:
+        rows: list[dict] = []
+        for seed in range(seeds):
+            path = folder / f"bound-{weight:g}-{mark}-{road}-{seed}.json"
+            kept = json.loads(path.read_text()) if path.exists() else {}
+            if kept.get("controllers") != known:
+                found = compare_rides(build_car(), [COMPARED[road]], laws, [seed], settings, REFERENCE)
+                both = bound_rides(build_car(), [COMPARED[road]], found, settings,
+                                   BoundSettings(1, Objective(weight, 1 - weight)))
+                kept = {"controllers": known, "bounds": [{**b.to_dict(), "measures": {
+                    "passive": _measures(b, b.passive), **{a: _measures(b, b.at(a)) for a in b.best},
+                    "laws": {n: _measures(b, f) for n, f in b.laws.items()}}} for b in both]}
+                path.write_text(json.dumps(kept, indent=1))
+            rows.append(kept["bounds"][0]["measures"])
+            print(f"  bound: {road}, seed {seed}", flush=True)
+        _shares(COMPARED[road].name, rows)
+
+
+def _measures(bound, figures) -> dict[str, float]:
+    return {m: float(bound.values(figures, m)[0]) for m in MEASURES}
+
+
+def _shares(road: str, rows: list[dict]) -> None:
+    def column(get, measure: str) -> np.ndarray:
+        return np.array([get(r)[measure] for r in rows])
+
+    print(f"\n{road}, {len(rows)} seeds, nonlinear car: share of the way from passive to bound [%], energy held at "
+          f"that under {REFERENCE}; 95 % intervals")
+    print(f"{'law':<28}" + "".join(f"{m:>16}" for m in MEASURES))
+    for law in rows[0]["laws"]:
+        cells = []
+        for m in MEASURES:
+            passive, best, mine = (column(g, m) for g in (lambda r: r["passive"], lambda r: r["objective"],
+                                                          lambda r, law=law: r["laws"][law]))
+            cells.append(_share(Interval.of((passive - mine) / np.mean(passive - best)).to_dict()))
+        print(f"{law:<28}" + "".join(f"{c:>16}" for c in cells))
+    print(f"bound, difference to {REFERENCE} [%]")
+    for aim in ("objective", "comfort", "tyre_load"):
+        cells = [_share(Interval.of((column(lambda r, aim=aim: r[aim], m) - column(lambda r: r["laws"][REFERENCE], m))
+                                    / np.mean(column(lambda r: r["laws"][REFERENCE], m))).to_dict()) for m in MEASURES]
+        print(f"{'  least ' + aim:<28}" + "".join(f"{c:>16}" for c in cells))
 
 
 def table(data: dict) -> None:
@@ -94,6 +146,7 @@ def main() -> None:
     parser.add_argument("--sensors", default="stroke-body", choices=list(SETS))
     parser.add_argument("--capped", action="store_true", help="and once more, tyre load capped at that of SH-ADD")
     parser.add_argument("--roads", default="iso,bump", help="on which laws are tuned and compared, with commas")
+    parser.add_argument("--bound", type=int, default=0, metavar="N", help="clairvoyant bound of the first N seeds")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     names, settings = given.laws.split(","), RideSettings(ChainSettings(sensors=SETS[given.sensors]))
@@ -104,6 +157,8 @@ def main() -> None:
         laws = {n: tuned(law_class(n)(), trial, given.budget, given.out / f"{n}-{weight:g}-{mark}.json") for n in names}
         print(f"\n=== {trial.objective.says}; {given.budget} evaluations each")
         table(compared(laws, roads, settings, given.seeds, given.out / f"ride-{weight:g}-{mark}-{given.seeds}.json"))
+        if given.bound:
+            bounded(laws, roads, settings, given.bound, weight, given.out, mark)
         if not given.capped:
             continue
         trial = replace(trial, objective=Objective(1.0, 0.0, tyre_cap=MARGIN), reference=laws[REFERENCE])

@@ -12,7 +12,7 @@ import lpvid as lpv
 from lpvid.errors import InputError
 from quartercar.cli.app import app
 from quartercar.controllers import Controller, Skyhook
-from quartercar.dampers import Guo
+from quartercar.dampers import BoucWen, Guo
 from quartercar.parameters import SAVARESI
 from quartercar.ride_config import RideConfig, build_car, load_config, ride_template, road_from_text
 
@@ -113,6 +113,29 @@ def test_a_measured_road_and_a_damper_of_ones_own(tmp_path: Path):
     assert told["coil"]["rise_time"] == 0.005 and told["sample_time"] == 0.002
 
 
+@pytest.mark.slow
+def test_a_bound_stands_beside_the_laws(quick: Path, tmp_path: Path):
+    found = run(quick, "--bound", "--bound-seeds", 1, "--out", tmp_path / "out")
+    assert "clairvoyant bound over the nonlinear car" in found.stdout and "certified that no force" in found.stdout
+    told = json.loads((tmp_path / "out" / "ride.json").read_text())
+    nonlinear, linear = told["bounds"]
+    assert (nonlinear["car"], linear["car"]) == ("nonlinear", "linear") and nonlinear["seeds"] == [0]
+    shares = nonlinear["shares"]
+    assert list(shares) == ["passive", "skyhook-linear", "mixed"]
+    assert shares["passive"]["objective"]["mean"] == pytest.approx(0, abs=1e-7) and shares["mixed"]["comfort"][
+        "mean"] < 1
+    assert linear["floor"][0]["value"] < linear["best"]["objective"]["figures"]["objective"]["mean"] < 1
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "What the damper could have reached" in page
+
+
+def test_a_bound_of_a_damper_without_gradient_is_refused_before_anything_runs(tmp_path: Path):
+    path = lpv.save(BoucWen(), tmp_path / "bouc-wen.json")
+    lines = run("--damper", path, "--bound", "--out", tmp_path / "out", code=2).stderr.strip().splitlines()
+    assert len(lines) == 1 and "no bound is available" in lines[0] and "lpv-arx" in lines[0]
+    assert not (tmp_path / "out").exists()
+
+
 def test_the_belgian_block_road(shared_data: Path):
     """A measured track of 10 m, there and back: the stones are far rougher than ISO C."""
     file = shared_data / "belgian_block_road" / "profiles.csv"
@@ -136,7 +159,8 @@ def test_the_template_is_a_configuration(tmp_path: Path):
 
 
 @pytest.mark.parametrize(("text", "message"), [
-    ("seeds = 0", "seeds"), ("sede = 3", "seeds"), ("car = 'megan'", "megane"),
+    ("seeds = 0", "seeds"), ("bound = 3", "true or false"),
+    ("bound_seeds = 0", "bound_seeds"), ("sede = 3", "seeds"), ("car = 'megan'", "megane"),
     ("car = {sprung_mas = 3}", "sprung_mass"), ("car = {sprung_mass = '3 m'}", "unit"),
     ("damper = 'none.json'", "none.json"), ("measurements = 'all'", "stroke-body"),
     ("[[roads]]\nkind = 'isso'", "iso"), ("[[roads]]\nkind = 'iso'\nclass = 'X'", "class"),
