@@ -1,0 +1,136 @@
+"""Exports of models, dampers and controllers: the functions behind ``lpv.export_c`` and its kin."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lpvid.errors import InputError
+from lpvid.export.exportable import Exportable, Options, exportable
+from lpvid.export.json_files import write_bytes
+
+
+@dataclass(frozen=True, eq=False)
+class Export:
+    """Files that were written, and what was checked of them.
+
+    Attributes
+    ----------
+    form : str
+        "c", "fmu2", "fmu3", "matlab", "control" or "csv".
+    files : tuple of Path
+    says : str
+        What was exported.
+    checks : tuple of str
+        What was compared with what, with its figures.
+    notes : tuple of str
+    """
+
+    form: str
+    files: tuple[Path, ...]
+    says: str
+    checks: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        lines = [f"{self.form}: {self.says}", *(f"  {c}" for c in self.checks), *(f"  note: {n}" for n in self.notes),
+                 f"  {', '.join(p.name for p in self.files)}"]
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True, eq=False)
+class Content:
+    """What an export would write: files by name, in memory.
+
+    Attributes
+    ----------
+    form, says, checks, notes
+        As in `Export`.
+    files : mapping of str to bytes
+    """
+
+    form: str
+    files: Mapping[str, bytes]
+    says: str
+    checks: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def export_c(model: Any, folder: str | os.PathLike, *, name: str = "", precision: str = "double",
+             clamp: bool | None = None, sample_time: float | None = None) -> Export:
+    """Write a model, damper or controller as C99: one header, one source, a self-test.
+
+    ::
+
+        NAME_init(&s);                                   s: states
+        NAME_step(&NAME_defaults, &s, &u, &y);           u: inputs now, y: outputs now
+
+    Nothing is allocated, nothing is global, every loop has constant bounds. Where the system has a C compiler the
+    self-test is compiled and run: it compares a random trajectory with this package's simulation from rest.
+
+    Parameters
+    ----------
+    model : object
+        A model of lpvid, a synthesis (its controller), `lpvid.saturate`'s controller behind limits, or a noun that an
+        installed package can export (a damper, a controller).
+    folder : str or path-like
+        Made where it does not exist.
+    name : str
+        Prefix of files and functions.
+    precision : {"double", "float"}
+    clamp : bool, optional
+        Hold the scheduling inside the model's box; left out, for designed controllers only.
+    sample_time : float, optional
+        Period of what runs at any [s].
+
+    Returns
+    -------
+    Export
+
+    Raises
+    ------
+    InputError
+        What has no step in C, with the nearest that has.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from lpvid import LPVTransferFunction, Polynomial
+    >>> model = LPVTransferFunction.siso([[-0.9, 0.1]], [[0, 0], [0.1, 0]], Polynomial("p", degree=1), 0.01)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     [path.name for path in export_c(model, folder, name="filter").files]
+    ['filter.h', 'filter.c', 'filter_test.c']
+    """
+    return written(c_content(exportable(model, Options(name, clamp, sample_time)), precision), folder)
+
+
+def c_content(found: Exportable, precision: str = "double") -> Content:
+    """The C files of a step program, compiled and tested where there is a compiler."""
+    from lpvid.export.c_build import find_compiler, run_self_test
+    from lpvid.export.c_source import c_files
+
+    files = c_files(found, precision)
+    if find_compiler() is None:
+        check = "not compiled: no C compiler found"
+    else:
+        test = run_self_test(files)
+        check = (f"self-test {'passed' if test.passed else 'FAILED'}: {precision} against the simulation, relative error "
+                 f"{test.error:.2g} ({test.compiler}); states {test.state_bytes} bytes, parameters "
+                 f"{test.parameter_bytes} bytes, at most {found.program.operations()} assignments per step")
+    return Content("c", {n: t.encode() for n, t in files.items()}, found.program.says, (check,), found.program.notes)
+
+
+def written(content: Content, folder: str | os.PathLike) -> Export:
+    """Write every file of an export; each appears complete or not at all."""
+    home = Path(folder)
+    if home.exists() and not home.is_dir():
+        raise InputError(f"'{home}' is a file", mend="name a folder")
+    try:
+        home.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"'{home}' cannot be made", why=error.strerror, mend="check the folder") from None
+    paths = tuple(write_bytes(data, home / name) for name, data in content.files.items())
+    return Export(content.form, paths, content.says, content.checks, content.notes)
