@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from lpvid.diagnosis.engine import DiagnosisSettings
     from lpvid.diagnosis.extended import ExtendedModel
     from lpvid.errors import ExtrapolationWarning, InputError, LpvError, NumericalError
+    from lpvid.export.exportable import exportable
+    from lpvid.export.exporting import export_c
     from lpvid.export.python_control import from_control, to_grid
     from lpvid.export.serialise import load, model_hash, save
     from lpvid.files import read
@@ -111,6 +113,8 @@ _EXPORTS = {
     "lpvid.diagnosis.engine": ("DiagnosisSettings",),
     "lpvid.diagnosis.extended": ("ExtendedModel",),
     "lpvid.errors": ("ExtrapolationWarning", "InputError", "LpvError", "NumericalError"),
+    "lpvid.export.exportable": ("exportable",),
+    "lpvid.export.exporting": ("export_c",),
     "lpvid.export.python_control": ("from_control", "to_grid"),
     "lpvid.export.serialise": ("load", "model_hash", "save"),
     "lpvid.files": ("read",),

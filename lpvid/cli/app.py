@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from lpvid.cli.diagnose import diagnose
+from lpvid.cli.export import export
 from lpvid.cli.identify import identify
 from lpvid.cli.inspect import inspect
 from lpvid.cli.running import new_app
@@ -35,5 +36,5 @@ def _common(version: Annotated[bool, typer.Option("--version", callback=_version
     """
 
 
-for _command in (inspect, identify, validate, stability, diagnose, synthesize, verify):
+for _command in (inspect, identify, validate, stability, diagnose, synthesize, verify, export):
     app.command()(_command)

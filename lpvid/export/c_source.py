@@ -15,6 +15,9 @@ from lpvid.export.step_program import Quantity, StepProgram
 PRECISIONS = ("double", "float")
 TOLERANCE = {"double": 1e-12, "float": 1e-5}
 """Largest error of a self-test, relative to the largest reference output: what the export promises (issue 30)."""
+CONDITION = 50.0
+"""Times by which single precision may exceed the effect of rounded inputs alone, since one step rounds often; measured
+17 at most over the laws and loops of tests/benchmarks/export_study.py."""
 FLAGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2")
 """Options with which gcc and clang compile the files without a word."""
 
@@ -136,8 +139,8 @@ def _calls_math(text: str) -> bool:
 def self_test(found: Exportable, precision: str) -> str:
     """A main function that runs a random trajectory and compares it with this package's simulation."""
     program, single = found.program, precision == "float"
-    name, tolerance = program.name, TOLERANCE[precision]
-    u, y = found.trial()
+    name, tolerance = program.name, tolerated(found, precision)
+    u, y = found.trial(single=single)
     nu, ny = max(len(program.inputs), 1), len(program.outputs)
     u = u if u.shape[1] else np.zeros((len(u), 1))
     out = ["/**", f" * @file {name}_test.c",
@@ -167,6 +170,12 @@ def self_test(found: Exportable, precision: str) -> str:
             f"           (unsigned long)sizeof({name}_states), (unsigned long)sizeof({name}_parameters));",
             f"    return (worst <= {c_number(tolerance)}) ? 0 : 1;", "}", ""]
     return "\n".join(out)
+
+
+def tolerated(found: Exportable, precision: str) -> float:
+    """Relative error that a self-test lets pass: `TOLERANCE`, more where single precision cannot reach it."""
+    least = TOLERANCE[precision]
+    return least if precision == "double" else max(least, float(f"{CONDITION * found.rounding():.2g}"))
 
 
 def _number(value: float, single: bool) -> str:

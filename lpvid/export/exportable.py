@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lpvid.errors import InputError
+from lpvid.errors import InputError, NumericalError
 from lpvid.export.step_program import StepProgram
 
 ENTRY_POINTS = "lpvid.exports"
@@ -56,8 +56,14 @@ class Exportable:
     excite: Callable[[int, np.random.Generator], np.ndarray]
     model: Any
 
-    def trial(self, samples: int = SAMPLES, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    def trial(self, samples: int = SAMPLES, seed: int = 0, single: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """A random trajectory and what the simulation makes of it.
+
+        Parameters
+        ----------
+        samples, seed : int
+        single : bool
+            Inputs that single precision holds exactly, so that only the arithmetic is compared.
 
         Returns
         -------
@@ -65,7 +71,24 @@ class Exportable:
         (n, outputs) array
         """
         u = self.excite(samples, np.random.default_rng(seed))
-        return u, np.asarray(self.reference(u), dtype=float).reshape(samples, len(self.program.outputs))
+        u = u.astype(np.float32).astype(float) if single else u
+        y = np.asarray(self.reference(u), dtype=float).reshape(samples, len(self.program.outputs))
+        if not np.isfinite(y).all():
+            raise NumericalError(f"{self.program.name} leaves all bounds on the random trajectory of its self-test at "
+                                 f"sample {int(np.argmin(np.isfinite(y).all(axis=1)))}: an unstable model is not "
+                                 "exported")
+        return u, y
+
+    def rounding(self, samples: int = SAMPLES) -> float:
+        """How far rounding of the inputs to single precision moves the simulation, relative to the largest output.
+
+        No arithmetic in single precision can be expected to do better: it is the condition of the task times 6e-8.
+        """
+        u, y = self.trial(samples, single=True)
+        signs = np.random.default_rng(1).choice([-1.0, 1.0], u.shape)
+        moved = np.asarray(self.reference(u * (1 + signs * 2.0**-24)), dtype=float).reshape(y.shape)
+        scale = np.abs(y).max(axis=0, initial=0.0)
+        return float((np.abs(moved - y).max(axis=0, initial=0.0) / np.where(scale > 0, scale, 1.0)).max(initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.export.exportable import Exportable, Options, exportable
 from lpvid.export.json_files import write_bytes
@@ -50,6 +52,8 @@ class Content:
     form, says, checks, notes
         As in `Export`.
     files : mapping of str to bytes
+    passed : bool
+        Whether what was checked agreed.
     """
 
     form: str
@@ -57,6 +61,7 @@ class Content:
     says: str
     checks: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    passed: bool = True
 
 
 def export_c(model: Any, folder: str | os.PathLike, *, name: str = "", precision: str = "double",
@@ -112,15 +117,37 @@ def c_content(found: Exportable, precision: str = "double") -> Content:
     from lpvid.export.c_build import find_compiler, run_self_test
     from lpvid.export.c_source import c_files
 
-    files = c_files(found, precision)
+    files, passed = c_files(found, precision), True
     if find_compiler() is None:
         check = "not compiled: no C compiler found"
     else:
         test = run_self_test(files)
+        passed = test.passed
         check = (f"self-test {'passed' if test.passed else 'FAILED'}: {precision} against the simulation, relative error "
                  f"{test.error:.2g} ({test.compiler}); states {test.state_bytes} bytes, parameters "
                  f"{test.parameter_bytes} bytes, at most {found.program.operations()} assignments per step")
-    return Content("c", {n: t.encode() for n, t in files.items()}, found.program.says, (check,), found.program.notes)
+    return Content("c", {n: t.encode() for n, t in files.items()}, found.program.says, (check,), found.program.notes,
+                   passed)
+
+
+FORMS: Mapping[str, tuple[str, str]] = {
+    "c": ("lpvid.export.exporting", "c_content"),
+    "fmu2": ("lpvid.export.fmu", "fmi2_content"),
+    "fmu3": ("lpvid.export.fmu", "fmi3_content"),
+}
+"""Where each form is written: module and function from (Exportable, precision) to `Content`."""
+
+
+def content(model: Any, form: str, options: Options | None = None, precision: str = "double") -> Content:
+    """What an export in one of `FORMS` would write, with its checks, in memory.
+
+    Raises
+    ------
+    InputError
+        An unknown form; a model that the form cannot hold, with the nearest that can.
+    """
+    module, function = FORMS[_checks.one_of(form, tuple(FORMS), "the form of an export")]
+    return getattr(importlib.import_module(module), function)(exportable(model, options), precision)
 
 
 def written(content: Content, folder: str | os.PathLike) -> Export:

@@ -100,13 +100,30 @@ def transfer_function_program(model: LPVTransferFunction, name: str, clamp: bool
     clamp : bool
         Whether the scheduling is held inside the model's box.
     """
+    b = StepBuilder(name, f"LPV transfer function {', '.join(map(str, model.inputs))} -> "
+                    f"{', '.join(map(str, model.outputs))}", model.sample_time)
+    total = equation(b, model, drive(b, model, clamp), np.zeros((model.na, model.n_outputs)))
+    for o, signal in enumerate(model.outputs):
+        b.output(signal.name, total[o], signal.unit, f"output {signal.name}")
+    return b.program()
+
+
+def equation(b: StepBuilder, model: LPVTransferFunction, at: Drive, past_outputs: np.ndarray) -> Array:
+    """(n_outputs,) y(k) of the difference equation; filter inputs before the first sample are zero.
+
+    Parameters
+    ----------
+    b : StepBuilder
+    model : LPVTransferFunction
+    at : Drive
+        Filter inputs and basis at this sample.
+    past_outputs : (na, n_outputs) array
+        Outputs before the first sample, the newest first.
+    """
     assert model.c is not None
     ny, nu, na, lags, m = model.n_outputs, model.n_filter_inputs, model.na, model.n_lags, model.basis.size
     used = np.flatnonzero(np.any(model.b != 0, axis=(1, 2, 3)))
     first_lag = int(used[0]) if used.size else lags
-    b = StepBuilder(name, f"LPV transfer function {', '.join(map(str, model.inputs))} -> "
-                    f"{', '.join(map(str, model.outputs))}", model.sample_time)
-    at = drive(b, model, clamp)
     depth = max(max(na, lags - 1) if model.lagged else 0, model.n_affine - 1, 0)
     phi = rows(b, "basis", at.phi, depth, "values of the basis at this and the last samples", fill=True)
     u = rows(b, "driving", at.u, lags - 1, "filter inputs at this and the last samples")
@@ -123,7 +140,7 @@ def transfer_function_program(model: LPVTransferFunction, name: str, clamp: bool
         with b.loop("lag", model.n_affine) as j, b.loop("output", ny) as o, b.loop("function", m) as f:
             b.add(total[o], table[j, o, f] * phi[j, f])
     if na:
-        past = b.states("past_outputs", np.zeros((na, ny)), "", "outputs at the last samples, the newest first")
+        past = b.states("past_outputs", past_outputs, "", "outputs at the last samples, the newest first")
         table = b.table("a", model.a, "", "output coefficients: lag, output, past output, basis function")
         with b.loop("lag", na) as i, b.loop("output", ny) as o, b.loop("channel", ny) as q:
             gain = b.sum("gain")
@@ -134,6 +151,4 @@ def transfer_function_program(model: LPVTransferFunction, name: str, clamp: bool
             b.set(past[i, o], past[i - 1, o])
         with b.loop("output", ny) as o:
             b.set(past[0, o], total[o])
-    for o, signal in enumerate(model.outputs):
-        b.output(signal.name, total[o], signal.unit, f"output {signal.name}")
-    return b.program()
+    return total
