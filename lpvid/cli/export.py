@@ -13,13 +13,15 @@ from lpvid.errors import InputError
 To = Annotated[str, typer.Option("--to", metavar="FORM", help="c, fmu2, fmu3, matlab, control or csv.")]
 Name = Annotated[str, typer.Option("--name", metavar="NAME", help="Prefix of files and functions; left out, one from "
                                    "the kind of model.", show_default=False)]
-Precision = Annotated[str, typer.Option("--precision", metavar="TYPE", help="Arithmetic of the C code: double or float.")]
+Precision = Annotated[str, typer.Option("--precision", metavar="TYPE", help="Arithmetic of the C code: double or "
+                                        "float.")]
 Clamp = Annotated[bool | None, typer.Option("--clamp/--no-clamp", help="Hold the scheduling inside the model's box; "
                                             "left out, for designed controllers only.", show_default=False)]
 Rate = Annotated[float | None, typer.Option("--sample-rate", metavar="HZ", help="Rate of a damper law or control law "
                                             "that runs at any; what was sampled keeps its own.", show_default=False)]
 Limit = Annotated[list[str] | None, typer.Option("--limit", metavar="CONTROL=LOW:HIGH", help="Limits of a controller's "
-                                                 "output, or its largest modulus: force=1500, force=-200:1500; repeat.")]
+                                                 "output, or its largest modulus: force=1500, force=-200:1500; "
+                                                 "repeat.")]
 Windup = Annotated[float | None, typer.Option("--anti-windup", metavar="SECONDS", help="With --limit: time constant of "
                                               "back-calculation; left out, the states learn nothing of the limits.",
                                               show_default=False)]

@@ -46,7 +46,8 @@ def basis_values(b: StepBuilder, basis: Basis, past: History) -> list[Expr]:
     if isinstance(basis, Stacked):
         return [v for f in basis.factors for v in basis_values(b, f, past)]
     if isinstance(basis, Shifted):
-        moved = {n: (lambda i, at=at: at(i + basis.lag)) for n, at in past.items()}
+        lag = basis.lag
+        moved = {n: (lambda i, at=at: at(i + lag)) for n, at in past.items()}
         return basis_values(b, basis.basis, moved)
     raise InputError("this basis has no exported form", got=type(basis).__name__,
                      mend="lpvid.to_polynomial or lpvid.to_gridded rewrite a model over another basis")

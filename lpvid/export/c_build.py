@@ -17,7 +17,7 @@ from lpvid.export.c_source import FLAGS
 COMPILERS = ("cc", "gcc", "clang")
 """Names that are looked for, after the environment's CC."""
 PATIENCE = 120
-"""seconds after which a compiler or a self-test is given up"""
+"""seconds after which a compiler, a self-test or Octave is given up"""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def compile_c(sources: Sequence[Path], target: Path, extra: Sequence[str] = (), 
     if chosen is None:
         raise InputError("there is no C compiler", got="no CC, cc, gcc or clang on the PATH",
                          mend="install gcc or clang, or set CC")
-    done = _run([chosen, *FLAGS, *extra, *map(str, sources), "-lm", "-o", str(target)])
+    done = run_tool([chosen, *FLAGS, *extra, *map(str, sources), "-lm", "-o", str(target)])
     if done.returncode:
         text = next((line for line in done.stderr.splitlines() if "error" in line), done.stderr.strip())
         raise InputError("the C compiler refused the exported files", got=text[:300], mend="try another CC")
@@ -89,7 +89,7 @@ def run_self_test(files: Mapping[str, str], extra: Sequence[str] = (), compiler:
             (home / name).write_text(text, encoding="utf-8")
         target = home / "self_test"
         compile_c([home / name for name in files if name.endswith(".c")], target, extra, chosen)
-        done = _run([str(target)])
+        done = run_tool([str(target)])
     number = r"([-+.\w]+)"
     found = re.search(rf"relative error {number}, limit {number}, states (\d+) bytes, parameters (\d+) bytes",
                       done.stdout)
@@ -98,8 +98,9 @@ def run_self_test(files: Mapping[str, str], extra: Sequence[str] = (), compiler:
     return SelfTest(done.returncode == 0, float(found[1]), int(found[3]), int(found[4]), Path(str(chosen)).name)
 
 
-def _run(command: Sequence[str]) -> subprocess.CompletedProcess[str]:
+def run_tool(command: Sequence[str], folder: str | None = None) -> subprocess.CompletedProcess[str]:
+    """A program of the system, its output caught; InputError where it does not run or does not end."""
     try:
-        return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+        return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=PATIENCE, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise InputError(f"'{command[0]}' does not run", why=str(error)) from None

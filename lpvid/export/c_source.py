@@ -47,8 +47,8 @@ def header(program: StepProgram, precision: str) -> str:
     name, guard = program.name, f"{program.name.upper()}_H"
     single = precision == "float"
     out = ["/**", f" * @file {name}.h", *_prose(f"@brief {program.says}."), " *",
-           *_prose(f"One call of {name}_step() is one sample of {program.sample_time:.9g} s. Nothing is allocated, nothing "
-                   "is global, every loop has constant bounds: a step executes at most "
+           *_prose(f"One call of {name}_step() is one sample of {program.sample_time:.9g} s. Nothing is allocated, "
+                   "nothing is global, every loop has constant bounds: a step executes at most "
                    f"{program.operations()} assignments."),
            *[line for note in program.notes for line in _prose(note)], " *",
            *_prose(f"Compile and test: cc -std=c99 -O2 {name}.c {name}_test.c -lm -o {name}_test && ./{name}_test"),

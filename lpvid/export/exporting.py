@@ -123,8 +123,8 @@ def c_content(found: Exportable, precision: str = "double") -> Content:
     else:
         test = run_self_test(files)
         passed = test.passed
-        check = (f"self-test {'passed' if test.passed else 'FAILED'}: {precision} against the simulation, relative error "
-                 f"{test.error:.2g} ({test.compiler}); states {test.state_bytes} bytes, parameters "
+        check = (f"self-test {'passed' if test.passed else 'FAILED'}: {precision} against the simulation, relative "
+                 f"error {test.error:.2g} ({test.compiler}); states {test.state_bytes} bytes, parameters "
                  f"{test.parameter_bytes} bytes, at most {found.program.operations()} assignments per step")
     return Content("c", {n: t.encode() for n, t in files.items()}, found.program.says, (check,), found.program.notes,
                    passed)
@@ -134,6 +134,9 @@ FORMS: Mapping[str, tuple[str, str]] = {
     "c": ("lpvid.export.exporting", "c_content"),
     "fmu2": ("lpvid.export.fmu", "fmi2_content"),
     "fmu3": ("lpvid.export.fmu", "fmi3_content"),
+    "matlab": ("lpvid.export.matlab", "matlab_content"),
+    "control": ("lpvid.export.control_file", "control_content"),
+    "csv": ("lpvid.export.csv_tables", "csv_content"),
 }
 """Where each form is written: module and function from (Exportable, precision) to `Content`."""
 

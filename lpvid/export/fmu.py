@@ -90,20 +90,21 @@ def _double(precision: str) -> None:
 
 def _content(found: Exportable, version: int) -> Content:
     program, listed = found.program, variables(found.program)
-    files, token = fmu_sources(program, listed, version)
+    texts, token = fmu_sources(program, listed, version)
     notes = list(program.notes)
     archive: dict[str, bytes] = {"modelDescription.xml": model_description(program, listed, version, token).encode()}
-    archive |= {f"sources/{n}": t.encode() for n, t in files.items()}
+    archive |= {f"sources/{n}": t.encode() for n, t in texts.items()}
     if version == 3:
         archive["sources/buildDescription.xml"] = build_description(program).encode()
-    library = _library(program, files, version)
+    library = _library(program, texts, version)
     if library is None:
         notes.append("Sources only: there is no C compiler here for Linux x86-64.")
         checks, passed = ("not run: no library inside",), True
     else:
         archive[f"binaries/{PLATFORMS[version]}/{program.name}.so"] = library
         checks, passed = checked(found, packed(archive))
-    return Content(f"fmu{version}", {f"{program.name}.fmu": packed(archive)}, program.says, checks, tuple(notes), passed)
+    files = {f"{program.name}.fmu": packed(archive)}
+    return Content(f"fmu{version}", files, program.says, checks, tuple(notes), passed)
 
 
 def fmu_sources(program: StepProgram, listed: tuple[Variable, ...], version: int) -> tuple[dict[str, str], str]:
@@ -175,7 +176,8 @@ def checked(found: Exportable, fmu: bytes) -> tuple[tuple[str, ...], bool]:
         error = fmu_error(found, path)
     passed = not problems and error <= TOLERANCE
     said = "valid" if not problems else f"{len(problems)} problem(s): {' '.join(str(problems[0]).split())[:200]}"
-    return (f"FMPy {fmpy.__version__}: {said}; co-simulation against the simulation: relative error {error:.2g}",), passed
+    text = f"FMPy {fmpy.__version__}: {said}; co-simulation against the simulation: relative error {error:.2g}"
+    return (text,), passed
 
 
 def fmu_error(found: Exportable, path: str, samples: int = 200) -> float:
@@ -192,7 +194,7 @@ def fmu_error(found: Exportable, path: str, samples: int = 200) -> float:
     names = [q.label for q in program.outputs]
     run: Any = fmpy.simulate_fmu(path, start_time=0.0, stop_time=float(table["time"][-1]), fmi_type="CoSimulation",
                                  step_size=program.sample_time, output_interval=program.sample_time, input=table,
-                                 output=names, relative_tolerance=None)
+                                 output=names)
     out = np.column_stack([np.asarray(run[n], dtype=float) for n in names])
     scale = np.abs(y).max(axis=0)
     gap = np.abs(out[1 : len(y)] - y[: len(out) - 1]).max(axis=0)  # outputs after a step are those of its start

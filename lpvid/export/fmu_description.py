@@ -98,7 +98,8 @@ def _second(program: StepProgram, listed: tuple[Variable, ...], token: str) -> s
     unknown = [f'      <Unknown index="{i}"' + (f' dependencies="{inputs}"' if inputs else "") + "/>" for i in outputs]
     first = [f'      <Unknown index="{i}"/>' for i in outputs]
     out += ["  </ModelVariables>", "  <ModelStructure>", "    <Outputs>", *unknown, "    </Outputs>",
-            "    <InitialUnknowns>", *first, "    </InitialUnknowns>", "  </ModelStructure>", "</fmiModelDescription>", ""]
+            "    <InitialUnknowns>", *first, "    </InitialUnknowns>", "  </ModelStructure>",
+            "</fmiModelDescription>", ""]
     return "\n".join(out)
 
 
@@ -114,7 +115,8 @@ def _third(program: StepProgram, listed: tuple[Variable, ...], token: str) -> st
            f'fixedInternalStepSize="{_real(program.sample_time)}" canGetAndSetFMUState="true"/>', *_units(listed),
            f'  <DefaultExperiment startTime="0" stopTime="{_real(1000 * program.sample_time)}" '
            f'stepSize="{_real(program.sample_time)}"/>', "  <ModelVariables>",
-           f'    <Float64 name="time" valueReference="{len(listed)}" causality="independent" variability="continuous"/>']
+           f'    <Float64 name="time" valueReference="{len(listed)}" causality="independent" '
+           'variability="continuous"/>']
     causality = {"input": 'causality="input" variability="continuous"',
                  "output": 'causality="output" variability="discrete" initial="calculated"',
                  "state": 'causality="local" variability="discrete" initial="exact"',

@@ -77,7 +77,10 @@ def _controller(law: SaturatedController, options: Options) -> Exportable:
     k = law.controller
     if k.sample_time is None:
         raise InputError("a continuous controller has no step", got=f"{k.order} states in continuous time",
-                         mend="export a controller of lpvid.discretise(controller, sample_time).model behind its limits")
+                         mend="put lpvid.discretise(controller, sample_time).model behind its limits")
+    if np.any(k.state_offset) or np.any(k.output_offset):
+        raise InputError("a controller behind limits has no affine terms", why="its simulation leaves them out",
+                         mend="export the controller itself")
     clamp = True if options.clamp is None else options.clamp
     program = state_space_program(k, options.name or "controller", clamp, law)
     channels = [q.label for q in program.inputs]

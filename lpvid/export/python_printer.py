@@ -25,10 +25,11 @@ Step = Callable[[dict, dict, dict, dict], None]
 """(parameters, states, inputs, outputs), by name; states and outputs are changed in place."""
 
 
+HOMES = {"input": "u", "output": "y", "state": "s", "parameter": "p"}
+
+
 class PythonPrinter(Printer):
     """Python on plain floats and numpy arrays."""
-
-    homes = {"input": "u", "output": "y", "state": "s", "parameter": "p"}
 
     def number(self, value: float) -> str:
         return repr(float(value))
@@ -37,11 +38,11 @@ class PythonPrinter(Printer):
         return self.number(value.double)
 
     def scalar(self, symbol: Symbol) -> str:
-        return symbol.name if symbol.home == "local" else f"{self.homes[symbol.home]}[{symbol.name!r}]"
+        return symbol.name if symbol.home == "local" else f"{HOMES[symbol.home]}[{symbol.name!r}]"
 
     def element(self, element: Element) -> str:
         array = element.array
-        name = array.name if array.home == "local" else f"{self.homes[array.home]}[{array.name!r}]"
+        name = array.name if array.home == "local" else f"{HOMES[array.home]}[{array.name!r}]"
         return f"{name}[{', '.join(self.index(i) for i in element.index)}]"
 
     def operator(self, operator: str) -> str:

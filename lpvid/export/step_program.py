@@ -11,12 +11,14 @@ import numpy as np
 
 from lpvid.export.expression import Array, Counter, Element, Expr, Index, Place, Symbol, as_expr, as_index
 
-RESERVED = frozenset(
-    "auto break case char const continue default do double else enum extern float for goto if inline int long register "
-    "restrict return short signed sizeof static struct switch typedef union unsigned void volatile while main "
-    "and as assert class def del elif except finally from global import in is lambda None nonlocal not or pass raise "
-    "try with yield True False end function otherwise until p s u y i j k pi math real tanh exp sqrt sin cos floor pow "
-    "fmin fmax fabs".split())
+RESERVED = frozenset((
+    "auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern",
+    "float", "for", "goto", "if", "inline", "int", "long", "register", "restrict", "return", "short", "signed",
+    "sizeof", "static", "struct", "switch", "typedef", "union", "unsigned", "void", "volatile", "while", "main",
+    "and", "as", "assert", "class", "def", "del", "elif", "except", "finally", "from", "global", "import", "in",
+    "is", "lambda", "None", "nonlocal", "not", "or", "pass", "raise", "try", "with", "yield", "True", "False",
+    "end", "function", "otherwise", "until", "p", "s", "u", "y", "i", "j", "k", "pi", "math", "real", "tanh", "exp",
+    "sqrt", "sin", "cos", "floor", "pow", "fmin", "fmax", "fabs"))
 """Words of C, Python and MATLAB, and names that the printers use themselves."""
 
 

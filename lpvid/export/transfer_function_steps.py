@@ -32,9 +32,24 @@ class Drive:
     phi: list[Expr]
 
 
-def drive(b: StepBuilder, model: Any, clamp: bool, basis: Basis | None = None) -> Drive:
-    """Inputs, clamped and filtered scheduling, input stage and basis of a model, in the order in which they act."""
-    basis = model.basis if basis is None else basis
+def drive(b: StepBuilder, model: Any, clamp: bool, own: Basis | None = None) -> Drive:
+    """Inputs, clamped and filtered scheduling, input stage and basis of a model, in the order in which they act.
+
+    Parameters
+    ----------
+    b : StepBuilder
+    model : object
+        With inputs, box, stages and a basis, or another one in `own`.
+    clamp : bool
+        Whether the scheduling is held inside the box.
+    own : Basis, optional
+
+    Raises
+    ------
+    InputError
+        A basis that reads future scheduling.
+    """
+    basis: Basis = model.basis if own is None else own
     if basis.lags[0] < 0:
         raise InputError("this model reads its scheduling ahead of time", got=f"{-basis.lags[0]} sample(s)",
                          why="an exported step is causal", mend="export realize(model, 'augmented')")

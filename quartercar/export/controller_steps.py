@@ -126,7 +126,7 @@ def _scheduled(b: StepBuilder, c: ScheduledController, seen: Seen) -> Expr:
     if x is not None:
         ahead = mixed(b, model, phi, x, u, ("A", model.A), ("B", model.B), ("f", model.state_offset), model.order)
         if c.anti_windup is not None:
-            back = b.table("anti_windup", c.anti_windup, "", "from the unattained part of the last demand to the states")
+            back = b.table("anti_windup", c.anti_windup, "", "from what was not attained to the states")
             with b.loop("row", model.order) as i:
                 b.add(ahead[i], (seen["attained"] - seen["demanded"]) * back[i])
         with b.loop("row", model.order) as i:

@@ -80,8 +80,8 @@ def _force(b: StepBuilder, damper: Damper, x: Expr, v: Expr, i: Expr) -> Expr:
                          mend="set mass to 0 (damper.with_values(mass=0.0)), or export an 'lpv-arx' damper")
     raise InputError(f"'{damper.name}' has no exported step",
                      why="its integration steps follow the motion, so that their number has no bound",
-                     mend=f"fit and export '{NEAREST.get(damper.name, 'extended-bouc-wen')}', whose step is fixed, or an "
-                          "'lpv-arx' damper")
+                     mend=f"fit and export '{NEAREST.get(damper.name, 'extended-bouc-wen')}', whose step is fixed, or "
+                          "an 'lpv-arx' damper")
 
 
 def _reference(damper: Damper, u: np.ndarray, period: float, clamp: bool) -> np.ndarray:

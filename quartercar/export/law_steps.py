@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 from lpvid.errors import InputError
@@ -62,7 +63,7 @@ def _controlled(c: Controlled, theta: list) -> Callable[[Expr], Expr]:
         s = (current - low) / (high - low)
         level = list(theta)
         while len(level) > 1:
-            level = [a + s * (other - a) for a, other in zip(level[:-1], level[1:], strict=True)]
+            level = [a + s * (other - a) for a, other in itertools.pairwise(level)]
         return level[0]
 
     return value

@@ -27,7 +27,8 @@ from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.saturated import saturate
 
 BOX = Scheduling(("current",), (0.0,), (2.5,), units=("A",))
-BASES = {"none": Polynomial(), "square": Polynomial("current", 2).bound(BOX), "grid": Spline("current", 3, 1).bound(BOX),
+BASES = {"none": Polynomial(), "square": Polynomial("current", 2).bound(BOX),
+         "grid": Spline("current", 3, 1).bound(BOX),
          "cubic": Spline("current", 4, 3).bound(BOX), "quintic": Spline("current", 2, 5).bound(BOX),
          "fourier": Fourier("current", 2, period=3.0, origin=0.2),
          "dynamic": Stacked((Polynomial("current", 1), Shifted(Polynomial("current", 1), 2))),
@@ -43,17 +44,18 @@ def transfer_function(rng, basis="square", stage="plain", lag="now", lagged=Fals
     chosen, shape = BASES[basis], STAGES[stage]
     width, m = 2 if stage == "tanh" else 1, chosen.size
     box = BOX if chosen.names else None
-    return LPVTransferFunction(0.3 * rng.normal(size=(2, 2, 2, m)) / m, rng.normal(size=(3, 2, width, m)), chosen, 0.002,
-                               box, rng.normal(size=(2, 2, m)), lagged, inputs=("velocity",), input_stage=shape,
+    return LPVTransferFunction(0.3 * rng.normal(size=(2, 2, 2, m)) / m, rng.normal(size=(3, 2, width, m)), chosen,
+                               0.002, box, rng.normal(size=(2, 2, m)), lagged, inputs=("velocity",), input_stage=shape,
                                scheduling_stage=LAGS[lag] if chosen.names else None, **more)
 
 
 def state_space(rng, basis="square", **more) -> LPVStateSpace:
     chosen = BASES[basis]
     m = chosen.size
+    more = {"state_offset": rng.normal(size=(m, 3)), **more}
     return LPVStateSpace(0.3 * rng.normal(size=(m, 3, 3)) / m, rng.normal(size=(m, 3, 2)), rng.normal(size=(m, 2, 3)),
                          rng.normal(size=(m, 2, 2)), chosen, 0.01, BOX if chosen.names else None,
-                         rng.normal(size=(m, 3)), **more)
+                         **more)
 
 
 def quasi(rng, on="trial", polynomial=False) -> QuasiLPVModel:
@@ -113,7 +115,8 @@ def test_a_law_in_series_with_a_spring(elements):
 
 
 def test_limits_and_anti_windup_act_and_agree(rng):
-    law = saturate(designed(state_space(rng), "controller"), {"y1": 0.8, "y2": (-0.3, 5.0)}, 0.1 * rng.normal(size=(3, 2)))
+    law = saturate(designed(state_space(rng, state_offset=None), "controller"), {"y1": 0.8, "y2": (-0.3, 5.0)},
+                   0.1 * rng.normal(size=(3, 2)))
     found = exportable(law)
     u, y = found.trial()
     assert error(found) < 1e-13
@@ -135,7 +138,8 @@ def test_loops_have_constant_bounds(rng):
 
 CASES = {"transfer function": lambda rng: transfer_function(rng, "cubic", "zones", "late", True),
          "state space": lambda rng: state_space(rng, "fourier"), "quasi": quasi, "compliance": lambda rng: compliance(),
-         "limited": lambda rng: saturate(state_space(rng, "grid"), {"y1": 0.8}, 0.1 * rng.normal(size=(3, 2)))}
+         "limited": lambda rng: saturate(state_space(rng, "grid", state_offset=None), {"y1": 0.8},
+                                         0.1 * rng.normal(size=(3, 2)))}
 
 
 @needs_compiler
@@ -211,6 +215,8 @@ def test_what_cannot_be_exported_names_the_nearest(rng):
         exportable(model.replace(sample_time=None))
     with pytest.raises(InputError, match="augmented"):
         exportable(LPVTransferFunction.siso([[0.1, 0.1]], [[1, 0]], Shifted(Polynomial("p", 1), -1), 0.1))
+    with pytest.raises(InputError, match="affine"):
+        exportable(saturate(model, {"y1": 1.0}))
     with pytest.raises(InputError, match="export a model"):
         exportable("nothing")
     with pytest.raises(InputError, match="must be one of double, float"):

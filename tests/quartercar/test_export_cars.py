@@ -75,7 +75,7 @@ def error(found, samples=150) -> float:
 @pytest.mark.parametrize("case", DAMPERS)
 def test_a_damper_agrees_with_its_free_run(case):
     assert error(export(DAMPERS[case], sample_time=1e-3)) < 1e-13
-    assert error(export(DAMPERS[case], sample_time=2.5e-3), 60) < 1e-13  # three sub-steps of the extended Bouc-Wen model
+    assert error(export(DAMPERS[case], sample_time=2.5e-3), 60) < 1e-13  # three sub-steps of extended Bouc-Wen
 
 
 def test_a_stiff_extended_bouc_wen_agrees():
@@ -127,8 +127,8 @@ def test_a_scheduled_controller_agrees_with_every_rule(rng):
 
 
 def test_a_controller_without_a_schedule_or_states(rng):
-    gain = LPVStateSpace(np.zeros((1, 0, 0)), np.zeros((1, 0, 1)), np.zeros((1, 1, 0)), [[[300.0]]], Polynomial(), 0.002,
-                         inputs=("body_velocity",), outputs=("u",))
+    gain = LPVStateSpace(np.zeros((1, 0, 0)), np.zeros((1, 0, 1)), np.zeros((1, 1, 0)), [[[300.0]]], Polynomial(),
+                         0.002, inputs=("body_velocity",), outputs=("u",))
     assert error(export(ScheduledController(model=gain))) < 1e-14
     follow = LPVStateSpace(np.zeros((2, 0, 0)), np.zeros((2, 0, 1)), np.zeros((2, 1, 0)), [[[300.0]], [[40.0]]],
                            Polynomial("v", 1), 0.002, Scheduling(("v",), (-0.2,), (0.2,)), inputs=("body_velocity",),
@@ -142,7 +142,8 @@ def test_a_law_agrees(name):
     assert error(export(law_class(name)())) < 1e-14
 
 
-@pytest.mark.parametrize("name,mend", [("clipped-optimal", "LoopLaw"), ("pdd", "LoopLaw"), ("lpv-hinf", "quartercar design")])
+@pytest.mark.parametrize("name,mend", [("clipped-optimal", "LoopLaw"), ("pdd", "LoopLaw"),
+                                       ("lpv-hinf", "quartercar design")])
 def test_a_law_that_needs_its_car_says_so(name, mend):
     with pytest.raises(InputError, match=mend):
         export(law_class(name)())
@@ -161,7 +162,8 @@ INVERSES = {None: None, "guo": Guo(degree=1, span=(0.0, 2.0)), "extended-bouc-we
             "identified": identified_damper()}
 LOOPS = {"skyhook, led": ("skyhook", "stroke-body", InverseSettings(lag_compensated=True)),
          "clipped-optimal": ("clipped-optimal", "stroke-body-wheel", InverseSettings()),
-         "pdd, ideal": ("pdd", "ideal", InverseSettings(points=7)), "passive": ("passive", "stroke-body", InverseSettings())}
+         "pdd, ideal": ("pdd", "ideal", InverseSettings(points=7)),
+         "passive": ("passive", "stroke-body", InverseSettings())}
 
 
 def loop(damper, case) -> LoopLaw:
@@ -217,7 +219,8 @@ def test_a_damper_file_is_exported_from_the_command_line(tmp_path):
     if len(exporters()) < 2:
         pytest.skip("the installed package does not name its entry points yet")
     path = save(DAMPERS["kwok, affine"], tmp_path / "damper.json")
-    done = CliRunner().invoke(app, ["export", str(path), "--out", str(tmp_path / "c"), "--sample-rate", "500", "--json"])
+    done = CliRunner().invoke(app, ["export", str(path), "--out", str(tmp_path / "c"), "--sample-rate", "500",
+                                    "--json"])
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["files"] == ["kwok.h", "kwok.c", "kwok_test.c"]
     assert "(0.002)" in (tmp_path / "c" / "kwok.h").read_text()
