@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.export.expression import Array, Expr, Symbol, call, clipped, select
-from lpvid.export.step_program import StepBuilder
+from lpvid.export.step_builder import StepBuilder
 from lpvid.model.input_stage import InputStage, TanhStage, ThreeZoneStage
 from lpvid.model.scheduling_stage import SchedulingLag, SchedulingStage
 from lpvid.scheduling import Basis, Fourier, Polynomial, Product, Shifted, Spline, Stacked

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.export.expression import ByPrecision, Element, Symbol
-from lpvid.export.printing import (
+from lpvid.export.printing import Printer
+from lpvid.export.step_program import (
     Assign,
     AssignIndex,
     Branch,
@@ -16,10 +17,10 @@ from lpvid.export.printing import (
     DeclareArray,
     DeclareIndex,
     Loop,
-    Printer,
     Remark,
+    Statement,
+    StepProgram,
 )
-from lpvid.export.step_program import Statement, StepProgram
 
 HOMES = {"input": "u->", "output": "y->", "state": "s->", "parameter": "p->", "local": ""}
 WORDS = {"and": "&&", "or": "||", "not": "!"}

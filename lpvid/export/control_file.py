@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -83,21 +84,21 @@ def control_system(model: Any, *, clamp: bool | None = None, sample_time: float 
 
 
 def export_control(model: Any, folder: str | os.PathLike, *, name: str = "", clamp: bool | None = None,
-                   sample_time: float | None = None) -> Export:
+                   sample_time: float | None = None, at: Mapping[str, float] | None = None) -> Export:
     """Write a Python file that makes a python-control `NonlinearIOSystem` of a model, damper or controller.
 
     It needs numpy and control, not this package.
 
     Parameters
     ----------
-    model, folder, name, clamp, sample_time
+    model, folder, name, clamp, sample_time, at
         As for `lpvid.export_c`.
 
     Returns
     -------
     Export
     """
-    return written(control_content(exportable(model, Options(name, clamp, sample_time))), folder)
+    return written(control_content(exportable(model, Options(name, clamp, sample_time, at or {}))), folder)
 
 
 def control_content(found: Exportable, precision: str = "double") -> Content:

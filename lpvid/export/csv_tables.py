@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from lpvid.export.frozen_grid import frozen_grid, linear_model
 
 
 def export_csv(model: Any, folder: str | os.PathLike, *, name: str = "", clamp: bool | None = None,
-               sample_time: float | None = None) -> Export:
+               sample_time: float | None = None, at: Mapping[str, float] | None = None) -> Export:
     """Write the coefficients of a model, damper or controller as tables.
 
     ``NAME_parameters.csv``: name, index (from 1), value, unit, description. ``NAME_frozen.csv``, for LPV models: the
@@ -25,14 +25,14 @@ def export_csv(model: Any, folder: str | os.PathLike, *, name: str = "", clamp: 
 
     Parameters
     ----------
-    model, folder, name, clamp, sample_time
+    model, folder, name, clamp, sample_time, at
         As for `lpvid.export_c`.
 
     Returns
     -------
     Export
     """
-    return written(csv_content(exportable(model, Options(name, clamp, sample_time))), folder)
+    return written(csv_content(exportable(model, Options(name, clamp, sample_time, at or {}))), folder)
 
 
 def csv_content(found: Exportable, precision: str = "double") -> Content:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -29,11 +29,14 @@ class Options:
         Hold the scheduling inside the model's box; left out, for designed controllers only.
     sample_time : float or None
         Period of what runs at any [s]; what is sampled keeps its own.
+    at : mapping of str to float
+        Inputs to hold: a model frozen at its scheduling.
     """
 
     name: str = ""
     clamp: bool | None = None
     sample_time: float | None = None
+    at: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,9 +152,12 @@ def exportable(noun: Any, options: Options | None = None) -> Exportable:
     """
     if isinstance(noun, Exportable):
         return noun
+    from lpvid.export.holding import held
+
     for exporter in exporters():
         if exporter.accepts(noun):
-            return exporter.prepare(noun, options or Options())
+            chosen = options or Options()
+            return held(exporter.prepare(noun, chosen), chosen.at)
     raise InputError("this object cannot be exported as a step", got=type(noun).__name__,
                      mend="export a model, a damper, a controller or a synthesis (its controller)")
 

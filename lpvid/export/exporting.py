@@ -65,7 +65,8 @@ class Content:
 
 
 def export_c(model: Any, folder: str | os.PathLike, *, name: str = "", precision: str = "double",
-             clamp: bool | None = None, sample_time: float | None = None) -> Export:
+             clamp: bool | None = None, sample_time: float | None = None,
+             at: Mapping[str, float] | None = None) -> Export:
     """Write a model, damper or controller as C99: one header, one source, a self-test.
 
     ::
@@ -90,6 +91,8 @@ def export_c(model: Any, folder: str | os.PathLike, *, name: str = "", precision
         Hold the scheduling inside the model's box; left out, for designed controllers only.
     sample_time : float, optional
         Period of what runs at any [s].
+    at : mapping of str to float, optional
+        Inputs to hold, ``{"current": 1.2}`` for a model frozen at 1.2 A; each becomes a parameter.
 
     Returns
     -------
@@ -109,7 +112,7 @@ def export_c(model: Any, folder: str | os.PathLike, *, name: str = "", precision
     ...     [path.name for path in export_c(model, folder, name="filter").files]
     ['filter.h', 'filter.c', 'filter_test.c']
     """
-    return written(c_content(exportable(model, Options(name, clamp, sample_time)), precision), folder)
+    return written(c_content(exportable(model, Options(name, clamp, sample_time, at or {})), precision), folder)
 
 
 def c_content(found: Exportable, precision: str = "double") -> Content:

@@ -9,6 +9,7 @@ import sys
 import tempfile
 import uuid
 import zipfile
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,7 @@ NAMESPACE = uuid.UUID("6ba7b811-9dad-11d1-80b4-00c04fd430c8")
 
 
 def export_fmu(model: Any, folder: str | os.PathLike, *, version: int = 2, name: str = "", clamp: bool | None = None,
-               sample_time: float | None = None) -> Export:
+               sample_time: float | None = None, at: Mapping[str, float] | None = None) -> Export:
     """Write a model, damper or controller as a co-simulation FMU of FMI 2.0 or 3.0.
 
     One step of the model per period of communication (or several, for a multiple of it): inputs are read at the start
@@ -52,7 +53,7 @@ def export_fmu(model: Any, folder: str | os.PathLike, *, version: int = 2, name:
         As for `lpvid.export_c`.
     folder : str or path-like
     version : {2, 3}
-    name, clamp, sample_time
+    name, clamp, sample_time, at
         As for `lpvid.export_c`.
 
     Returns
@@ -67,7 +68,7 @@ def export_fmu(model: Any, folder: str | os.PathLike, *, version: int = 2, name:
     """
     if version not in HEADERS:
         raise InputError("an FMU is of FMI 2 or 3", got=version)
-    return written(_content(exportable(model, Options(name, clamp, sample_time)), version), folder)
+    return written(_content(exportable(model, Options(name, clamp, sample_time, at or {})), version), folder)
 
 
 def fmi2_content(found: Exportable, precision: str = "double") -> Content:

@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,8 @@ from lpvid.export.exportable import Exportable, Options, exportable
 from lpvid.export.exporting import Content, Export, written
 from lpvid.export.frozen_grid import FrozenGrid, frozen_grid, linear_model, varying_state_space
 from lpvid.export.matlab_printer import CHOOSE, MatlabPrinter, matlab_step
-from lpvid.export.step_program import Quantity, StepBuilder, StepProgram
+from lpvid.export.step_builder import StepBuilder
+from lpvid.export.step_program import Quantity, StepProgram
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 
@@ -30,7 +32,7 @@ IMPULSE = 1e-9
 
 
 def export_matlab(model: Any, folder: str | os.PathLike, *, name: str = "", clamp: bool | None = None,
-                  sample_time: float | None = None) -> Export:
+                  sample_time: float | None = None, at: Mapping[str, float] | None = None) -> Export:
     """Write a model, damper or controller for MATLAB (and GNU Octave).
 
     ``NAME.mat`` (version 7) holds parameters, states, names, units and a test trajectory; ``NAME_step.m`` is the exact
@@ -40,14 +42,14 @@ def export_matlab(model: Any, folder: str | os.PathLike, *, name: str = "", clam
 
     Parameters
     ----------
-    model, folder, name, clamp, sample_time
+    model, folder, name, clamp, sample_time, at
         As for `lpvid.export_c`.
 
     Returns
     -------
     Export
     """
-    return written(matlab_content(exportable(model, Options(name, clamp, sample_time))), folder)
+    return written(matlab_content(exportable(model, Options(name, clamp, sample_time, at or {}))), folder)
 
 
 def matlab_content(found: Exportable, precision: str = "double") -> Content:

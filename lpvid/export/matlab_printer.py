@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from lpvid.export.expression import ByPrecision, Element, Symbol
-from lpvid.export.printing import (
+from lpvid.export.printing import Printer
+from lpvid.export.step_program import (
     Assign,
     AssignIndex,
     Branch,
@@ -13,10 +14,10 @@ from lpvid.export.printing import (
     DeclareArray,
     DeclareIndex,
     Loop,
-    Printer,
     Remark,
+    Statement,
+    StepProgram,
 )
-from lpvid.export.step_program import Statement, StepProgram
 
 HOMES = {"input": "u.", "output": "y.", "state": "s.", "parameter": "p.", "local": ""}
 FUNCTIONS = {"fabs": "abs", "pow": "power", "fmin": "min", "fmax": "max"}

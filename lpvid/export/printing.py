@@ -21,17 +21,7 @@ from lpvid.export.expression import (
     Select,
     Symbol,
 )
-from lpvid.export.step_program import (
-    Assign,
-    AssignIndex,
-    Branch,
-    Declare,
-    DeclareArray,
-    DeclareIndex,
-    Loop,
-    Remark,
-    Statement,
-)
+from lpvid.export.step_program import Statement
 
 LEVELS = {"or": 1, "and": 2, "<": 4, "<=": 4, ">": 4, ">=": 4, "+": 5, "-": 5, "*": 6, "/": 6, "neg": 7, "not": 7}
 """Binding strength of the operators, weakest first; the three languages agree on these."""
@@ -134,6 +124,3 @@ class Printer(ABC):
         left = left if (a == ATOM if logical else a >= level) else f"({left})"
         right = right if (b == ATOM if logical else b > level) else f"({right})"
         return f"{left} {word} {right}", level
-
-
-__all__ = ["Assign", "AssignIndex", "Branch", "Declare", "DeclareArray", "DeclareIndex", "Loop", "Printer", "Remark"]

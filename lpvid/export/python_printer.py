@@ -8,7 +8,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from lpvid.export.expression import ByPrecision, Element, Symbol
-from lpvid.export.printing import (
+from lpvid.export.printing import Printer
+from lpvid.export.step_program import (
     Assign,
     AssignIndex,
     Branch,
@@ -16,10 +17,10 @@ from lpvid.export.printing import (
     DeclareArray,
     DeclareIndex,
     Loop,
-    Printer,
     Remark,
+    Statement,
+    StepProgram,
 )
-from lpvid.export.step_program import Statement, StepProgram
 
 Step = Callable[[dict, dict, dict, dict], None]
 """(parameters, states, inputs, outputs), by name; states and outputs are changed in place."""
@@ -106,7 +107,7 @@ def run(program: StepProgram, inputs: np.ndarray) -> np.ndarray:
 
     Examples
     --------
-    >>> from lpvid.export.step_program import StepBuilder
+    >>> from lpvid.export.step_builder import StepBuilder
     >>> b = StepBuilder("sum", "a sum", 1.0)
     >>> u, x = b.input("u1"), b.state("x1")
     >>> b.set(x, x + u)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from lpvid.export.expression import Array, Expr, Real, Symbol, clipped
-from lpvid.export.step_program import StepBuilder, StepProgram
+from lpvid.export.step_builder import StepBuilder
+from lpvid.export.step_program import StepProgram
 from lpvid.export.transfer_function_steps import drive, rows, vector
 from lpvid.model.compliance import ComplianceModel
 from lpvid.model.quasi import QuasiLPVModel

@@ -10,7 +10,8 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.export.basis_steps import basis_values, filtered, push, staged
 from lpvid.export.expression import Array, Expr, clipped
-from lpvid.export.step_program import StepBuilder, StepProgram
+from lpvid.export.step_builder import StepBuilder
+from lpvid.export.step_program import StepProgram
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Basis
 

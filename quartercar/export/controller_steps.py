@@ -11,7 +11,7 @@ from lpvid.export.basis_steps import basis_values
 from lpvid.export.exportable import Exportable, Options, within
 from lpvid.export.expression import Expr, Number, call, clipped, select
 from lpvid.export.state_space_steps import mixed
-from lpvid.export.step_program import StepBuilder
+from lpvid.export.step_builder import StepBuilder
 from lpvid.export.transfer_function_steps import vector
 from quartercar.controllers.clipped_optimal import STATES, ClippedOptimal, optimal_gain
 from quartercar.controllers.contract import DEADBAND, DEMANDS, SIGNALS, Controller, Setting

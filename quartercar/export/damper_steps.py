@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.errors import ExtrapolationWarning, InputError
 from lpvid.export.exportable import Exportable, Options, smooth_noise
 from lpvid.export.expression import Expr, Number, clipped
-from lpvid.export.step_program import StepBuilder
+from lpvid.export.step_builder import StepBuilder
 from lpvid.record import Record
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.drive import UNITS

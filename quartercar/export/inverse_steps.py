@@ -7,7 +7,7 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.export.basis_steps import basis_values, staged
 from lpvid.export.expression import Array, ByPrecision, Expr, Symbol, call, clipped, select
-from lpvid.export.step_program import StepBuilder
+from lpvid.export.step_builder import StepBuilder
 from lpvid.export.transfer_function_steps import Drive, equation
 from quartercar.car import Coil
 from quartercar.controllers.contract import Setting

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from lpvid.errors import InputError
 from lpvid.export.expression import Expr, call, select
-from lpvid.export.step_program import StepBuilder
+from lpvid.export.step_builder import StepBuilder
 from quartercar.dampers.coefficients import Coefficient, Controlled, Proportional, Quotient
 from quartercar.dampers.families import StaticDamper
 from quartercar.dampers.kwok import Kwok

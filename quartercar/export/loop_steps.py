@@ -10,7 +10,7 @@ from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.export.exportable import Exportable, Options, within
 from lpvid.export.expression import Expr
-from lpvid.export.step_program import StepBuilder
+from lpvid.export.step_builder import StepBuilder
 from quartercar.car import Coil
 from quartercar.controllers.chain import Chain, ChainSettings
 from quartercar.controllers.contract import DEMANDS, SIGNALS, Controller, Setting

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.export.expression import Array, ByPrecision, Expr, Real, Rounded, Symbol, call, select
-from lpvid.export.step_program import StepBuilder
+from lpvid.export.step_builder import StepBuilder
 from quartercar.dampers._bouc_wen_kernels import GAMMA, ITERATIONS, RATIO
 from quartercar.dampers.extended_bouc_wen import ExtendedBoucWen, sub_steps
 from quartercar.dampers.force_map import ForceMap

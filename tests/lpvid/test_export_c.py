@@ -230,3 +230,17 @@ def test_a_synthesis_exports_its_controller(rng):
     assert found.program.name == "controller" and error(found) < 1e-13
     with pytest.raises(NumericalError, match="no controller"):
         exportable(Synthesis("infeasible", why="no controller bounds the gain", mend="lower a weight"))
+
+
+def test_a_held_scheduling_is_a_parameter(rng):
+    model = transfer_function(rng, "cubic", "tanh", "late")
+    found = exportable(model, Options(at={"current": 1.2}))
+    assert [q.name for q in found.program.inputs] == ["velocity"] and found.program.parameters[0].name == "current"
+    assert error(found) < 1e-13
+    u, y = found.trial(50)
+    whole = exportable(model)
+    assert np.array_equal(y, whole.reference(np.column_stack([u, np.full(50, 1.2)])))
+    for at, said in (({"current": 9.0}, "outside 0 to 2.5"), ({"curent": 1.0}, "current"),
+                     ({"current": 1.0, "velocity": 0.0}, "every input")):
+        with pytest.raises(InputError, match=said):
+            exportable(model, Options(at=at))

@@ -188,6 +188,26 @@ def test_a_compiled_loop_law_agrees():
     assert run_self_test(c_files(found, "float")).passed
 
 
+def test_a_scheduled_controller_in_the_loop_agrees(rng):
+    known = INVERSES["guo"]
+    assert error(export(LoopLaw(scheduled(rng), Setting(0.002, 1, MEGANE, known, (0.0, 2.0)), Coil(highest=2.0)))
+                 ) < 1e-10
+
+
+def test_the_command_exports_a_loop_law(tmp_path):
+    from typer.testing import CliRunner
+
+    from quartercar.cli.app import app
+
+    done = CliRunner().invoke(app, ["export", "--controller", "pdd", "--to", "csv", "--measurements",
+                                    "stroke-body-wheel",
+                                    "--out", str(tmp_path / "loop"), "--json"])
+    assert done.exit_code == 0 and json.loads(done.stdout)["files"] == ["loop_parameters.csv", "loop_trajectory.csv"]
+    for wrong in (["--controller", "nothing"], ["--damper", "no.json"], ["--measurements", "all"], ["no.toml"]):
+        done = CliRunner().invoke(app, ["export", *wrong, "--out", str(tmp_path / "none")])
+        assert done.exit_code == 2 and not (tmp_path / "none").exists()
+
+
 def test_a_loop_law_refuses_what_its_sensors_do_not_show_and_a_look_ahead():
     with pytest.raises(InputError, match="does not tell"):
         export(LoopLaw(law_class("sh-add")(), Setting(0.002, 1, MEGANE, None, (0.0, 2.0)), Coil(highest=2.0),
