@@ -102,7 +102,7 @@ def _excite(damper: Damper, n: int, rng: np.random.Generator, period: float, cla
     x = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * period)])
     x = x - x.mean() if np.abs(x).max() < STROKE else STROKE * x / np.abs(x).max()
     low, high = damper.current_range or (0.0, 1.0)
-    steps = np.repeat(rng.uniform(0.0, 1.0, n // 25 + 1), 25)[:n]
+    steps = np.repeat(np.append(rng.permutation([0.0, 0.4, 0.7, 1.0]), rng.uniform(0.0, 1.0, n // 25 + 1)), 25)[:n]
     beyond = 0.1 if clamp else 0.0
     share = np.clip(steps + 0.1 * noise[:, 2], 0.0, 1.0) * (1 + 2 * beyond) - beyond
     columns = {"velocity": v, "displacement": x + damper.centre, "current": low + (high - low) * share}
