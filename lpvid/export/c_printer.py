@@ -22,7 +22,7 @@ from lpvid.export.step_program import (
     StepProgram,
 )
 
-HOMES = {"input": "u->", "output": "y->", "state": "s->", "parameter": "p->", "local": ""}
+HOMES = {"input": "u->", "output": "y->", "state": "s->", "parameter": "p->", "rate": "dx->", "local": ""}
 WORDS = {"and": "&&", "or": "||", "not": "!"}
 
 

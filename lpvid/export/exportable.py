@@ -104,10 +104,13 @@ class Exporter:
         Noun to bool.
     prepare : callable
         (noun, Options) to Exportable; InputError where this one has no step, with the nearest that has.
+    flow : callable
+        (noun, Options) to `lpvid.export.flow.Flow`, or None for what is not continuous.
     """
 
     accepts: Callable[[Any], bool]
     prepare: Callable[[Any, Options], Exportable]
+    flow: Callable[[Any, Options], Any] = lambda noun, options: None
 
 
 def exporters() -> Sequence[Exporter]:
@@ -160,6 +163,14 @@ def exportable(noun: Any, options: Options | None = None) -> Exportable:
             return held(exporter.prepare(noun, chosen), chosen.at)
     raise InputError("this object cannot be exported as a step", got=type(noun).__name__,
                      mend="export a model, a damper, a controller or a synthesis (its controller)")
+
+
+def flow_of(noun: Any, options: Options | None = None) -> Any:
+    """A continuous model as a `lpvid.export.flow.Flow`; None for what is sampled."""
+    for exporter in () if isinstance(noun, Exportable) else exporters():
+        if exporter.accepts(noun):
+            return exporter.flow(noun, options or Options())
+    return None
 
 
 def smooth_noise(samples: int, columns: int, rng: np.random.Generator, memory: float = 0.7) -> np.ndarray:

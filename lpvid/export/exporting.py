@@ -11,7 +11,7 @@ from typing import Any
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.export.exportable import Exportable, Options, exportable
+from lpvid.export.exportable import Exportable, Options, exportable, flow_of
 from lpvid.export.json_files import write_bytes
 
 
@@ -153,6 +153,13 @@ def content(model: Any, form: str, options: Options | None = None, precision: st
         An unknown form; a model that the form cannot hold, with the nearest that can.
     """
     module, function = FORMS[_checks.one_of(form, tuple(FORMS), "the form of an export")]
+    if form.startswith("fmu") and (flow := flow_of(model, options)) is not None:
+        from lpvid.export.fmu import flow_content
+
+        if options is not None and options.at:
+            raise InputError("inputs of a continuous model are not held", got=", ".join(options.at),
+                             mend="discretise it (lpvid.discretise), or let the importer set them")
+        return flow_content(flow, form, precision)
     return getattr(importlib.import_module(module), function)(exportable(model, options), precision)
 
 

@@ -81,7 +81,7 @@ class Symbol(Expr):
 
     Attributes
     ----------
-    home : {"local", "input", "output", "state", "parameter"}
+    home : {"local", "input", "output", "state", "parameter", "rate"}
     name : str
     """
 

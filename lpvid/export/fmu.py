@@ -20,8 +20,9 @@ from lpvid.errors import InputError
 from lpvid.export.c_build import compile_c, find_compiler
 from lpvid.export.c_printer import c_number
 from lpvid.export.c_source import header, source
-from lpvid.export.exportable import Exportable, Options, exportable
-from lpvid.export.exporting import Content, Export, written
+from lpvid.export.exportable import Exportable, Options
+from lpvid.export.exporting import Content, Export, content, written
+from lpvid.export.flow import Flow
 from lpvid.export.fmu_description import Variable, build_description, model_description, variables
 from lpvid.export.step_program import StepProgram
 
@@ -30,8 +31,10 @@ HEADERS = {2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
 """The standard's headers (2-clause BSD, Modelica Association), taken from FMPy, which ships them unchanged."""
 PLATFORMS = {2: "linux64", 3: "x86_64-linux"}
 """Folder of a Linux x86-64 library in either version of the standard."""
-WRAPPERS = {2: ("fmi2.c",), 3: ("fmi3.c", "fmi3_refused.c")}
+WRAPPERS = {2: ("fmi2.c", "fmi2_step.c"), 3: ("fmi3.c", "fmi3_refused.c")}
 """Templates that make one wrapper."""
+FLOW_WRAPPERS = ("fmi2.c", "fmi2_flow.c")
+"""Those of a continuous model, for model exchange."""
 TOLERANCE = 1e-12
 """Largest error against the simulation, relative to the largest output, with which an FMU passes."""
 NAMESPACE = uuid.UUID("6ba7b811-9dad-11d1-80b4-00c04fd430c8")
@@ -68,7 +71,7 @@ def export_fmu(model: Any, folder: str | os.PathLike, *, version: int = 2, name:
     """
     if version not in HEADERS:
         raise InputError("an FMU is of FMI 2 or 3", got=version)
-    return written(_content(exportable(model, Options(name, clamp, sample_time, at or {})), version), folder)
+    return written(content(model, f"fmu{version}", Options(name, clamp, sample_time, at or {})), folder)
 
 
 def fmi2_content(found: Exportable, precision: str = "double") -> Content:
@@ -114,9 +117,16 @@ def fmu_sources(program: StepProgram, listed: tuple[Variable, ...], version: int
     files = {f"{name}.h": header(program, "double"), f"{name}.c": source(program, "double")}
     places = ",\n".join(f"    offsetof(Instance, {v.member})" for v in listed)
     home = resources.files("lpvid.export.fmi")
-    text = "".join(home.joinpath(file).read_text(encoding="utf-8") for file in WRAPPERS[version])
-    for mark, value in (("NAME", name), ("PERIOD", c_number(program.sample_time)), ("VARIABLES", str(len(listed))),
-                        ("PLACES", places)):
+    parts = WRAPPERS[version] if program.sample_time else FLOW_WRAPPERS
+    text = "".join(home.joinpath(file).read_text(encoding="utf-8") for file in parts)
+    marks = {"NAME": name, "PERIOD": c_number(program.sample_time), "VARIABLES": str(len(listed)), "PLACES": places,
+             "KIND": "co-simulation", "TYPE": "fmi2CoSimulation", "MORE": "", "ALWAYS": "0"}
+    if not program.sample_time:
+        first = [next(i for i, v in enumerate(listed) if v.kind == kind) for kind in ("state", "rate")]
+        marks |= {"KIND": "model exchange", "TYPE": "fmi2ModelExchange", "MORE": f"    {name}_states dx;\n",
+                  "ALWAYS": "1", "STATES": str(sum(v.kind == "state" for v in listed)), "FIRST_STATE": str(first[0]),
+                  "FIRST_DERIVATIVE": str(first[1])}
+    for mark, value in marks.items():
         text = text.replace(f"@{mark}@", value)
     token = str(uuid.uuid5(NAMESPACE, files[f"{name}.c"] + text))
     token = f"{{{token}}}"
@@ -162,6 +172,85 @@ def packed(archive: dict[str, bytes]) -> bytes:
             entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
             file.writestr(entry, data)
     return out.getvalue()
+
+
+# -- continuous models -----------------------------------------------------------------------------------------------
+def flow_content(flow: Flow, form: str, precision: str = "double") -> Content:
+    """The FMU of a continuous model, for model exchange in FMI 2.0."""
+    _double(precision)
+    if form != "fmu2":
+        raise InputError("a continuous model is exported to model exchange of FMI 2.0", got=form,
+                         mend="--to fmu2, or discretise it (lpvid.discretise)")
+    program = flow.program
+    if not program.states:
+        raise InputError("a model without states has nothing to integrate", got=program.says,
+                         mend="discretise it (lpvid.discretise); any period will do")
+    listed = variables(program)
+    texts, token = fmu_sources(program, listed, 2)
+    archive = {"modelDescription.xml": model_description(program, listed, 2, token, flow.step).encode()}
+    archive |= {f"sources/{n}": t.encode() for n, t in texts.items()}
+    library = _library(program, texts, 2)
+    checks, passed = ("not run: no library inside",), True
+    if library is not None:
+        archive[f"binaries/{PLATFORMS[2]}/{program.name}.so"] = library
+        checks, passed = checked_flow(flow, packed(archive))
+    return Content("fmu2", {f"{program.name}.fmu": packed(archive)}, program.says, checks, program.notes, passed)
+
+
+def checked_flow(flow: Flow, fmu: bytes) -> tuple[tuple[str, ...], bool]:
+    """FMPy's validation; derivatives and outputs of the FMU along a trajectory against our own at the same points.
+
+    An importer integrates; what is compared is what it integrates, so that no solver's error stands in between.
+    """
+    import fmpy
+    from fmpy.validation import validate_fmu
+
+    with tempfile.TemporaryDirectory(prefix="lpvid-fmu-") as folder:
+        path = Path(folder) / f"{flow.program.name}.fmu"
+        path.write_bytes(fmu)
+        problems = validate_fmu(str(path))
+        error = flow_error(flow, path)
+    said = "valid" if not problems else f"{len(problems)} problem(s): {' '.join(str(problems[0]).split())[:200]}"
+    text = (f"FMPy {fmpy.__version__}: {said}; derivatives and outputs for model exchange against our own along a "
+            f"trajectory: relative error {error:.2g}")
+    return (text,), not problems and error <= TOLERANCE
+
+
+def flow_error(flow: Flow, path: Path) -> float:
+    """Largest difference of an FMU's derivatives and outputs from our own, relative to the largest of each."""
+    from ctypes import c_double
+
+    import fmpy
+    from fmpy.fmi2 import FMU2Model
+
+    u, states = flow.trial()
+    wanted = np.array([np.concatenate([flow.rates(x, row), flow.outputs(x, row)])
+                       for x, row in zip(states, u, strict=True)])
+    described: Any = fmpy.read_model_description(str(path))
+    named = {v.name: v.valueReference for v in described.modelVariables}
+    ins, outs = ([named[q.label] for q in group] for group in (flow.program.inputs, flow.program.outputs))
+    n = states.shape[1]
+    with tempfile.TemporaryDirectory(prefix="lpvid-fmu-") as folder:
+        fmpy.extract(str(path), folder)
+        fmu = FMU2Model(guid=described.guid, unzipDirectory=folder, instanceName="check",
+                        modelIdentifier=described.modelExchange.modelIdentifier)
+        fmu.instantiate()
+        fmu.setupExperiment()
+        fmu.enterInitializationMode()
+        fmu.exitInitializationMode()
+        fmu.newDiscreteStates()
+        fmu.enterContinuousTimeMode()
+        got, place = np.empty_like(wanted), (c_double * n)()
+        for k in range(len(u)):
+            fmu.setTime(k * flow.step)
+            fmu.setReal(ins, u[k].tolist())
+            fmu.setContinuousStates((c_double * n)(*states[k]), n)
+            fmu.getDerivatives(place, n)
+            got[k] = [*place, *fmu.getReal(outs)]
+        fmu.terminate()
+        fmu.freeInstance()
+    scale = np.abs(wanted).max(axis=0)
+    return float((np.abs(got - wanted).max(axis=0) / np.where(scale > 0, scale, 1.0)).max())
 
 
 # -- checking --------------------------------------------------------------------------------------------------------

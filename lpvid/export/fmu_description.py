@@ -22,7 +22,7 @@ class Variable:
     Attributes
     ----------
     name, says, unit : str
-    kind : {"input", "output", "state", "parameter"}
+    kind : {"input", "output", "state", "parameter", "rate"}
     start : float
     lower, upper : float
     member : str
@@ -40,11 +40,21 @@ class Variable:
 
 
 def variables(program: StepProgram) -> tuple[Variable, ...]:
-    """Inputs, outputs, states and parameters as scalars; an array's entries are named ``name[1,2]``."""
+    """Inputs, outputs, states, parameters and (of a continuous model) derivatives; entries are ``name[1,2]``."""
     groups = (("input", "u", program.inputs), ("output", "y", program.outputs), ("state", "s", program.states),
               ("parameter", "p", program.parameters))
     used: set[str] = {"time"}
-    return tuple(v for kind, member, quantities in groups for q in quantities for v in _scalars(q, kind, member, used))
+    found = tuple(v for kind, member, quantities in groups for q in quantities for v in _scalars(q, kind, member, used))
+    if program.sample_time:
+        return found
+    return found + tuple(_rate(v) for v in found if v.kind == "state")
+
+
+def _rate(state: Variable) -> Variable:
+    """The derivative of a continuous state."""
+    unit = f"{state.unit}/s" if state.unit and "/" not in state.unit else ""
+    return Variable(f"der({state.name})", f"derivative of: {state.says}", unit, "rate", 0.0, -np.inf, np.inf,
+                    "dx" + state.member[1:])
 
 
 def _scalars(q: Quantity, kind: str, member: str, used: set[str]) -> Iterator[Variable]:
@@ -58,7 +68,8 @@ def _scalars(q: Quantity, kind: str, member: str, used: set[str]) -> Iterator[Va
                        f"{member}.{q.name}{''.join(f'[{i}]' for i in place)}")
 
 
-def model_description(program: StepProgram, listed: tuple[Variable, ...], version: int, token: str) -> str:
+def model_description(program: StepProgram, listed: tuple[Variable, ...], version: int, token: str,
+                      step: float = 0.0) -> str:
     """The description, with units, starts and ranges.
 
     Parameters
@@ -68,37 +79,51 @@ def model_description(program: StepProgram, listed: tuple[Variable, ...], versio
     version : {2, 3}
     token : str
         What the library compares on instantiation.
+    step : float
+        Communication step of the default experiment of a continuous model [s].
     """
-    return (_second if version == 2 else _third)(program, listed, token)
+    return _second(program, listed, token, step) if version == 2 else _third(program, listed, token)
 
 
-def _second(program: StepProgram, listed: tuple[Variable, ...], token: str) -> str:
+def _second(program: StepProgram, listed: tuple[Variable, ...], token: str, step: float) -> str:
     from lpvid.export.serialise import package_version
 
+    sampled = bool(program.sample_time)
+    kind, step = ("CoSimulation", program.sample_time) if sampled else ("ModelExchange", step)
+    fixed = 'canHandleVariableCommunicationStepSize="false" ' if sampled else ""
+    tunable = "tunable" if sampled else "fixed"
     a = quoteattr
     out = ['<?xml version="1.0" encoding="UTF-8"?>',
            f'<fmiModelDescription fmiVersion="2.0" modelName={a(program.name)} guid={a(token)} '
            f'description={a(program.says)} generationTool={a("lpvid " + package_version())} '
            'variableNamingConvention="structured" numberOfEventIndicators="0">',
-           f'  <CoSimulation modelIdentifier={a(program.name)} canHandleVariableCommunicationStepSize="false" '
+           f'  <{kind} modelIdentifier={a(program.name)} {fixed}'
            'canGetAndSetFMUstate="true" canSerializeFMUstate="false" canBeInstantiatedOnlyOncePerProcess="false">',
            "    <SourceFiles>", f'      <File name="{program.name}.c"/>', f'      <File name="{program.name}_fmi2.c"/>',
-           "    </SourceFiles>", "  </CoSimulation>", *_units(listed),
-           f'  <DefaultExperiment startTime="0" stopTime="{_real(1000 * program.sample_time)}" '
-           f'stepSize="{_real(program.sample_time)}"/>', "  <ModelVariables>"]
+           "    </SourceFiles>", f"  </{kind}>", *_units(listed),
+           f'  <DefaultExperiment startTime="0" stopTime="{_real(1000 * step)}" stepSize="{_real(step)}"/>',
+           "  <ModelVariables>"]
+    moves = "discrete" if sampled else "continuous"
     causality = {"input": 'causality="input" variability="continuous"',
-                 "output": 'causality="output" variability="discrete" initial="calculated"',
-                 "state": 'causality="local" variability="discrete" initial="exact"',
-                 "parameter": 'causality="parameter" variability="tunable" initial="exact"'}
+                 "output": f'causality="output" variability="{moves}" initial="calculated"',
+                 "state": f'causality="local" variability="{moves}" initial="exact"',
+                 "rate": 'causality="local" variability="continuous" initial="calculated"',
+                 "parameter": f'causality="parameter" variability="{tunable}" initial="exact"'}
+    first_state = next((i for i, v in enumerate(listed) if v.kind == "state"), 0)
+    first_rate = next((i for i, v in enumerate(listed) if v.kind == "rate"), 0)
     for i, v in enumerate(listed):
+        of = f' derivative="{i - first_rate + first_state + 1}"' if v.kind == "rate" else ""
         out += [f'    <ScalarVariable name={a(v.name)} valueReference="{i}" description={a(v.says)} '
-                f"{causality[v.kind]}>", f"      <Real{_attributes(v)}/>", "    </ScalarVariable>"]
+                f"{causality[v.kind]}>", f"      <Real{_attributes(v)}{of}/>", "    </ScalarVariable>"]
     outputs = [i + 1 for i, v in enumerate(listed) if v.kind == "output"]
     inputs = " ".join(str(i + 1) for i, v in enumerate(listed) if v.kind == "input")
-    unknown = [f'      <Unknown index="{i}"' + (f' dependencies="{inputs}"' if inputs else "") + "/>" for i in outputs]
-    first = [f'      <Unknown index="{i}"/>' for i in outputs]
+    needs = f' dependencies="{inputs}"' if inputs and sampled else ""
+    unknown = [f'      <Unknown index="{i}"{needs}/>' for i in outputs]
+    rates = [f'      <Unknown index="{i + 1}"/>' for i, v in enumerate(listed) if v.kind == "rate"]
+    first = [*(f'      <Unknown index="{i}"/>' for i in outputs), *rates]
+    rates = ["    <Derivatives>", *rates, "    </Derivatives>"] if rates else []
     out += ["  </ModelVariables>", "  <ModelStructure>", "    <Outputs>", *unknown, "    </Outputs>",
-            "    <InitialUnknowns>", *first, "    </InitialUnknowns>", "  </ModelStructure>",
+            *rates, "    <InitialUnknowns>", *first, "    </InitialUnknowns>", "  </ModelStructure>",
             "</fmiModelDescription>", ""]
     return "\n".join(out)
 
@@ -146,7 +171,7 @@ def _attributes(v: Variable) -> str:
     out = f" unit={quoteattr(v.unit)}" if _base(v.unit) is not None else ""
     if v.kind == "input" and np.isfinite(v.lower) and np.isfinite(v.upper):
         out += f' min="{_real(min(v.lower, v.start))}" max="{_real(max(v.upper, v.start))}"'
-    return out if v.kind == "output" else f'{out} start="{_real(v.start)}"'
+    return out if v.kind in ("output", "rate") else f'{out} start="{_real(v.start)}"'
 
 
 def _units(listed: tuple[Variable, ...]) -> list[str]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.export.exportable import Exportable, Exporter, Options, within
+from lpvid.export.flow import flow_of
 from lpvid.export.quasi_steps import compliance_program, quasi_program
 from lpvid.export.state_space_steps import state_space_program
 from lpvid.export.transfer_function_steps import transfer_function_program
@@ -42,7 +43,7 @@ def prepare(noun: Any, options: Options) -> Exportable:
         return _controller(noun, options)
     if isinstance(noun, LPVStateSpace) and noun.sample_time is None:
         raise InputError("a continuous model has no step", got=f"{noun.order} states in continuous time",
-                         mend="export lpvid.discretise(model, sample_time).model")
+                         mend="export lpvid.discretise(model, sample_time).model, or to model exchange (--to fmu2)")
     clamp = bool(role_of(noun)) if options.clamp is None else options.clamp
     name = options.name or ("controller" if role_of(noun) == "controller" else "lpv_model")
     if isinstance(noun, LPVTransferFunction):
@@ -114,4 +115,4 @@ def _excitation(model: Any, channels: list[str], clamp: bool) -> Any:
     return lambda samples, rng: within(samples, low, high, rng)
 
 
-EXPORTER = Exporter(lambda noun: isinstance(noun, NOUNS), prepare)
+EXPORTER = Exporter(lambda noun: isinstance(noun, NOUNS), prepare, flow_of)

@@ -130,6 +130,12 @@ class StepBuilder:
         """A new value of a scalar or an entry."""
         self._add(Assign(target, as_expr(value)))
 
+    def rate(self, state: Symbol | Element, value: Expr | float) -> None:
+        """The time derivative of a state, in a program of a continuous model."""
+        place = Symbol("rate", state.name) if isinstance(state, Symbol) else Element(
+            Array("rate", state.array.name, state.array.shape), state.index)
+        self.set(place, value)
+
     def set_index(self, counter: Counter, value: Index | int) -> None:
         """A new value of an index."""
         self._add(AssignIndex(counter, as_index(value)))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from lpvid.export.exportable import Exporter
+from quartercar.export.flow_steps import flow_of
 from quartercar.export.nouns import accepts, prepare
 
-EXPORTER = Exporter(accepts, prepare)
+EXPORTER = Exporter(accepts, prepare, flow_of)
 """Named in the entry-point group ``lpvid.exports``."""

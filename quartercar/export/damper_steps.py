@@ -59,7 +59,7 @@ def prepare_damper(damper: Damper, options: Options) -> Exportable:
         b.note("The force has the sign of the records, which is against the motion.")
     b.output("force", -force if damper.polarity < 0 else force, "N", "damper force")
     return Exportable(b.program(), lambda u: _reference(damper, u, period, bool(options.clamp)),
-                      lambda n, rng: _excite(damper, n, rng, period, bool(options.clamp)), damper)
+                      lambda n, rng: excite(damper, n, rng, period, bool(options.clamp)), damper)
 
 
 def _force(b: StepBuilder, damper: Damper, x: Expr, v: Expr, i: Expr) -> Expr:
@@ -80,8 +80,8 @@ def _force(b: StepBuilder, damper: Damper, x: Expr, v: Expr, i: Expr) -> Expr:
                          mend="set mass to 0 (damper.with_values(mass=0.0)), or export an 'lpv-arx' damper")
     raise InputError(f"'{damper.name}' has no exported step",
                      why="its integration steps follow the motion, so that their number has no bound",
-                     mend=f"fit and export '{NEAREST.get(damper.name, 'extended-bouc-wen')}', whose step is fixed, or "
-                          "an 'lpv-arx' damper")
+                     mend=f"fit and export '{NEAREST.get(damper.name, 'extended-bouc-wen')}', whose step is fixed; "
+                          "bouc-wen and wang-kamath export as they are to model exchange (fmu2)")
 
 
 def _reference(damper: Damper, u: np.ndarray, period: float, clamp: bool) -> np.ndarray:
@@ -95,8 +95,11 @@ def _reference(damper: Damper, u: np.ndarray, period: float, clamp: bool) -> np.
         return damper.simulate(record).output
 
 
-def _excite(damper: Damper, n: int, rng: np.random.Generator, period: float, clamp: bool) -> np.ndarray:
-    """A random motion whose displacement and velocity belong together, and a current that steps and drifts."""
+def excite(damper: Damper, n: int, rng: np.random.Generator, period: float, clamp: bool) -> np.ndarray:
+    """(n, inputs) random motion whose displacement and velocity belong together, and a current that steps and drifts.
+
+    With `clamp` the current leaves the fitted range by a tenth at both ends.
+    """
     noise = smooth_noise(n, 3, rng)
     v = SPEED * noise[:, 0]
     x = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * period)])

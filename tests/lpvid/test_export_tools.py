@@ -21,7 +21,7 @@ from lpvid.errors import InputError
 from lpvid.export.c_build import compile_c
 from lpvid.export.control_file import control_content
 from lpvid.export.csv_tables import csv_content
-from lpvid.export.exportable import exportable
+from lpvid.export.exportable import Options, exportable
 from lpvid.export.exporting import FORMS, content
 from lpvid.export.matlab import find_octave, matlab_content
 from lpvid.synthesis.saturated import saturate
@@ -95,6 +95,54 @@ def test_an_fmu_is_of_double_precision_and_of_a_known_version(tmp_path, rng):
         content(state_space(rng), "fmu2", precision="float")
     with pytest.raises(InputError, match="FMI 2 or 3"):
         lpv.export_fmu(state_space(rng), tmp_path, version=1)
+
+
+# -- continuous models -----------------------------------------------------------------------------------------------
+def continuous(rng, **more):
+    box = lpv.Scheduling(("rho",), (0.0,), (1.0,))
+    a = np.array([[[-1.0, 2.0], [-2.0, -3.0]], [[0.0, 1.0], [-1.0, -1.0]]])
+    return lpv.LPVStateSpace(a, rng.normal(size=(2, 2, 1)), rng.normal(size=(2, 1, 2)), rng.normal(size=(2, 1, 1)),
+                             lpv.Polynomial("rho", 1), None, box, rng.normal(size=(2, 2)), inputs=("velocity",), **more)
+
+
+@needs_compiler
+def test_a_continuous_model_goes_to_model_exchange(fmpy, tmp_path, rng):
+    made = lpv.export_fmu(continuous(rng), tmp_path, name="plant")
+    assert "valid" in made.checks[0] and float(made.checks[0].split()[-1]) < 1e-12
+    described = fmpy.read_model_description(str(made.files[0]))
+    assert described.coSimulation is None and described.numberOfContinuousStates == 2
+    rate = next(v for v in described.modelVariables if v.name == "der(x[2])")
+    assert rate.derivative.name == "x[2]"
+
+
+@needs_compiler
+def test_model_exchange_gives_the_step_response_of_the_frozen_model(fmpy, tmp_path, rng):
+    """An oracle beside our own derivatives: the matrix exponential, by an importer's integration."""
+    from scipy.linalg import expm
+
+    model = continuous(rng).replace(state_offset=np.zeros((2, 2)))
+    made = lpv.export_fmu(model, tmp_path)
+    run = fmpy.simulate_fmu(str(made.files[0]), stop_time=2.0, fmi_type="ModelExchange", output=["y1"],
+                            start_values={"velocity": 1.0, "rho": 0.5}, relative_tolerance=1e-9, output_interval=0.1)
+    a, b, c, d = model.frozen([0.5])
+    block = np.block([[a, b], [np.zeros((1, 3))]])
+    wanted = [(c @ expm(block * t)[:2, 2:] + d)[0, 0] for t in run["time"]]
+    assert np.abs(run["y1"] - wanted).max() < 1e-6 * np.abs(wanted).max()
+
+
+def test_a_continuous_model_has_no_other_form(rng):
+    for form in ("c", "matlab", "control", "csv"):
+        with pytest.raises(InputError, match="fmu2"):
+            content(continuous(rng), form)
+    with pytest.raises(InputError, match=r"FMI 2\.0"):
+        content(continuous(rng), "fmu3")
+    with pytest.raises(InputError, match="not held"):
+        content(continuous(rng), "fmu2", Options(at={"rho": 0.5}))
+    still = continuous(rng)
+    gain = lpv.LPVStateSpace(np.zeros((2, 0, 0)), np.zeros((2, 0, 1)), np.zeros((2, 1, 0)), still.D, still.basis, None,
+                             still.box)
+    with pytest.raises(InputError, match="nothing to integrate"):
+        content(gain, "fmu2")
 
 
 # -- MATLAB ----------------------------------------------------------------------------------------------------------

@@ -104,6 +104,27 @@ def test_compiled_dampers_agree(case):
     assert single.passed and single.error < 1e-5
 
 
+@needs_compiler
+@pytest.mark.parametrize("damper", [BoucWen(**RANGE), BoucWen(scheduled=False, springs=False, free_exponent=True),
+                                    BoucWen(centre=0.01, polarity=-1, **RANGE), WangKamath(),
+                                    WangKamath(growing=True, **RANGE), WangKamath(degree=2, **RANGE)],
+                         ids=["scheduled", "plain", "reversed", "one law", "growing", "quadratic"])
+def test_dampers_without_a_step_go_to_model_exchange(damper):
+    pytest.importorskip("fmpy", reason="the extra 'fmu' is not installed")
+    from lpvid.export.fmu import flow_content
+
+    flow = EXPORTER.flow(damper, Options())
+    made = flow_content(flow, "fmu2")
+    assert made.passed, made.checks
+    assert EXPORTER.flow(Guo(), Options()) is None
+
+
+def test_rates_of_a_flow_move_its_states():
+    """The trajectory along which rates are compared is no rest."""
+    _, states = EXPORTER.flow(BoucWen(**RANGE), Options()).trial()
+    assert np.ptp(states[:, 1]) > 1.5 and np.ptp(states[:, 2]) > 0.5
+
+
 def scheduled(rng, **more) -> ScheduledController:
     basis = Product(Product(Spline("a", 2, 1, (0.0, 0.5, 1.0)), Polynomial(("c", "d"), 1)), Polynomial(("e", "f"), 1))
     box = Scheduling(("a", "c", "d", "e", "f"), (0.0, -1.0, 0.0, 0.0, 0.0), (1.0, 1.0, 10.0, 1.0, 1.5))
