@@ -162,7 +162,8 @@ def exportable(noun: Any, options: Options | None = None) -> Exportable:
             chosen = options or Options()
             return held(exporter.prepare(noun, chosen), chosen.at)
     raise InputError("this object cannot be exported as a step", got=type(noun).__name__,
-                     mend="export a model, a damper, a controller or a synthesis (its controller)")
+                     mend="export a model, a damper, a controller or a synthesis (its controller); of a diagnosis its "
+                          "extended_lpv.json")
 
 
 def flow_of(noun: Any, options: Options | None = None) -> Any:

@@ -29,6 +29,8 @@ class Export:
     checks : tuple of str
         What was compared with what, with its figures.
     notes : tuple of str
+    passed : bool
+        Whether what was checked agreed; True where nothing could be checked, as `checks` then says.
     """
 
     form: str
@@ -36,6 +38,7 @@ class Export:
     says: str
     checks: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    passed: bool = True
 
     def __repr__(self) -> str:
         lines = [f"{self.form}: {self.says}", *(f"  {c}" for c in self.checks), *(f"  note: {n}" for n in self.notes),
@@ -163,7 +166,7 @@ def content(model: Any, form: str, options: Options | None = None, precision: st
     return getattr(importlib.import_module(module), function)(exportable(model, options), precision)
 
 
-def written(content: Content, folder: str | os.PathLike) -> Export:
+def written(made: Content, folder: str | os.PathLike) -> Export:
     """Write every file of an export; each appears complete or not at all."""
     home = Path(folder)
     if home.exists() and not home.is_dir():
@@ -172,5 +175,5 @@ def written(content: Content, folder: str | os.PathLike) -> Export:
         home.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"'{home}' cannot be made", why=error.strerror, mend="check the folder") from None
-    paths = tuple(write_bytes(data, home / name) for name, data in content.files.items())
-    return Export(content.form, paths, content.says, content.checks, content.notes)
+    paths = tuple(write_bytes(data, home / name) for name, data in made.files.items())
+    return Export(made.form, paths, made.says, made.checks, made.notes, made.passed)

@@ -228,7 +228,8 @@ def flow_error(flow: Flow, path: Path) -> float:
                        for x, row in zip(states, u, strict=True)])
     described: Any = fmpy.read_model_description(str(path))
     named = {v.name: v.valueReference for v in described.modelVariables}
-    ins, outs = ([named[q.label] for q in group] for group in (flow.program.inputs, flow.program.outputs))
+    listed = variables(flow.program)
+    ins, outs = ([named[v.name] for v in listed if v.kind == kind] for kind in ("input", "output"))
     n = states.shape[1]
     with tempfile.TemporaryDirectory(prefix="lpvid-fmu-") as folder:
         fmpy.extract(str(path), folder)
@@ -276,12 +277,12 @@ def fmu_error(found: Exportable, path: str, samples: int = 200) -> float:
 
     u, y = found.trial(samples)
     program = found.program
-    labels = [q.label for q in program.inputs]
+    listed = variables(program)
+    labels, names = ([v.name for v in listed if v.kind == kind] for kind in ("input", "output"))
     table = np.zeros(samples, dtype=[("time", float), *((n, float) for n in labels)])
     table["time"] = program.sample_time * np.arange(samples)
     for column, label in zip(u.T, labels, strict=True):
         table[label] = column
-    names = [q.label for q in program.outputs]
     run: Any = fmpy.simulate_fmu(path, start_time=0.0, stop_time=float(table["time"][-1]), fmi_type="CoSimulation",
                                  step_size=program.sample_time, output_interval=program.sample_time, input=table,
                                  output=names)

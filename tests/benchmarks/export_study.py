@@ -50,12 +50,12 @@ def cases() -> dict[str, Exportable]:
 
     damper = identified_damper()
     found = {"lpv-arx damper, order 2": EXPORTER.prepare(damper, Options()),
-             "state space, 8 states, affine": exportable(system(lpv.Polynomial("current", 1).bound(box), 8)),
+             "state space, 8 states, affine": exportable(system(lpv.Polynomial(("current",), 1).bound(box), 8)),
              "state space, 8 states, grid of 9": exportable(system(lpv.Spline("current", 8, 1).bound(box), 8)),
              "state space, 8 states, cubic": exportable(system(lpv.Spline("current", 4, 3).bound(box), 8)),
              "state space, 8 states, Fourier 2": exportable(system(lpv.Fourier("current", 2), 8)),
              "controller, 8 states, limits": exportable(saturate(
-                 system(lpv.Polynomial("current", 1).bound(box), 8), {"y1": 0.5}, 0.1 * rng.normal(size=(8, 1))))}
+                 system(lpv.Polynomial(("current",), 1).bound(box), 8), {"y1": 0.5}, 0.1 * rng.normal(size=(8, 1))))}
     dampers = {"guo": Guo(degree=1, current_range=(0.0, 2.0)), "kwok": Kwok(degree=1, current_range=(0.0, 2.0)),
                "force-map, 3 nodes": ForceMap(nodes=(0.0, 1.0, 2.0), current_range=(0.0, 2.0)),
                "extended-bouc-wen, 3 nodes": ExtendedBoucWen(nodes=(0.0, 1.0, 2.0), current_range=(0.0, 2.0))}

@@ -90,6 +90,13 @@ def test_parameters_can_be_set_and_a_step_must_fit_the_period(version, fmpy, tmp
         last(step_size=1.5 * t, output_interval=1.5 * t)
 
 
+@needs_compiler
+def test_an_input_and_an_output_of_one_name_are_told_apart(fmpy, rng):
+    model = state_space(rng, "square", inputs=("force", "speed"), outputs=("force", "speed"))
+    made = content(model, "fmu2")
+    assert made.passed
+
+
 def test_an_fmu_is_of_double_precision_and_of_a_known_version(tmp_path, rng):
     with pytest.raises(InputError, match="double precision"):
         content(state_space(rng), "fmu2", precision="float")
