@@ -158,7 +158,7 @@ def test_a_continuous_model_has_no_other_form(rng):
 def test_octave_agrees_with_the_simulation(case, rng):
     made = matlab_content(exportable(CASES[case](rng)))
     assert made.passed, made.checks
-    assert len(made.checks) == 2 or case == "compliance"
+    assert len(made.checks) == (1 if case == "compliance" else 3)
 
 
 @pytest.mark.slow
@@ -175,7 +175,7 @@ def test_the_mat_file_reads_back(rng, monkeypatch):
     model = state_space(rng, "square", inputs=("velocity", "force"))
     made = matlab_content(exportable(model))
     held = loadmat(io.BytesIO(made.files["lpv_model.mat"]), squeeze_me=True, struct_as_record=False)["lpv_model"]
-    assert held.units.inputs.tolist() == ["", "", "A"]
+    assert held.units.inputs[2] == "A" and not len(held.units.inputs[0])
     assert held.names.inputs.tolist() == ["velocity", "force", "current"]
     assert held.sample_time == model.sample_time and held.p.A.shape == model.A.shape
     for k, point in enumerate(held.grid.points):
