@@ -13,6 +13,8 @@ from lpvid.units import base_exponents
 
 BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 """Base units that FMI knows."""
+STRUCTURED = 500
+"""Variables up to which their names are declared structured: FMPy 0.3.32 parses each such name for some 10 ms."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ def _second(program: StepProgram, listed: tuple[Variable, ...], token: str, step
     out = ['<?xml version="1.0" encoding="UTF-8"?>',
            f'<fmiModelDescription fmiVersion="2.0" modelName={a(program.name)} guid={a(token)} '
            f'description={a(program.says)} generationTool={a("lpvid " + package_version())} '
-           'variableNamingConvention="structured" numberOfEventIndicators="0">',
+           f'variableNamingConvention="{_convention(listed)}" numberOfEventIndicators="0">',
            f'  <{kind} modelIdentifier={a(program.name)} {fixed}'
            'canGetAndSetFMUstate="true" canSerializeFMUstate="false" canBeInstantiatedOnlyOncePerProcess="false">',
            "    <SourceFiles>", f'      <File name="{program.name}.c"/>', f'      <File name="{program.name}_fmi2.c"/>',
@@ -135,7 +137,7 @@ def _third(program: StepProgram, listed: tuple[Variable, ...], token: str) -> st
     out = ['<?xml version="1.0" encoding="UTF-8"?>',
            f'<fmiModelDescription fmiVersion="3.0" modelName={a(program.name)} instantiationToken={a(token)} '
            f'description={a(program.says)} generationTool={a("lpvid " + package_version())} '
-           'variableNamingConvention="structured">',
+           f'variableNamingConvention="{_convention(listed)}">',
            f'  <CoSimulation modelIdentifier={a(program.name)} canHandleVariableCommunicationStepSize="false" '
            f'fixedInternalStepSize="{_real(program.sample_time)}" canGetAndSetFMUState="true"/>', *_units(listed),
            f'  <DefaultExperiment startTime="0" stopTime="{_real(1000 * program.sample_time)}" '
@@ -165,6 +167,11 @@ def build_description(program: StepProgram) -> str:
                       f'  <BuildConfiguration modelIdentifier="{name}">', '    <SourceFileSet language="C99">',
                       f'      <SourceFile name="{name}.c"/>', f'      <SourceFile name="{name}_fmi3.c"/>',
                       "    </SourceFileSet>", "  </BuildConfiguration>", "</fmiBuildDescription>", ""])
+
+
+def _convention(listed: tuple[Variable, ...]) -> str:
+    """Structured names let a tool show arrays as such; many are flat, since importers parse each (see `STRUCTURED`)."""
+    return "structured" if len(listed) <= STRUCTURED else "flat"
 
 
 def _attributes(v: Variable) -> str:

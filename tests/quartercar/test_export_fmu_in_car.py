@@ -114,7 +114,6 @@ def test_a_damper_fmu_in_a_quarter_car_drives_like_the_damper(monkeypatch, tmp_p
     assert np.abs(own["damper_force"]).max() > 100
 
 
-@pytest.mark.slow
 def test_a_loop_law_fmu_commands_like_the_chain_of_a_ride(tmp_path):
     """Readings of a car on a road, sensors with noise: the same current, sample for sample."""
     damper = identified_damper()
