@@ -35,6 +35,8 @@ class CPrinter(Printer):
     precision : {"double", "float"}
     """
 
+    explicit = True
+
     def __init__(self, program: StepProgram, precision: str) -> None:
         self._single, self._real = precision == "float", f"{program.name}_real"
         self._moving = program.assigned()
@@ -77,8 +79,7 @@ class CPrinter(Printer):
             return wrapped(f"{pad}{fixed}{self._real} {name} = {self.text(statement.value)};")
         if isinstance(statement, DeclareArray):
             shape = "".join(f"[{n}]" for n in statement.array.shape)
-            zero = "{" * len(statement.array.shape) + self.number(0.0) + "}" * len(statement.array.shape)
-            return [f"{pad}{self._real} {statement.array.name}{shape} = {zero};"]
+            return [f"{pad}{self._real} {statement.array.name}{shape} = {{0}};"]
         if isinstance(statement, DeclareIndex):
             return [f"{pad}int {statement.counter.name} = {self.index(statement.value)};"]
         if isinstance(statement, Assign):

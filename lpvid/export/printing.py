@@ -32,6 +32,8 @@ class Printer(ABC):
     """Statements and expressions as text of one language."""
 
     indent = "    "
+    explicit = False
+    """whether operators of different strength stand in parentheses beside each other (MISRA C:2012, rule 12.1)"""
 
     # -- a language's own words --------------------------------------------------------------------------------------
     @abstractmethod
@@ -121,6 +123,21 @@ class Printer(ABC):
         (left, a), (right, b) = (self._text(o) for o in expr.operands)
         logical = expr.operator in ("and", "or")
         word = self.operator(expr.operator) if logical else expr.operator
-        left = left if (a == ATOM if logical else a >= level) else f"({left})"
-        right = right if (b == ATOM if logical else b > level) else f"({right})"
+        bare = ("neg", "not")
+        if logical or self.explicit:
+            alike = not logical and _operator(expr.operands[0]) in (_PEERS.get(expr.operator, ()) + bare)
+            left = left if a == ATOM or alike else f"({left})"
+            right = right if b == ATOM or (not logical and _operator(expr.operands[1]) in bare) else f"({right})"
+        else:
+            left = left if a >= level else f"({left})"
+            right = right if b > level else f"({right})"
         return f"{left} {word} {right}", level
+
+
+_PEERS = {"+": ("+", "-"), "-": ("+", "-"), "*": ("*", "/"), "/": ("*", "/")}
+"""Operators of one strength, which chain from the left."""
+
+
+def _operator(expr: Expr) -> str:
+    """The operator of an expression, "" for one that is none."""
+    return expr.operator if isinstance(expr, Operation) else ""

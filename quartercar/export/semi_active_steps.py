@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.export.expression import Array, ByPrecision, Expr, Real, Rounded, Symbol, call, select
+from lpvid.export.expression import Array, ByPrecision, Expr, Index, Real, Rounded, Symbol, call, select
 from lpvid.export.step_builder import StepBuilder
 from quartercar.dampers._bouc_wen_kernels import GAMMA, ITERATIONS, RATIO
 from quartercar.dampers.extended_bouc_wen import ExtendedBoucWen, sub_steps
@@ -61,7 +61,7 @@ class LaggedCurrent:
         """Command at q ≤ 0 samples after this one, linear in between."""
         back = b.let("back", call("fmin", -call("fmin", call("floor", q), -1.0), float(self.log.shape[0] - 1)))
         share = b.let("share", q + back)
-        return b.let("late", self.log[Rounded(back)] * (1.0 - share) + self.log[Rounded(back - 1.0)] * share)
+        return b.let("late", self.log[Rounded(back)] * (1.0 - share) + self.log[Rounded(back) - 1] * share)
 
     def advance(self, b: StepBuilder, begin: Expr, end: Expr, sense: Expr) -> None:
         """Over the part begin…end of the interval that ends now; the edge by the command at its end."""
@@ -101,12 +101,12 @@ def sense(v: Expr, width: float) -> Expr:
     return 0.5 * call("tanh", v / width) + 0.5
 
 
-def place(b: StepBuilder, nodes: Array, value: Expr) -> tuple[Expr, Expr]:
-    """Index (as a real) and weight of a value between rising nodes, held beyond the ends."""
+def place(b: StepBuilder, nodes: Array, value: Expr) -> tuple[Index, Expr]:
+    """Index and weight of a value between rising nodes, held beyond the ends."""
     j = b.index("node")
     with b.loop("node_scan", nodes.shape[0] - 1, 1) as i, b.when(value >= nodes[i]):
         b.set_index(j, i)
-    return Real(j), b.let("weight", call("fmin", call("fmax", (value - nodes[j]) / (nodes[j + 1] - nodes[j]), 0.0),
+    return j, b.let("weight", call("fmin", call("fmax", (value - nodes[j]) / (nodes[j + 1] - nodes[j]), 0.0),
                                          1.0))
 
 
@@ -136,8 +136,8 @@ def force_map(b: StepBuilder, damper: ForceMap, x: Expr, v: Expr, current: Expr)
     if nodes is None:
         force: Expr = table[0, j] + w * (table[0, j + 1] - table[0, j])
     else:
-        at, weight = place(b, nodes, felt)
-        row, above = Rounded(at), Rounded(at + 1.0)
+        row, weight = place(b, nodes, felt)
+        above = row + 1
         low = b.let("below", table[row, j] + w * (table[row, j + 1] - table[row, j]))
         high = b.let("above", table[above, j] + w * (table[above, j + 1] - table[above, j]))
         force = low + weight * (high - low)
@@ -208,8 +208,8 @@ class _Pair:
             with b.loop("parameter", t.shape[2]) as i:
                 b.set(self.row[i], (1.0 - s) * t[0, 0, i] + s * t[1, 0, i])
             return
-        at, weight = place(b, self._nodes, felt)
-        j, after = Rounded(at), Rounded(at + 1.0)
+        j, weight = place(b, self._nodes, felt)
+        after = j + 1
         with b.loop("parameter", t.shape[2]) as i:
             low = b.let("low_row", (1.0 - s) * t[0, j, i] + s * t[1, j, i])
             high = b.let("high_row", (1.0 - s) * t[0, after, i] + s * t[1, after, i])

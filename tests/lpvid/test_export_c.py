@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import shutil
+import subprocess
 
 import numpy as np
 import pytest
@@ -161,6 +163,26 @@ def test_sanitizers_and_both_compilers_have_nothing_to_say(compiler, rng):
         files = c_files(exportable(transfer_function(rng, "quintic", "tanh", "late")), precision)
         assert run_self_test(files, (*STRICT, "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover"),
                              compiler).passed
+
+
+def misra(files: dict[str, str], folder) -> set[str]:
+    """Rules of MISRA C:2012 that cppcheck finds broken in a header and its source."""
+    names = [n for n in files if not n.endswith("_test.c")]
+    for name in names:
+        (folder / name).write_text(files[name], encoding="utf-8")
+    source = next(n for n in names if n.endswith(".c"))
+    done = subprocess.run(["cppcheck", "--addon=misra", "--std=c99", "--enable=style", "--template={id}", source],
+                          cwd=folder, capture_output=True, text=True, check=True)
+    assert "misra-c2012" in done.stderr, done.stderr  # the addon was there
+    return set(re.findall(r"misra-c2012-([\d.]+)", done.stderr))
+
+
+@pytest.mark.skipif(shutil.which("cppcheck") is None, reason="no cppcheck")
+@pytest.mark.parametrize("case", CASES)
+def test_of_misra_only_an_advisory_rule_is_broken(case, rng, tmp_path):
+    """2.5: the macro of the period is there for the caller."""
+    for precision in ("double", "float"):
+        assert misra(c_files(exportable(CASES[case](rng)), precision), tmp_path) == {"2.5"}
 
 
 @needs_compiler
