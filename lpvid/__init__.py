@@ -39,6 +39,12 @@ if TYPE_CHECKING:
     from lpvid.diagnosis.engine import DiagnosisSettings
     from lpvid.diagnosis.extended import ExtendedModel
     from lpvid.errors import ExtrapolationWarning, InputError, LpvError, NumericalError
+    from lpvid.export.control_file import control_system, export_control
+    from lpvid.export.csv_tables import export_csv
+    from lpvid.export.exportable import exportable
+    from lpvid.export.exporting import export_c
+    from lpvid.export.fmu import export_fmu
+    from lpvid.export.matlab import export_matlab
     from lpvid.export.python_control import from_control, to_grid
     from lpvid.export.serialise import load, model_hash, save
     from lpvid.files import read
@@ -121,6 +127,12 @@ _EXPORTS = {
     "lpvid.diagnosis.engine": ("DiagnosisSettings",),
     "lpvid.diagnosis.extended": ("ExtendedModel",),
     "lpvid.errors": ("ExtrapolationWarning", "InputError", "LpvError", "NumericalError"),
+    "lpvid.export.control_file": ("control_system", "export_control"),
+    "lpvid.export.csv_tables": ("export_csv",),
+    "lpvid.export.exportable": ("exportable",),
+    "lpvid.export.exporting": ("export_c",),
+    "lpvid.export.fmu": ("export_fmu",),
+    "lpvid.export.matlab": ("export_matlab",),
     "lpvid.export.python_control": ("from_control", "to_grid"),
     "lpvid.export.serialise": ("load", "model_hash", "save"),
     "lpvid.files": ("read",),
@@ -192,8 +204,9 @@ __all__ = [
     "StateFeedback", "StateSpaceError", "Subspace", "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin",
     "Validation", "Verification", "ZeroOrderHold", "anti_windup", "append", "audit", "back_calculation",
     "balanced_realization", "certified_share", "certify_gain", "certify_passivity", "certify_region",
-    "certify_stability", "certify_switching", "close_loop", "compare_models", "connect", "critical_scheduling",
-    "decay_rate", "diagnose", "discretise", "free_run_band", "frequency_band", "from_control", "from_lft",
+    "certify_stability", "certify_switching", "close_loop", "compare_models", "connect", "control_system",
+    "critical_scheduling", "decay_rate", "diagnose", "discretise", "export_c", "export_control", "export_csv",
+    "export_fmu", "export_matlab", "exportable", "free_run_band", "frequency_band", "from_control", "from_lft",
     "frozen_stability", "h2_norm", "identify", "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains",
     "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel", "passivity_margin", "pole_band",
     "pole_locus", "predict", "read", "realize", "reduce_order", "refit_form", "saturate", "save", "scaled_gain",

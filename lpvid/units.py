@@ -318,6 +318,17 @@ def _pint_scale(text: str) -> _Scale | None:
     return _Scale(_readable(base), slope, 1.0, low)
 
 
+def base_exponents(si_unit: str) -> dict[str, float]:
+    """Exponents of the base units in an SI unit as this module writes it; a name that it does not know stands as it is.
+
+    Examples
+    --------
+    >>> base_exponents("N*s/m"), base_exponents("")
+    ({'kg': 1.0, 's': -1.0}, {})
+    """
+    return dict(_dimension(si_unit))
+
+
 @functools.lru_cache(maxsize=512)
 def _dimension(si_unit: str) -> tuple[tuple[str, float], ...]:
     """Exponents of the base units in a product such as ``N*s/(m*A)``, sorted by name."""

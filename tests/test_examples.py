@@ -141,3 +141,10 @@ def test_design_lpv_suspension(tmp_path: Path) -> None:
     for design in found.values():
         assert design.synthesis.solved and design.synthesis.gamma_lower <= design.synthesis.gamma_verified
         assert "verified on the whole scheduling box" in design.verdict
+
+
+def test_export_controller(tmp_path: Path) -> None:
+    errors = load("export_controller").main(tmp_path)
+    assert sorted(p.name for p in (tmp_path / "loop").iterdir()) == ["loop.c", "loop.h", "loop_test.c"]
+    for name, error in errors.items():
+        assert error < (1e-12 if "double" in name else 1e-5), name

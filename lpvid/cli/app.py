@@ -8,6 +8,7 @@ import typer
 
 from lpvid.cli.compare import compare
 from lpvid.cli.diagnose import diagnose
+from lpvid.cli.export import export
 from lpvid.cli.identify import identify
 from lpvid.cli.inspect import inspect
 from lpvid.cli.running import new_app
@@ -37,5 +38,5 @@ def _common(version: Annotated[bool, typer.Option("--version", callback=_version
     """
 
 
-for _command in (inspect, identify, simulate, validate, compare, stability, diagnose, synthesize, verify):
+for _command in (inspect, identify, simulate, validate, compare, stability, diagnose, synthesize, verify, export):
     app.command()(_command)

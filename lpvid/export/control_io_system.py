@@ -77,8 +77,8 @@ def nonlinear_io_system(model: LPVTransferFunction | LPVStateSpace) -> control.N
                 + phi @ ss.output_offset)  # type: ignore[operator]
 
     states = [f"x{i + 1}" for i in range(nx)] + memory.labels
-    return control.NonlinearIOSystem(update if states else None, output, inputs=_distinct(names),
-                                     outputs=labels(ss.outputs), states=_distinct(states), dt=ss.sample_time or 0.0)
+    return control.NonlinearIOSystem(update if states else None, output, inputs=distinct(names),
+                                     outputs=labels(ss.outputs), states=distinct(states), dt=ss.sample_time or 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,10 +140,10 @@ def _memory(model: LPVStateSpace) -> _Memory:
 
 def labels(signals: Sequence[Signal]) -> list[str]:
     """Names as python-control takes them: no dots, no two alike."""
-    return _distinct([s.name for s in signals])
+    return distinct([s.name for s in signals])
 
 
-def _distinct(names: Sequence[str]) -> list[str]:
+def distinct(names: Sequence[str]) -> list[str]:
     out: list[str] = []
     for name in (n.replace(".", "_") or "_" for n in names):
         out.append(next(c for c in (name, *(f"{name}_{i}" for i in itertools.count(2))) if c not in out)

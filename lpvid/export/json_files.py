@@ -61,6 +61,11 @@ def jsonable(value: Any) -> Any:
 
 def write_text(text: str, path: str | os.PathLike) -> Path:
     """Write a text file that appears complete or not at all: under another name first, then renamed."""
+    return write_bytes(text.encode("utf-8"), path)
+
+
+def write_bytes(data: bytes, path: str | os.PathLike) -> Path:
+    """Write a file that appears complete or not at all: under another name first, then renamed."""
     target = Path(path)
     if target.is_dir():
         raise InputError(f"'{target}' is a folder", mend="name a file in it")
@@ -68,8 +73,8 @@ def write_text(text: str, path: str | os.PathLike) -> Path:
         raise InputError(f"no folder '{target.parent}'", mend="create it first")
     scratch = target.with_name(f".{target.name}.{secrets.token_hex(6)}.tmp")
     try:
-        with scratch.open("x", encoding="utf-8") as file:
-            file.write(text)
+        with scratch.open("xb") as file:
+            file.write(data)
             file.flush()
             os.fsync(file.fileno())
         scratch.replace(target)

@@ -9,6 +9,7 @@ import typer
 from lpvid.cli.running import new_app
 from quartercar.cli.demo import demo
 from quartercar.cli.design import design
+from quartercar.cli.export import export
 from quartercar.cli.fit import fit
 from quartercar.cli.ride import ride
 from quartercar.cli.rig import rig
@@ -34,5 +35,5 @@ def _common(version: Annotated[bool, typer.Option("--version", callback=_version
     """
 
 
-for _command in (rig, fit, design, ride, demo):
+for _command in (rig, fit, design, ride, export, demo):
     app.command()(_command)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -83,8 +83,11 @@ class Chain:
 
     def step(self, true: dict[str, np.ndarray]) -> np.ndarray:
         """(cars,) command from here to the coming sample, from the true signals of this one (`sensing.TRUE`)."""
-        inverse = self._inverse
-        seen = self._sensing(true)
+        return self.react(self._sensing(true))
+
+    def react(self, readings: Mapping[str, np.ndarray]) -> np.ndarray:
+        """(cars,) command from here to the coming sample, from what the sensors show at this one."""
+        inverse, seen = self._inverse, dict(readings)
         if self._observer is not None:
             expected = inverse.attained
             seen |= self._observer(seen, 0.5 * (self._before + expected), expected)
@@ -100,6 +103,11 @@ class Chain:
         self.clipped += (command <= low) | (command >= high)
         self.out_of_reach += inverse.limited
         return command
+
+    @property
+    def demand(self) -> np.ndarray:
+        """(cars,) what the laws demanded last."""
+        return self._asked
 
     def counted(self) -> dict[str, np.ndarray]:
         """(cars,) what the law counted."""

@@ -43,38 +43,54 @@ class Forces(ABC):
 
 
 class StaticForces(Forces):
-    """A law without memory."""
+    """A law without memory.
+
+    Attributes
+    ----------
+    rest : float
+        Its force at rest, which is left out [N].
+    """
 
     def __init__(self, damper: StaticDamper, cars: int) -> None:
         super().__init__(cars)
         self._damper, self._vector = damper, damper.vector
-        self._rest = float(damper.conservative_force(np.zeros(1))[0])
+        self.rest = float(damper.conservative_force(np.zeros(1))[0])
 
     def commit(self, z: np.ndarray, v: np.ndarray, current: np.ndarray) -> None:
-        self.force = self._damper.law(z, v, current, self._vector) - self._rest
+        self.force = self._damper.law(z, v, current, self._vector) - self.rest
 
     def candidates(self, z: np.ndarray, v: np.ndarray, currents: np.ndarray) -> np.ndarray:
         size = currents.size
         out = self._damper.law(np.repeat(z, size), np.repeat(v, size), np.tile(currents, z.size), self._vector)
-        return out.reshape(z.size, size) - self._rest
+        return out.reshape(z.size, size) - self.rest
 
 
 class TabulatedForces(Forces):
-    """The static characteristic of any damper, with its spring beside it; what its dynamics add is left out."""
+    """The static characteristic of any damper, with its spring beside it; what its dynamics add is left out.
+
+    Attributes
+    ----------
+    speeds : (S,) array
+        [m/s].
+    table : (S, G) array
+        Force at the speeds and currents [N].
+    stiffness, rest : float
+        Spring [N/m], and the force at rest, which is left out [N].
+    """
 
     def __init__(self, damper: Damper, cars: int, currents: np.ndarray) -> None:
         super().__init__(cars)
-        self._currents = currents
-        self._table = np.column_stack([damper.static_force(SPEEDS, float(i), 0.0) for i in currents])
+        self._currents, self.speeds = currents, SPEEDS
+        self.table = np.column_stack([damper.static_force(SPEEDS, float(i), 0.0) for i in currents])
         spring = np.asarray(damper.conservative_force(np.array([0.0, 0.01])), dtype=float)
-        self._rest, self._stiffness = float(spring[0]), float(spring[1] - spring[0]) / 0.01
+        self.rest, self.stiffness = float(spring[0]), float(spring[1] - spring[0]) / 0.01
 
     def _rows(self, z: np.ndarray, v: np.ndarray) -> np.ndarray:
         """(cars, currents) force at each tabulated current; straight on beyond the last speeds."""
         place = np.clip(np.searchsorted(SPEEDS, v) - 1, 0, SPEEDS.size - 2)
         share = ((v - SPEEDS[place]) / (SPEEDS[place + 1] - SPEEDS[place]))[:, None]
-        rows = self._table[place] * (1 - share) + self._table[place + 1] * share
-        return rows + self._stiffness * z[:, None] - self._rest
+        rows = self.table[place] * (1 - share) + self.table[place + 1] * share
+        return rows + self.stiffness * z[:, None] - self.rest
 
     def commit(self, z: np.ndarray, v: np.ndarray, current: np.ndarray) -> None:
         self.force = along(self._rows(z, v), self._currents, current)
@@ -87,6 +103,15 @@ class FilterForces(Forces):
     """An identified transfer function or state space, run along the measured motion.
 
     What each current would do is its settled characteristic, or the force some samples ahead.
+
+    Attributes
+    ----------
+    rest : float
+        Its force at rest, which is left out [N].
+    started : float
+        What the filter began with, settled at the lowest current [N].
+    settled : TabulatedForces or None
+        The settled characteristic, where that is what counts.
     """
 
     def __init__(self, damper: Damper, cars: int, currents: np.ndarray, steps: int) -> None:
@@ -95,21 +120,22 @@ class FilterForces(Forces):
         assert model is not None
         lag = model.scheduling_stage
         self.lag = Coil() if lag is None else Coil(lag.tau_rise, lag.tau_fall)  # type: ignore[attr-defined]
-        self._rest = float(damper.conservative_force(np.zeros(1))[0])
+        self.rest = float(damper.conservative_force(np.zeros(1))[0])
         self._bank, self._steps = bank(model, cars), steps
         self._bank.begin(np.full(cars, currents[0]))
-        self._settled = None if steps else TabulatedForces(damper, cars, currents)
-        self.force = self._bank.force - self._rest
+        self.settled = None if steps else TabulatedForces(damper, cars, currents)
+        self.started = float(self._bank.force[0])
+        self.force = self._bank.force - self.rest
 
     def commit(self, z: np.ndarray, v: np.ndarray, current: np.ndarray) -> None:
         self._bank.approach(current)
         self._bank.commit(z, v)
-        self.force = self._bank.force - self._rest
+        self.force = self._bank.force - self.rest
 
     def candidates(self, z: np.ndarray, v: np.ndarray, currents: np.ndarray) -> np.ndarray:
-        if self._settled is not None:
-            return self._settled.candidates(z, v, currents)
-        return self._bank.ahead(z, v, currents, self._steps) - self._rest
+        if self.settled is not None:
+            return self.settled.candidates(z, v, currents)
+        return self._bank.ahead(z, v, currents, self._steps) - self.rest
 
 
 class ViscousForces(Forces):

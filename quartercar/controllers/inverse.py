@@ -97,6 +97,11 @@ class Inverse:
         self._still, self._wanted = self.limited.copy(), self.current.copy()
 
     @property
+    def model(self) -> Forces:
+        """The damper's model behind it."""
+        return self._forces
+
+    @property
     def force(self) -> np.ndarray:
         """(cars,) that the damper's model has at the sample last looked at [N]."""
         return self._forces.force

@@ -94,6 +94,11 @@ class Observer:
         self.poles = np.linalg.eigvals(kept @ self._step)
         self._x = np.zeros((setting.cars, len(x)))
 
+    @property
+    def matrices(self) -> ObserverMatrices:
+        """What one step computes with."""
+        return ObserverMatrices(self._names, self._step, self._drive, self._c, self._d, self.gain)
+
     def __call__(self, read: Mapping[str, np.ndarray], force_before: np.ndarray,
                  force: np.ndarray) -> dict[str, np.ndarray]:
         """Estimates at this sample.
@@ -111,6 +116,25 @@ class Observer:
         z, vs, tyre, vu = self._x.T[:4]
         return {"suspension_deflection": z, "body_velocity": vs, "tyre_deflection": tyre, "wheel_velocity": vu,
                 "suspension_velocity": vs - vu}
+
+
+@dataclass(frozen=True, eq=False)
+class ObserverMatrices:
+    """x ← step x + drive F, then x ← x + gain (y − output x − through F).
+
+    Attributes
+    ----------
+    names : tuple of str
+        Readings, in the order of y.
+    step, drive, output, through, gain : (n, n), (n,), (r, n), (r,), (n, r) arrays
+    """
+
+    names: tuple[str, ...]
+    step: np.ndarray
+    drive: np.ndarray
+    output: np.ndarray
+    through: np.ndarray
+    gain: np.ndarray
 
 
 def _times(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:

@@ -1,0 +1,150 @@
+"""python-control: any step program as a discrete `NonlinearIOSystem`, as an object and as a file that stands alone."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.export.control_io_system import distinct
+from lpvid.export.exportable import Exportable, Options, exportable
+from lpvid.export.exporting import Content, Export, written
+from lpvid.export.python_printer import python_source
+from lpvid.export.step_program import Quantity, StepProgram
+
+if TYPE_CHECKING:
+    import control
+
+TOLERANCE = 1e-12
+"""Largest relative error against this package's simulation with which an export passes."""
+TAIL = '''
+
+def _unpack(x):
+    """States by name from the vector that python-control carries."""
+    s, place = {}, 0
+    for name, shape, _ in STATES:
+        size = int(np.prod(shape, dtype=int))
+        s[name] = np.array(x[place:place + size], dtype=float).reshape(shape) if shape else float(x[place])
+        place += size
+    return s
+
+
+def _run(x, u):
+    s, y = _unpack(x), {}
+    step(PARAMETERS, s, dict(zip(INPUTS, map(float, u))), y)
+    after = [np.ravel(s[name]) for name, _, _ in STATES]
+    return (np.concatenate(after) if after else np.zeros(0)), np.array([y[name] for name in OUTPUTS])
+
+
+def start():
+    """Initial states: at rest."""
+    values = [np.ravel(value) for _, _, value in STATES]
+    return np.concatenate(values) if values else np.zeros(0)
+
+
+def system():
+    """The system; simulate it from `start()`."""
+    update = (lambda t, x, u, params: _run(x, u)[0]) if STATE_LABELS else None
+    return control.NonlinearIOSystem(update, lambda t, x, u, params: _run(x, u)[1], inputs=INPUT_LABELS,
+                                     outputs=OUTPUT_LABELS, states=STATE_LABELS, dt=SAMPLE_TIME, name=NAME)
+'''
+
+
+def control_system(model: Any, *, clamp: bool | None = None, sample_time: float | None = None
+                   ) -> tuple[control.NonlinearIOSystem, np.ndarray]:
+    """A model, damper or controller as a discrete python-control `NonlinearIOSystem`, and its states at rest.
+
+    Every input and state of `lpvid.export_c` is one here: input stage, scheduling filter, limits and switches are
+    inside. For an LPV model whose states should mean something use ``model.to_nonlinear_io_system()``.
+
+    Parameters
+    ----------
+    model, clamp, sample_time
+        As for `lpvid.export_c`.
+
+    Returns
+    -------
+    control.NonlinearIOSystem
+    (n_states,) array
+        The state to start from.
+
+    Examples
+    --------
+    >>> from lpvid import LPVTransferFunction, Polynomial
+    >>> model = LPVTransferFunction.siso([[-0.9, 0.1]], [[0, 0], [0.1, 0]], Polynomial("p", degree=1), 0.01)
+    >>> system, rest = control_system(model)
+    >>> system.input_labels, system.nstates == rest.size
+    (['u1', 'p'], True)
+    """
+    scope = _scope(exportable(model, Options("", clamp, sample_time)).program)
+    return scope["system"](), scope["start"]()
+
+
+def export_control(model: Any, folder: str | os.PathLike, *, name: str = "", clamp: bool | None = None,
+                   sample_time: float | None = None, at: Mapping[str, float] | None = None) -> Export:
+    """Write a Python file that makes a python-control `NonlinearIOSystem` of a model, damper or controller.
+
+    It needs numpy and control, not this package.
+
+    Parameters
+    ----------
+    model, folder, name, clamp, sample_time, at
+        As for `lpvid.export_c`.
+
+    Returns
+    -------
+    Export
+    """
+    return written(control_content(exportable(model, Options(name, clamp, sample_time, at or {}))), folder)
+
+
+def control_content(found: Exportable, precision: str = "double") -> Content:
+    """The Python file of a step program, run by python-control against the simulation."""
+    if precision != "double":
+        raise InputError("python-control computes in double precision", got=precision, mend="leave --precision out")
+    import control
+
+    program = found.program
+    u, y = found.trial()
+    scope = _scope(program)
+    time = program.sample_time * np.arange(len(u))
+    drive: Any = u.T
+    run = control.input_output_response(scope["system"](), time, drive, scope["start"]())
+    scale = np.abs(y).max(axis=0)
+    out = np.asarray(run.outputs).reshape(len(program.outputs), -1).T
+    error = float((np.abs(out - y).max(axis=0) / np.where(scale > 0, scale, 1.0)).max())
+    check = (f"python-control {control.__version__}: input_output_response against the simulation, relative error "
+             f"{error:.2g}")
+    return Content("control", {f"{program.name}_control.py": control_source(program).encode()}, program.says, (check,),
+                   program.notes, error <= TOLERANCE)
+
+
+def control_source(program: StepProgram) -> str:
+    """The text of the file."""
+    def labels(quantities: tuple[Quantity, ...]) -> list[str]:
+        return distinct([q.label or q.name for q in quantities])
+
+    states = distinct([q.name + "".join(f"_{i + 1}" for i in place) for q in program.states
+                        for place in np.ndindex(q.shape)])
+    rows = [f"    {q.name!r}: " + (f"np.array({q.start.tolist()!r})" if q.shape else repr(float(q.start)))
+            for q in program.parameters]
+    says = program.says.replace('"""', "'''")
+    return "\n".join([
+        f'"""{says}, for python-control. Generated by lpvid."""', "",
+        "from math import cos, exp, floor, pow, sin, sqrt, tanh", "", "import control", "import numpy as np",
+        "from numpy import zeros", "", "fabs, fmin, fmax = abs, min, max", f"NAME = {program.name!r}",
+        f"SAMPLE_TIME = {program.sample_time!r}", f"INPUTS = {[q.name for q in program.inputs]!r}",
+        f"OUTPUTS = {[q.name for q in program.outputs]!r}", f"INPUT_LABELS = {labels(program.inputs)!r}",
+        f"OUTPUT_LABELS = {labels(program.outputs)!r}", f"STATE_LABELS = {states!r}",
+        "PARAMETERS = {", ",\n".join(rows), "}",
+        f"STATES = {[(q.name, q.shape, q.start.tolist()) for q in program.states]!r}", "", "",
+        python_source(program).rstrip(), TAIL])
+
+
+def _scope(program: StepProgram) -> dict[str, Any]:
+    scope: dict[str, Any] = {}
+    exec(compile(control_source(program), f"<{program.name}_control.py>", "exec"), scope)  # text made above
+    return scope

@@ -1,0 +1,179 @@
+"""Exports of models, dampers and controllers: the functions behind ``lpv.export_c`` and its kin."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.export.exportable import Exportable, Options, exportable, flow_of
+from lpvid.export.json_files import write_bytes
+
+
+@dataclass(frozen=True, eq=False)
+class Export:
+    """Files that were written, and what was checked of them.
+
+    Attributes
+    ----------
+    form : str
+        "c", "fmu2", "fmu3", "matlab", "control" or "csv".
+    files : tuple of Path
+    says : str
+        What was exported.
+    checks : tuple of str
+        What was compared with what, with its figures.
+    notes : tuple of str
+    passed : bool
+        Whether what was checked agreed; True where nothing could be checked, as `checks` then says.
+    """
+
+    form: str
+    files: tuple[Path, ...]
+    says: str
+    checks: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    passed: bool = True
+
+    def __repr__(self) -> str:
+        lines = [f"{self.form}: {self.says}", *(f"  {c}" for c in self.checks), *(f"  note: {n}" for n in self.notes),
+                 f"  {', '.join(p.name for p in self.files)}"]
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True, eq=False)
+class Content:
+    """What an export would write: files by name, in memory.
+
+    Attributes
+    ----------
+    form, says, checks, notes
+        As in `Export`.
+    files : mapping of str to bytes
+    passed : bool
+        Whether what was checked agreed.
+    """
+
+    form: str
+    files: Mapping[str, bytes]
+    says: str
+    checks: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    passed: bool = True
+
+
+def export_c(model: Any, folder: str | os.PathLike, *, name: str = "", precision: str = "double",
+             clamp: bool | None = None, sample_time: float | None = None,
+             at: Mapping[str, float] | None = None) -> Export:
+    """Write a model, damper or controller as C99: one header, one source, a self-test.
+
+    ::
+
+        NAME_init(&s);                                   s: states
+        NAME_step(&NAME_defaults, &s, &u, &y);           u: inputs now, y: outputs now
+
+    Nothing is allocated, nothing is global, every loop has constant bounds. Where the system has a C compiler the
+    self-test is compiled and run: it compares a random trajectory with this package's simulation from rest.
+
+    Parameters
+    ----------
+    model : object
+        A model of lpvid, a synthesis (its controller), `lpvid.saturate`'s controller behind limits, or a noun that an
+        installed package can export (a damper, a controller).
+    folder : str or path-like
+        Made where it does not exist.
+    name : str
+        Prefix of files and functions.
+    precision : {"double", "float"}
+    clamp : bool, optional
+        Hold the scheduling inside the model's box; left out, for designed controllers only.
+    sample_time : float, optional
+        Period of what runs at any [s].
+    at : mapping of str to float, optional
+        Inputs to hold, ``{"current": 1.2}`` for a model frozen at 1.2 A; each becomes a parameter.
+
+    Returns
+    -------
+    Export
+
+    Raises
+    ------
+    InputError
+        What has no step in C, with the nearest that has.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from lpvid import LPVTransferFunction, Polynomial
+    >>> model = LPVTransferFunction.siso([[-0.9, 0.1]], [[0, 0], [0.1, 0]], Polynomial("p", degree=1), 0.01)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     [path.name for path in export_c(model, folder, name="filter").files]
+    ['filter.h', 'filter.c', 'filter_test.c']
+    """
+    return written(c_content(exportable(model, Options(name, clamp, sample_time, at or {})), precision), folder)
+
+
+def c_content(found: Exportable, precision: str = "double") -> Content:
+    """The C files of a step program, compiled and tested where there is a compiler."""
+    from lpvid.export.c_build import find_compiler, run_self_test
+    from lpvid.export.c_source import c_files
+
+    files, passed = c_files(found, precision), True
+    if find_compiler() is None:
+        check = "not compiled: no C compiler found"
+    else:
+        test = run_self_test(files)
+        passed = test.passed
+        check = (f"self-test {'passed' if test.passed else 'FAILED'}: {precision} against the simulation, relative "
+                 f"error {test.error:.2g} ({test.compiler}); states {test.state_bytes} bytes, parameters "
+                 f"{test.parameter_bytes} bytes, at most {found.program.operations()} assignments per step")
+    return Content("c", {n: t.encode() for n, t in files.items()}, found.program.says, (check,), found.program.notes,
+                   passed)
+
+
+FORMS: Mapping[str, tuple[str, str]] = {
+    "c": ("lpvid.export.exporting", "c_content"),
+    "fmu2": ("lpvid.export.fmu", "fmi2_content"),
+    "fmu3": ("lpvid.export.fmu", "fmi3_content"),
+    "matlab": ("lpvid.export.matlab", "matlab_content"),
+    "control": ("lpvid.export.control_file", "control_content"),
+    "csv": ("lpvid.export.csv_tables", "csv_content"),
+}
+"""Where each form is written: module and function from (Exportable, precision) to `Content`."""
+
+
+def content(model: Any, form: str, options: Options | None = None, precision: str = "double") -> Content:
+    """What an export in one of `FORMS` would write, with its checks, in memory.
+
+    Raises
+    ------
+    InputError
+        An unknown form; a model that the form cannot hold, with the nearest that can.
+    """
+    module, function = FORMS[_checks.one_of(form, tuple(FORMS), "the form of an export")]
+    if form.startswith("fmu") and (flow := flow_of(model, options)) is not None:
+        from lpvid.export.fmu import flow_content
+
+        if options is not None and options.at:
+            raise InputError("inputs of a continuous model are not held", got=", ".join(options.at),
+                             mend="discretise it (lpvid.discretise), or let the importer set them")
+        return flow_content(flow, form, precision)
+    return getattr(importlib.import_module(module), function)(exportable(model, options), precision)
+
+
+def written(made: Content, folder: str | os.PathLike) -> Export:
+    """Write every file of an export; each appears complete or not at all."""
+    home = Path(folder)
+    if home.exists() and not home.is_dir():
+        raise InputError(f"'{home}' is a file", mend="name a folder")
+    try:
+        home.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"'{home}' cannot be made", why=error.strerror, mend="check the folder") from None
+    paths = tuple(write_bytes(data, home / name) for name, data in made.files.items())
+    return Export(made.form, paths, made.says, made.checks, made.notes, made.passed)

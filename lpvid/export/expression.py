@@ -1,0 +1,218 @@
+"""Expressions of a step program: real numbers, indices and conditions, written with Python's own operators."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+FUNCTIONS = ("tanh", "exp", "sqrt", "sin", "cos", "fabs", "floor", "pow", "fmin", "fmax")
+"""Functions of the C library that a program may call; every printer knows them."""
+
+
+class Expr:
+    """A value; ``+ − * /`` build real ones, comparisons build conditions, which ``& | ~`` combine."""
+
+    def __add__(self, other: Expr | float) -> Expr:
+        return Operation("+", (self, as_expr(other)))
+
+    def __radd__(self, other: Expr | float) -> Expr:
+        return Operation("+", (as_expr(other), self))
+
+    def __sub__(self, other: Expr | float) -> Expr:
+        return Operation("-", (self, as_expr(other)))
+
+    def __rsub__(self, other: Expr | float) -> Expr:
+        return Operation("-", (as_expr(other), self))
+
+    def __mul__(self, other: Expr | float) -> Expr:
+        return Operation("*", (self, as_expr(other)))
+
+    def __rmul__(self, other: Expr | float) -> Expr:
+        return Operation("*", (as_expr(other), self))
+
+    def __truediv__(self, other: Expr | float) -> Expr:
+        return Operation("/", (self, as_expr(other)))
+
+    def __rtruediv__(self, other: Expr | float) -> Expr:
+        return Operation("/", (as_expr(other), self))
+
+    def __neg__(self) -> Expr:
+        return Operation("neg", (self,))
+
+    def __lt__(self, other: Expr | float) -> Expr:
+        return Operation("<", (self, as_expr(other)))
+
+    def __le__(self, other: Expr | float) -> Expr:
+        return Operation("<=", (self, as_expr(other)))
+
+    def __gt__(self, other: Expr | float) -> Expr:
+        return Operation(">", (self, as_expr(other)))
+
+    def __ge__(self, other: Expr | float) -> Expr:
+        return Operation(">=", (self, as_expr(other)))
+
+    def __and__(self, other: Expr) -> Expr:
+        return Operation("and", (self, other))
+
+    def __or__(self, other: Expr) -> Expr:
+        return Operation("or", (self, other))
+
+    def __invert__(self) -> Expr:
+        return Operation("not", (self,))
+
+
+@dataclass(frozen=True, eq=False)
+class Number(Expr):
+    """A real constant."""
+
+    value: float
+
+
+@dataclass(frozen=True, eq=False)
+class ByPrecision(Expr):
+    """A constant that depends on the arithmetic, as a tolerance does."""
+
+    double: float
+    single: float
+
+
+@dataclass(frozen=True, eq=False)
+class Symbol(Expr):
+    """A scalar of the program by its home and name.
+
+    Attributes
+    ----------
+    home : {"local", "input", "output", "state", "parameter", "rate"}
+    name : str
+    """
+
+    home: str
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class Array:
+    """An array of the program; indexing it gives an `Element`."""
+
+    home: str
+    name: str
+    shape: tuple[int, ...]
+
+    def __getitem__(self, index: Index | int | tuple[Index | int, ...]) -> Element:
+        places = index if isinstance(index, tuple) else (index,)
+        assert len(places) == len(self.shape), f"{self.name} has {len(self.shape)} axes"
+        return Element(self, tuple(as_index(i) for i in places))
+
+
+@dataclass(frozen=True, eq=False)
+class Element(Expr):
+    """One entry of an array."""
+
+    array: Array
+    index: tuple[Index, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Operation(Expr):
+    """An operator applied to its operands."""
+
+    operator: str
+    operands: tuple[Expr, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Call(Expr):
+    """A function of `FUNCTIONS`."""
+
+    function: str
+    arguments: tuple[Expr, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Select(Expr):
+    """One of two values by a condition; both are defined either way."""
+
+    condition: Expr
+    then: Expr
+    other: Expr
+
+
+# -- indices ---------------------------------------------------------------------------------------------------------
+class Index:
+    """A whole number that picks an entry; constants may be added."""
+
+    def __add__(self, other: int) -> Index:
+        if isinstance(self, Place):
+            return Place(self.value + other)
+        base, by = (self.base, self.by + other) if isinstance(self, Offset) else (self, other)
+        return Offset(base, by) if by else base
+
+    def __sub__(self, other: int) -> Index:
+        return self + (-other)
+
+
+@dataclass(frozen=True, eq=False)
+class Place(Index):
+    """A constant place."""
+
+    value: int
+
+
+@dataclass(frozen=True, eq=False)
+class Counter(Index):
+    """A loop's counter, or an index that statements set."""
+
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class Offset(Index):
+    """An index moved by a constant."""
+
+    base: Index
+    by: int
+
+
+@dataclass(frozen=True, eq=False)
+class Rounded(Index):
+    """A real value that is whole already, as an index."""
+
+    value: Expr
+
+
+@dataclass(frozen=True, eq=False)
+class Real(Expr):
+    """An index as a real number."""
+
+    index: Index
+
+
+def as_expr(value: Expr | float) -> Expr:
+    """A number as an expression; an expression as it is."""
+    return value if isinstance(value, Expr) else Number(float(value))
+
+
+def as_index(value: Index | int) -> Index:
+    """A number as an index; an index as it is."""
+    return value if isinstance(value, Index) else Place(int(value))
+
+
+def call(function: str, *arguments: Expr | float) -> Expr:
+    """A function's value.
+
+    Examples
+    --------
+    >>> call("tanh", 1.0).function
+    'tanh'
+    """
+    assert function in FUNCTIONS, function
+    return Call(function, tuple(as_expr(a) for a in arguments))
+
+
+def select(condition: Expr, then: Expr | float, other: Expr | float) -> Expr:
+    """`then` where the condition holds, else `other`."""
+    return Select(condition, as_expr(then), as_expr(other))
+
+
+def clipped(value: Expr | float, low: Expr | float, high: Expr | float) -> Expr:
+    """The value within [low, high]."""
+    return call("fmin", call("fmax", value, low), high)

@@ -1,0 +1,292 @@
+"""Step programs as co-simulation FMUs of FMI 2.0 and 3.0: description, C sources, and a library compiled here."""
+
+from __future__ import annotations
+
+import io
+import os
+import platform
+import sys
+import tempfile
+import uuid
+import zipfile
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.export.c_build import compile_c, find_compiler
+from lpvid.export.c_printer import c_number
+from lpvid.export.c_source import header, source
+from lpvid.export.exportable import Exportable, Options
+from lpvid.export.exporting import Content, Export, content, written
+from lpvid.export.flow import Flow
+from lpvid.export.fmu_description import Variable, build_description, model_description, variables
+from lpvid.export.step_program import StepProgram
+
+HEADERS = {2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
+           3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h")}
+"""The standard's headers (2-clause BSD, Modelica Association), taken from FMPy, which ships them unchanged."""
+PLATFORMS = {2: "linux64", 3: "x86_64-linux"}
+"""Folder of a Linux x86-64 library in either version of the standard."""
+WRAPPERS = {2: ("fmi2.c", "fmi2_step.c"), 3: ("fmi3.c", "fmi3_refused.c")}
+"""Templates that make one wrapper."""
+FLOW_WRAPPERS = ("fmi2.c", "fmi2_flow.c")
+"""Those of a continuous model, for model exchange."""
+TOLERANCE = 1e-12
+"""Largest error against the simulation, relative to the largest output, with which an FMU passes."""
+NAMESPACE = uuid.UUID("6ba7b811-9dad-11d1-80b4-00c04fd430c8")
+"""Of the tokens: RFC 4122's name space of URLs."""
+
+
+def export_fmu(model: Any, folder: str | os.PathLike, *, version: int = 2, name: str = "", clamp: bool | None = None,
+               sample_time: float | None = None, at: Mapping[str, float] | None = None) -> Export:
+    """Write a model, damper or controller as a co-simulation FMU of FMI 2.0 or 3.0.
+
+    One step of the model per period of communication (or several, for a multiple of it): inputs are read at the start
+    of a communication step and held, and the outputs after it are those of the last sample in it, from its inputs. The
+    library is compiled here for Linux x86-64, the C sources with the standard's headers are inside, and no Python is
+    needed to run it. It is validated and run by FMPy against this package's simulation.
+
+    Parameters
+    ----------
+    model : object
+        As for `lpvid.export_c`.
+    folder : str or path-like
+    version : {2, 3}
+    name, clamp, sample_time, at
+        As for `lpvid.export_c`.
+
+    Returns
+    -------
+    Export
+        With FMPy's verdict and the error against the simulation.
+
+    Raises
+    ------
+    InputError
+        FMPy is not installed; a model without a step.
+    """
+    if version not in HEADERS:
+        raise InputError("an FMU is of FMI 2 or 3", got=version)
+    return written(content(model, f"fmu{version}", Options(name, clamp, sample_time, at or {})), folder)
+
+
+def fmi2_content(found: Exportable, precision: str = "double") -> Content:
+    """The FMU of FMI 2.0, in memory."""
+    _double(precision)
+    return _content(found, 2)
+
+
+def fmi3_content(found: Exportable, precision: str = "double") -> Content:
+    """The FMU of FMI 3.0, in memory."""
+    _double(precision)
+    return _content(found, 3)
+
+
+def _double(precision: str) -> None:
+    if precision != "double":
+        raise InputError("an FMU computes in double precision, as FMI's variables are", got=precision,
+                         mend="leave --precision out")
+
+
+def _content(found: Exportable, version: int) -> Content:
+    program, listed = found.program, variables(found.program)
+    texts, token = fmu_sources(program, listed, version)
+    notes = list(program.notes)
+    archive: dict[str, bytes] = {"modelDescription.xml": model_description(program, listed, version, token).encode()}
+    archive |= {f"sources/{n}": t.encode() for n, t in texts.items()}
+    if version == 3:
+        archive["sources/buildDescription.xml"] = build_description(program).encode()
+    library = _library(program, texts, version)
+    if library is None:
+        notes.append("Sources only: there is no C compiler here for Linux x86-64.")
+        checks, passed = ("not run: no library inside",), True
+    else:
+        archive[f"binaries/{PLATFORMS[version]}/{program.name}.so"] = library
+        checks, passed = checked(found, packed(archive))
+    files = {f"{program.name}.fmu": packed(archive)}
+    return Content(f"fmu{version}", files, program.says, checks, tuple(notes), passed)
+
+
+def fmu_sources(program: StepProgram, listed: tuple[Variable, ...], version: int) -> tuple[dict[str, str], str]:
+    """Every C file of an FMU by its name, and the token that names exactly these."""
+    name = program.name
+    files = {f"{name}.h": header(program, "double"), f"{name}.c": source(program, "double")}
+    places = ",\n".join(f"    offsetof(Instance, {v.member})" for v in listed)
+    home = resources.files("lpvid.export.fmi")
+    parts = WRAPPERS[version] if program.sample_time else FLOW_WRAPPERS
+    text = "".join(home.joinpath(file).read_text(encoding="utf-8") for file in parts)
+    marks = {"NAME": name, "PERIOD": c_number(program.sample_time), "VARIABLES": str(len(listed)), "PLACES": places,
+             "KIND": "co-simulation", "TYPE": "fmi2CoSimulation", "MORE": "", "ALWAYS": "0"}
+    if not program.sample_time:
+        first = [next(i for i, v in enumerate(listed) if v.kind == kind) for kind in ("state", "rate")]
+        marks |= {"KIND": "model exchange", "TYPE": "fmi2ModelExchange", "MORE": f"    {name}_states dx;\n",
+                  "ALWAYS": "1", "STATES": str(sum(v.kind == "state" for v in listed)), "FIRST_STATE": str(first[0]),
+                  "FIRST_DERIVATIVE": str(first[1])}
+    for mark, value in marks.items():
+        text = text.replace(f"@{mark}@", value)
+    token = str(uuid.uuid5(NAMESPACE, files[f"{name}.c"] + text))
+    token = f"{{{token}}}"
+    files[f"{name}_fmi{version}.c"] = text.replace("@TOKEN@", token)
+    return files | _headers(version), token
+
+
+def _headers(version: int) -> dict[str, str]:
+    home = _fmpy_folder()
+    return {name: (home / "c-code" / name).read_text(encoding="utf-8") for name in HEADERS[version]}
+
+
+def _fmpy_folder() -> Path:
+    from importlib.util import find_spec
+
+    found = find_spec("fmpy")
+    if found is None or found.origin is None:
+        raise InputError("an FMU needs the standard's headers and a check, which FMPy brings", got="no fmpy",
+                         mend="pip install 'lpvid[fmu]'")
+    return Path(found.origin).parent
+
+
+def _library(program: StepProgram, files: dict[str, str], version: int) -> bytes | None:
+    """The shared library, or None where this system cannot make one for Linux x86-64."""
+    if find_compiler() is None or sys.platform != "linux" or platform.machine() != "x86_64":
+        return None
+    with tempfile.TemporaryDirectory(prefix="lpvid-fmu-") as folder:
+        home = Path(folder)
+        for name, text in files.items():
+            (home / name).write_text(text, encoding="utf-8")
+        target = home / f"{program.name}.so"
+        compile_c([home / f"{program.name}.c", home / f"{program.name}_fmi{version}.c"], target,
+                  ("-shared", "-fPIC", "-fvisibility=hidden", f"-I{home}"))
+        return target.read_bytes()
+
+
+def packed(archive: dict[str, bytes]) -> bytes:
+    """A zip file whose bytes depend on its contents alone."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, data in archive.items():
+            entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+            entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            file.writestr(entry, data)
+    return out.getvalue()
+
+
+# -- continuous models -----------------------------------------------------------------------------------------------
+def flow_content(flow: Flow, form: str, precision: str = "double") -> Content:
+    """The FMU of a continuous model, for model exchange in FMI 2.0."""
+    _double(precision)
+    if form != "fmu2":
+        raise InputError("a continuous model is exported to model exchange of FMI 2.0", got=form,
+                         mend="--to fmu2, or discretise it (lpvid.discretise)")
+    program = flow.program
+    if not program.states:
+        raise InputError("a model without states has nothing to integrate", got=program.says,
+                         mend="discretise it (lpvid.discretise); any period will do")
+    listed = variables(program)
+    texts, token = fmu_sources(program, listed, 2)
+    archive = {"modelDescription.xml": model_description(program, listed, 2, token, flow.step).encode()}
+    archive |= {f"sources/{n}": t.encode() for n, t in texts.items()}
+    library = _library(program, texts, 2)
+    checks, passed = ("not run: no library inside",), True
+    if library is not None:
+        archive[f"binaries/{PLATFORMS[2]}/{program.name}.so"] = library
+        checks, passed = checked_flow(flow, packed(archive))
+    return Content("fmu2", {f"{program.name}.fmu": packed(archive)}, program.says, checks, program.notes, passed)
+
+
+def checked_flow(flow: Flow, fmu: bytes) -> tuple[tuple[str, ...], bool]:
+    """FMPy's validation; derivatives and outputs of the FMU along a trajectory against our own at the same points.
+
+    An importer integrates; what is compared is what it integrates, so that no solver's error stands in between.
+    """
+    import fmpy
+    from fmpy.validation import validate_fmu
+
+    with tempfile.TemporaryDirectory(prefix="lpvid-fmu-") as folder:
+        path = Path(folder) / f"{flow.program.name}.fmu"
+        path.write_bytes(fmu)
+        problems = validate_fmu(str(path))
+        error = flow_error(flow, path)
+    said = "valid" if not problems else f"{len(problems)} problem(s): {' '.join(str(problems[0]).split())[:200]}"
+    text = (f"FMPy {fmpy.__version__}: {said}; derivatives and outputs for model exchange against our own along a "
+            f"trajectory: relative error {error:.2g}")
+    return (text,), not problems and error <= TOLERANCE
+
+
+def flow_error(flow: Flow, path: Path) -> float:
+    """Largest difference of an FMU's derivatives and outputs from our own, relative to the largest of each."""
+    from ctypes import c_double
+
+    import fmpy
+    from fmpy.fmi2 import FMU2Model
+
+    u, states = flow.trial()
+    wanted = np.array([np.concatenate([flow.rates(x, row), flow.outputs(x, row)])
+                       for x, row in zip(states, u, strict=True)])
+    described: Any = fmpy.read_model_description(str(path))
+    named = {v.name: v.valueReference for v in described.modelVariables}
+    listed = variables(flow.program)
+    ins, outs = ([named[v.name] for v in listed if v.kind == kind] for kind in ("input", "output"))
+    n = states.shape[1]
+    with tempfile.TemporaryDirectory(prefix="lpvid-fmu-") as folder:
+        fmpy.extract(str(path), folder)
+        fmu = FMU2Model(guid=described.guid, unzipDirectory=folder, instanceName="check",
+                        modelIdentifier=described.modelExchange.modelIdentifier)
+        fmu.instantiate()
+        fmu.setupExperiment()
+        fmu.enterInitializationMode()
+        fmu.exitInitializationMode()
+        fmu.newDiscreteStates()
+        fmu.enterContinuousTimeMode()
+        got, place = np.empty_like(wanted), (c_double * n)()
+        for k in range(len(u)):
+            fmu.setTime(k * flow.step)
+            fmu.setReal(ins, u[k].tolist())
+            fmu.setContinuousStates((c_double * n)(*states[k]), n)
+            fmu.getDerivatives(place, n)
+            got[k] = [*place, *fmu.getReal(outs)]
+        fmu.terminate()
+        fmu.freeInstance()
+    scale = np.abs(wanted).max(axis=0)
+    return float((np.abs(got - wanted).max(axis=0) / np.where(scale > 0, scale, 1.0)).max())
+
+
+# -- checking --------------------------------------------------------------------------------------------------------
+def checked(found: Exportable, fmu: bytes) -> tuple[tuple[str, ...], bool]:
+    """FMPy's validation, and the largest error of a co-simulation against this package's simulation."""
+    import fmpy
+    from fmpy.validation import validate_fmu
+
+    with tempfile.TemporaryDirectory(prefix="lpvid-fmu-") as folder:
+        path = str(Path(folder) / f"{found.program.name}.fmu")
+        Path(path).write_bytes(fmu)
+        problems = validate_fmu(path)
+        error = fmu_error(found, path)
+    passed = not problems and error <= TOLERANCE
+    said = "valid" if not problems else f"{len(problems)} problem(s): {' '.join(str(problems[0]).split())[:200]}"
+    text = f"FMPy {fmpy.__version__}: {said}; co-simulation against the simulation: relative error {error:.2g}"
+    return (text,), passed
+
+
+def fmu_error(found: Exportable, path: str, samples: int = 200) -> float:
+    """Largest difference of an FMU's outputs from the simulation, relative to the largest output."""
+    import fmpy
+
+    u, y = found.trial(samples)
+    program = found.program
+    listed = variables(program)
+    labels, names = ([v.name for v in listed if v.kind == kind] for kind in ("input", "output"))
+    table = np.zeros(samples, dtype=[("time", float), *((n, float) for n in labels)])
+    table["time"] = program.sample_time * np.arange(samples)
+    for column, label in zip(u.T, labels, strict=True):
+        table[label] = column
+    run: Any = fmpy.simulate_fmu(path, start_time=0.0, stop_time=float(table["time"][-1]), fmi_type="CoSimulation",
+                                 step_size=program.sample_time, output_interval=program.sample_time, input=table,
+                                 output=names)
+    out = np.column_stack([np.asarray(run[n], dtype=float) for n in names])
+    scale = np.abs(y).max(axis=0)
+    gap = np.abs(out[1 : len(y)] - y[: len(out) - 1]).max(axis=0)  # outputs after a step are those of its start
+    return float((gap / np.where(scale > 0, scale, 1.0)).max())

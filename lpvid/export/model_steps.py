@@ -1,0 +1,118 @@
+"""lpvid's own nouns as step programs: transfer functions, state spaces, self-scheduled models, limited controllers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.export.exportable import Exportable, Exporter, Options, within
+from lpvid.export.flow import flow_of
+from lpvid.export.quasi_steps import compliance_program, quasi_program
+from lpvid.export.state_space_steps import state_space_program
+from lpvid.export.transfer_function_steps import transfer_function_program
+from lpvid.model.compliance import ComplianceModel
+from lpvid.model.designed import role_of
+from lpvid.model.input_stage import TanhStage, ThreeZoneStage
+from lpvid.model.lft import LFTModel
+from lpvid.model.quasi import QuasiLPVModel
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.realization import Realization
+from lpvid.record import Record
+from lpvid.simulation import simulate
+from lpvid.synthesis.result import Synthesis
+from lpvid.synthesis.saturated import SaturatedController
+
+MODELS = (LPVTransferFunction, LPVStateSpace, QuasiLPVModel, ComplianceModel)
+NOUNS = (*MODELS, LFTModel, Realization, Synthesis, SaturatedController)
+
+
+def prepare(noun: Any, options: Options) -> Exportable:
+    """A noun of lpvid as a step program; see `lpvid.export.exportable.exportable`."""
+    if isinstance(noun, Realization):
+        return prepare(noun.model, options)
+    if isinstance(noun, Synthesis):
+        return prepare(noun.required(), replace(options, name=options.name or "controller"))
+    if isinstance(noun, LFTModel):
+        raise InputError("a linear fractional form has no exported step", got=repr(noun),
+                         mend="export lpvid.to_gridded(model).model, or lpvid.to_affine(model).model")
+    if isinstance(noun, SaturatedController):
+        return _controller(noun, options)
+    if isinstance(noun, LPVStateSpace) and noun.sample_time is None:
+        raise InputError("a continuous model has no step", got=f"{noun.order} states in continuous time",
+                         mend="export lpvid.discretise(model, sample_time).model, or to model exchange (--to fmu2)")
+    clamp = bool(role_of(noun)) if options.clamp is None else options.clamp
+    name = options.name or ("controller" if role_of(noun) == "controller" else "lpv_model")
+    if isinstance(noun, LPVTransferFunction):
+        program = transfer_function_program(noun, name, clamp)
+    elif isinstance(noun, LPVStateSpace):
+        program = state_space_program(noun, name, clamp)
+    elif isinstance(noun, QuasiLPVModel):
+        program = quasi_program(noun, name, clamp)
+    else:
+        program = compliance_program(noun, name, clamp)
+    channels = [q.label for q in program.inputs]
+
+    def reference(u: np.ndarray) -> np.ndarray:
+        columns: dict[str, Any] = dict(zip(channels, u.T, strict=True))
+        columns |= {s.name: np.zeros(len(u)) for s in noun.outputs if s.name not in columns}
+        return simulate(noun, _clamped(noun, columns, clamp, len(u)), "zero").output
+
+    return Exportable(program, reference, _excitation(noun, channels, clamp), noun)
+
+
+def _clamped(model: Any, columns: dict[str, Any], clamp: bool, n: int) -> Record:
+    """The record that our simulation runs along; a channel that is an input too keeps its own values there."""
+    columns = columns or {"nothing": np.zeros(n)}
+    if clamp:
+        for name, low, high in zip(model.box.names, model.box.lower, model.box.upper, strict=True):
+            if name not in [s.name for s in model.inputs]:
+                columns[name] = np.clip(columns[name], low, high)
+    return Record(columns, model.sample_time)
+
+
+def _controller(law: SaturatedController, options: Options) -> Exportable:
+    k = law.controller
+    if k.sample_time is None:
+        raise InputError("a continuous controller has no step", got=f"{k.order} states in continuous time",
+                         mend="put lpvid.discretise(controller, sample_time).model behind its limits")
+    if np.any(k.state_offset) or np.any(k.output_offset):
+        raise InputError("a controller behind limits has no affine terms", why="its simulation leaves them out",
+                         mend="export the controller itself")
+    clamp = True if options.clamp is None else options.clamp
+    program = state_space_program(k, options.name or "controller", clamp, law)
+    channels = [q.label for q in program.inputs]
+
+    def reference(u: np.ndarray) -> np.ndarray:
+        run = law.start()
+        y = u[:, [channels.index(s.name) for s in k.inputs]]
+        p = u[:, [channels.index(n) for n in k.box.names]]
+        if clamp:
+            p = np.clip(p, k.box.lower, k.box.upper)
+        return np.array([run.advance(a, c) for a, c in zip(y, p, strict=True)])
+
+    return Exportable(program, reference, _excitation(k, channels, clamp), law)
+
+
+def _excitation(model: Any, channels: list[str], clamp: bool) -> Any:
+    """Trajectories over the box (a fifth beyond it where it is clamped), and of a few knees of the input stage."""
+    box, stage = model.box, model.input_stage
+    reach = 1.0
+    if isinstance(stage, TanhStage):
+        reach = 4 * stage.v0
+    elif isinstance(stage, ThreeZoneStage):
+        reach = 4 * stage.limit
+    elif isinstance(model, (QuasiLPVModel, ComplianceModel)):
+        reach = float(np.abs(model.knots).max()) if isinstance(model, ComplianceModel) else 1.0
+    inputs = [s.name for s in model.inputs]
+    low, high = np.full(len(channels), -reach), np.full(len(channels), reach)
+    for n, lower, upper in zip(box.names, box.lower, box.upper, strict=True):
+        at, beyond = channels.index(n), 0.1 * (upper - lower) if clamp and n not in inputs else 0.0
+        low[at], high[at] = lower - beyond, upper + beyond
+    return lambda samples, rng: within(samples, low, high, rng)
+
+
+EXPORTER = Exporter(lambda noun: isinstance(noun, NOUNS), prepare, flow_of)

@@ -1,0 +1,179 @@
+"""StepProgram: one sample of a model or controller as statements, from which C, MATLAB and Python are printed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lpvid.export.expression import Array, Counter, Element, Expr, Index, Symbol
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """A named input, output, state or parameter.
+
+    Attributes
+    ----------
+    name : str
+        An identifier of C, Python and MATLAB.
+    unit : str
+        SI; empty for a pure number.
+    says : str
+        What it is.
+    start : array
+        Start of a state, value of a parameter, zero of an input; its shape is that of the quantity.
+    lower, upper : float
+        Range of an input, infinite where none is known.
+    label : str
+        The name in the model.
+    """
+
+    name: str
+    unit: str
+    says: str
+    start: np.ndarray
+    lower: float = -np.inf
+    upper: float = np.inf
+    label: str = ""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Empty for a scalar."""
+        return self.start.shape
+
+
+# -- statements ------------------------------------------------------------------------------------------------------
+class Statement:
+    """One instruction."""
+
+
+@dataclass(frozen=True, eq=False)
+class Declare(Statement):
+    """A local scalar with its first value."""
+
+    symbol: Symbol
+    value: Expr
+
+
+@dataclass(frozen=True, eq=False)
+class DeclareArray(Statement):
+    """A local array of zeros."""
+
+    array: Array
+
+
+@dataclass(frozen=True, eq=False)
+class DeclareIndex(Statement):
+    """A local index with its first value."""
+
+    counter: Counter
+    value: Index
+
+
+@dataclass(frozen=True, eq=False)
+class Assign(Statement):
+    """A new value of a scalar or of an entry."""
+
+    target: Symbol | Element
+    value: Expr
+
+
+@dataclass(frozen=True, eq=False)
+class AssignIndex(Statement):
+    """A new value of an index."""
+
+    counter: Counter
+    value: Index
+
+
+@dataclass(eq=False)
+class Loop(Statement):
+    """Statements for counter = first … last − 1, or downwards from last − 1; both are constants."""
+
+    counter: Counter
+    first: int
+    last: int
+    down: bool = False
+    body: list[Statement] = field(default_factory=list)
+
+
+@dataclass(eq=False)
+class Branch(Statement):
+    """Statements where a condition holds, and others where it does not."""
+
+    condition: Expr
+    then: list[Statement] = field(default_factory=list)
+    other: list[Statement] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Remark(Statement):
+    """A comment."""
+
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class StepProgram:
+    """One sample: outputs y(k) and the states for k + 1 from states, inputs and parameters at k.
+
+    Loops have constant bounds, so that the time of a step is bounded whatever the data.
+
+    Attributes
+    ----------
+    name : str
+        An identifier.
+    says : str
+        One line on what it computes.
+    sample_time : float
+        [s].
+    inputs, outputs, states, parameters : tuple of Quantity
+        Inputs and outputs are scalars.
+    body : tuple of Statement
+    notes : tuple of str
+        Remarks for whoever uses it.
+    """
+
+    name: str
+    says: str
+    sample_time: float
+    inputs: tuple[Quantity, ...]
+    outputs: tuple[Quantity, ...]
+    states: tuple[Quantity, ...]
+    parameters: tuple[Quantity, ...]
+    body: tuple[Statement, ...]
+    notes: tuple[str, ...] = ()
+
+    def assigned(self) -> set[str]:
+        """Names of local scalars that are assigned after their declaration."""
+        return {s.target.name for s in walk(self.body) if isinstance(s, Assign) and isinstance(s.target, Symbol)
+                and s.target.home == "local"}
+
+    def operations(self) -> int:
+        """Statements that one step executes at most."""
+        return _count(self.body)
+
+
+def walk(body: Sequence[Statement]) -> Iterator[Statement]:
+    """Every statement, those inside loops and branches included."""
+    for statement in body:
+        yield statement
+        if isinstance(statement, Loop):
+            yield from walk(statement.body)
+        elif isinstance(statement, Branch):
+            yield from walk(statement.then)
+            yield from walk(statement.other)
+
+
+def _count(body: Sequence[Statement]) -> int:
+    total = 0
+    for s in body:
+        if isinstance(s, Loop):
+            total += (s.last - s.first) * _count(s.body)
+        elif isinstance(s, Branch):
+            total += 1 + max(_count(s.then), _count(s.other))
+        elif isinstance(s, (Declare, Assign, AssignIndex, DeclareIndex)):
+            total += 1
+    return total

@@ -1,0 +1,68 @@
+"""`quartercar export`: the loop law of a car, from sensor readings to current, for a controller unit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lpvid.cli import options
+from lpvid.cli.export import Name, Precision, To, deliver
+from lpvid.cli.running import Results, command, solvers_unheard, working
+from lpvid.errors import InputError
+
+if TYPE_CHECKING:
+    from quartercar.export.loop_steps import LoopLaw
+
+ConfigFile = Annotated[Path | None, typer.Argument(metavar="CONFIG", help="A TOML file of quartercar ride; left out, "
+                                                   "the default car.", show_default=False)]
+
+
+@command
+def export(
+    config: ConfigFile = None,
+    controller: Annotated[str, typer.Option("--controller", metavar="LAW", help="A law by name, a controller.json, or "
+                                            "a controller of CONFIG.")] = "skyhook",
+    to: To = "c",
+    car: Annotated[str | None, typer.Option("--car", metavar="NAME", help="Parameter set of the car, without "
+                                            "CONFIG.")] = None,
+    damper: Annotated[Path | None, typer.Option("--damper", metavar="FILE", help="A damper that fit wrote, without "
+                                                "CONFIG; left out: the embedded identified one.")] = None,
+    measurements: Annotated[str | None, typer.Option("--measurements", metavar="SET", help="stroke-body (the default), "
+                                                     "stroke-body-wheel or ideal.")] = None,
+    out: options.Out = None,
+    name: Name = "",
+    precision: Precision = "double",
+    json: options.Json = False,
+) -> None:
+    """One control law with its observer and inverse damper model, as `quartercar ride` runs it, for other tools.
+
+    Readings of the sensors at a sample go in, the current to command until the next comes out. Dampers and laws alone
+    are exported by `lpvid export`. Forms, checks and exit codes are those of `lpvid export`.
+    """
+    from lpvid.export.exportable import Options
+    from lpvid.export.exporting import content
+
+    results = Results(out)
+    with working(f"exporting to {to}"), solvers_unheard():
+        loop = _loop(config, controller, car, damper, measurements)
+        found = content(loop, to, Options(name), precision)
+    deliver(results, found, str(config or "the default car"), json)
+
+
+def _loop(config: Path | None, controller: str, car: str | None, damper: Path | None,
+          measurements: str | None) -> LoopLaw:
+    """The loop of a configuration with one of its laws, or with another one."""
+    from quartercar.export.loop_steps import LoopLaw
+    from quartercar.ride_config import RideConfig, build_car, given_laws, load_config, measuring
+
+    if config is not None and (car is not None or damper is not None):
+        raise InputError("--car and --damper belong to an export without CONFIG", mend="write them into the "
+                         "configuration")
+    base = load_config(config) if config is not None else \
+        RideConfig(build_car(car or "megane", None if damper is None else str(damper)))
+    law = dict(base.controllers).get(controller) if config is not None else None
+    law = law or next(iter(given_laws((controller,)).values()))
+    settings = base.settings if measurements is None else measuring(measurements)
+    return LoopLaw(law, settings.setting(base.car, 1), base.car.coil, settings.chain)

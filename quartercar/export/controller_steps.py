@@ -1,0 +1,234 @@
+"""Control laws as step programs: the scheduled LPV controller, and the laws of a variable damping."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.export.basis_steps import basis_values
+from lpvid.export.exportable import Exportable, Options, within
+from lpvid.export.expression import Expr, Number, call, clipped, select
+from lpvid.export.state_space_steps import mixed
+from lpvid.export.step_builder import StepBuilder
+from lpvid.export.transfer_function_steps import vector
+from quartercar.controllers.clipped_optimal import STATES, ClippedOptimal, optimal_gain
+from quartercar.controllers.contract import DEADBAND, DEMANDS, SIGNALS, Controller, Setting
+from quartercar.controllers.lpv_hinf import LpvHinf
+from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
+from quartercar.controllers.schedule_rules import SMALL, Excess, GivenShare, Measured, Rule, SaturationRatio, Yield
+from quartercar.controllers.scheduled import ScheduledController
+from quartercar.parameters import MEGANE
+
+Seen = Mapping[str, Expr]
+REACH = {"suspension_deflection": 0.05, "suspension_velocity": 0.8, "body_acceleration": 5.0, "body_velocity": 0.5,
+         "wheel_acceleration": 40.0, "wheel_velocity": 1.0, "tyre_deflection": 0.01, "current": 2.0,
+         "lowest_force": 500.0, "highest_force": 2000.0, "attained": 1000.0}
+"""What the random trajectory of a self-test reaches, in the signal's unit."""
+PERIOD = 1e-3
+"""period of a law that runs at any [s]"""
+
+
+def prepare_controller(controller: Controller, options: Options) -> Exportable:
+    """A control law as a step program.
+
+    Its last demand is kept inside; what was attained of it is an input.
+
+    Raises
+    ------
+    InputError
+        A law that must know its car, or is to be designed first, with what can be exported instead.
+    """
+    if isinstance(controller, (LpvHinf, LpvHinfClipped)):
+        raise InputError(f"'{controller.name}' is a design to be made for a car, not yet a controller",
+                         mend="export the controller.json of quartercar design, or law.designed(setting)")
+    if isinstance(controller, ClippedOptimal) or controller.name == "pdd":
+        raise InputError(f"'{controller.name}' needs the masses and springs of its car",
+                         mend="export quartercar.export.loop_steps.LoopLaw(controller, setting, coil)")
+    if options.clamp is False and isinstance(controller, ScheduledController) and controller.schedule:
+        raise InputError("a scheduled controller always holds its scheduling inside the box that it was designed for",
+                         mend="leave clamp out")
+    period = options.sample_time or PERIOD
+    if isinstance(controller, ScheduledController):
+        assert controller.model.sample_time is not None
+        period = controller.model.sample_time
+        if options.sample_time is not None and not np.isclose(options.sample_time, period, rtol=1e-9):
+            raise InputError("this controller was designed for one rate",
+                             got=f"{1 / options.sample_time:.6g} Hz against {1 / period:.6g} Hz",
+                             mend="leave the sample rate out, or design it anew")
+    b = StepBuilder(options.name or "controller", f"control law '{controller.title}' ({controller.source})", period)
+    names = [n for n in controller.reads if n != "demanded"]
+    unit = DEMANDS[controller.demands]
+    seen: dict[str, Expr] = {n: b.input(n, SIGNALS[n] or (unit if n == "attained" else ""), _says(n)) for n in names}
+    asked = b.state("demand_before", unit, "demand of the last sample") if "demanded" in controller.reads else None
+    if asked is not None:
+        seen["demanded"] = asked
+    demand = b.let("demand", demanded(b, controller, seen, None))
+    if asked is not None:
+        b.set(asked, demand)
+    b.output("demand", demand, unit, f"demanded {controller.demands}")
+    setting = Setting(period, 1, MEGANE)
+    return Exportable(b.program(), lambda u: _reference(controller, names, setting, u),
+                      lambda n, rng: within(n, *_reach(names), rng), controller)
+
+
+def _says(name: str) -> str:
+    return "what was attained of the last demand" if name == "attained" else name.replace("_", " ")
+
+
+def _reach(names: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    high = np.array([REACH[n] for n in names])
+    return np.where([n == "current" for n in names], 0.0, -high), high
+
+
+def _reference(controller: Controller, names: list[str], setting: Setting, u: np.ndarray) -> np.ndarray:
+    law, asked, out = controller.start(setting), np.zeros(1), []
+    for row in u:
+        asked = np.broadcast_to(law.step({**{n: row[i : i + 1] for i, n in enumerate(names)}, "demanded": asked}), (1,))
+        out.append(asked[0])
+    return np.array(out)[:, None]
+
+
+# -- demands ---------------------------------------------------------------------------------------------------------
+def demanded(b: StepBuilder, controller: Controller, seen: Seen, setting: Setting | None) -> Expr:
+    """The demand of a law at this sample."""
+    if isinstance(controller, ScheduledController):
+        return _scheduled(b, controller, seen)
+    named = {p.name: b.parameter(p.name, controller.values[p.name], p.unit, p.says) for p in controller.parameters}
+    if controller.name in SWITCHING:
+        return _switching(b, named, seen, SWITCHING[controller.name](named, seen))
+    if controller.name in DIRECT:
+        return DIRECT[controller.name](b, named, seen)
+    if controller.name == "pdd" and setting is not None:
+        return _power_driven(b, named, seen, setting)
+    if isinstance(controller, ClippedOptimal) and setting is not None:
+        gain = optimal_gain(setting.parameters, controller.values["tyre_weight"], controller.values["stroke_weight"])
+        table = b.table("optimal_gain", np.array(gain), "", f"K of F = -K x, x = {', '.join(STATES)}")
+        wanted: Expr = Number(0.0)
+        for k, name in enumerate(STATES):
+            wanted = wanted + table[k] * seen[name]
+        return _between(b, -wanted, named, seen["suspension_velocity"])
+    raise InputError(f"the law '{controller.name}' has no exported step", mend="export a 'scheduled' controller")
+
+
+def _scheduled(b: StepBuilder, c: ScheduledController, seen: Seen) -> Expr:
+    """x⁺ = A(ρ)x + B(ρ)y + L (attained − demanded), demand = u_0 + c_nom v_d + gain·(C(ρ)x + D(ρ)y)."""
+    model = c.model
+    assert model.state_offset is not None and model.output_offset is not None
+    held: dict[str, Expr] = {}
+    for name, rule, low, high in zip(model.box.names, c.schedule, model.box.lower, model.box.upper, strict=True):
+        held[name] = b.let(f"rho_{name}", clipped(rule_value(b, rule, seen), low, high))
+    phi = vector(b, "basis", basis_values(b, model.basis, {n: (lambda i, at=at: at) for n, at in held.items()}))
+    u = vector(b, "measured", [seen[s.name] for s in model.inputs])
+    x = b.states("x", np.zeros(model.order), "", "states of the controller") if model.order else None
+    y = mixed(b, model, phi, x, u, ("C", model.C), ("D", model.D), ("g", model.output_offset), 1)
+    if x is not None:
+        ahead = mixed(b, model, phi, x, u, ("A", model.A), ("B", model.B), ("f", model.state_offset), model.order)
+        if c.anti_windup is not None:
+            back = b.table("anti_windup", c.anti_windup, "", "from what was not attained to the states")
+            with b.loop("row", model.order) as i:
+                b.add(ahead[i], (seen["attained"] - seen["demanded"]) * back[i])
+        with b.loop("row", model.order) as i:
+            b.set(x[i], ahead[i])
+    out = b.parameter("around", c.around, DEMANDS[c.asks], "demand that is added") \
+        + b.parameter("gain", c.values["gain"], "", "of the controller's output") * y[0]
+    if c.nominal_damping:
+        out = out + b.parameter("nominal_damping", c.nominal_damping, "N*s/m", "c_nom") * seen["suspension_velocity"]
+    return out
+
+
+def rule_value(b: StepBuilder, rule: Rule, seen: Seen) -> Expr:
+    """A scheduling variable by its rule."""
+    if isinstance(rule, Measured):
+        return seen[rule.signal]
+    if isinstance(rule, Yield):
+        xi = b.let("xi", rule.per_velocity * seen["suspension_velocity"]
+                   + rule.per_deflection * seen["suspension_deflection"])
+        if not rule.ratio:
+            return call("tanh", xi)
+        out = b.let("secant", 1.0 - xi * xi / 3.0)
+        with b.when(call("fabs", xi) >= 1e-4):
+            b.set(out, call("tanh", xi) / xi)
+        return out
+    if isinstance(rule, SaturationRatio):
+        return _share(b, seen["demanded"] - rule.offset, seen["attained"] - rule.offset, rule.lowest, rule.small)
+    if isinstance(rule, GivenShare):
+        base = b.state("nominal_before", "N", "nominal force of the last sample")
+        out = _share(b, seen["demanded"] - base, seen["attained"] - base, rule.lowest, SMALL)
+        b.set(base, rule.nominal_damping * seen["suspension_velocity"])
+        return out
+    if isinstance(rule, Excess):
+        share = 1.0 if rule.smoothing <= 0 else float(-np.expm1(-b.sample_time / rule.smoothing))
+        last = b.state("excess", "", "excess of the last demand, smoothed")
+        off = b.let("off", call("fabs", seen["demanded"] - seen["attained"]) / rule.scale)
+        power = b.let("power", rule.sharpness * (off * off * off * off))
+        b.set(last, last + share * (rule.highest * power / (power + 1.0 / rule.sharpness) - last))
+        return b.let("excess_now", last)
+    raise InputError("this rule of a schedule has no exported step", got=rule.kind, mend="schedule on 'measured'")
+
+
+def _share(b: StepBuilder, asked: Expr, given: Expr, lowest: float, small: float) -> Expr:
+    """given/asked within [lowest, 1]; 1 where next to nothing is asked for."""
+    wanted, out = b.let("asked", asked), b.let("share", 1.0)
+    with b.when(call("fabs", wanted) > small):
+        b.set(out, clipped(given / wanted, lowest, 1.0))
+    return out
+
+
+def _switching(b: StepBuilder, named: Seen, seen: Seen, hard: Expr) -> Expr:
+    v = seen["suspension_velocity"]
+    on = b.state("on", "", "1 while the damping is high")
+    with b.when(call("fabs", v) > DEADBAND):
+        b.set(on, select(hard, 1.0, 0.0))
+    low = named["low_damping"]
+    return select(on > 0.5, call("fmax", low, named["high_damping"]), low) * v
+
+
+def _sh_add(n: Seen, s: Seen) -> Expr:
+    a, v, alpha = s["body_acceleration"], s["body_velocity"], n["crossover"]
+    slow = a * a <= (alpha * v) * (alpha * v)
+    return select(slow, v, a) * s["suspension_velocity"] > 0.0
+
+
+SWITCHING: Mapping[str, Callable[[Seen, Seen], Expr]] = {
+    "skyhook": lambda n, s: s["body_velocity"] * s["suspension_velocity"] > 0.0,
+    "groundhook": lambda n, s: s["wheel_velocity"] * s["suspension_velocity"] < 0.0,
+    "add": lambda n, s: s["body_acceleration"] * s["suspension_velocity"] > 0.0,
+    "sh-add": _sh_add,
+    "sh-add-1s": lambda n, s: s["body_acceleration"] * s["body_acceleration"] <= (
+        n["crossover"] * s["suspension_velocity"]) * (n["crossover"] * s["suspension_velocity"]),
+}
+"""Conditions of high damping, by law."""
+
+
+def _between(b: StepBuilder, force: Expr, named: Seen, v: Expr) -> Expr:
+    """A force within what dampings from c_min to c_max do."""
+    low = named["low_damping"]
+    soft, hard = b.let("soft", low * v), b.let("hard", call("fmax", low, named["high_damping"]) * v)
+    return clipped(force, call("fmin", soft, hard), call("fmax", soft, hard))
+
+
+def _linear_skyhook(b: StepBuilder, n: Seen, s: Seen) -> Expr:
+    share, v = n["passive_share"], s["suspension_velocity"]
+    return _between(b, n["high_damping"] * (share * v + (1.0 - share) * s["body_velocity"]), n, v)
+
+
+def _hybrid(b: StepBuilder, n: Seen, s: Seen) -> Expr:
+    sky = n["sky_share"] * n["sky_damping"]
+    ground = (1.0 - n["sky_share"]) * n["ground_damping"]
+    return _between(b, sky * s["body_velocity"] - ground * s["wheel_velocity"], n, s["suspension_velocity"])
+
+
+DIRECT: Mapping[str, Callable[[StepBuilder, Seen, Seen], Expr]] = {
+    "passive": lambda b, n, s: n["fixed_current"], "skyhook-linear": _linear_skyhook, "hybrid": _hybrid}
+"""Laws without memory, by name."""
+
+
+def _power_driven(b: StepBuilder, n: Seen, s: Seen, setting: Setting) -> Expr:
+    z, v, low = s["suspension_deflection"], s["suspension_velocity"], n["low_damping"]
+    k = b.parameter("spring_stiffness", setting.parameters.spring_stiffness, "N/m", "suspension spring")
+    high = b.let("high", call("fmax", low, n["high_damping"]))
+    power = b.let("power", k * z * v)
+    hard = select(power + high * (v * v) < 0.0, high * v, -k * z)
+    return select(power + low * (v * v) >= 0.0, low * v, hard)

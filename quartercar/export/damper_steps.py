@@ -1,0 +1,112 @@
+"""Physical damper laws as step programs: static ones, and those with a closed step of fixed length."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+
+from lpvid.errors import ExtrapolationWarning, InputError
+from lpvid.export.exportable import Exportable, Options, smooth_noise
+from lpvid.export.expression import Expr, Number, clipped
+from lpvid.export.step_builder import StepBuilder
+from lpvid.record import Record
+from quartercar.dampers.contract import Damper
+from quartercar.dampers.drive import UNITS
+from quartercar.dampers.extended_bouc_wen import ExtendedBoucWen
+from quartercar.dampers.families import StaticDamper
+from quartercar.dampers.force_map import ForceMap
+from quartercar.dampers.linear import Linear
+from quartercar.export.law_steps import static_law
+from quartercar.export.semi_active_steps import extended_bouc_wen, force_map
+
+PERIOD = 1e-3
+"""period of a law that runs at any, where none is given and none is known of its data [s]"""
+STROKE, SPEED = 0.03, 0.5
+"""displacement [m] and velocity [m/s] that the random trajectory of a self-test reaches"""
+NEAREST = {"bouc-wen": "extended-bouc-wen", "wang-kamath": "extended-bouc-wen", "relief-valve": "force-map",
+           "relief-valve-orifice": "force-map"}
+"""For dampers whose integration takes steps by the motion or by its own error: what has a step of fixed length."""
+
+
+def prepare_damper(damper: Damper, options: Options) -> Exportable:
+    """A damper with physical parameters as a step program.
+
+    Raises
+    ------
+    InputError
+        One without a closed step, with the nearest that has one.
+    """
+    period = options.sample_time or damper.period or PERIOD
+    b = StepBuilder(options.name or damper.name, f"damper '{damper.title}' ({damper.source}): {', '.join(damper.reads)}"
+                    " -> force", period)
+    says = {"velocity": "velocity, positive in extension", "displacement": "displacement", "current": "coil current"}
+    low, high = damper.current_range or (0.0, 1.0)
+    given: dict[str, Expr] = {}
+    for name in damper.reads:
+        unit = damper.current_unit if name == "current" else UNITS[name]
+        ends = (low, high) if name == "current" and damper.current_range else (-np.inf, np.inf)
+        given[name] = b.input(name, "" if unit == "1" else unit, says[name], *ends)
+    x, v, i = (given.get(n, Number(0.0)) for n in ("displacement", "velocity", "current"))
+    if options.clamp and "current" in given and damper.current_range:
+        i = b.let("held_current", clipped(i, low, high))
+        b.note("The current is held inside the fitted range.")
+    if damper.centre and "displacement" in given:
+        x = b.let("from_centre", x - b.parameter("centre", damper.centre, "m", "displacement that counts as zero"))
+    force = _force(b, damper, x, v, i)
+    if damper.polarity < 0:
+        b.note("The force has the sign of the records, which is against the motion.")
+    b.output("force", -force if damper.polarity < 0 else force, "N", "damper force")
+    return Exportable(b.program(), lambda u: _reference(damper, u, period, bool(options.clamp)),
+                      lambda n, rng: excite(damper, n, rng, period, bool(options.clamp)), damper)
+
+
+def _force(b: StepBuilder, damper: Damper, x: Expr, v: Expr, i: Expr) -> Expr:
+    if isinstance(damper, StaticDamper):
+        return static_law(b, damper)(x, v, i)
+    if isinstance(damper, ForceMap):
+        return force_map(b, damper, x, v, i)
+    if isinstance(damper, ExtendedBoucWen):
+        return extended_bouc_wen(b, damper, x, v, i)
+    if isinstance(damper, Linear) and not damper.values["mass"]:
+        total = b.parameter("damping", damper.values["damping"], "N*s/m", "viscous damping") * v
+        if damper.spring:
+            total = total + b.parameter("stiffness", damper.values["stiffness"], "N/m", "spring") * x
+        return total + b.parameter("offset", damper.values["offset"], "N", "constant force")
+    if isinstance(damper, Linear):
+        raise InputError("'linear' with a mass has no exported step",
+                         why="its acceleration is a central difference, which looks one sample ahead",
+                         mend="set mass to 0 (damper.with_values(mass=0.0)), or export an 'lpv-arx' damper")
+    raise InputError(f"'{damper.name}' has no exported step",
+                     why="its integration steps follow the motion, so that their number has no bound",
+                     mend=f"fit and export '{NEAREST.get(damper.name, 'extended-bouc-wen')}', whose step is fixed; "
+                          "bouc-wen and wang-kamath export as they are to model exchange (fmu2)")
+
+
+def _reference(damper: Damper, u: np.ndarray, period: float, clamp: bool) -> np.ndarray:
+    columns: dict[str, Any] = dict(zip(damper.reads, u.T, strict=True))
+    if clamp and "current" in columns and damper.current_range:
+        columns["current"] = np.clip(columns["current"], *damper.current_range)
+    unit = "" if damper.current_unit == "1" else damper.current_unit
+    record = Record(columns, period, units={n: unit if n == "current" else UNITS[n] for n in columns})
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ExtrapolationWarning)
+        return damper.simulate(record).output
+
+
+def excite(damper: Damper, n: int, rng: np.random.Generator, period: float, clamp: bool) -> np.ndarray:
+    """(n, inputs) random motion whose displacement and velocity belong together, and a current that steps and drifts.
+
+    With `clamp` the current leaves the fitted range by a tenth at both ends.
+    """
+    noise = smooth_noise(n, 3, rng)
+    v = SPEED * noise[:, 0]
+    x = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * period)])
+    x = x - x.mean() if np.abs(x).max() < STROKE else STROKE * x / np.abs(x).max()
+    low, high = damper.current_range or (0.0, 1.0)
+    steps = np.repeat(np.append(rng.permutation([0.0, 0.4, 0.7, 1.0]), rng.uniform(0.0, 1.0, n // 25 + 1)), 25)[:n]
+    beyond = 0.1 if clamp else 0.0
+    share = np.clip(steps + 0.1 * noise[:, 2], 0.0, 1.0) * (1 + 2 * beyond) - beyond
+    columns = {"velocity": v, "displacement": x + damper.centre, "current": low + (high - low) * share}
+    return np.column_stack([columns[name] for name in damper.reads])
