@@ -59,6 +59,7 @@ def diagnose(data: Sequence[str], baseline: str, options: Sequence[str] = (), he
 def summary(found: dict) -> dict:
     """What a score is made of, from ``diagnosis.json``."""
     return {"verdict": found["verdict"], "reason": found["reason"], "named": [c["name"] for c in found["causes"]],
+            "parameters": {c["name"]: {p["name"]: p["value"] for p in c["parameters"]} for c in found["causes"]},
             "probabilities": [c.get("probability") for c in found["causes"]],
             "families": found.get("families", []),
             "rivals": [r["names"] for r in found["rivals"]], "stand_ins": found["extended"]["stand_ins"],

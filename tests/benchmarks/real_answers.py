@@ -1,7 +1,7 @@
 """Fair answers on the real records, from the independent fits of `fair_fits`, written before any diagnosis.
 
-A story is a set of physical parts. `NAMES` says which parts a cause of the catalogue stands for. What the fits say, free
-run, held-out ESR of the records in `real_records`; every line of `Answer.fits` is one structure of `fair_fits`.
+A story is a set of physical parts; `NAMES` says which parts a cause of the catalogue stands for. The fits give the
+free-run held-out ESR of the records in `real_records`; every line of `Answer.fits` is one structure of `fair_fits`.
 
 Marks of a part that is named:
 
@@ -30,8 +30,7 @@ NAMES: dict[str, frozenset[str]] = {name: frozenset(parts.split()) for name, par
     "tyre-stiffness": "car", "tyre-damping": "car", "actuator-delay": "actuator-late", "sensor-scale": "scale",
     "channel-sign": "sign", "missing-scheduling": "unlogged", "scheduling-degree": "degree",
     "current-saturation": "degree"}.items()}
-"""Parts by the names of the catalogue, today's and those that issue 26 adds; a name that is not here is a part of its own.
-"""
+"""Parts by the names of the catalogue, of today and of issue 26; a name that is not here is a part of its own."""
 PRESLIDING = frozenset({"friction", "pre-sliding"})
 """Parts of dry friction whose deflection is part of the fit (Dahl's law)."""
 PARALLEL = frozenset({"chain", "inertia"})

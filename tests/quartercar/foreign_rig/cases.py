@@ -29,7 +29,8 @@ OWN = {"herschel-bulkley": {"input-nonlinearity"}, "polynomial": {"input-nonline
        "dahl": {"coulomb-friction", "series-compliance", "entrained-air"},
        "lugre": {"coulomb-friction", "stribeck-friction", "series-compliance", "entrained-air"}, "bouc-wen": set()}
 """What the law truly has and the baseline has not: neither right nor wrong when named."""
-KNOWN = {"polynomial": {"coulomb-friction", "gas-stiffness", "asymmetry", "quadratic-loss"}, "bouc-wen": {"gas-stiffness"}}
+KNOWN = {"polynomial": {"coulomb-friction", "gas-stiffness", "asymmetry", "quadratic-loss"},
+         "bouc-wen": {"gas-stiffness"}}
 """What the baseline has itself: not hidden behind it."""
 CHAIN = {"shared-filter", "coloured-noise", "quantisation"}
 """What every record here truly has passed."""

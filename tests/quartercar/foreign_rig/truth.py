@@ -68,8 +68,8 @@ class Bench:
         """What the law's numbers cannot do."""
         return values - self.basis @ (self.basis.T @ values)
 
-    def sized(self, name: str, share: float) -> tuple[float, np.ndarray]:
-        """The size at which a cause changes that share of the force, and its change; the nearest one where none does."""
+    def sized(self, name: str, share: float, within: float = 0.05) -> tuple[float, np.ndarray]:
+        """The size at which a cause changes that share of the force, and its change; where none does the nearest."""
         entry = cause(name)
         low, high = np.log(entry.least), np.log(entry.most)
         best: tuple[float, float, np.ndarray] | None = None
@@ -80,7 +80,7 @@ class Bench:
             miss = abs(np.log(max(length, 1e-12) / share))
             if best is None or miss < best[0]:
                 best = (miss, float(np.exp(middle)), change)
-            if miss < 0.05:
+            if miss < within:
                 break
             low, high = (middle, high) if length < share else (low, middle)
         assert best is not None
@@ -120,7 +120,7 @@ def truth_of(world: World) -> Truth:
         d = found[0][1]
         for other in hideable(plan.law, plan.current):
             if other.name != plan.causes[0] and not other.outside:
-                _, change = here.sized(other.name, max(visible[0], 1e-3))
+                _, change = here.sized(other.name, max(visible[0], 1e-3), 0.3)
                 rho = float(d @ change) / max(float(np.sqrt((d @ d) * (change @ change))), 1e-300)
                 rivals[other.name] = visible[0] * float(np.sqrt(max(1 - rho**2, 0.0)))
     near = min(rivals.values(), default=np.inf)
