@@ -21,10 +21,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "quartercar"))
 
-import commanded  # noqa: E402
-import numpy as np  # noqa: E402
-from foreign_rig import cases, causes, truth  # noqa: E402
-from real_answers import parts_of  # noqa: E402
+import commanded
+import numpy as np
+from foreign_rig import cases, causes, truth
+from real_answers import parts_of
 
 Row = dict
 
@@ -118,7 +118,7 @@ def table(rows: list[Row]) -> str:
         lines += ["", f"seconds by the clock: median {np.median(seconds):.0f}, 95 % {np.quantile(seconds, 0.95):.0f}"]
     clean = [r["before"] for r in good if r["kind"] == "nothing" and r["outcome"] == "answered"]
     if clean:
-        lines.append(f"free-run ESR of the fitted baseline with nothing hidden, held-out: median {np.median(clean):.4f}")
+        lines.append(f"free-run ESR of the baseline with nothing hidden, held-out: median {np.median(clean):.4f}")
     broken = len(rows) - len(good)
     return "\n".join([*lines, *([f"{broken} ended in an error of the rig"] if broken else [])])
 

@@ -222,7 +222,7 @@ CAUSES: tuple[Cause, ...] = (
     Cause("series-compliance", 1e-5, 0.3, lambda size, scene: Imposed(
         elastic=(float(SPRING), size, 0.0)) if size else Imposed(), family="elastic"),
     Cause("backlash", 1e-5, 0.3, lambda size, scene: Imposed(
-        elastic=(float(GAP), size, 2e-4)) if size else Imposed(), family="elastic"),
+        elastic=(float(GAP), size, 0.02 * size)) if size else Imposed(), family="elastic"),
     Cause("entrained-air", 1e-5, 0.3, _air, family="elastic"),
     Cause("quadratic-loss", 1e-3, 2.0, _in_law("quadratic"), family="hydraulics"),
     Cause("relief-valve", 1e-2, 1.0, lambda size, scene: Imposed(

@@ -69,20 +69,24 @@ class Bench:
         return values - self.basis @ (self.basis.T @ values)
 
     def sized(self, name: str, share: float, within: float = 0.05) -> tuple[float, np.ndarray]:
-        """The size at which a cause changes that share of the force, and its change; where none does the nearest."""
+        """The size at which a cause changes that share of the force, and its change; where none does the nearest.
+
+        The smallest such size: upwards over a grid to the first that changes more, then by bisection.
+        """
         entry = cause(name)
-        low, high = np.log(entry.least), np.log(entry.most)
+        grid = np.linspace(np.log(entry.least), np.log(entry.most), 9)
+        low, high = grid[0], np.inf
         best: tuple[float, float, np.ndarray] | None = None
-        for _ in range(12):
-            middle = 0.5 * (low + high)
+        for turn in range(20):
+            middle = grid[turn] if high == np.inf else 0.5 * (low + high)
             change = self.change(name, float(np.exp(middle)))
             length = float(np.sqrt(np.mean(change**2)))
             miss = abs(np.log(max(length, 1e-12) / share))
             if best is None or miss < best[0]:
                 best = (miss, float(np.exp(middle)), change)
-            if miss < within:
-                break
             low, high = (middle, high) if length < share else (low, middle)
+            if miss < within or low == grid[-1]:
+                break
         assert best is not None
         return best[1], best[2]
 
