@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 
 import commanded
+import diagnosis_peers
 import fair_fits
 import fair_laws
 import foreign_scoreboard
@@ -130,3 +133,37 @@ class TestCommand:
         found = commanded.diagnose([str(tmp_path / "none.csv")], "linear", limit=60.0)
         assert found["outcome"] == "refused" and found["code"] == 2
         assert commanded.diagnose([str(tmp_path / "none.csv")], "linear", limit=0.05)["outcome"] == "timeout"
+
+
+class TestPeers:
+    def bench(self, rng: np.random.Generator, weights: dict[str, float], noise: float) -> diagnosis_peers.Bench:
+        """Six independent signatures and two sensitivities of unit size, the residual as the weights say."""
+        columns = rng.standard_normal((3000, 6))
+        names = tuple("abcdef")
+        sensitivities = rng.standard_normal((3000, 2))
+        residual = sum(w * columns[:, names.index(n)] for n, w in weights.items()) + 0.5 * sensitivities[:, 0]
+        return diagnosis_peers.Bench(residual + noise * rng.standard_normal(3000), sensitivities, columns, names,
+                                     columns[:, :1], 1.0)
+
+    @pytest.mark.parametrize("peer", [diagnosis_peers.by_bic, diagnosis_peers.by_likelihood_ratio])
+    def test_forward_selection_finds_the_larger_first(self, peer: Callable[[diagnosis_peers.Bench], list[str]],
+                                                      rng: np.random.Generator) -> None:
+        assert peer(self.bench(rng, {"b": 0.05, "e": 0.2}, 0.1))[:2] == ["e", "b"]
+
+    def test_the_likelihood_ratio_keeps_its_level_in_white_noise(self) -> None:
+        found = [diagnosis_peers.by_likelihood_ratio(self.bench(np.random.default_rng(k), {}, 0.1)) for k in range(60)]
+        assert sum(map(bool, found)) <= 9  # 3 expected; more than 9 in less than one of 500
+
+    def test_sparse_regression_drops_what_changes_less_than_its_threshold(self, rng: np.random.Generator) -> None:
+        bench = self.bench(rng, {"b": 0.01, "e": 0.2}, 0.01)
+        bare = dataclasses.replace(bench, residual=bench.residual - 0.5 * bench.sensitivities[:, 0])
+        assert diagnosis_peers.by_sparse_regression(bare) == ["e"]
+
+    def test_residual_tests_see_structure_and_pass_white_noise(self, rng: np.random.Generator) -> None:
+        white = diagnosis_peers.Bench(rng.standard_normal(3000), np.zeros((3000, 0)), np.zeros((3000, 0)), (),
+                                      rng.standard_normal((3000, 1)), 1.0)
+        assert not diagnosis_peers.is_structured(white)
+        slow = np.convolve(white.residual, np.ones(5) / 5, "same")
+        assert diagnosis_peers.is_structured(dataclasses.replace(white, residual=slow))
+        shared = white.residual + 0.2 * white.inputs[:, 0]
+        assert diagnosis_peers.is_structured(dataclasses.replace(white, residual=shared))
