@@ -16,7 +16,7 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "quartercar"))
@@ -29,7 +29,8 @@ from real_answers import parts_of
 Row = dict
 
 
-def case(seed: int, limit: float, engine: str | None, **fixed: object) -> Row:
+def case(seed: int, limit: float, engine: str | None, patches: Mapping[str, float] | None = None,
+         **fixed: object) -> Row:
     """Draw, decide what is separable, then diagnose: plain data."""
     begun = time.perf_counter()
     plan = cases.draw(seed, **fixed)
@@ -43,7 +44,7 @@ def case(seed: int, limit: float, engine: str | None, **fixed: object) -> Row:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "record.csv"
         cases.written(world, cases.measured(world, world.run(known.hidden)), path)
-        return row | commanded.diagnose([str(path)], plan.baseline, limit=limit, engine=engine)
+        return row | commanded.diagnose([str(path)], plan.baseline, limit=limit, engine=engine, patches=patches)
 
 
 # -- marks --------------------------------------------------------------------------------------------------------
@@ -148,7 +149,8 @@ def run(options: argparse.Namespace) -> None:
             if name in done:
                 continue
             try:
-                row = case(options.seed * 100_000 + number, options.limit, options.engine, **fixed)
+                row = case(options.seed * 100_000 + number, options.limit, options.engine,
+                           getattr(options, "patches", None), **fixed)
             except Exception as error:
                 row = {"error": f"{type(error).__name__}: {error}"}
             row |= {"id": name, "engine": options.engine or ""}
