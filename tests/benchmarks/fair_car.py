@@ -49,7 +49,8 @@ def simulated(record: dict[str, np.ndarray], values: dict[str, float]) -> np.nda
     h = float(record["time"][1] - record["time"][0])
     u = values["sign"] * values.get("g", 1.0) * advanced(record["actuator force"], values.get("T", 0.0) / h)
     out = np.full(u.size, record["sprung"][0])
-    _moved(values.get("road", 1.0) * record["road"], u, h, *(values[n] for n in NOMINAL), values.get("F_c", 0.0), out)
+    k_s, c_s, m_u, k_t, c_t = (values[n] for n in NOMINAL)
+    _moved(values.get("road", 1.0) * record["road"], u, h, k_s, c_s, m_u, k_t, c_t, values.get("F_c", 0.0), out)
     return out
 
 

@@ -63,8 +63,9 @@ class Group:
     flipped: bool = False
 
 
-def _cut(file: str, share: float = 2 / 3) -> dict[str, tuple[Part, ...]]:
-    return {"training": (Part(file, 0.0, share),), "held_out": (Part(file, share, 1.0),)}
+def _cut(name: str, file: str, baselines: tuple[str, ...] = ("linear",), flipped: bool = False) -> Group:
+    """One file: two thirds to fit, the last third held out."""
+    return Group(name, (Part(file, 0.0, 2 / 3),), (Part(file, 2 / 3, 1.0),), baselines=baselines, flipped=flipped)
 
 
 def _files(folder: str, *names: str) -> tuple[Part, ...]:
@@ -76,16 +77,14 @@ def _sines(*names: str) -> tuple[Part, ...]:
 
 
 GROUPS: tuple[Group, ...] = (
-    Group("random", **_cut("mr_damper_random/estimation.csv"), baselines=("guo", "linear", "lpv-arx")),
-    Group("fixed", **_cut("mr_damper_fixed_voltage/estimation.csv"), baselines=("guo", "linear"), flipped=True),
+    _cut("random", "mr_damper_random/estimation.csv", ("guo", "linear", "lpv-arx")),
+    _cut("fixed", "mr_damper_fixed_voltage/estimation.csv", ("guo", "linear"), flipped=True),
     Group("sines", _sines("10mm1Hz", "25mm0p25Hz", "5mm3Hz"), _sines("25mm0p5Hz", "2mm5Hz"),
           ("--sample-rate", "200"), ("guo", "linear", "lpv-arx")),
-    Group("race-heat", **_cut("race_damper_dyno/t1_3_3_24_24_s5_n100_100psi_with_heat_gun.csv"), baselines=("linear",)),
-    Group("race-24", **_cut("race_damper_dyno/t1_2_2_24_24_s5_n10_100psi.csv"), baselines=("linear",)),
-    Group("race-slow", **_cut("race_damper_dyno/t1_1_1_18_18_s1_n10_100psi.csv"), baselines=("linear",),
-          flipped=True),
-    Group("race-fast", **_cut("race_damper_dyno/t1_1_1_18_18_s5_n10_150psi.csv"), baselines=("linear",),
-          flipped=True),
+    _cut("race-heat", "race_damper_dyno/t1_3_3_24_24_s5_n100_100psi_with_heat_gun.csv"),
+    _cut("race-24", "race_damper_dyno/t1_2_2_24_24_s5_n10_100psi.csv"),
+    _cut("race-slow", "race_damper_dyno/t1_1_1_18_18_s1_n10_100psi.csv", flipped=True),
+    _cut("race-fast", "race_damper_dyno/t1_1_1_18_18_s5_n10_150psi.csv", flipped=True),
     Group("car", (Part("quarter_car_rig/run1.csv"),), (Part("quarter_car_rig/run2.csv"),),
           ("--role", "actuator=actuator force"), ("quarter-car",)),
     Group("labcontrol-0V", _files("labcontrol_0V", "ensaio1.1", "ensaio4.1", "ensaio7.1"),

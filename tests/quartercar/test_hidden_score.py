@@ -24,14 +24,21 @@ def answer(named: tuple[str, ...] = (), rivals: tuple[tuple[str, ...], ...] = ()
                            noise={"predictable_share": 0.0}, gain_percent=0.0, extended=None)
 
 
+@pytest.fixture(scope="module")
+def built() -> tuple:
+    """A case and what its data could tell, before anything is diagnosed."""
+    return hidden_truth.build(31, FEW, **QUIET)
+
+
 @pytest.mark.parametrize("said", [answer(("coulomb-friction",)), answer(),
                                   answer(rivals=(("coulomb-friction", "stribeck-friction"),))])
-def test_what_is_separable_does_not_depend_on_the_answer(monkeypatch: pytest.MonkeyPatch,
+def test_what_is_separable_does_not_depend_on_the_answer(monkeypatch: pytest.MonkeyPatch, built: tuple,
                                                          said: SimpleNamespace) -> None:
+    truth = built[1]
+    monkeypatch.setattr(hidden_score, "build", lambda *_, **__: built)
     monkeypatch.setattr(hidden_score, "diagnose", lambda *_: said)
     monkeypatch.setattr(hidden_score, "oracle_gain", lambda *_: (0.0, 1.0))
     row = hidden_score.case(31, FEW, **QUIET)
-    truth = hidden_truth.build(31, FEW, **QUIET)[1]
     assert row["separable"] == truth.separable
     assert row["ambiguous"] == truth.ambiguous
     assert row["near"] == truth.rivals

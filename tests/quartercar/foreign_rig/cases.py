@@ -164,8 +164,8 @@ def noise(colour: str, n: int, rng: np.random.Generator) -> np.ndarray:
     if colour == "ar1":
         e = np.asarray(lfilter([1.0], [1.0, -0.9], e))
     elif colour == "pink":
-        e = sum(np.asarray(lfilter([1 - a], [1, -a], rng.standard_normal(n + 2000))) / np.sqrt(1 - a)
-                for a in (0.5, 0.9, 0.98, 0.996))
+        e = np.sum([np.asarray(lfilter([1 - a], [1, -a], rng.standard_normal(n + 2000))) / np.sqrt(1 - a)
+                    for a in (0.5, 0.9, 0.98, 0.996)], axis=0)
     elif colour == "humming":
         sos = butter(1, (47.0, 53.0), "bandpass", fs=RATE, output="sos")
         e = e + 6 * np.asarray(sosfilt(sos, rng.standard_normal(n + 2000)))
