@@ -120,9 +120,15 @@ def abstains(row: Row) -> bool:
 
 
 def exact(row: Row) -> bool:
-    """Whether all causes are named and no other; those that cannot be told apart count if the group holds them."""
-    said_of = len(said(row)) + len(row["rivals"])
-    return contained(row) and not wrong(row) and len(wanted(row)) <= said_of <= len(row["causes"])
+    """Whether all causes are named outright and no other.
+
+    A cause that the diagnosis lists among rivals is not named, but where nothing can tell them apart whatever the data
+    (`SAME`: a constant force at the damper or in the load cell).
+    """
+    alike = [set(group) for group in row["rivals"] if any({n, SAME.get(n)} == set(group) for n in group)]
+    named = {*row["named"], *(SAME.get(n) for n in row["named"]), *(n for group in alike for n in group)}
+    return (all(n in named for n in wanted(row)) and not wrong(row)
+            and len(said(row)) + len(alike) <= len(row["causes"]))
 
 
 def contained(row: Row) -> bool:

@@ -1,0 +1,100 @@
+"""The diagnosis by the user's command, in a process of its own with a time limit: a row of plain data."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+TRACEBACK = "Traceback (most recent call last)"
+COMMAND = "import sys; from lpvid.cli import main; sys.exit(main())"
+PATCH = """
+import importlib, sys
+import lpvid.diagnosis.engine, lpvid.diagnosis.asking
+for place, value in {patches!r}.items():
+    home, name = place.rsplit(".", 1)
+    original = getattr(importlib.import_module(home), name)
+    for module in [m for n, m in sys.modules.items() if n.startswith("lpvid.diagnosis")]:
+        if getattr(module, name, None) is original:
+            setattr(module, name, value)
+"""
+"""Sets constants of the diagnosis wherever they were imported, before the command runs."""
+
+
+def diagnose(data: Sequence[str], baseline: str, options: Sequence[str] = (), held_out: Sequence[str] = (),
+             limit: float = 180.0, engine: str | None = None,
+             patches: Mapping[str, float] | None = None) -> dict:
+    """Run ``lpvid diagnose`` and read what it wrote.
+
+    Parameters
+    ----------
+    data, held_out : sequence of str
+        Files.
+    baseline : str
+    options : sequence of str
+        Further words of the command line.
+    limit : float
+        Seconds after which the process is ended.
+    engine : str or None
+        Passed through as ``--engine``.
+    patches : mapping of str to float, optional
+        Constants of the diagnosis, ``module.NAME``, and what they are set to: an ablation.
+
+    Returns
+    -------
+    dict
+        ``outcome`` (answered, refused, traceback, timeout), ``seconds``, and where it answered ``verdict``, ``named``,
+        ``probabilities``, ``families``, ``rivals``, ``stand_ins``, ``before`` and ``after`` (free-run ESR, held-out).
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        words = ["diagnose", *data, "--baseline", baseline, *options, "--out", folder]
+        for file in held_out:
+            words += ["--held-out", file]
+        words += ["--engine", engine] if engine else []
+        begun = time.perf_counter()
+        code, errors = _run([sys.executable, "-c", code_with(patches or {}), *words], limit)
+        row: dict = {"seconds": round(time.perf_counter() - begun, 1), "code": code}
+        path = Path(folder) / "diagnosis.json"
+        if code is None:
+            return row | {"outcome": "timeout"}
+        if TRACEBACK in errors:
+            return row | {"outcome": "traceback", "said": errors.strip().splitlines()[-1][-300:]}
+        if code or not path.exists():
+            return row | {"outcome": "refused", "said": errors.strip()[-300:]}
+        return row | {"outcome": "answered"} | summary(json.loads(path.read_text(encoding="utf-8")))
+
+
+def code_with(patches: Mapping[str, float]) -> str:
+    """Python that runs the command, constants set first."""
+    return (PATCH.format(patches=dict(patches)) if patches else "") + COMMAND
+
+
+def summary(found: dict) -> dict:
+    """What a score is made of, from ``diagnosis.json``."""
+    return {"verdict": found["verdict"], "reason": found["reason"], "named": [c["name"] for c in found["causes"]],
+            "parameters": {c["name"]: {p["name"]: p["value"] for p in c["parameters"]} for c in found["causes"]},
+            "probabilities": [c.get("probability") for c in found["causes"]],
+            "families": found.get("families", []),
+            "rivals": [r["names"] for r in found["rivals"]], "stand_ins": found["extended"]["stand_ins"],
+            "before": found["baseline"]["esr"]["held_out"], "after": found["extended"]["esr"]["held_out"],
+            "rejected": [[r["name"], r["why"]] for r in found["rejected"]][:8]}
+
+
+def _run(words: list[str], limit: float) -> tuple[int | None, str]:
+    """Exit code (None beyond the limit) and standard error; the process and its children end with it."""
+    environment = os.environ | {"COLUMNS": "200", "NO_COLOR": "1"}
+    with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment,
+                          start_new_session=True) as process:
+        try:
+            _, errors = process.communicate(timeout=limit)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+            return None, ""
+    return process.returncode, errors

@@ -1,0 +1,142 @@
+"""The diagnosis on every real record, against fair answers that were written down before: a table.
+
+    python tests/benchmarks/real_causes.py FOLDER OUT [CASE ...] [--limit SECONDS] [--engine NAME]
+    python tests/benchmarks/real_causes.py FOLDER OUT --table
+
+A case is ``GROUP/BASELINE``; its row, a line of JSON in OUT/real.jsonl, is not computed twice. Everything goes by the
+user's command with held-out files. Marks:
+
+- right: more than half of the story's parts named (or, where the catalogue may lack the one part there is, nothing
+  named and no claim to have explained), nothing wrong;
+- helpful: some part of the story or its kin named, nothing wrong;
+- wrong: any cause named outright that is neither in the story nor kin nor accepted;
+- silent, timeout, refused, traceback.
+
+Rivals that the diagnosis lists instead of a name count as named where all of a list stand for one part of the story,
+its rivals or kin.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+
+import commanded
+import numpy as np
+import real_answers
+import real_records
+from real_answers import Answer, parts_of
+
+
+def cases() -> list[tuple[str, str]]:
+    """Groups and baselines, in the order of the table."""
+    return [(g.name, b) for g in real_records.GROUPS for b in g.baselines]
+
+
+def mark(row: dict, answer: Answer | None) -> str:
+    """Right, helpful, wrong, silent; or why there is no answer; ``unscored`` without a fair answer."""
+    if row["outcome"] != "answered":
+        return row["outcome"]
+    if answer is None:
+        return "unscored"
+    if wrong(row, answer):
+        return "wrong"
+    found = {p for p in answer.story if p in credited(row, answer)}
+    if 2 * len(found) > len(answer.story):
+        return "right"
+    if answer.unknown and not row["named"] and row["verdict"] != "explained":
+        return "right"
+    if found or credited(row, answer) & set(answer.kin):
+        return "helpful"
+    return "silent"
+
+
+def wrong(row: dict, answer: Answer) -> list[str]:
+    """Names given outright none of whose parts the story knows."""
+    known = {*answer.story, *answer.kin, *answer.accepted, *real_answers.PARALLEL,
+             *(r for rivals in answer.rivals.values() for r in rivals)}
+    return [n for n in row["named"] if not parts_of(n, row.get("parameters", {}).get(n)) & known]
+
+
+def credited(row: dict, answer: Answer) -> set[str]:
+    """Parts named, those of the story for which a rival stands, and those that every member of a list stands for."""
+    parts = {p for n in row["named"] for p in parts_of(n, row.get("parameters", {}).get(n))}
+    found = parts | {part for part, rivals in answer.rivals.items() if parts & set(rivals)}
+    for names in row["rivals"]:
+        for part in answer.story:
+            alike = {part, *answer.rivals.get(part, ()), *answer.kin}
+            if any(part in parts_of(n) for n in names) and all(parts_of(n) & alike for n in names):
+                found.add(part)
+    return found
+
+
+def run(folder: Path, out: Path, options: argparse.Namespace) -> None:
+    """Diagnose what has no row yet."""
+    path = out / "real.jsonl"
+    done = {(r["group"], r["baseline"]) for r in rows(path)}
+    for name, baseline in cases():
+        if (name, baseline) in done or (options.case and f"{name}/{baseline}" not in options.case):
+            continue
+        group = real_records.group(name)
+        with tempfile.TemporaryDirectory() as cut:
+            data, held_out = (real_records.written(folder, part, Path(cut) / kind)
+                              for kind, part in (("training", group.training), ("held_out", group.held_out)))
+            row = commanded.diagnose(data, baseline, group.options, held_out, options.limit, options.engine)
+        row = {"group": name, "baseline": baseline, "engine": options.engine or "", **row}
+        print(f"{name}/{baseline}: {mark(row, real_answers.answer(name, baseline))} {row.get('named')}", flush=True)
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(row) + "\n")
+
+
+def rows(path: Path) -> list[dict]:
+    """What is there."""
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
+
+
+def table(found: list[dict]) -> str:
+    """Markdown: a line per case, then the shares; errors are free-run ESR, held-out."""
+    lines = ["| records | baseline | mark | verdict | named | rivals | fair answer | before | after | by hand | s |",
+             "|---|---|---|---|---|---|---|---|---|---|---|"]
+    marks, ratios = [], []
+    for row in found:
+        answer = real_answers.answer(row["group"], row["baseline"])
+        how = mark(row, answer)
+        if answer is not None:
+            marks.append(how)
+            if row["outcome"] == "answered":
+                ratios.append(row["after"] / answer.esr)
+        esr = [f"{row[k]:.4f}" if k in row else "" for k in ("before", "after")]
+        lines.append("| " + " | ".join([
+            row["group"], row["baseline"], how, row.get("verdict", ""), ", ".join(row.get("named", [])),
+            "; ".join("/".join(r) for r in row.get("rivals", [])), " + ".join(answer.story) if answer else "",
+            *esr, f"{answer.esr:.4f}" if answer else "", f"{row['seconds']:.0f}"]) + " |")
+    count = len(marks)
+    if count:
+        shares = ", ".join(f"{m} {marks.count(m)} ({marks.count(m) / count:.0%})" for m in dict.fromkeys(marks))
+        lines += ["", f"{count} scored cases: {shares}"]
+    if ratios:
+        lines.append(f"held-out ESR over the best by hand, {len(ratios)} answered: median {np.median(ratios):.2f}, "
+                     f"at most 1.2 in {np.mean(np.array(ratios) <= 1.2):.0%}")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Run what is missing, then print the table."""
+    parser = argparse.ArgumentParser(description="The diagnosis on every real record, against fair answers.")
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("case", nargs="*", help="GROUP/BASELINE")
+    parser.add_argument("--limit", type=float, default=180.0, help="seconds per case")
+    parser.add_argument("--engine", default=None, help="passed through to the command")
+    parser.add_argument("--table", action="store_true", help="print the table of what is there")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    if not options.table:
+        run(options.folder, options.out, options)
+    print(table(rows(options.out / "real.jsonl")))
+
+
+if __name__ == "__main__":
+    main()

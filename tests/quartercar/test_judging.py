@@ -1,0 +1,198 @@
+"""The instruments that judge the diagnosis: marks against a fair answer, cut records, independent fits, the command."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import commanded
+import diagnosis_ablation
+import diagnosis_peers
+import fair_fits
+import fair_laws
+import foreign_scoreboard
+import numpy as np
+import pytest
+import real_answers
+import real_causes
+import real_records
+from real_answers import Answer
+
+from quartercar.effects import CATALOGUE
+
+ANSWER = Answer("any", "linear", ("friction", "elastic"), {"a": 0.01}, "a", {"elastic": ("pre-sliding",)},
+                kin=("power",), accepted=("asymmetry",))
+
+
+def row(*named: str, rivals: tuple[tuple[str, ...], ...] = (), **other: object) -> dict:
+    return {"outcome": "answered", "verdict": "explained", "named": list(named), "rivals": [list(r) for r in rivals],
+            "parameters": {}} | other
+
+
+class TestMarks:
+    @pytest.mark.parametrize(("found", "wanted"), [
+        (row("coulomb-friction", "series-compliance"), "right"),
+        (row("coulomb-friction", "entrained-air", "asymmetry", "fixture-inertia"), "right"),
+        (row("coulomb-friction"), "helpful"), (row("input-nonlinearity"), "helpful"), (row("asymmetry"), "silent"),
+        (row(), "silent"), (row("coulomb-friction", "series-compliance", "relief-valve"), "wrong"),
+        (row("a-cause-of-tomorrow"), "wrong"), ({"outcome": "traceback"}, "traceback"),
+        (row("coulomb-friction", rivals=(("series-compliance", "entrained-air"),)), "right"),
+        (row("coulomb-friction", rivals=(("series-compliance", "thermal-fade"),)), "helpful")])
+    def test_of_a_story(self, found: dict, wanted: str) -> None:
+        assert real_causes.mark(found, ANSWER) == wanted
+
+    def test_friction_with_a_deflection_is_elastic_before_it_slides(self) -> None:
+        dahl = row("coulomb-friction", parameters={"coulomb-friction": {"friction": 20.0, "deflection": 1e-4}})
+        rigid = row("coulomb-friction", parameters={"coulomb-friction": {"friction": 20.0, "deflection": 0.0}})
+        assert real_causes.mark(dahl, ANSWER) == "right"
+        assert real_causes.mark(rigid, ANSWER) == "helpful"
+
+    def test_where_the_catalogue_lacks_it_no_name_is_right(self) -> None:
+        lacking = Answer("any", "linear", ("cubic-spring",), {"a": 0.01}, "a", unknown="cubic-spring")
+        assert real_causes.mark(row(verdict="unexplained"), lacking) == "right"
+        assert real_causes.mark(row("cubic-spring"), lacking) == "right"
+        assert real_causes.mark(row("end-stop"), lacking) == "wrong"
+
+    def test_every_answer_belongs_to_a_case_and_names_its_best_fit(self) -> None:
+        for answer in real_answers.ANSWERS:
+            assert answer.baseline in real_records.group(answer.group).baselines
+            assert answer.esr <= answer.fits["friction" if "linear" not in answer.fits else "linear"]
+        assert len({(a.group, a.baseline) for a in real_answers.ANSWERS}) == len(real_answers.ANSWERS)
+
+    def test_the_story_can_be_named_with_the_catalogue(self) -> None:
+        parts = {p for e in CATALOGUE for p in real_answers.parts_of(e.name)}
+        for answer in real_answers.ANSWERS:
+            assert all(p in parts for p in answer.story if p != answer.unknown)
+
+    @pytest.mark.parametrize(("fields", "wanted"), [
+        ({"kind": "nothing", "causes": (), "named": ["end-stop"]}, "false alarm"),
+        ({"kind": "nothing", "causes": (), "named": ["input-nonlinearity"]}, "right"),
+        ({"kind": "single", "causes": ("coil-lag",), "named": ["coil-lag"]}, "right"),
+        ({"kind": "single", "causes": ("coil-lag",), "named": ["asymmetry", "coil-lag"]}, "wrong"),
+        ({"kind": "single", "causes": ("coil-lag",), "named": []}, "silent"),
+        ({"kind": "single", "causes": ("coil-lag",), "named": ["command-delay"], "near": {"command-delay": 0.001},
+          "separable": False}, "right"),
+        ({"kind": "single", "causes": ("coil-lag",), "named": ["command-delay"], "near": {"command-delay": 0.001}},
+         "wrong"),
+        ({"kind": "outside", "causes": ("tone",), "named": ["end-stop"]}, "wrong"),
+        ({"kind": "outside", "causes": ("tone",), "named": [], "verdict": "unexplained"}, "right"),
+        ({"kind": "outside", "causes": ("cubic-spring",), "named": ["hardening-spring"]}, "right"),
+        ({"kind": "pair", "causes": ("coil-lag", "end-stop"), "named": ["coil-lag"]}, "one of two")])
+    def test_on_the_foreign_rig(self, fields: dict, wanted: str) -> None:
+        case = {"outcome": "answered", "law": "herschel-bulkley", "separable": True, "near": {}, "verdict": "explained"}
+        assert foreign_scoreboard.mark(case | fields) == wanted
+
+
+class TestRecords:
+    def test_a_cut_holds_the_rows_that_the_fit_reads(self, tmp_path: Path) -> None:
+        (tmp_path / "a.csv").write_text("time [s],displacement [mm],voltage [V]\n" + "".join(
+            f"{k / 10},{k},2\n" for k in range(9)), encoding="utf-8")
+        part = real_records.Part("a.csv", 1 / 3, 1.0)
+        path, = real_records.written(tmp_path, (part,), tmp_path / "cut")
+        found = real_records.read(tmp_path, part)
+        assert found["displacement"].tolist() == pytest.approx([3e-3, 4e-3, 5e-3, 6e-3, 7e-3, 8e-3])
+        assert set(found) == {"time", "displacement", "current"}
+        assert Path(path).read_text(encoding="utf-8").splitlines()[1] == "0.3,3,2"
+
+    def test_the_shared_groups_are_there(self, shared_data: Path) -> None:
+        for group in real_records.GROUPS:
+            for part in group.training + group.held_out:
+                assert (shared_data / part.file).exists(), part
+
+
+class TestFits:
+    def run(self, kappa: float, seed: int) -> fair_fits.Run:
+        """Friction and a dashpot behind a spring along a random motion, 1 % noise."""
+        rng = np.random.default_rng(seed)
+        v = np.convolve(rng.standard_normal(2400), np.hanning(25), "same")
+        v /= np.sqrt(np.mean(v**2))
+        x = np.cumsum(v) / 200
+        p = np.array([0.3, 0, 1, 0.8, 0, 0.1, 0, 0, kappa, 0, 0])
+        force = fair_laws.branch(v, np.ones_like(v), 1 / 200, 8, p) + 0.5 * x
+        return fair_fits.Run(v, x, np.gradient(v), np.ones_like(v), force + 0.01 * rng.standard_normal(v.size), 1 / 200,
+                             np.zeros_like(v))
+
+    def test_a_spring_behind_friction_is_found_and_a_late_force_is_not_it(self) -> None:
+        first, other = ([self.run(0.02, s)] for s in (1, 2))
+        rigid, late, series = (fair_fits.fit(first, other, ("spring", "friction", *t)) for t in (
+            (), ("force-late",), ("series",)))
+        assert series.values["kappa"] == pytest.approx(0.02, rel=0.1)
+        assert series.held_out < 1e-3 < late.held_out < rigid.held_out
+
+    def test_a_rigid_branch_is_its_law_and_a_stiff_spring_comes_near(self) -> None:
+        v = np.sin(np.linspace(0, 20, 2000))
+        p = np.array([0.3, 0, 1, 0.8, 0, 0.1, 0, 0, 0, 0, 0])
+        rigid = fair_laws.branch(v, np.ones_like(v), 0.01, 4, p)
+        assert np.allclose(rigid, 0.3 * v + 0.8 * np.tanh(v / 0.1))
+        p[8] = 1e-4
+        assert np.allclose(fair_laws.branch(v, np.ones_like(v), 0.01, 4, p)[5:], rigid[5:], atol=2e-2)
+
+
+class TestCommand:
+    def test_a_refusal_and_a_limit_are_told_apart(self, tmp_path: Path) -> None:
+        found = commanded.diagnose([str(tmp_path / "none.csv")], "linear", limit=60.0)
+        assert found["outcome"] == "refused" and found["code"] == 2
+        assert commanded.diagnose([str(tmp_path / "none.csv")], "linear", limit=0.05)["outcome"] == "timeout"
+
+
+class TestAblation:
+    def test_every_gate_is_a_constant_of_the_diagnosis(self) -> None:
+        for patches in diagnosis_ablation.GATES.values():
+            for place in patches:
+                module, name = place.rsplit(".", 1)
+                assert isinstance(getattr(importlib.import_module(module), name), float)
+
+    def test_a_gate_left_out_is_left_out_wherever_it_was_imported(self) -> None:
+        code = commanded.code_with({"lpvid.diagnosis.selection.BIC_GAIN": 0.25})
+        asked = code.replace(commanded.COMMAND, "") + (
+            "import lpvid.diagnosis.deciding as d, lpvid.diagnosis.selection as s\n"
+            "print(s.BIC_GAIN, getattr(d, 'BIC_GAIN', 0.25))")
+        said = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True).stdout
+        assert said.split() == ["0.25", "0.25"]
+
+    def test_worth_is_counted_over_the_same_cases(self) -> None:
+        def rows(*names: str) -> list[dict]:
+            return [{"id": k, "outcome": "answered", "law": "herschel-bulkley", "kind": "single", "separable": True,
+                     "near": {}, "verdict": "explained", "causes": ("coil-lag",), "named": [n] if n else []}
+                    for k, n in enumerate(names)]
+        told = diagnosis_ablation.table(rows("coil-lag", "", "end-stop", "coil-lag"),
+                                        {"KIN": rows("coil-lag", "coil-lag", "", "end-stop")})
+        assert told.splitlines()[-1] == "| KIN | 4 | +0.0 | +0.0 | 3 | 1 |"
+
+
+class TestPeers:
+    def bench(self, rng: np.random.Generator, weights: dict[str, float], noise: float) -> diagnosis_peers.Bench:
+        """Six independent signatures and two sensitivities of unit size, the residual as the weights say."""
+        columns = rng.standard_normal((3000, 6))
+        names = tuple("abcdef")
+        sensitivities = rng.standard_normal((3000, 2))
+        residual = sum(w * columns[:, names.index(n)] for n, w in weights.items()) + 0.5 * sensitivities[:, 0]
+        return diagnosis_peers.Bench(residual + noise * rng.standard_normal(3000), sensitivities, columns, names,
+                                     columns[:, :1], 1.0)
+
+    @pytest.mark.parametrize("peer", [diagnosis_peers.by_bic, diagnosis_peers.by_likelihood_ratio])
+    def test_forward_selection_finds_the_larger_first(self, peer: Callable[[diagnosis_peers.Bench], list[str]],
+                                                      rng: np.random.Generator) -> None:
+        assert peer(self.bench(rng, {"b": 0.05, "e": 0.2}, 0.1))[:2] == ["e", "b"]
+
+    def test_the_likelihood_ratio_keeps_its_level_in_white_noise(self) -> None:
+        found = [diagnosis_peers.by_likelihood_ratio(self.bench(np.random.default_rng(k), {}, 0.1)) for k in range(60)]
+        assert sum(map(bool, found)) <= 9  # 3 expected; more than 9 in less than one of 500
+
+    def test_sparse_regression_drops_what_changes_less_than_its_threshold(self, rng: np.random.Generator) -> None:
+        bench = self.bench(rng, {"b": 0.01, "e": 0.2}, 0.01)
+        bare = dataclasses.replace(bench, residual=bench.residual - 0.5 * bench.sensitivities[:, 0])
+        assert diagnosis_peers.by_sparse_regression(bare) == ["e"]
+
+    def test_residual_tests_see_structure_and_pass_white_noise(self, rng: np.random.Generator) -> None:
+        white = diagnosis_peers.Bench(rng.standard_normal(3000), np.zeros((3000, 0)), np.zeros((3000, 0)), (),
+                                      rng.standard_normal((3000, 1)), 1.0)
+        assert not diagnosis_peers.is_structured(white)
+        slow = np.convolve(white.residual, np.ones(5) / 5, "same")
+        assert diagnosis_peers.is_structured(dataclasses.replace(white, residual=slow))
+        shared = white.residual + 0.2 * white.inputs[:, 0]
+        assert diagnosis_peers.is_structured(dataclasses.replace(white, residual=shared))
