@@ -59,11 +59,13 @@ def test_gyroscope(shared_data: Path, tmp_path: Path) -> None:
     assert fit >= 94.0
 
 
+@pytest.mark.slow
 def test_fixed_voltage(shared_data: Path) -> None:
     data = shared_data / "mr_damper_fixed_voltage" / "estimation.csv"
     assert load("fixed_voltage").main(str(data)) >= 91.0
 
 
+@pytest.mark.slow
 def test_semi_active(tmp_path: Path) -> None:
     esr, implicit, explicit = load("semi_active").main(tmp_path / "semi_active.png")
     assert all(a < 0.3 * b for a, b in zip(esr["extended-bouc-wen"], esr["force-map"], strict=True))
@@ -71,6 +73,7 @@ def test_semi_active(tmp_path: Path) -> None:
     assert (tmp_path / "semi_active.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_lag_damper(tmp_path: Path) -> None:
     esr = load("lag_damper").main(tmp_path / "lines.png")
     assert esr["relief-valve-orifice"] < 2e-4 and esr["relief-valve"] > 100 * esr["relief-valve-orifice"]
@@ -82,6 +85,7 @@ def test_coprime() -> None:
     assert fits["direct", 1] > 99 > fits["routed", 1] + 10
 
 
+@pytest.mark.slow
 def test_gas_damper(tmp_path: Path) -> None:
     results = load("gas_damper").main(tmp_path / "loops.png")
     assert (tmp_path / "loops.png").stat().st_size > 10_000
@@ -91,6 +95,7 @@ def test_gas_damper(tmp_path: Path) -> None:
     assert esr[0.063, 1.0] < esr[0.063, 1.5] < esr[0.030, 3.5] < esr[0.010, 8.0]
 
 
+@pytest.mark.slow
 def test_network_topology(tmp_path: Path) -> None:
     choices = load("network_topology").main(tmp_path / "networks.png")
     assert {truth: c.verdict for truth, c in choices.items()} == {"series": "series", "mixed": "mixed"}
@@ -111,6 +116,7 @@ def test_compare_dampers_on_a_sample(tmp_path: Path) -> None:
     assert (tmp_path / "esr.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_own_effect() -> None:
     found = load("own_effect").main()
     assert [c.name for c in found.causes] == ["scoring"] and found.verdict == "explained"
@@ -118,6 +124,7 @@ def test_own_effect() -> None:
     assert abs(drag.value - 60.0) < 4 * drag.std < 4.0 and abs(place.value - 0.003) < 5e-5
 
 
+@pytest.mark.slow
 def test_ride_comparison(tmp_path: Path) -> None:
     from quartercar.ride_roads import IsoRoad
 

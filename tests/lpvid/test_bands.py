@@ -37,6 +37,7 @@ def test_both_model_types_have_one_frequency_response() -> None:
                                rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_bands_cover_the_truth_as_often_as_they_say() -> None:
     rng = np.random.default_rng(5)
     f = np.array([1.0, 5.0, 12.0, 30.0])

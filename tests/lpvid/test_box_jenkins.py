@@ -44,6 +44,7 @@ def study(structure, runs: int) -> tuple[np.ndarray, np.ndarray, list]:
             [f.model.noise for f in found])
 
 
+@pytest.mark.slow
 def test_consistent_and_sharper_than_output_error_sample():
     estimates, errors, noise = study(BoxJenkins(**SETTINGS, nc=1, nd=1, starts=1), 12)
     plain, _, _ = study(OutputError(**SETTINGS, starts=1), 12)

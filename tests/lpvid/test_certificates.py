@@ -157,6 +157,7 @@ def test_time_invariant_model_is_certified_exactly_when_its_spectral_radius_is_b
 
 # -- no false promise ----------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("rate", [None, 40.0, 4.0])
+@pytest.mark.slow
 def test_certified_models_decay_along_random_and_worst_trajectories(rng, rate):
     certified = 0
     for _ in range(8):

@@ -192,6 +192,7 @@ def test_real_damper_with_voltage(shared_data: Path) -> None:
     assert esr is not None and esr < 0.02
 
 
+@pytest.mark.slow
 def test_virtual_rig_sample() -> None:
     from quartercar.rig import default_records
 

@@ -64,6 +64,7 @@ def test_a_trigonometric_storage_function_is_exact_for_a_rotating_system(rate):
 
 
 @pytest.mark.parametrize(("variables", "discrete"), [(1, False), (1, True), (2, False)])
+@pytest.mark.slow
 def test_upper_bounds_stay_above_every_lower_bound(variables, discrete, rng):
     model = random_stable(rng, 3, variables, discrete)
     found = l2_gain(model)

@@ -50,6 +50,7 @@ def test_jumping_narrows_what_holding_allows():
     assert 0.9 * (1 / 0.7 - 1) < found.factor <= 1 / 0.7 - 1
 
 
+@pytest.mark.slow
 def test_the_largest_rate_lies_between_a_certificate_and_a_trajectory_that_grows():
     model = pair(0.7)
     found = largest_rate(model)
@@ -66,6 +67,7 @@ def test_a_quadratically_stable_model_may_move_at_any_rate():
     assert "any motion" in str(found)
 
 
+@pytest.mark.slow
 def test_continuous_rates():
     """ẍ + 0.2ẋ + (1 + 0.6p)x = 0: parametrically excited when p moves fast, stable when slow."""
     a = [[[0, 1], [-1, -0.2]], [[0, 0], [-0.6, 0]]]

@@ -160,6 +160,7 @@ def thirds(record: Record) -> tuple[Record, Record]:
     return record.slice(0, cut), record.slice(cut, record.n_samples)
 
 
+@pytest.mark.slow
 def test_gyroscope_held_out_is_no_worse_than_least_squares(shared_data):
     training, held = thirds(files.read(shared_data / "gyroscope" / "estimation.csv")[0])
     settings = {"na": 4, "nb": 4, "nk": 1, "input": "motor current", "output": "gimbal speed", "affine": 5,
@@ -173,6 +174,7 @@ def test_gyroscope_held_out_is_no_worse_than_least_squares(shared_data):
     assert found.training.overall.free_run.esr <= first.training.overall.free_run.esr
 
 
+@pytest.mark.slow
 def test_magnetorheological_damper_with_a_scheduling_filter(shared_data):
     training, held = thirds(files.read(shared_data / "mr_damper_random" / "estimation.csv")[0])
     structure = OutputError(4, 4, 0, "velocity", "force", Polynomial("voltage", degree=1), affine=1, stage="tanh",

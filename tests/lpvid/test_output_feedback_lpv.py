@@ -58,6 +58,7 @@ def test_wu_1996_infima(rate, published, tolerance):
     assert result.controller.box.names == ("rho",)
 
 
+@pytest.mark.slow
 def test_wu_1996_with_both_varying_knows_the_rate():
     result = lpv.synthesize(wu(5.0), lpv.OutputFeedback(Fourier("rho", 1)))
     assert result.infimum == pytest.approx(0.905246, rel=1e-4)

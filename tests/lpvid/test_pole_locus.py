@@ -160,6 +160,7 @@ def test_the_band_holds_the_quantiles_of_the_draws():
     assert band.cloud.shape == (100, 5, 1)
 
 
+@pytest.mark.slow
 def test_the_probability_of_stability_is_that_of_the_normal_distribution():
     """max over −1 ≤ p ≤ 1 of |m + 0.2p| = |m| + 0.2 < 1 where |m| < 0.8: probability Φ(2) for m ~ N(0.6, 0.1²)."""
     rng = np.random.default_rng(4)

@@ -53,6 +53,7 @@ def test_the_certificate_agrees_that_they_are_stable(sample):
     assert all(certify_stability(sample[seed].model).verdict == "certified" for seed in SAMPLE[:2])
 
 
+@pytest.mark.slow
 def test_robustness_sample(sample):
     for seed, system in sample.items():
         assert shortfall(system, least_squares) < np.inf

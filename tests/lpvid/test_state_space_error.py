@@ -309,6 +309,7 @@ def test_gyroscope_with_every_start(shared_data: Path, order: int) -> None:
     assert gyroscope_fit(shared_data, order, from_least_squares=False) >= 93
 
 
+@pytest.mark.slow
 def test_coloured_errors_get_wider_standard_errors() -> None:
     """Output noise AR(1) 0.9 on a first-order plant with slow input: the sandwich covers the truth's gain."""
     from scipy.signal import lfilter

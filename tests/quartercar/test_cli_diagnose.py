@@ -176,6 +176,7 @@ def test_an_interruption_keeps_what_is_known(files, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("name", "strength"), [("coulomb-friction", 1.0), ("coil-lag", 0.5), ("asymmetry", 0.3),
                                                 ("gas-stiffness", 1.0)])
+@pytest.mark.slow
 def test_closure(name, strength):
     """A cause is found; in the model extended by it nothing more is; its parameters do not move when asked again."""
     record = bench(name, strength).run(road(), 0)
@@ -187,6 +188,7 @@ def test_closure(name, strength):
 
 
 @pytest.mark.parametrize("name", ["coil-lag", "scheduling-degree", "asymmetry", "gas-stiffness"])
+@pytest.mark.slow
 def test_the_cause_in_an_lpv_model_gains_on_held_out_data(name):
     rig = bench(name)
     records = [rig.run(road(20.0, "test-1"), 0, k) for k in (0, 1)]
@@ -222,6 +224,7 @@ class SineCurrent:
         return 1.2 + 0.8 * np.sin(2 * np.pi * 3.0 * np.arange(samples) / rate)
 
 
+@pytest.mark.slow
 def test_what_constant_currents_cannot_tell_the_proposed_experiment_tells():
     rig = bench("coil-lag")  # its current sensor is noisy: that is no excitation
     records = [rig.run(road(8.0, "test-6"), 0, k) for k in (0, 3, 6)]
@@ -238,6 +241,7 @@ def test_what_constant_currents_cannot_tell_the_proposed_experiment_tells():
     assert told.causes[0].parameters[0].value == pytest.approx(0.02, rel=0.02)
 
 
+@pytest.mark.slow
 def test_rivals_under_a_sinusoidal_current_are_told_apart_by_the_proposed_experiment():
     """Behind a sine a lag of 4 ms and a delay of 4 ms are the same shift; behind steps they are not."""
     rig = bench("coil-lag", 0.2, current_noise=0.0)

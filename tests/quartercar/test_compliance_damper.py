@@ -88,6 +88,7 @@ def test_work_of_a_cycle_against_the_law() -> None:
     assert found.energy_per_cycle(0.05, 0.5) == pytest.approx(work, rel=0.03)
 
 
+@pytest.mark.slow
 def test_real_damper_random_with_settings_from_its_training_part(shared_data: Path) -> None:
     record = resample(lpv.read(str(shared_data / "mr_damper_random" / "estimation.csv"))[0], 500.8)
     record = record.with_roles({"current": "voltage"})
@@ -101,6 +102,7 @@ def test_real_damper_random_with_settings_from_its_training_part(shared_data: Pa
     assert {"current_tau_rise", "current_tau_fall", "current_delay"} <= set(damper.names)
 
 
+@pytest.mark.slow
 def test_real_damper_fixed_voltage_as_measured(shared_data: Path) -> None:
     path = next((shared_data / "mr_damper_fixed_voltage").glob("*.csv"))
     training, held_out = split_tail(lpv.read(str(path))[0])

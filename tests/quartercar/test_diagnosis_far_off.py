@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.signal import bilinear, lfilter
 
 import lpvid as lpv
@@ -12,6 +13,7 @@ PERIOD, LAG = 0.002, 0.021
 UNITS = {"displacement": "m", "velocity": "m/s", "current": "A", "force": "N"}
 
 
+@pytest.mark.slow
 def test_a_filter_that_turns_the_motion_round_is_found_from_afar(rng: np.random.Generator) -> None:
     """Three poles of 21 ms: tones of 3 to 9 Hz come late by 60 to 150 degrees."""
     t = PERIOD * np.arange(5000)

@@ -25,6 +25,7 @@ def with_force(motion: Record, force: np.ndarray, seed: int = 0) -> Record:
     return Record({**channels, "force": Channel(force + noise, "N")}, motion.sample_time, name="made")
 
 
+@pytest.mark.slow
 def test_a_force_model_without_compliance_names_it_and_not_friction() -> None:
     """Seed 000: a power law with friction and gas against a damper behind a bush of 300 kN/m."""
     damper = RigDamper(yield_base=0.0, yield_per_current=0.0, viscous=1500.0, viscous_per_current=0.0,
@@ -37,6 +38,7 @@ def test_a_force_model_without_compliance_names_it_and_not_friction() -> None:
     assert found.causes[0].parameters[0].value == pytest.approx(1 / 3e5, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_parallel_network_against_data_of_one_in_series_names_the_topology() -> None:
     """Seed 003: c_L v + c_Q v² against the law of losses side by side, over 1.5 decades of speed."""
     sweep = Experiment("speeds", Chirp(f_start=0.1, f_end=4.0, amplitude=0.018, peak_velocity=0.4),

@@ -104,6 +104,7 @@ HIDDEN = {
 
 @pytest.mark.parametrize("output", ["sprung", "unsprung"])
 @pytest.mark.parametrize("name", HIDDEN)
+@pytest.mark.slow
 def test_a_hidden_cause_is_named_with_its_parameter(name, output):
     truth, size = HIDDEN[name]
     found = told(records(truth, 3), replace(NOMINAL, output=output))
@@ -115,6 +116,7 @@ def test_a_hidden_cause_is_named_with_its_parameter(name, output):
 @pytest.mark.parametrize(("truth", "name", "sensor"), [
     (Truth(road_gain=1.15), "sensor-scale", "road"), (Truth(force_gain=0.8), "sensor-scale", "actuator"),
     (Truth(road_gain=-1.0), "channel-sign", "road"), (Truth(force_gain=-1.0), "channel-sign", "actuator")])
+@pytest.mark.slow
 def test_the_sensor_at_fault_is_named(truth, name, sensor):
     found = told(records(truth, 5))
     assert [c.name for c in found.causes] == [name]
@@ -128,6 +130,7 @@ def test_nothing_is_named_where_nothing_is_hidden():
     assert told(records(Truth(), 7)).verdict == "nothing-to-explain"
 
 
+@pytest.mark.slow
 def test_two_causes_at_once_are_both_named():
     found = told(records(Truth(friction=60.0).scaled(tyre_stiffness=0.8), 9))
     assert {c.name for c in found.causes} == {"strut-friction", "tyre-stiffness"}

@@ -88,6 +88,7 @@ class TestPresliding:
         return t, 0.03 * np.sin(9 * t) + 0.05 * np.sin(31 * t + 1)
 
     @pytest.mark.parametrize("deflection", [1e-7, 1e-6, 1.5e-5, 1e-4, 6e-4])
+    @pytest.mark.slow
     def test_is_that_of_the_differential_equation(self, deflection: float) -> None:
         """dz/dt = |v|(tanh(v/ε) − z)/d by scipy's Radau, against samples at 512 Hz."""
         t, v = self.motion(self.PERIOD)

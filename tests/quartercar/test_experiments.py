@@ -114,6 +114,7 @@ def test_an_offset_and_a_gas_force_get_a_sentence_and_no_plan(cause: RigEffect) 
     assert not proposal.text and "rod disconnected" in proposal.advice[0]
 
 
+@pytest.mark.slow
 def test_friction_under_one_triangle_shows_in_creep() -> None:
     rig = bench("coulomb-friction")
     single = Experiment("triangle", Triangle(amplitude=0.012, frequency=2.0), Constant(levels=(0.0,)), 12.0)

@@ -105,6 +105,7 @@ def test_it_starts_settled_without_a_measured_force() -> None:
                                rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_virtual_rig_held_out() -> None:
     from quartercar.rig import default_records
 
@@ -114,6 +115,7 @@ def test_virtual_rig_held_out() -> None:
     assert lpv.validate(found.damper, held_out).overall.free_run.esr == pytest.approx(esr(found.damper, held_out))
 
 
+@pytest.mark.slow
 def test_real_damper_random(shared_data: Path) -> None:
     record = resample(lpv.read(str(shared_data / "mr_damper_random" / "estimation.csv"))[0], 500.8)
     record = record.with_roles({"current": "voltage"})
@@ -131,6 +133,7 @@ def test_refusals() -> None:
         LpvArx(order=0)
 
 
+@pytest.mark.slow
 def test_shape_lag_and_filter_are_recovered_with_honest_intervals() -> None:
     """Joint χ² and coverage over seeds, from the model's own force with 2 % noise."""
     record = data(5, "tanh", 4000, noise=0.01)

@@ -165,6 +165,7 @@ def test_without_steps_the_lag_stays_and_it_says_so() -> None:
     assert "note:" in str(found)
 
 
+@pytest.mark.slow
 def test_a_damper_without_current_takes_two_steps() -> None:
     single = bouc_wen_device().row(0)
     x, v = saw_tooth(0.025, 0.005, 20.0)

@@ -59,6 +59,7 @@ def test_the_fit_is_that_of_a_general_solver(rng: np.random.Generator) -> None:
     assert list(fit.std.values()) == pytest.approx(std, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_standard_errors_and_friction_intervals_cover_the_truth() -> None:
     inside, scaled = 0, []
     for seed in range(60):

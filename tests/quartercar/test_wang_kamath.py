@@ -44,6 +44,7 @@ def test_with_a_straight_flow_it_is_a_linear_filter() -> None:
     (0, {}, 5e-4), (0, {"linear_flow": -0.02}, 5e-4), (0, {"linear_flow": 0.05, "cubic_flow": -0.1}, 5e-4),
     (0, {"force_inertia": 1e-7}, 5e-4), (0, {"force_lag": 3e-4}, 2e-3), (1, {}, 5e-4),
     (2, {"cubic_flow_1": 0.05}, 5e-4)])
+@pytest.mark.slow
 def test_against_lsoda(degree: int, values: dict[str, float], tolerance: float) -> None:
     """Smooth, bistable (w_3 < 0), three-branched (w_4 < 0), stiff (w_1 → 0), ringing (w_2 → 0), with the current."""
     model = WangKamath(degree=degree, values=values, current_scale=2.0)
