@@ -52,8 +52,10 @@ def check_sense(damper: Damper, label: str) -> None:
                          mend="turn the force or the velocity of its records (--flip) and identify again")
 
 
-def check_stable(damper: Damper, label: str) -> None:
-    """Refuse a transfer function or state space with a frozen pole outside the circle at a current of its range.
+def check_stable(damper: Damper, label: str, currents: tuple[float, float] | None = None) -> None:
+    """Refuse a transfer function or state space with a frozen pole outside the circle at a current of a range.
+
+    The range is that of its training records, or that of the coil where that is another.
 
     Exact over the range for one scheduling variable (`lpvid.analysis.frozen_stability`). A model that schedules itself
     is bounded by what it is made of, and not looked at.
@@ -65,7 +67,7 @@ def check_stable(damper: Damper, label: str) -> None:
         return
     from lpvid.analysis.frozen_stability import frozen_stability
 
-    span = damper.usual_currents
+    span = currents or damper.usual_currents
     if model.box.names and span is not None:
         model = model.replace(scheduling=Scheduling(model.box.names, span[:1], span[1:], units=model.box.units))
     found = frozen_stability(model)

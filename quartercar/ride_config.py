@@ -8,10 +8,12 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lpvid import _checks
 from lpvid.errors import InputError
 from quartercar.car import BumpStops, Coil, QuarterCar
-from quartercar.car_damper import car_damper, check_rate, current_limits
+from quartercar.car_damper import car_damper, check_rate, check_stable, current_limits
 from quartercar.controllers import LAWS, law_class
 from quartercar.controllers.chain import ChainSettings
 from quartercar.controllers.contract import Controller
@@ -141,6 +143,8 @@ def build_car(car: Any = "megane", damper: str | None = None, folder: Path = Pat
     low, high = current_limits(model, HIGHEST)
     numbers = {"rise_time": lag[0], "fall_time": lag[1], "lowest": low, "highest": high,
                **_numbers(coil, Coil, "coil", model.current_unit)}
+    if coil and damper is not None and np.isfinite(numbers["highest"]):
+        check_stable(model, f"'{damper}'", (numbers["lowest"], numbers["highest"]))
     return QuarterCar(parameters, model, BumpStops(**_numbers(stops, BumpStops, "stops")), Coil(**numbers))
 
 

@@ -63,9 +63,9 @@ class RideSettings:
             found = _checks.positive(self.sample_time, "sample_time", "s")
         else:
             found = (None if car.damper is None else car.damper.clock) or 1 / RATE
-        known = None if self.model is None else self.model.clock
-        if known is not None and abs(known / found - 1) > RATE_TOLERANCE:
-            raise InputError(f"the damper as it is known, a '{self.model.name}', runs at {1 / known:.6g} Hz only",  # type: ignore[union-attr]
+        known = self.model
+        if known is not None and known.clock is not None and abs(known.clock / found - 1) > RATE_TOLERANCE:
+            raise InputError(f"the damper as it is known, a '{known.name}', runs at {1 / known.clock:.6g} Hz only",
                              got=f"a loop at {1 / found:.6g} Hz", why="the loop runs at the rate of the car's damper",
                              mend=f"identify it again with --sample-rate {1 / found:.6g}")
         return found

@@ -118,6 +118,13 @@ def test_the_configuration_takes_it_too_and_names_itself_where_it_is_at_fault(fo
         assert "belong to a" in call(verb, "--damper", folder / "model.json", folder / "good.toml", code=2).stderr
 
 
+def test_a_coil_that_reaches_an_unstable_current_is_refused(folder):
+    lpv.save(linear(a=[[-0.5, -0.2]]), folder / "edge.json")  # poles 0.5 + 0.2 i: stable below 2.5 A, records to 2 A
+    (folder / "coil.toml").write_text('damper = "edge.json"\n[coil]\nhighest = 3.0\n')
+    said = call("ride", folder / "coil.toml", code=2).stderr
+    assert "a pole of modulus 1.1 at current 3 A" in said and "coil.toml" in said
+
+
 def test_a_damper_known_at_another_rate_than_the_loop_is_refused(folder):
     (folder / "known.toml").write_text('damper = "model.json"\nknown_damper = "quarter.json"\n')
     said = call("ride", folder / "known.toml", code=2).stderr
