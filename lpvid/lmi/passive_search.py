@@ -40,7 +40,7 @@ STEP = 0.03
 KNEE = 0.5
 """share of v₀ below which a step may not take it."""
 DAMPING = 1e-4
-"""Levenberg-Marquardt damping in unit-column scaling: 1 % of a parameter's own standard error per step."""
+"""Levenberg-Marquardt damping, columns and error of size one: holds combinations that the data do not see."""
 
 
 @dataclass(frozen=True, eq=False)
