@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from lpvid.cli import options
-from lpvid.cli.running import Results, command, conclude, working
+from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
 
 
 class On(StrEnum):
@@ -164,3 +164,5 @@ def identify(
         found = found.with_notes(notes)
         found.deliver(results, say)
     conclude(results, found.to_dict(), str(found), json)
+    if passive and not found.certified:
+        raise typer.Exit(SHORTFALL)

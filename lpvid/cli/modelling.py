@@ -68,6 +68,11 @@ class Outcome:
         """What model.json holds."""
         return (self.refitted or self.found).model
 
+    @property
+    def certified(self) -> bool:
+        """Whether model.json carries a certificate of passivity that was verified."""
+        return bool(self.model.metadata.get("passive", {}).get("verified", False))
+
     def to_dict(self) -> dict:
         """identification.json."""
         findings = [{"name": f.name, "record": f.record, "channel": f.channel, "severity": f.severity}

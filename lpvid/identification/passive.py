@@ -52,7 +52,7 @@ class Passive(Structure):
     ----------
     structure : ARX or OutputError
         One input, one output, nk = 0, coefficients at p(k), no stage or a tanh stage. For `ARX` too it is the free run
-        that is minimised: a least equation error under the constraint costs several times as much there.
+        that is minimised.
     degree : int
         Degree of P in the scheduling. One P for all of it costs little (ESR 0.0375 against 0.0371 with P affine in the
         current, on the rig) and a quarter of the time.

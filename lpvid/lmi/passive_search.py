@@ -14,6 +14,7 @@ Nothing here proves anything; every candidate goes through `lpvid.lmi.inequality
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,7 +41,7 @@ STEP = 0.03
 KNEE = 0.5
 """share of v₀ below which a step may not take it."""
 DAMPING = 1e-4
-"""Levenberg-Marquardt damping in unit-column scaling: 1 % of a parameter's own standard error per step."""
+"""Levenberg-Marquardt damping, columns and error of size one: holds combinations that the data do not see."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +102,10 @@ class PassiveProgram:
         """(N, variables) points p, and for each the p⁺ (T, variables) that one sample can lead to."""
         axes = []
         for name, low, high in zip(self.box.names, self.box.lower, self.box.upper, strict=True):
-            axes.append(low + nodes(self._pieces(name)) * (high - low) if high > low and name in self._read
-                        else np.array([0.5 * (low + high)]))
+            breaks = [b for r in readings_of(self.model.basis) if r.name == name for b in r.breaks if low < b < high]
+            cells = itertools.pairwise((low, *breaks, high))
+            axes.append(np.unique(np.concatenate([a + nodes(self._pieces(name)) * (b - a) for a, b in cells]))
+                        if high > low and name in self._read else np.array([0.5 * (low + high)]))
         points = tensor(axes) if axes else np.zeros((1, 0))
         ahead = []
         for point in points:

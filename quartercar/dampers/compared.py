@@ -168,7 +168,7 @@ class Comparison:
         lines += [f"{i:2d} {_row(row)}" for i, row in enumerate(self.rows, start=1)]
         lines.append(f"  N = {total:,} samples in {count} record{'s' * (count > 1)} at {self.data.sample_rate:.6g} Hz; "
                      "'training' is the ESR on training data, ms/s the time to simulate a second")
-        lines += [f"  {line}" for row in self.rows for line in energy_lines(row.damper)]
+        lines += [f"  {line}" for row in self.rows for line in (*energy_lines(row.damper), *_costs(row))]
         lines += [f"  not fitted: {', '.join(names)}: {why}" for why, names in self._refusals().items()]
         lines += [f"  note: {n}" for n in self.notes if n not in grave]
         return "\n".join(lines)
@@ -192,6 +192,11 @@ def energy_lines(damper: Damper) -> list[str]:
         return [f"{damper.name} is NOT passive: {margin.statement()}: --passive"]
     certificate = certificate_for(damper)
     return [] if certificate is None else [f"{damper.name} {certificate.verdict}: {certificate.claim}"]
+
+
+def _costs(row: Compared) -> list[str]:
+    """What a constraint costs a fitted model."""
+    return [f"{row.name}, {n}" for n in (() if row.fit is None else row.fit.notes) if n.startswith("what it costs")]
 
 
 def _row(row: Compared) -> str:

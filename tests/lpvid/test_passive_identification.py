@@ -67,6 +67,16 @@ def test_no_random_motion_and_current_take_more_than_is_stored():
         assert np.cumsum(force * v).min() >= -1e-9 * np.abs(force * v).sum()
 
 
+@pytest.mark.parametrize("basis", [lpv.Spline("current", segments=2, order=1), lpv.Polynomial("current", degree=2)])
+def test_other_dependences_on_the_current_are_certified_between_grid_points(basis):
+    data = _measured(yielding(), np.random.default_rng(7), noise=2.0)
+    found = lpv.identify(data, lpv.Passive(lpv.ARX(1, 1, 0, "velocity", "force", basis, stage="tanh")))
+    certificate = lpv.PassivityCertificate.from_dict(found.model.metadata["passive"])
+    assert certificate.between_grid and lpv.verify(certificate, found.model).holds
+    assert found.training.overall.free_run.esr < 0.01
+    assert np.isfinite(found.condition)
+
+
 @pytest.mark.parametrize(("structure", "said"), [
     (lpv.ARX(2, 2, 1, "velocity", "force"), "nk=0"),
     (lpv.ARX(2, 2, 0, "velocity", "force", lagged=True), "lagged"),

@@ -78,6 +78,7 @@ def test_a_comparison_constrains_what_it_can_and_names_the_rest(runs):
     found = compare(runs, ["linear", "lpv-arx"], settings=CompareSettings(passive=True))
     assert found["lpv-arx"].damper.passive
     told = str(found)
+    assert "lpv-arx, what it costs: training free-run ESR" in told
     assert "lpv-arx certified: passive" in told and "the laws of linear are checked instead" in told
 
 
