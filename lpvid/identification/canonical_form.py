@@ -10,7 +10,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.errors import InputError
-from lpvid.identification.form_layout import FREE, bounded_start, form_layout
+from lpvid.identification.form_layout import bounded_start, form_layout
 from lpvid.identification.result import Identification
 from lpvid.identification.staged_search import StagedData, StagedLayout
 from lpvid.identification.state_space_layout import ARRAYS, StateSpaceLayout
@@ -136,6 +136,3 @@ def _kept(source: LPVTransferFunction) -> dict:
     """What the form's file takes over from the transfer function's: not its parameters, nor its figures."""
     return {k: v for k, v in source.metadata.items() if k not in ("parameters", "structure", "training", "realization",
                                                                   "standard_errors", "hull")}
-
-
-__all__ = ["FREE", "CanonicalForm"]
