@@ -10,7 +10,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.errors import InputError
-from lpvid.identification.form_layout import FREE, bounded_start, form_layout
+from lpvid.identification.form_layout import bounded_start, form_layout
 from lpvid.identification.result import Identification
 from lpvid.identification.staged_search import StagedData, StagedLayout
 from lpvid.identification.state_space_layout import ARRAYS, StateSpaceLayout
@@ -91,11 +91,12 @@ class CanonicalForm(Structure):
     def _estimate(self, records: Sequence[Record]) -> Identification:
         realized = self._realized
         layout = form_layout(realized)
-        plain = SearchData.of(records, realized.model)
+        free = realized.model.replace(observer_gain=None)  # the free run is fitted, not the observer's prediction
+        plain = SearchData.of(records, free)
         if plain.rows <= layout.size:
             raise InputError(f"{plain.rows} equations cannot determine {layout.size} parameters",
                              mend="give longer records, or lower the orders or the degree")
-        begun = bounded_start(realized.model, layout, plain, self.source.na)
+        begun = bounded_start(free, layout, plain, self.source.na)
         ends = [begun, refine(begun.model, _without_poles(layout), plain, iterations=LINEAR, free_coordinates=False)]
         held = min((refine(s.model, layout, plain, iterations=self.iterations, free_coordinates=False) for s in ends),
                    key=lambda s: s.evaluation.cost)
@@ -135,6 +136,3 @@ def _kept(source: LPVTransferFunction) -> dict:
     """What the form's file takes over from the transfer function's: not its parameters, nor its figures."""
     return {k: v for k, v in source.metadata.items() if k not in ("parameters", "structure", "training", "realization",
                                                                   "standard_errors", "hull")}
-
-
-__all__ = ["FREE", "CanonicalForm"]

@@ -13,6 +13,9 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.realization import Realization
 
+SHRUNK = (1.0, 0.98, 0.95, 0.9, 0.8, 0.5, 0.0)
+"""factors on the poles of a start that diverges, until its run is bounded."""
+
 Entry = tuple[str, int, int, int]
 """Field of `LPVStateSpace`, row, column, sign."""
 
@@ -121,9 +124,6 @@ def _observable(table: _Table, source: LPVTransferFunction, model: LPVStateSpace
 FREE: dict[str, Callable[[_Table, LPVTransferFunction, LPVStateSpace], None]] = {
     "controllable": _controllable, "observable": _observable}
 """Forms that can be re-estimated, with what lists their free entries."""
-
-SHRUNK = (1.0, 0.98, 0.95, 0.9, 0.8, 0.5, 0.0)
-"""factors on the poles of a start that diverges, until its run is bounded."""
 
 
 def bounded_start(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, na: int) -> Search:

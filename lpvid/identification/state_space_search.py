@@ -217,7 +217,9 @@ class LocalProblem:
 
     def expected(self, damping: float) -> float:
         """Decrease of the cost that the linear model promises."""
-        return float(np.sum(self.left**2 * (1 - (damping / (self.singular**2 + damping)) ** 2)))
+        seen = self.singular**2 + damping > 0  # a parameter without any effect promises nothing
+        share = damping / (self.singular[seen] ** 2 + damping)
+        return float(np.sum(self.left[seen] ** 2 * (1 - share**2)))
 
     def covariance(self, noise: float) -> tuple[np.ndarray, int]:
         """Covariance of the parameters, and the number of directions that the data determine."""

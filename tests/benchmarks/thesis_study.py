@@ -37,6 +37,11 @@ def models(training: Sequence[lpv.Record], constant: Sequence[lpv.Record]) -> It
     yield "form re-estimated, zones too", refit.model
     yield "same with b_0 (nk = 0)", lpv.refit_form(direct, training, form="controllable").model
     yield "same, observable form, D = 0", lpv.refit_form(plain, training, form="observable").model
+    lagged = lpv.identify(training, lpv.ARX(4, 4, 1, stage="three-zone", schedule_filter="rise-fall", **SETTINGS)).model
+    yield "same with a lag of the current", lpv.refit_form(lagged, training, form="controllable").model
+    second = {**SETTINGS, "basis": lpv.Polynomial("current", degree=2)}
+    curved = lpv.identify(training, lpv.ARX(4, 4, 1, stage="three-zone", **second)).model
+    yield "same of second degree", lpv.refit_form(curved, training, form="controllable").model
     zones = regress_zones(constant)
     print(zones, file=sys.stderr)
     level = lpv.identify(training, lpv.ARX(4, 4, 1, stage=zones.stage, **SETTINGS)).model
