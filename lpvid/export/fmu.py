@@ -43,7 +43,7 @@ NAMESPACE = uuid.UUID("6ba7b811-9dad-11d1-80b4-00c04fd430c8")
 
 def export_fmu(model: Any, folder: str | os.PathLike, *, version: int = 2, name: str = "", clamp: bool | None = None,
                sample_time: float | None = None, at: Mapping[str, float] | None = None) -> Export:
-    """Write a model, damper or controller as an FMU of FMI 2.0 or 3.0: co-simulation, of continuous ones model exchange.
+    """Write a model, damper or controller as an FMU: co-simulation, or model exchange where it is continuous.
 
     One step of the model per period of communication (or several, for a multiple of it): inputs are read at the start
     of a communication step and held, and the outputs after it are those of the last sample in it, from its inputs. The

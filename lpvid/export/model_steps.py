@@ -43,9 +43,11 @@ def prepare(noun: Any, options: Options) -> Exportable:
         return _controller(noun, options)
     if isinstance(noun, LPVStateSpace) and noun.sample_time is None:
         return _sampled(noun, options)
-    if options.sample_time is not None and not np.isclose(options.sample_time, noun.sample_time, rtol=1e-9):
+    period = noun.sample_time
+    assert period is not None
+    if options.sample_time is not None and not np.isclose(options.sample_time, period, rtol=1e-9):
         raise InputError("a sampled model runs at its own rate only",
-                         got=f"{1 / options.sample_time:.6g} Hz against {1 / noun.sample_time:.6g} Hz",
+                         got=f"{1 / options.sample_time:.6g} Hz against {1 / period:.6g} Hz",
                          mend="leave the sample rate out, or identify it at that rate")
     clamp = bool(role_of(noun)) if options.clamp is None else options.clamp
     name = options.name or ("controller" if role_of(noun) == "controller" else "lpv_model")
