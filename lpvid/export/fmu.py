@@ -272,7 +272,7 @@ def checked(found: Exportable, fmu: bytes) -> tuple[tuple[str, ...], bool]:
         error = fmu_error(found, path)
     passed = not problems and error <= TOLERANCE
     said = "valid" if not problems else f"{len(problems)} problem(s): {' '.join(str(problems[0]).split())[:200]}"
-    text = f"FMPy {fmpy.__version__}: {said}; co-simulation against the simulation: relative error {error:.2g}"
+    text = f"FMPy {fmpy.__version__}: {said}; co-simulation against our free run: relative error {error:.2g}"
     return (text,), passed
 
 

@@ -231,6 +231,11 @@ def test_files_are_written_whole(rng, tmp_path):
         export_c(state_space(rng), made.files[0])
 
 
+def test_any_name_makes_files(rng):
+    for name, wanted in (("end", "end_model"), ("2nd filter", "x2nd_filter"), ("δ", "x")):
+        assert f"{wanted}.h" in c_files(exportable(state_space(rng), Options(name)))
+
+
 def test_what_cannot_be_exported_names_the_nearest(rng):
     model = state_space(rng)
     with pytest.raises(InputError, match="discretised"):
