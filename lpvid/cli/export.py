@@ -21,7 +21,8 @@ Precision = Annotated[str, typer.Option("--precision", metavar="TYPE", help="Ari
 Clamp = Annotated[bool | None, typer.Option("--clamp/--no-clamp", help="Hold the scheduling inside the model's box; "
                                             "left out, for designed controllers only.", show_default=False)]
 Rate = Annotated[float | None, typer.Option("--sample-rate", metavar="HZ", help="Rate of a damper law or control law "
-                                            "that runs at any; what was sampled keeps its own.", show_default=False)]
+                                            "that runs at any, or at which a continuous model is discretised; what was "
+                                            "sampled keeps its own.", show_default=False)]
 At = Annotated[list[str] | None, typer.Option("--at", metavar="INPUT=VALUE", help="Hold an input, so that the model is "
                                               "frozen there: current=1.2; repeat.")]
 Limit = Annotated[list[str] | None, typer.Option("--limit", metavar="CONTROL=LOW:HIGH", help="Limits of a controller's "

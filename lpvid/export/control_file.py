@@ -116,7 +116,7 @@ def control_content(found: Exportable, precision: str = "double") -> Content:
     scale = np.abs(y).max(axis=0)
     out = np.asarray(run.outputs).reshape(len(program.outputs), -1).T
     error = float((np.abs(out - y).max(axis=0) / np.where(scale > 0, scale, 1.0)).max())
-    check = (f"python-control {control.__version__}: input_output_response against the simulation, relative error "
+    check = (f"python-control {control.__version__}: input_output_response against our free run, relative error "
              f"{error:.2g}")
     return Content("control", {f"{program.name}_control.py": control_source(program).encode()}, program.says, (check,),
                    program.notes, error <= TOLERANCE)

@@ -129,7 +129,7 @@ def c_content(found: Exportable, precision: str = "double") -> Content:
     else:
         test = run_self_test(files)
         passed = test.passed
-        check = (f"self-test {'passed' if test.passed else 'FAILED'}: {precision} against the simulation, relative "
+        check = (f"self-test {'passed' if test.passed else 'FAILED'}: {precision} against our free run, relative "
                  f"error {test.error:.2g} ({test.compiler}); states {test.state_bytes} bytes, parameters "
                  f"{test.parameter_bytes} bytes, at most {found.program.operations()} assignments per step")
     return Content("c", {n: t.encode() for n, t in files.items()}, found.program.says, (check,), found.program.notes,

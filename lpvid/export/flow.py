@@ -132,11 +132,11 @@ def _with_reference(model: LPVStateSpace, program: StepProgram, clamp: bool) -> 
 
 
 def flow_of(noun: Any, options: Options) -> Flow | None:
-    """The flow of a noun of lpvid; None for what is sampled."""
+    """The flow of a noun of lpvid; None for what is sampled, or is to be."""
     from lpvid.realization import Realization
     from lpvid.synthesis.result import Synthesis
 
     model = noun.required() if isinstance(noun, Synthesis) else noun.model if isinstance(noun, Realization) else noun
-    if isinstance(model, LPVStateSpace) and model.sample_time is None:
+    if isinstance(model, LPVStateSpace) and model.sample_time is None and options.sample_time is None:
         return state_space_flow(model, options)
     return None

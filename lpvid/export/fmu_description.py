@@ -84,7 +84,7 @@ def model_description(program: StepProgram, listed: tuple[Variable, ...], versio
     step : float
         Communication step of the default experiment of a continuous model [s].
     """
-    return _second(program, listed, token, step) if version == 2 else _third(program, listed, token)
+    return _second(program, listed, token, step) if version == 2 else _third(program, listed, token, step)
 
 
 def _second(program: StepProgram, listed: tuple[Variable, ...], token: str, step: float) -> str:
@@ -93,7 +93,6 @@ def _second(program: StepProgram, listed: tuple[Variable, ...], token: str, step
     sampled = bool(program.sample_time)
     kind, step = ("CoSimulation", program.sample_time) if sampled else ("ModelExchange", step)
     fixed = 'canHandleVariableCommunicationStepSize="false" ' if sampled else ""
-    tunable = "tunable" if sampled else "fixed"
     a = quoteattr
     out = ['<?xml version="1.0" encoding="UTF-8"?>',
            f'<fmiModelDescription fmiVersion="2.0" modelName={a(program.name)} guid={a(token)} '
@@ -105,18 +104,10 @@ def _second(program: StepProgram, listed: tuple[Variable, ...], token: str, step
            "    </SourceFiles>", f"  </{kind}>", *_units(listed),
            f'  <DefaultExperiment startTime="0" stopTime="{_real(1000 * step)}" stepSize="{_real(step)}"/>',
            "  <ModelVariables>"]
-    moves = "discrete" if sampled else "continuous"
-    causality = {"input": 'causality="input" variability="continuous"',
-                 "output": f'causality="output" variability="{moves}" initial="calculated"',
-                 "state": f'causality="local" variability="{moves}" initial="exact"',
-                 "rate": 'causality="local" variability="continuous" initial="calculated"',
-                 "parameter": f'causality="parameter" variability="{tunable}" initial="exact"'}
-    first_state = next((i for i, v in enumerate(listed) if v.kind == "state"), 0)
-    first_rate = next((i for i, v in enumerate(listed) if v.kind == "rate"), 0)
+    causality, of = _causality(sampled), _derivatives(listed, 1)
     for i, v in enumerate(listed):
-        of = f' derivative="{i - first_rate + first_state + 1}"' if v.kind == "rate" else ""
         out += [f'    <ScalarVariable name={a(v.name)} valueReference="{i}" description={a(v.says)} '
-                f"{causality[v.kind]}>", f"      <Real{_attributes(v)}{of}/>", "    </ScalarVariable>"]
+                f"{causality[v.kind]}>", f"      <Real{_attributes(v)}{of.get(i, '')}/>", "    </ScalarVariable>"]
     outputs = [i + 1 for i, v in enumerate(listed) if v.kind == "output"]
     inputs = " ".join(str(i + 1) for i, v in enumerate(listed) if v.kind == "input")
     needs = f' dependencies="{inputs}"' if inputs and sampled else ""
@@ -130,34 +121,52 @@ def _second(program: StepProgram, listed: tuple[Variable, ...], token: str, step
     return "\n".join(out)
 
 
-def _third(program: StepProgram, listed: tuple[Variable, ...], token: str) -> str:
+def _third(program: StepProgram, listed: tuple[Variable, ...], token: str, step: float) -> str:
     from lpvid.export.serialise import package_version
 
+    sampled = bool(program.sample_time)
+    kind, step = ("CoSimulation", program.sample_time) if sampled else ("ModelExchange", step)
+    fixed = ('canHandleVariableCommunicationStepSize="false" ' f'fixedInternalStepSize="{_real(step)}" ' if sampled
+             else "")
     a = quoteattr
     out = ['<?xml version="1.0" encoding="UTF-8"?>',
            f'<fmiModelDescription fmiVersion="3.0" modelName={a(program.name)} instantiationToken={a(token)} '
            f'description={a(program.says)} generationTool={a("lpvid " + package_version())} '
            f'variableNamingConvention="{_convention(listed)}">',
-           f'  <CoSimulation modelIdentifier={a(program.name)} canHandleVariableCommunicationStepSize="false" '
-           f'fixedInternalStepSize="{_real(program.sample_time)}" canGetAndSetFMUState="true"/>', *_units(listed),
-           f'  <DefaultExperiment startTime="0" stopTime="{_real(1000 * program.sample_time)}" '
-           f'stepSize="{_real(program.sample_time)}"/>', "  <ModelVariables>",
+           f'  <{kind} modelIdentifier={a(program.name)} {fixed}canGetAndSetFMUState="true"/>', *_units(listed),
+           f'  <DefaultExperiment startTime="0" stopTime="{_real(1000 * step)}" stepSize="{_real(step)}"/>',
+           "  <ModelVariables>",
            f'    <Float64 name="time" valueReference="{len(listed)}" causality="independent" '
            'variability="continuous"/>']
-    causality = {"input": 'causality="input" variability="continuous"',
-                 "output": 'causality="output" variability="discrete" initial="calculated"',
-                 "state": 'causality="local" variability="discrete" initial="exact"',
-                 "parameter": 'causality="parameter" variability="tunable" initial="exact"'}
+    causality, of = _causality(sampled), _derivatives(listed, 0)
     out += [f'    <Float64 name={a(v.name)} valueReference="{i}" description={a(v.says)} {causality[v.kind]}'
-            f"{_attributes(v)}/>" for i, v in enumerate(listed)]
+            f"{_attributes(v)}{of.get(i, '')}/>" for i, v in enumerate(listed)]
     outputs = [i for i, v in enumerate(listed) if v.kind == "output"]
     inputs = " ".join(str(i) for i, v in enumerate(listed) if v.kind == "input")
-    needs = f' dependencies="{inputs}"' if inputs else ""
+    needs = f' dependencies="{inputs}"' if inputs and sampled else ""
     out += ["  </ModelVariables>", "  <ModelStructure>",
             *(f'    <Output valueReference="{i}"{needs}/>' for i in outputs),
-            *(f'    <InitialUnknown valueReference="{i}"/>' for i in outputs), "  </ModelStructure>",
+            *(f'    <ContinuousStateDerivative valueReference="{i}"/>' for i in of),
+            *(f'    <InitialUnknown valueReference="{i}"/>' for i in (*outputs, *of)), "  </ModelStructure>",
             "</fmiModelDescription>", ""]
     return "\n".join(out)
+
+
+def _causality(sampled: bool) -> dict[str, str]:
+    """What a variable of each kind is to an importer."""
+    moves, tunable = ("discrete", "tunable") if sampled else ("continuous", "fixed")
+    return {"input": 'causality="input" variability="continuous"',
+            "output": f'causality="output" variability="{moves}" initial="calculated"',
+            "state": f'causality="local" variability="{moves}" initial="exact"',
+            "rate": 'causality="local" variability="continuous" initial="calculated"',
+            "parameter": f'causality="parameter" variability="{tunable}" initial="exact"'}
+
+
+def _derivatives(listed: tuple[Variable, ...], first: int) -> dict[int, str]:
+    """For the place of every derivative, the attribute that names its state; places count from `first` there."""
+    states = [i for i, v in enumerate(listed) if v.kind == "state"]
+    rates = [i for i, v in enumerate(listed) if v.kind == "rate"]
+    return {r: f' derivative="{s + first}"' for r, s in zip(rates, states if rates else (), strict=True)}
 
 
 def build_description(program: StepProgram) -> str:

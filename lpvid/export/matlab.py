@@ -267,9 +267,9 @@ def octave_checks(found: Exportable, files: dict[str, bytes]) -> tuple[tuple[str
     numbers = [float(x) for x in re.findall(r"relative error (\S+)", done.stdout)]
     if done.returncode or len(numbers) != 1 + 2 * with_data:
         return (f"Octave ended with {done.returncode}: {' '.join((done.stderr or done.stdout).split())[:300]}",), False
-    checks = [f"GNU Octave: step against the simulation, relative error {numbers[0]:.2g}"]
+    checks = [f"GNU Octave: step against our free run, relative error {numbers[0]:.2g}"]
     if with_data:
-        checks.append("GNU Octave: data function with moving scheduling against the simulation, relative error "
+        checks.append("GNU Octave: data function with moving scheduling against our free run, relative error "
                       f"{numbers[2]:.2g}")
         checks.append("GNU Octave: impulse responses of the data function against the frozen models on the grid, "
                       f"relative error {numbers[1]:.2g}")

@@ -42,8 +42,13 @@ def prepare(noun: Any, options: Options) -> Exportable:
     if isinstance(noun, SaturatedController):
         return _controller(noun, options)
     if isinstance(noun, LPVStateSpace) and noun.sample_time is None:
-        raise InputError("a continuous model has no step", got=f"{noun.order} states in continuous time",
-                         mend="export lpvid.discretise(model, sample_time).model, or to model exchange (--to fmu2)")
+        return _sampled(noun, options)
+    period = noun.sample_time
+    assert period is not None
+    if options.sample_time is not None and not np.isclose(options.sample_time, period, rtol=1e-9):
+        raise InputError("a sampled model runs at its own rate only",
+                         got=f"{1 / options.sample_time:.6g} Hz against {1 / period:.6g} Hz",
+                         mend="leave the sample rate out, or identify it at that rate")
     clamp = bool(role_of(noun)) if options.clamp is None else options.clamp
     name = options.name or ("controller" if role_of(noun) == "controller" else "lpv_model")
     if isinstance(noun, LPVTransferFunction):
@@ -62,6 +67,23 @@ def prepare(noun: Any, options: Options) -> Exportable:
         return simulate(noun, _clamped(noun, columns, clamp, len(u)), "zero").output
 
     return Exportable(program, reference, _excitation(noun, channels, clamp), noun)
+
+
+def _sampled(model: LPVStateSpace, options: Options) -> Exportable:
+    """A continuous state space discretised at the period that was asked for, with the error that this makes."""
+    from lpvid.synthesis.discretising import discretise
+
+    if options.sample_time is None:
+        raise InputError("a continuous model has no step", got=f"{model.order} states in continuous time",
+                         mend="give a rate (--sample-rate, sample_time=) at which it is discretised, or export it to "
+                              "model exchange (--to fmu2)")
+    if model.input_stage is not None:
+        raise InputError("a continuous model with an input stage is not discretised", got=repr(model.input_stage),
+                         mend="export it to model exchange (--to fmu2)")
+    sampled = discretise(model, options.sample_time)
+    found = prepare(sampled.model, replace(options, sample_time=None))
+    note = f"Discretised from continuous time: {'; '.join(str(sampled).splitlines())}."
+    return replace(found, program=replace(found.program, notes=(*found.program.notes, note)))
 
 
 def _clamped(model: Any, columns: dict[str, Any], clamp: bool, n: int) -> Record:

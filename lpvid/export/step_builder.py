@@ -48,7 +48,9 @@ class StepBuilder:
     """
 
     def __init__(self, name: str, says: str, sample_time: float) -> None:
-        self.name, self.says, self.sample_time = identifier(name), says, sample_time
+        found = identifier(name)
+        self.name = f"{found}_model" if found in RESERVED else found
+        self.says, self.sample_time = says, sample_time
         self._used: set[str] = set(RESERVED)
         self._inputs: list[Quantity] = []
         self._outputs: list[Quantity] = []

@@ -231,10 +231,17 @@ def test_files_are_written_whole(rng, tmp_path):
         export_c(state_space(rng), made.files[0])
 
 
+def test_any_name_makes_files(rng):
+    for name, wanted in (("end", "end_model"), ("2nd filter", "x2nd_filter"), ("δ", "x")):
+        assert f"{wanted}.h" in c_files(exportable(state_space(rng), Options(name)))
+
+
 def test_what_cannot_be_exported_names_the_nearest(rng):
     model = state_space(rng)
-    with pytest.raises(InputError, match="discretise"):
+    with pytest.raises(InputError, match="discretised"):
         exportable(model.replace(sample_time=None))
+    with pytest.raises(InputError, match="own rate only"):
+        exportable(model, Options(sample_time=0.02))
     with pytest.raises(InputError, match="augmented"):
         exportable(LPVTransferFunction.siso([[0.1, 0.1]], [[1, 0]], Shifted(Polynomial("p", 1), -1), 0.1))
     with pytest.raises(InputError, match="affine"):
@@ -266,3 +273,13 @@ def test_a_held_scheduling_is_a_parameter(rng):
                      ({"current": 1.0, "velocity": 0.0}, "every input")):
         with pytest.raises(InputError, match=said):
             exportable(model, Options(at=at))
+
+
+def test_a_continuous_model_is_discretised_at_a_given_rate(rng):
+    a = np.array([[[-1.0, 2.0], [-2.0, -3.0]], [[0.0, 1.0], [-1.0, -1.0]]])
+    model = designed(LPVStateSpace(a, rng.normal(size=(2, 2, 1)), rng.normal(size=(2, 1, 2)), np.zeros((2, 1, 1)),
+                                   Polynomial("rho", 1), None, Scheduling(("rho",), (0.0,), (1.0,))), "controller")
+    found = exportable(model, Options(sample_time=0.01))
+    assert found.program.sample_time == 0.01 and error(found) < 1e-13
+    held, sampled = found.program.notes  # a controller's scheduling is held inside its box
+    assert "held" in held and "output off by" in sampled

@@ -1,5 +1,5 @@
 
-/* Functions of the standard that a co-simulation of scalars does not have; importers look for all of them. */
+/* Functions of the standard that scalars without clocks do not have; importers look for all of them. */
 
 fmi3Status fmi3GetBinary(fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
                          size_t valueSizes[], fmi3Binary values[], size_t nValues)
@@ -196,76 +196,6 @@ fmi3Status fmi3SetShiftFraction(fmi3Instance instance, const fmi3ValueReference 
     (void)counters;
     (void)resolutions;
     return complain((Instance *)instance, "fmi3SetShiftFraction is not supported");
-}
-
-fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance instance)
-{
-    return complain((Instance *)instance, "fmi3EnterContinuousTimeMode is not supported");
-}
-
-fmi3Status fmi3CompletedIntegratorStep(fmi3Instance instance, fmi3Boolean noSetFMUStatePriorToCurrentPoint,
-                                       fmi3Boolean *enterEventMode, fmi3Boolean *terminateSimulation)
-{
-    (void)noSetFMUStatePriorToCurrentPoint;
-    (void)enterEventMode;
-    (void)terminateSimulation;
-    return complain((Instance *)instance, "fmi3CompletedIntegratorStep is not supported");
-}
-
-fmi3Status fmi3SetTime(fmi3Instance instance, fmi3Float64 time)
-{
-    (void)time;
-    return complain((Instance *)instance, "fmi3SetTime is not supported");
-}
-
-fmi3Status fmi3SetContinuousStates(fmi3Instance instance, const fmi3Float64 continuousStates[], size_t
-                                   nContinuousStates)
-{
-    (void)continuousStates;
-    (void)nContinuousStates;
-    return complain((Instance *)instance, "fmi3SetContinuousStates is not supported");
-}
-
-fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance instance, fmi3Float64 derivatives[], size_t
-                                             nContinuousStates)
-{
-    (void)derivatives;
-    (void)nContinuousStates;
-    return complain((Instance *)instance, "fmi3GetContinuousStateDerivatives is not supported");
-}
-
-fmi3Status fmi3GetEventIndicators(fmi3Instance instance, fmi3Float64 eventIndicators[], size_t nEventIndicators)
-{
-    (void)eventIndicators;
-    (void)nEventIndicators;
-    return complain((Instance *)instance, "fmi3GetEventIndicators is not supported");
-}
-
-fmi3Status fmi3GetContinuousStates(fmi3Instance instance, fmi3Float64 continuousStates[], size_t nContinuousStates)
-{
-    (void)continuousStates;
-    (void)nContinuousStates;
-    return complain((Instance *)instance, "fmi3GetContinuousStates is not supported");
-}
-
-fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance instance, fmi3Float64 nominals[], size_t
-                                             nContinuousStates)
-{
-    (void)nominals;
-    (void)nContinuousStates;
-    return complain((Instance *)instance, "fmi3GetNominalsOfContinuousStates is not supported");
-}
-
-fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance instance, size_t *nEventIndicators)
-{
-    (void)nEventIndicators;
-    return complain((Instance *)instance, "fmi3GetNumberOfEventIndicators is not supported");
-}
-
-fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance instance, size_t *nContinuousStates)
-{
-    (void)nContinuousStates;
-    return complain((Instance *)instance, "fmi3GetNumberOfContinuousStates is not supported");
 }
 
 fmi3Status fmi3ActivateModelPartition(fmi3Instance instance, fmi3ValueReference clockReference, fmi3Float64
