@@ -39,10 +39,8 @@ class DamperGain:
         Of the weights on body acceleration and tyre force: gain in the middle, corners [Hz].
     limits : (2,) array
         Of ρ_v [s/m].
-    gains : (2, n) array
-        There, over z_d, ż_s, z_t, ż_us, the damper's states, the added force, the weights' states; linear in between.
-    least : float
-        Smallest given share of the design.
+    gain : (n,) array
+        Over z_d, ż_s, z_t, ż_us, the damper's states, the added force, the weights' states.
     """
 
     damper: Damper
@@ -50,12 +48,11 @@ class DamperGain:
     filter: Matrices
     bands: tuple[Band, Band]
     limits: np.ndarray
-    gains: np.ndarray
-    least: float
+    gain: np.ndarray
 
 
 class DamperLaw(Law):
-    """u = K(ρ_v) x and the current whose added force is nearest to u, for many cars with a gain each.
+    """u = K x and the current whose added force is nearest to u, for many cars with a gain each.
 
     ::
 
@@ -85,8 +82,7 @@ class DamperLaw(Law):
         self._inner = trapezoidal(first.filter, period)
         shapes = [_shapes(c.bands, period) for c in chosen]
         self._outer = np.array([m for m, _ in shapes]), np.array([n for _, n in shapes])
-        self._limits, self._gains = first.limits, np.array([c.gains for c in chosen])
-        self._least = np.array([c.least for c in chosen])
+        self._limits, self._gain = first.limits, np.array([c.gain for c in chosen])
         frozen, n = self._frozen, len(first.filter[0])
         start = self._bank.force - frozen.rest
         self._past_force = np.repeat(start[:, None], len(frozen.a), axis=1)
@@ -102,20 +98,20 @@ class DamperLaw(Law):
         """(cars,) current."""
         z, v = seen["suspension_deflection"], seen["suspension_velocity"]
         force = self._run_damper(z, v, seen["current"])
-        body, tyre, wheel = self._accelerations(z, seen["tyre_deflection"], force)
-        self._run_weights(body, tyre)
+        strut = self._car.spring_stiffness * z + force - self._preload
+        self._run_weights(-strut / self._car.sprung_mass, self._car.tyre_stiffness * seen["tyre_deflection"])
         about = z + (self._frozen.rest - self._preload) / self._car.spring_stiffness
         x = np.column_stack([about, seen["body_velocity"], seen["tyre_deflection"], seen["wheel_velocity"],
                              self._states, self._drive[:, -1], self._weights])
-        demand = np.einsum("cn,cn->c", self._gain(v), x)
-        rows = self._added_ahead(z, v + self._period * (body - wheel))
+        demand = np.einsum("cn,cn->c", self._gain, x)
+        rows = self._added_ahead(z, v)
         wanted = nearest(rows, self._grid, demand, self._felt)
         self._wanted = np.where(np.abs(v) < DEADBAND, self._wanted, wanted)
-        self._count(rows, demand)
+        self._count(v, rows, demand)
         return self._wanted
 
     def counted(self) -> dict[str, np.ndarray]:
-        """Samples with ρ_v outside its box or a share below the least; with a demand that was not met."""
+        """Samples with ρ_v outside its box; with a demand that could not be met in full."""
         return {"scheduling_outside": self._outside, "demand_not_met": self._short}
 
     # -- states -------------------------------------------------------------------------------------------------------
@@ -141,18 +137,11 @@ class DamperLaw(Law):
                 - np.einsum("cj,j->c", self._past_force, self._frozen.a))
 
     def _added_ahead(self, z: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """(cars, G) what each current would add at the coming sample, at the velocities expected there [N]."""
+        """(cars, G) what each current would add at the coming sample, were the velocity held [N]."""
         frozen = self._frozen
         force = self._bank.ahead(z, v, self._grid, 1) - frozen.rest
         still = self._frozen_past() + frozen.inputs(v) @ frozen.b[0]
         return frozen.settled * (force - still[:, None])
-
-    def _accelerations(self, z: np.ndarray, tyre: np.ndarray, force: np.ndarray
-                       ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(cars,) of the body [m/s²], the tyre's force [N] and the acceleration of the wheel."""
-        p = self._car
-        strut, load = p.spring_stiffness * z + force - self._preload, p.tyre_stiffness * tyre
-        return -strut / p.sprung_mass, load, (strut - load) / p.unsprung_mass
 
     def _run_weights(self, body: np.ndarray, tyre: np.ndarray) -> None:
         shown = np.column_stack([body, tyre])
@@ -160,21 +149,12 @@ class DamperLaw(Law):
         self._weights = np.einsum("cij,cj->ci", m, self._weights) + np.einsum("cij,cj->ci", n, self._shown + shown)
         self._shown = shown
 
-    def _gain(self, v: np.ndarray) -> np.ndarray:
+    def _count(self, v: np.ndarray, rows: np.ndarray, demand: np.ndarray) -> None:
         low, high = self._limits
-        if high <= low:
-            return self._gains[:, 0]
         rho = self._frozen.secant(v)
         self._outside += (rho < low * (1 - 1e-9)) | (rho > high * (1 + 1e-9))
-        share = ((np.clip(rho, low, high) - low) / (high - low))[:, None]
-        return (1 - share) * self._gains[:, 0] + share * self._gains[:, 1]
-
-    def _count(self, rows: np.ndarray, demand: np.ndarray) -> None:
-        given = np.clip(demand, rows.min(axis=1), rows.max(axis=1))
-        asked = np.abs(demand) > SMALL
-        share = np.where(asked, given / np.where(asked, demand, 1.0), 1.0)
-        self._short += share < 1 - 1e-9
-        self._outside += share < self._least - 1e-9
+        short = np.clip(demand, rows.min(axis=1), rows.max(axis=1)) != demand
+        self._short += short & (np.abs(demand) > SMALL)
 
 
 def _shapes(bands: tuple[Band, Band], period: float) -> tuple[np.ndarray, np.ndarray]:

@@ -12,24 +12,25 @@ from lpvid import _checks
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
 from quartercar.controllers.contract import Controller, Law, Setting, Values
-from quartercar.controllers.damper_design import DamperTask, gains_of
+from quartercar.controllers.damper_design import DamperTask, gain_vector
 from quartercar.controllers.damper_law import READS, DamperGain, DamperLaw
-from quartercar.controllers.lpv_hinf import LIMITS, WEIGHTS
+from quartercar.controllers.lpv_hinf import WEIGHTS
 from quartercar.controllers.scheduled import SCALE
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.parameter import Parameter
 from quartercar.plant.weighted import SuspensionWeights
 
-OWN = tuple(p for p in (*WEIGHTS, *LIMITS) if p.name != "nominal_share")
+OWN = tuple(p for p in WEIGHTS if p.name != "nominal_share")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class LpvHinfIdentified(Controller):
-    """u = K(ρ_v) x over car, damper and weights, the current whose added force is nearest to u; K by LPV H-infinity.
+    """u = K x over car, damper and weights, and the current whose added force is nearest to u; K by LPV H-infinity.
 
-    The plant is the car with the identified damper frozen at i_0 and behind the coil's lag the force s u that the
-    current adds (`quartercar.plant.ContinuousDamper`): what vanishing velocity and the coil's limits take of a demand
-    is in s ∈ [least_share, 1], which may jump. The weights are the parameters. Equation sheet 4.3, E2, E9.
+    The plant is the car with the identified damper frozen at i_0 and, behind the coil's lag, the force that the current
+    adds (`quartercar.plant.ContinuousDamper`); K is a dissipative feedback (`lpvid.synthesis.dissipative_feedback`):
+    what vanishing velocity and the coil's limits take of u leaves its bound as it is. The weights are the parameters.
+    Equation sheet 4.3, E9.
 
     Attributes
     ----------
@@ -39,15 +40,18 @@ class LpvHinfIdentified(Controller):
         i_0 [A]; None for the lowest current at which the frozen car is stable.
     order : int or None
         Of the damper in the plant; None for the least that is good enough.
+    back_off : float
+        As in `DissipativeFeedback`.
     """
 
     name: ClassVar[str] = "lpv-hinf-identified"
     title: ClassVar[str] = "LPV H-infinity, identified plant"
-    source: ClassVar[str] = "equation sheet 4.3, E2 and E9"
+    source: ClassVar[str] = "equation sheet 4.3, E9; Scruggs 2007"
 
     lag: float = 0.004
     centre: float | None = None
     order: int | None = None
+    back_off: float = 1.1
 
     def check_settings(self) -> None:
         _checks.positive(self.lag, "lag", "s")
@@ -69,9 +73,8 @@ class LpvHinfIdentified(Controller):
         if setting.damper is None:
             raise InputError("an H-infinity suspension law needs to know the damper", got="a viscous car",
                              mend="give the car a damper model")
-        weights = SuspensionWeights(**{n: v for n, v in values.items() if n != "least_share"})
-        return DamperTask(setting.parameters, setting.damper, setting.currents, weights, values["least_share"],
-                          self.lag, self.centre, self.order)
+        return DamperTask(setting.parameters, setting.damper, setting.currents, SuspensionWeights(**values), self.lag,
+                          self.centre, self.order, self.back_off)
 
     def begin(self, values: Values, setting: Setting) -> Law:
         rows = [{n: float(a[k]) for n, a in values.items()} for k in range(setting.cars)]
@@ -86,8 +89,8 @@ class LpvHinfIdentified(Controller):
         """The controller as it runs, to be stored: needs no synthesis any more."""
         found = gain_of(self.task(self.values, setting))
         return IdentifiedController(damper=found.damper, sample_time=setting.sample_time, centre=found.centre,
-                                    filter=found.filter, bands=found.bands, limits=found.limits, gains=found.gains,
-                                    least=found.least, label=self.title)
+                                    filter=found.filter, bands=found.bands, limits=found.limits, gain_vector=found.gain,
+                                    label=self.title)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -99,7 +102,7 @@ class IdentifiedController(Controller):
     damper : Damper
     sample_time : float
         Of the loop [s]; the damper's own.
-    centre, filter, bands, limits, gains, least
+    centre, filter, bands, limits, gain_vector
         As in `damper_law.DamperGain`.
     label : str
         Name in tables.
@@ -107,7 +110,7 @@ class IdentifiedController(Controller):
 
     name: ClassVar[str] = "identified-plant"
     title: ClassVar[str] = "LPV H-infinity, identified plant"
-    source: ClassVar[str] = "equation sheet 4.3, E2 and E9"
+    source: ClassVar[str] = "equation sheet 4.3, E9; Scruggs 2007"
 
     damper: Damper
     sample_time: float
@@ -115,13 +118,12 @@ class IdentifiedController(Controller):
     filter: tuple[np.ndarray, ...]
     bands: tuple[tuple[float, float, float], tuple[float, float, float]]
     limits: np.ndarray
-    gains: np.ndarray
-    least: float = 0.0
+    gain_vector: np.ndarray
     label: str = ""
 
     def check_settings(self) -> None:
         n = len(np.atleast_2d(self.filter[0]))
-        for name, shape in (("limits", (2,)), ("gains", (2, n + 9))):
+        for name, shape in (("limits", (2,)), ("gain_vector", (n + 9,))):
             array = _checks.shaped(_checks.frozen_array(getattr(self, name), name), shape, name)
             object.__setattr__(self, name, _checks.finite(array, name))
 
@@ -143,7 +145,7 @@ class IdentifiedController(Controller):
                              got=f"{1 / self.sample_time:.6g} Hz against {1 / setting.sample_time:.6g} Hz",
                              mend="design it at the damper's rate")
         return DamperLaw([DamperGain(self.damper, self.centre, self.filter,  # type: ignore[arg-type]
-                                     self.bands, self.limits, g * self.gains, self.least)
+                                     self.bands, self.limits, g * self.gain_vector)
                           for g in values["gain"]], setting)
 
     @classmethod
@@ -154,12 +156,12 @@ class IdentifiedController(Controller):
         bands = [tuple(map(float, band)) for band in given["bands"]]
         return {**given, "damper": model_class(given["damper"]["kind"]).from_dict(given["damper"]),
                 "filter": tuple(np.asarray(m, dtype=float) for m in given["filter"]), "bands": (bands[0], bands[1]),
-                "limits": np.asarray(given["limits"], dtype=float), "gains": np.asarray(given["gains"], dtype=float)}
+                "limits": np.asarray(given["limits"], dtype=float), "gain_vector": np.asarray(given["gain_vector"], dtype=float)}
 
 
 def gain_of(task: DamperTask) -> DamperGain:
     """A designed gain with what it runs on."""
-    limits, gains = gains_of(task)
     bands, plant = task.weights.bands, task.embedding
     return DamperGain(task.damper, plant.frozen.current, plant.matrices,
-                      (bands["body_acceleration"], bands["tyre_force"]), limits, gains, task.least_share)
+                      (bands["body_acceleration"], bands["tyre_force"]), np.array(plant.limits or (0.0, 0.0)),
+                      gain_vector(task))

@@ -9,7 +9,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
@@ -22,24 +21,25 @@ from quartercar.plant.embedding import Embedding, Trajectory, car_states, road_v
 from quartercar.plant.frozen_damper import FrozenDamper, Matrices, filtered
 from quartercar.plant.region import Region
 
-SECANT, SHARE = "secant", "given_share"
+SECANT = "secant"
 
 
 @dataclass(frozen=True, eq=False)
 class ContinuousDamper(Embedding):
-    """Car, damper frozen at i_0 and the force f that the current adds, scheduled on ρ_v and the given share s of f.
+    """Car and damper frozen at i_0, scheduled on ρ_v, with the force f that the current adds as control.
 
     ::
 
         ẋ_d = A_d x_d + (B_v + ρ_v B_w) v_d + B_f f        ρ_v = tanh(v_d/v_0)/v_d
         F   = C_d x_d + (D_v + ρ_v D_w) v_d + D_f f        car: ẋ = A_0 x + B_w ż_r + B_F F
-        τ ḟ = s u − f    (or f = s u without a lag)        s = (force given)/(force demanded) ∈ [0, 1]
+        τ ḟ = u − f    (or f = u without a lag)
 
     `FrozenDamper` defines f, by which the filter is exact for every course of the current; in the terms of E9 f = g r δ.
-    What a demand u meets with is then one number: r runs through zero with the velocity, the current ends at the
-    coil's limits, and in both the nearest force to be had is s u, 0 ≤ s ≤ 1. So no box of r is needed, and s may jump.
-    At s = 0 nothing is commanded and the car with the frozen damper is left: a passive one decreases the energy of
-    masses, springs and damper there, which is a feasible point of every design that asks little enough at s = 0.
+    Of a demand u the damper gives s u with 0 ≤ s ≤ 1: r runs through zero with the velocity, the current ends at the
+    coil's limits, and in both the nearest force to be had is a share of the one demanded. So no box of r is needed; a
+    design keeps its promise for every course of s (`lpvid.synthesis.dissipative_feedback`). At s = 0 the car with the
+    frozen damper is left to itself. Where the damper is passive, the energy of masses, springs and damper decreases
+    there, and the design is feasible.
 
     States are deviations from rest at i_0. Not exact are the bilinear map of the frozen filter, a reduction of it, and
     the lag, which stands for the coil.
@@ -54,8 +54,6 @@ class ContinuousDamper(Embedding):
         τ [s]; 0 for none.
     limits : (float, float) or None
         Of ρ_v [s/m]; `around` finds them.
-    least : float
-        Smallest s.
 
     Examples
     --------
@@ -63,7 +61,7 @@ class ContinuousDamper(Embedding):
     >>> from quartercar.parameters import MEGANE
     >>> plant = ContinuousDamper(MEGANE, FrozenDamper.of(identified_damper(), 0.0), lag=0.004, limits=(1.0, 39.0))
     >>> plant.system.order, plant.system.box.names
-    (7, ('secant', 'given_share'))
+    (7, ('secant',))
     """
 
     number: ClassVar[str] = "E9 continuous"
@@ -74,13 +72,10 @@ class ContinuousDamper(Embedding):
     filter: Matrices | None = None
     lag: float = 0.0
     limits: tuple[float, float] | None = None
-    least: float = 0.0
 
     def __post_init__(self) -> None:
         if not self.lag >= 0:
             raise InputError("the lag of a plant must not be negative", got=f"{self.lag:g} s")
-        if not 0 <= _checks.real(self.least, "least share") < 1:
-            raise InputError("the least share lies between 0 and 1", got=self.least)
 
     @property
     def held(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -94,18 +89,17 @@ class ContinuousDamper(Embedding):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """ρ_v where the velocity is shaped, and s."""
-        return (SECANT, SHARE) if self.frozen.shaped else (SHARE,)
+        """ρ_v where the velocity is shaped."""
+        return (SECANT,) if self.frozen.shaped else ()
 
     @cached_property
     def region(self) -> Region:  # type: ignore[override]
-        low, high = (self.least,), (1.0,)
-        if self.frozen.shaped:
-            if self.limits is None:
-                raise InputError("the secant of the shaped velocity is limited by recorded runs", got="no limits",
-                                 mend=".around(runs)")
-            low, high = (self.limits[0], *low), (self.limits[1], *high)
-        return Region.box(self.names, low, high, "recorded runs, and shares by definition")
+        if not self.frozen.shaped:
+            return Region((), np.zeros((1, 0)), np.zeros((1, 0)), "time-invariant")
+        if self.limits is None:
+            raise InputError("the secant of the shaped velocity is limited by recorded runs", got="no limits",
+                             mend=".around(runs)")
+        return Region.box(self.names, self.limits[:1], self.limits[1:], "recorded runs")
 
     def around(self, runs: Sequence[CarRun] | CarRun, margin: float = 1.1) -> ContinuousDamper:
         """The same with ρ_v between its least value on runs, over a margin, and its largest there is, 1/v_0."""
@@ -117,14 +111,13 @@ class ContinuousDamper(Embedding):
     def system(self) -> LPVStateSpace:  # type: ignore[override]
         car, (a, b, c, d) = bare_car(self.parameters), self.matrices
         n, shaped = len(a), self.frozen.shaped
-        basis = Polynomial(self.names, 1)
-        place = {name: 1 + k for k, name in enumerate(self.names)}
-        m, size, lagged = 1 + len(self.names), 4 + n + (self.lag > 0), self.lag > 0
+        basis = Polynomial(self.names, 1 if shaped else 0)
+        m, size, lagged = 1 + shaped, 4 + n + (self.lag > 0), self.lag > 0
         into = np.zeros((m, 3, size + 1))  # (v, shaped v, f) over states and the demand
         into[0, 0, :4] = SPEED
         if shaped:
-            into[place[SECANT], 1, :4] = SPEED
-        into[(0, 2, size - 1) if lagged else (place[SHARE], 2, size)] = 1.0
+            into[1, 1, :4] = SPEED
+        into[0, 2, size - 1 if lagged else size] = 1.0
         rows = [0, 1, 2] if shaped else [0, 2]
         force = np.einsum("j,mjk->mk", d[0], into[:, rows])
         force[0, 4:4 + n] += c[0]
@@ -134,7 +127,7 @@ class ContinuousDamper(Embedding):
         flow[:, 4:4 + n] = np.einsum("ij,mjk->mik", b, into[:, rows])
         flow[0, 4:4 + n, 4:4 + n] += a
         if lagged:
-            flow[0, -1, size - 1], flow[place[SHARE], -1, size] = -1 / self.lag, 1 / self.lag
+            flow[0, -1, size - 1], flow[0, -1, size] = -1 / self.lag, 1 / self.lag
         out = np.zeros((m, 8, size + 1))
         out[0, :7, :4] = car.C
         out[:, :7] += car.D[:, 1][None, :, None] * force[:, None]
@@ -142,9 +135,8 @@ class ContinuousDamper(Embedding):
         big_b, big_d = np.zeros((m, size, 2)), np.zeros((m, 8, 2))
         big_b[0, :4, 0], big_d[0, :7, 0] = car.B[:, 0], car.D[:, 0]
         big_b[:, :, 1], big_d[:, :, 1] = flow[:, :, size], out[:, :, size]
-        units = ("s/m", "") if shaped else ("",)
         return LPVStateSpace(flow[:, :, :size], big_b, out[:, :, :size], big_d, basis, None,
-                             self.region.scheduling(units),
+                             self.region.scheduling(("s/m",) if shaped else ()),
                              inputs=(Signal("road_velocity", "m/s"), Signal(self.control, "N")),
                              outputs=(*(Signal(s, OUTPUTS[s]) for s in RELATIVE), Signal("damper_force", "N")))
 
@@ -164,7 +156,7 @@ class ContinuousDamper(Embedding):
         return np.column_stack([self.frozen.inputs(v), self.frozen.added(v, run["damper_force"])])
 
     def along(self, run: CarRun) -> Trajectory:
-        """As the base class, with s = 1: the demand is what was given; behind a lag, what gives it at every sample."""
+        """As the base class; the demand is what was given, and behind a lag what gives it at every sample."""
         drive = self.damper_inputs(run)
         inner, _ = filtered(self.matrices, drive, run.sample_time)
         car, f = car_states(run), drive[:, -1]
@@ -174,6 +166,5 @@ class ContinuousDamper(Embedding):
             kept = np.exp(-run.sample_time / self.lag)
             demand = np.append(f[1:] - kept * f[:-1], (1 - kept) * f[-1]) / (1 - kept)
             states.append(f[:, None])
-        share = np.ones((len(f), 1))
-        p = np.hstack([self.frozen.secant(run["suspension_velocity"])[:, None], share]) if self.frozen.shaped else share
+        p = self.frozen.secant(run["suspension_velocity"])[:, None][:, :len(self.names)]
         return Trajectory(np.hstack(states), np.column_stack([road_velocity(run), demand]), p)

@@ -57,7 +57,7 @@ class EmbeddedDamper:
         Largest of the four states' rms errors of a replay in the LPV plant, relative to the rms of each, in free run.
     output_error : float
         Largest error of C(p)x + D(p)u along the runs, as a share of each signal's largest value.
-    share_range : (float, float)
+    authority : (float, float)
         Least and largest F per ampere beside i_0 on the runs, r of E9 [N/A].
     rate : float
         Largest |dρ_v/dt| on the runs, in widths of the range of ρ_v per second.
@@ -73,7 +73,7 @@ class EmbeddedDamper:
     conversion_error: float
     replay_error: dict[str, float]
     output_error: float
-    share_range: tuple[float, float]
+    authority: tuple[float, float]
     rate: float
 
     @property
@@ -89,7 +89,7 @@ class EmbeddedDamper:
                 "reduction_error": self.reduction_error, "conversion_error": self.conversion_error,
                 "band": BAND, "replay_error": self.replay_error, "output_error": self.output_error,
                 "secant": None if self.plant.limits is None else list(self.plant.limits),
-                "given_share": [self.plant.least, 1.0], "force_per_current": list(self.share_range),
+                "force_per_current": list(self.authority),
                 "secant_rate": self.rate}
 
     def __str__(self) -> str:
@@ -100,8 +100,8 @@ class EmbeddedDamper:
         return (f"plant identified: damper about {self.centre:.3g} A, {self.full_order} -> {self.order} states, rms "
                 f"error of the reduction {self.reduction_error:.3g} N{own}, of the conversion to continuous time "
                 f"{self.conversion_error:.2%} up to {BAND:g} Hz\n"
-                f"scheduling {box}given share {self.plant.least:.3g} to 1; on the runs r is {self.share_range[0]:.4g} "
-                f"to {self.share_range[1]:.4g} N/A\n"
+                f"scheduling {box}any share of a demand; on the runs r is {self.authority[0]:.4g} to "
+                f"{self.authority[1]:.4g} N/A\n"
                 f"free-run replay of the nonlinear car: worst state off by {self.replay_error[worst]:.1%} of its rms "
                 f"({worst})")
 
@@ -201,14 +201,12 @@ def _centred(parameters: CarParameters, damper: Damper, currents: tuple[float, f
 
 
 def frozen_stable(plant: ContinuousDamper) -> bool:
-    """Whether damper and car are stable at s = 0 for ρ_v from 0 to 1/v_0, frozen, and the damper alone as well."""
+    """Whether the car is stable without control for ρ_v from 0 to 1/v_0, frozen, and the damper alone as well."""
     if not plant.frozen.stable:
         return False
     tried = replace(plant, limits=(0.0, 1 / plant.frozen.knee)) if plant.frozen.shaped else plant
     box = tried.system.box
-    points = box.grid(17)
-    points[:, -1] = 0.0
-    poles = np.linalg.eigvals(np.tensordot(tried.system.basis.evaluate(points), tried.system.A, axes=1))
+    poles = np.linalg.eigvals(np.tensordot(tried.system.basis.evaluate(box.grid(17)), tried.system.A, axes=1))
     return bool(poles.real.max() < 0)
 
 
