@@ -48,7 +48,7 @@ class DamperTask:
     lag: float = 0.004
     centre: float | None = None
     order: int | None = None
-    back_off: float = 1.1
+    back_off: float = 3.0
 
     def __post_init__(self) -> None:
         _checks.positive(self.lag, "lag", "s")
