@@ -14,8 +14,10 @@ from lpvid.cli.running import SHORTFALL, Results, command, conclude, solvers_unh
 if TYPE_CHECKING:
     from quartercar.controllers.lpv_hinf import LpvHinf
     from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
+    from quartercar.controllers.lpv_hinf_identified import LpvHinfIdentified
     from quartercar.design_config import DesignConfig
     from quartercar.designing import Design
+    from quartercar.designing_identified import IdentifiedDesign
 
 ConfigFile = Annotated[Path | None, typer.Argument(metavar="CONFIG", help="A TOML file; --template prints one. Options "
                                                    "count before it.", show_default=False)]
@@ -24,6 +26,9 @@ ConfigFile = Annotated[Path | None, typer.Argument(metavar="CONFIG", help="A TOM
 @command
 def design(
     config: ConfigFile = None,
+    plant: Annotated[str | None, typer.Option("--plant", metavar="PLANT", help="identified: the damper's own dynamics "
+                                              "(the default where it is an identified transfer function); nominal: "
+                                              "c_nom alone.")] = None,
     template: Annotated[bool, typer.Option("--template", help="Print a commented configuration and stop.")] = False,
     schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of a CONFIG and stop.")] = False,
     tune: Annotated[int | None, typer.Option("--tune", min=0, metavar="N", help="Tune the weights first, with N "
@@ -47,7 +52,8 @@ def design(
         return
     results = Results(out)
     with working("reading") as say, solvers_unheard():
-        chosen = read_design({}) if config is None else load_design(config)
+        own = {} if plant is None else {"plant": plant}
+        chosen = read_design(own) if config is None else load_design(config, plant)
         law = _tuned(chosen, chosen.tune if tune is None else tune, say)
         say("looking for a controller")
         found = designed(chosen.car, law)
@@ -57,7 +63,7 @@ def design(
         raise typer.Exit(SHORTFALL)
 
 
-def _tuned(chosen: DesignConfig, budget: int, say: Callable[[str], None]) -> LpvHinf | LpvHinfClipped:
+def _tuned(chosen: DesignConfig, budget: int, say: Callable[[str], None]) -> LpvHinf | LpvHinfClipped | LpvHinfIdentified:
     """The law, tuned where that was asked for."""
     if not budget:
         return chosen.law
@@ -68,7 +74,7 @@ def _tuned(chosen: DesignConfig, budget: int, say: Callable[[str], None]) -> Lpv
     return chosen.law.with_vector(tune(chosen.law, trial, max(budget, 4), say=say).controller.vector)
 
 
-def _deliver(results: Results, found: Design, say: Callable[[str], None]) -> None:
+def _deliver(results: Results, found: Design | IdentifiedDesign, say: Callable[[str], None]) -> None:
     """Queue the controller, the synthesis, the figures and the report."""
     if not results.kept:
         return

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.condition.segmentation import RATE_TOLERANCE
+from lpvid.errors import InputError
 from quartercar.controllers.contract import DEADBAND, Law, Setting, Signals
 from quartercar.controllers.inverse import nearest
 from quartercar.dampers.contract import Damper
@@ -68,10 +70,20 @@ class DamperLaw(Law):
     chosen : sequence of DamperGain
         One for each car; they differ in bands and gains alone.
     setting : Setting
+
+    Raises
+    ------
+    InputError
+        A loop at another rate than the damper's.
     """
 
     def __init__(self, chosen: Sequence[DamperGain], setting: Setting) -> None:
         first, cars, period = chosen[0], len(chosen), setting.sample_time
+        clock = first.damper.clock
+        if clock is None or abs(period / clock - 1) > RATE_TOLERANCE:
+            raise InputError("a law with the damper's dynamics runs at the damper's rate",
+                             got=f"{1 / period:.6g} Hz against {'none' if clock is None else f'{1 / clock:.6g} Hz'}",
+                             mend="leave the rate of the loop to the damper")
         self._frozen = FrozenDamper.of(first.damper, first.centre)
         self._bank = FilterBank(self._frozen.model, cars)
         self._own, self._period = self._frozen.model.scheduling_stage, period
@@ -89,7 +101,7 @@ class DamperLaw(Law):
         self._past_input = np.zeros((cars, len(frozen.b) - 1, frozen.b.shape[1]))
         self._drive = np.column_stack([np.zeros((cars, frozen.b.shape[1])), start])
         a, b = first.filter[:2]
-        self._states = np.zeros((cars, n)) if not n else np.linalg.solve(-a, b @ self._drive.T).T
+        self._states = np.einsum("ij,cj->ci", np.linalg.solve(-a, b), self._drive) if n else np.zeros((cars, 0))
         self._shown, self._weights = np.zeros((cars, 2)), np.zeros((cars, 4))
         self._wanted = self._felt.copy()
         self._outside, self._short = np.zeros(cars), np.zeros(cars)
@@ -122,7 +134,7 @@ class DamperLaw(Law):
         self._bank.approach(self._felt)
         self._bank.commit(z, v)
         own, u = self._bank.force - frozen.rest, frozen.inputs(v)
-        added = frozen.settled * (own - self._frozen_past() - u @ frozen.b[0])
+        added = frozen.settled * (own - self._frozen_past() - np.einsum("ci,i->c", u, frozen.b[0]))
         self._past_force = _pushed(self._past_force, own)
         self._past_input = _pushed(self._past_input, u)
         drive = np.column_stack([u, added])
@@ -140,7 +152,7 @@ class DamperLaw(Law):
         """(cars, G) what each current would add at the coming sample, were the velocity held [N]."""
         frozen = self._frozen
         force = self._bank.ahead(z, v, self._grid, 1) - frozen.rest
-        still = self._frozen_past() + frozen.inputs(v) @ frozen.b[0]
+        still = self._frozen_past() + np.einsum("ci,i->c", frozen.inputs(v), frozen.b[0])
         return frozen.settled * (force - still[:, None])
 
     def _run_weights(self, body: np.ndarray, tyre: np.ndarray) -> None:

@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from lpvid import _checks
-from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
 from quartercar.controllers.contract import Controller, Law, Setting, Values
 from quartercar.controllers.damper_design import DamperTask, gain_vector
@@ -90,8 +89,7 @@ class LpvHinfIdentified(Controller):
     def designed(self, setting: Setting) -> IdentifiedController:
         """The controller as it runs, to be stored: needs no synthesis any more."""
         found = gain_of(self.task(self.values, setting))
-        return IdentifiedController(damper=found.damper, sample_time=setting.sample_time, centre=found.centre,
-                                    filter=found.filter, bands=found.bands, limits=found.limits, gain_vector=found.gain,
+        return IdentifiedController(damper=found.damper, centre=found.centre, filter=found.filter, bands=found.bands, limits=found.limits, gain_vector=found.gain,
                                     label=self.title)
 
 
@@ -102,8 +100,6 @@ class IdentifiedController(Controller):
     Attributes
     ----------
     damper : Damper
-    sample_time : float
-        Of the loop [s]; the damper's own.
     centre, filter, bands, limits, gain_vector
         As in `damper_law.DamperGain`.
     label : str
@@ -115,7 +111,6 @@ class IdentifiedController(Controller):
     source: ClassVar[str] = "equation sheet 4.3, E9; Scruggs 2007"
 
     damper: Damper
-    sample_time: float
     centre: float
     filter: tuple[np.ndarray, ...]
     bands: tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -142,10 +137,6 @@ class IdentifiedController(Controller):
         return "current"
 
     def begin(self, values: Values, setting: Setting) -> Law:
-        if abs(setting.sample_time / self.sample_time - 1) > RATE_TOLERANCE:
-            raise InputError("the controller runs at another rate than the loop",
-                             got=f"{1 / self.sample_time:.6g} Hz against {1 / setting.sample_time:.6g} Hz",
-                             mend="design it at the damper's rate")
         return DamperLaw([DamperGain(self.damper, self.centre, self.filter,  # type: ignore[arg-type]
                                      self.bands, self.limits, g * self.gain_vector)
                           for g in values["gain"]], setting)

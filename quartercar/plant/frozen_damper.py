@@ -61,7 +61,7 @@ class FrozenDamper:
             Another kind of damper; one that reads the displacement, or no current.
         """
         model = filter_of(damper)
-        if model is None:
+        if not isinstance(model, LPVTransferFunction):
             raise InputError("the plant with the damper's dynamics needs an identified transfer function",
                              got=f"'{damper.name}'", mend="lpv-arx, or plant = \"nominal\"")
         names = [s.name for s in model.inputs]
