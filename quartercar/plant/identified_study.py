@@ -27,7 +27,7 @@ CENTRES = 26
 """currents that are tried as i_0, over the coil's range"""
 REDUCED = 0.3
 """largest error of a reduced filter as a share of the model's own: the two together are then 4 % above it"""
-DURATION = 6.0
+DURATION = 4.0
 """of each run [s]"""
 STEPS = 0.05
 """for which a random current is held [s]"""
@@ -97,9 +97,10 @@ class EmbeddedDamper:
         box = "" if self.plant.limits is None else (
             f"rho_v {self.plant.limits[0]:.3g} to {self.plant.limits[1]:.3g} s/m, ")
         worst = max(self.replay_error, key=self.replay_error.__getitem__)
-        return (f"plant identified: damper about {self.centre:.3g} A, {self.full_order} -> {self.order} states, rms "
-                f"error of the reduction {self.reduction_error:.3g} N{own}, of the conversion to continuous time "
-                f"{self.conversion_error:.2%} up to {BAND:g} Hz\n"
+        states = f"{self.order} states as identified" if self.order == self.full_order else (
+            f"{self.full_order} -> {self.order} states, rms error of the reduction {self.reduction_error:.3g} N{own}")
+        return (f"plant identified: damper about {self.centre:.3g} A, {states}; error of the conversion to continuous "
+                f"time {self.conversion_error:.2%} up to {BAND:g} Hz\n"
                 f"scheduling {box}any share of a demand; on the runs r is {self.authority[0]:.4g} to "
                 f"{self.authority[1]:.4g} N/A\n"
                 f"free-run replay of the nonlinear car: worst state off by {self.replay_error[worst]:.1%} of its rms "
