@@ -4,28 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.synthesis.result import Synthesis
 from quartercar.car import QuarterCar
-from quartercar.controllers.contract import Controller, Setting
+from quartercar.controllers.contract import Setting
 from quartercar.controllers.lpv_hinf import LpvHinf
 from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
 from quartercar.controllers.scheduled import ScheduledController
+from quartercar.controllers.lpv_hinf_identified import LpvHinfIdentified
 from quartercar.controllers.suspension_design import Task, admissible, nodes_of, synthesized
 from quartercar.dampers.contract import Damper
+from quartercar.design_figures import FREQUENCIES, SHOWN, names_of, over_bump
+from quartercar.designing_identified import IdentifiedDesign, design_identified
 from quartercar.linear_car import LinearCar
 from quartercar.plant.car_part import passive_sense
 from quartercar.ride_roads import Bump
-from quartercar.riding import Ride, RideSettings, ride
-
-SHOWN = ("body_acceleration", "tyre_force", "suspension_deflection")
-"""Signals whose frozen gains are drawn."""
-FREQUENCIES = np.geomspace(0.3, 30.0, 160)
-"""[Hz]"""
+from quartercar.riding import Ride, RideSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +45,11 @@ class Design:
     task: Task
     synthesis: Synthesis
     setting: Setting
+
+    baseline = "c_nom alone"
+    shares = "The share ρ of the demand that the damper gives frozen at values over its range; dashed: the nominal " \
+             "damping alone."
+    plant_rows: ClassVar[tuple[tuple[str, str], ...]] = ()
 
     @cached_property
     def controller(self) -> ScheduledController:
@@ -86,12 +89,7 @@ class Design:
 
     def bump(self, settings: RideSettings | None = None, road: Bump | None = None) -> tuple[Ride, Ride]:
         """The nonlinear car over a bump: under the controller, and passive at the lowest current."""
-        from quartercar.controllers.passive import Passive
-
-        road = road or Bump(duration=2.5)
-        laws: list[Controller] = [self.controller, Passive(values={"fixed_current": self.car.coil.lowest})]
-        with_law, passive = (ride(self.car, road, law, 0, settings) for law in laws)
-        return with_law, passive
+        return over_bump(self.car, self.controller, settings, road)
 
     @property
     def verdict(self) -> str:
@@ -100,8 +98,8 @@ class Design:
         if not s.solved:
             return f"No controller: {s.why}. Mend: {s.mend}."
         where = "on the whole scheduling box" if s.between_grid else "at grid points only"
-        return (f"{self.law.title}: gain from {', '.join(_names(s, 'inputs'))} to {', '.join(_names(s, 'outputs'))} at "
-                f"most {s.gamma_verified:.4g}, verified {where}; c_nom {self.task.nominal_damping:.0f} N*s/m, command "
+        return (f"{self.law.title}: gain from {names_of(s, 'inputs')} to {names_of(s, 'outputs')} at most "
+                f"{s.gamma_verified:.4g}, verified {where}; c_nom {self.task.nominal_damping:.0f} N*s/m, command "
                 f"{self.car.coil.lowest:g} to {self.car.coil.highest:g} {self._unit}.")
 
     @property
@@ -114,33 +112,55 @@ class Design:
         """Of the command: what schedules the damper."""
         return "A" if self.car.damper is None else self.car.damper.current_unit
 
+    @property
+    def facts(self) -> tuple[tuple[str, str], ...]:
+        """Name and value, for the head of a report."""
+        return (("law", self.law.title), ("measured", self.law.measured), ("plant", "nominal"),
+                ("c_nom", f"{self.task.nominal_damping:.0f} N*s/m"), ("loop", f"{1 / self.setting.sample_time:.6g} Hz"))
+
+    @property
+    def caveats(self) -> tuple[str, ...]:
+        """What the verdict does not cover."""
+        lines = []
+        if self.synthesis.solved and not self.synthesis.between_grid:
+            lines.append("The gain is verified at points of a grid of the scheduling only.")
+        if self.law.measured == "observed":
+            lines.append("The gain is that of the loop with the car's own states; the observer is not in it.")
+        if self.task.least_share is None:
+            lines.append("The design knows nothing of the damper's limits; the bound holds while no demand is clipped.")
+        elif self.task.least_share > 0:
+            lines.append(f"The bound holds while the damper gives at least {self.task.least_share:.0%} of each demand.")
+        return tuple(lines)
+
     def to_dict(self) -> dict[str, Any]:
         """synthesis.json."""
         data = self.synthesis.to_dict()
         return {"schema": "quartercar/design/1", "summary": self.verdict, **data, "law": self.law.to_dict(),
+                "plant": {"kind": "nominal", "nominal_damping": self.task.nominal_damping},
                 "nominal_damping": self.task.nominal_damping, "command": self._command,
-                "sample_time": self.setting.sample_time, "measured": self.law.measured, "criterion": self.law.criterion}
+                "sample_time": self.setting.sample_time, "measured": self.law.measured,
+                "criterion": self.law.criterion}
 
     def __str__(self) -> str:
         return f"{self.verdict}\n{self.synthesis!r}\n{self.law!r}"
 
 
-def design(car: QuarterCar, law: LpvHinf | LpvHinfClipped | None = None,
-           settings: RideSettings | None = None) -> Design:
+def design(car: QuarterCar, law: LpvHinf | LpvHinfClipped | LpvHinfIdentified | None = None,
+           settings: RideSettings | None = None) -> Design | IdentifiedDesign:
     """Design a controller for a car with a semi-active damper.
 
     Parameters
     ----------
     car : QuarterCar
         With a damper model and a coil whose limits are finite.
-    law : LpvHinf or LpvHinfClipped, optional
-        Its parameters are the weights; `LpvHinf()` if left out.
+    law : LpvHinf, LpvHinfClipped or LpvHinfIdentified, optional
+        Its parameters are the weights, and its kind decides the plant; `LpvHinf()` if left out.
     settings : RideSettings, optional
         For the loop's rate and the designer's models.
 
     Returns
     -------
-    Design
+    Design or IdentifiedDesign
         A synthesis that fails comes back with its verdict.
 
     Raises
@@ -156,6 +176,8 @@ def design(car: QuarterCar, law: LpvHinf | LpvHinfClipped | None = None,
         passive_sense(damper)
         _commanded(damper, currents)
     setting = Setting(settings.period(car), 1, settings.parameters or car.parameters, damper, currents)
+    if isinstance(law, LpvHinfIdentified):
+        return design_identified(car, law, setting)
     task = law.task(law.values, setting)
     return Design(car, law, task, synthesized(task), setting)
 
@@ -172,6 +194,3 @@ def _commanded(damper: Damper, currents: tuple[float, float]) -> None:
                          "command", got=f"currents from {currents[0]:g} to {currents[1]:g} {unit}",
                          mend="fit a model that depends on the current")
 
-
-def _names(synthesis: Synthesis, which: str) -> tuple[str, ...]:
-    return tuple(s.name for s in getattr(synthesis.closed_loop, which))

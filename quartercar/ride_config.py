@@ -29,7 +29,10 @@ STATIC_COIL = (0.005, 0.010)
 """rise and fall time of a coil whose damper model has no lag of its own [s]"""
 HIGHEST = 2.5
 """of the command where the damper knows no range of its own [A]"""
-DEFAULT_LAWS = tuple(name for name, _, _ in LAWS if name != "scheduled")
+LAW_NAMES = tuple(name for name, _, _ in LAWS if name not in ("scheduled", "identified-plant"))
+"""laws that need no file"""
+DEFAULT_LAWS = tuple(name for name in LAW_NAMES if name != "lpv-hinf-identified")
+"""those that every damper admits"""
 UNITS: Mapping[str, str] = {"speed": "m/s", "duration": "s", "height": "m", "length": "m", "amplitude": "m",
                             "lowest": "Hz", "highest": "Hz", "stiffness": "N/m", "compression": "m", "rebound": "m",
                             "rise_time": "s", "fall_time": "s"}
@@ -261,7 +264,7 @@ def _law(table: Mapping[str, Any], where: str, folder: Path) -> tuple[str, Contr
                              mend="a controller file that `quartercar design` wrote")
         label = str(table.get("name", Path(str(table["file"])).stem))
     else:
-        name = _checks.known_name(str(table.get("law", "")), DEFAULT_LAWS, f"law of {where}")
+        name = _checks.known_name(str(table.get("law", "")), LAW_NAMES, f"law of {where}")
         law, label = law_class(name)(), str(table.get("name", name))
     units = {p.name: p.unit for p in law.parameters}
     for key in rest:

@@ -194,14 +194,17 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
 
 def _proven(criterion: Criterion, problem: ShapedProblem, shaped: Shaped, loop: LPVStateSpace, promised: float
             ) -> Figure | None:
-    """The promise of a gain, by the design's own storage function; None where that does not prove it on the box."""
+    """The promise of a gain, by the design's own storage function; None where that does not prove it on the box.
+
+    A bound that was asked for is kept to the last digit, or left to the analysis.
+    """
     own, basis = problem.storage_of(shaped), problem.storage
     if own is None or basis is None or not isinstance(criterion, HInfinity):
         return None
     unit = promised if any(isinstance(c, H2) for c in problem.criteria) else 1.0  # V is then measured in |w|²
     part = channel(loop, *criterion.indices(problem.plant))
     found = own_certificate(lambda points: unit * own(points), basis, part, promised, KEPT)
-    if found is None or not found.between_grid:
+    if found is None or not found.between_grid or (criterion.bound is not None and found.gamma > criterion.bound):
         return None
     system = driven(part)
     lower = largest_frozen_norm(system, found.box)[0]

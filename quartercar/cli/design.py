@@ -15,8 +15,10 @@ from lpvid.errors import InputError
 if TYPE_CHECKING:
     from quartercar.controllers.lpv_hinf import LpvHinf
     from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
+    from quartercar.controllers.lpv_hinf_identified import LpvHinfIdentified
     from quartercar.design_config import DesignConfig
     from quartercar.designing import Design
+    from quartercar.designing_identified import IdentifiedDesign
 
 ConfigFile = Annotated[Path | None, typer.Argument(metavar="CONFIG", help="A TOML file; --template prints one. Options "
                                                    "count before it.", show_default=False)]
@@ -28,6 +30,9 @@ def design(
     car: Annotated[str | None, typer.Option("--car", metavar="NAME", help="Parameter set of the car.")] = None,
     damper: Annotated[Path | None, typer.Option("--damper", metavar="FILE", help="A model.json of lpvid identify, or a "
                                                 "damper that fit wrote; left out: the embedded one.")] = None,
+    plant: Annotated[str | None, typer.Option("--plant", metavar="PLANT", help="identified: the damper's own dynamics "
+                                              "(the default where it is an identified transfer function); nominal: "
+                                              "c_nom alone.")] = None,
     template: Annotated[bool, typer.Option("--template", help="Print a commented configuration and stop.")] = False,
     schema: Annotated[bool, typer.Option("--schema", help="Print the JSON schema of a CONFIG and stop.")] = False,
     tune: Annotated[int | None, typer.Option("--tune", min=0, metavar="N", help="Tune the weights first, with N "
@@ -52,7 +57,10 @@ def design(
     results = Results(out)
     with working("reading") as say, solvers_unheard():
         given = _table(car, damper, config)
-        chosen = read_design(given) if config is None else load_design(config)
+        if config is None:
+            chosen = read_design(given if plant is None else {**given, "plant": plant})
+        else:
+            chosen = load_design(config, plant)
         law = _tuned(chosen, chosen.tune if tune is None else tune, say)
         say("looking for a controller")
         found = designed(chosen.car, law)
@@ -71,7 +79,8 @@ def _table(car: str | None, damper: Path | None, config: Path | None) -> dict[st
     return given
 
 
-def _tuned(chosen: DesignConfig, budget: int, say: Callable[[str], None]) -> LpvHinf | LpvHinfClipped:
+def _tuned(chosen: DesignConfig, budget: int,
+           say: Callable[[str], None]) -> LpvHinf | LpvHinfClipped | LpvHinfIdentified:
     """The law, tuned where that was asked for."""
     if not budget:
         return chosen.law
@@ -82,7 +91,7 @@ def _tuned(chosen: DesignConfig, budget: int, say: Callable[[str], None]) -> Lpv
     return chosen.law.with_vector(tune(chosen.law, trial, max(budget, 4), say=say).controller.vector)
 
 
-def _deliver(results: Results, found: Design, say: Callable[[str], None]) -> None:
+def _deliver(results: Results, found: Design | IdentifiedDesign, say: Callable[[str], None]) -> None:
     """Queue the controller, the synthesis, the figures and the report."""
     if not results.kept:
         return

@@ -23,7 +23,9 @@ LAWS: tuple[tuple[str, str, str], ...] = (
     ("clipped-optimal", "quartercar.controllers.clipped_optimal", "ClippedOptimal"),
     ("lpv-hinf-clipped", "quartercar.controllers.lpv_hinf_clipped", "LpvHinfClipped"),
     ("lpv-hinf", "quartercar.controllers.lpv_hinf", "LpvHinf"),
+    ("lpv-hinf-identified", "quartercar.controllers.lpv_hinf_identified", "LpvHinfIdentified"),
     ("scheduled", "quartercar.controllers.scheduled", "ScheduledController"),
+    ("identified-plant", "quartercar.controllers.lpv_hinf_identified", "IdentifiedController"),
 )
 """Every law by its name on the command line: name, module, class. A new law adds its line here."""
 

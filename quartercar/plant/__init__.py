@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from quartercar.plant.admissible import AdmissibleForce
     from quartercar.plant.embedding import Embedding, replay
+    from quartercar.plant.frozen_damper import FrozenDamper
     from quartercar.plant.identified import IdentifiedDamper
+    from quartercar.plant.identified_continuous import ContinuousDamper
     from quartercar.plant.identified_ramp import RampedDamper
     from quartercar.plant.limited_pair import LimitedPair
     from quartercar.plant.nominal_force import LimitedForce, NominalForce
@@ -28,16 +30,17 @@ if TYPE_CHECKING:
     from quartercar.plant.yielding import Reach, YieldingLaw
 
 _EXPORTS = {"admissible": ("AdmissibleForce",), "embedding": ("Embedding", "replay"),
-            "identified": ("IdentifiedDamper",), "identified_ramp": ("RampedDamper",), "limited_pair": ("LimitedPair",),
+            "frozen_damper": ("FrozenDamper",), "identified": ("IdentifiedDamper",),
+            "identified_continuous": ("ContinuousDamper",), "identified_ramp": ("RampedDamper",), "limited_pair": ("LimitedPair",),
             "nominal_force": ("LimitedForce", "NominalForce"), "prefilter": ("Prefiltered", "prefiltered"),
             "region": ("Region",), "saturation_pair": ("SaturationPair",), "speed_scheduled": ("SpeedScheduled",),
             "strip": ("pair_box", "pair_hull"), "variable_damping": ("VariableDamping",),
             "yielding": ("Reach", "YieldingLaw")}
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
-__all__ = ["AdmissibleForce", "Embedding", "IdentifiedDamper", "LimitedForce", "LimitedPair", "NominalForce",
-           "Prefiltered", "RampedDamper", "Reach", "Region", "SaturationPair", "SpeedScheduled", "VariableDamping",
-           "YieldingLaw", "pair_box", "pair_hull", "prefiltered", "replay"]
+__all__ = ["AdmissibleForce", "ContinuousDamper", "Embedding", "FrozenDamper", "IdentifiedDamper", "LimitedForce",
+           "LimitedPair", "NominalForce", "Prefiltered", "RampedDamper", "Reach", "Region", "SaturationPair",
+           "SpeedScheduled", "VariableDamping", "YieldingLaw", "pair_box", "pair_hull", "prefiltered", "replay"]
 
 
 def __getattr__(name: str) -> Any:

@@ -7,18 +7,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid.plot.style import CYCLE, INK, SCALE, label, look, panels
-from quartercar.designing import FREQUENCIES, SHOWN, Design
+from quartercar.design_figures import FREQUENCIES, SHOWN
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from quartercar.designing import Design
+    from quartercar.designing_identified import IdentifiedDesign
     from quartercar.riding import Ride
 
 TITLES = {"body_acceleration": ("body acceleration", "1/s²"), "tyre_force": ("tyre force", "N/m"),
           "suspension_deflection": ("stroke", "1")}
 
 
-def weights(found: Design) -> Figure:
+def weights(found: Design | IdentifiedDesign) -> Figure:
     """Modulus of the weights on acceleration and tyre force over frequency."""
     with look():
         figure, axes = panels(1, 2, height=2.4)
@@ -32,15 +34,15 @@ def weights(found: Design) -> Figure:
     return figure
 
 
-def gains(found: Design) -> Figure:
-    """Gains from the road with the scheduling frozen at values over its range, against c_nom alone."""
+def gains(found: Design | IdentifiedDesign) -> Figure:
+    """Gains from the road with the scheduling frozen at values over its range, against the car without control."""
     from matplotlib import colormaps
 
     with look():
         figure, axes = panels(1, 3, height=3.0)
         colours = colormaps[SCALE](np.linspace(0.05, 0.85, len(found.gains)))
         for ax, signal in zip(axes[0], SHOWN, strict=True):
-            ax.loglog(FREQUENCIES, found.passive_gains[signal], color=INK, linestyle="--", label="c_nom alone")
+            ax.loglog(FREQUENCIES, found.passive_gains[signal], color=INK, linestyle="--", label=found.baseline)
             for colour, (share, curves) in zip(colours, found.gains, strict=True):
                 ax.loglog(FREQUENCIES, curves[signal], color=colour, label=f"ρ = {share:.2g}")
             name, unit = TITLES[signal]
