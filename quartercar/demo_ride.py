@@ -1,4 +1,4 @@
-"""The last step of the demo: a scheduled controller is designed, verified, and driven against what practice uses."""
+"""The last step of the demo: the model it identified in the plant of a controller, verified and driven beside others."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 from lpvid.report import Section
 
 if TYPE_CHECKING:
-    from quartercar.designing import Design
+    from lpvid.model.transfer_function import LPVTransferFunction
+    from quartercar.designing_identified import IdentifiedDesign
     from quartercar.ride_comparison import RideComparison
 
 RATE = 20.0
@@ -26,11 +27,11 @@ class DemoRide:
 
     Attributes
     ----------
-    design : Design
+    design : IdentifiedDesign
     rides : RideComparison
     """
 
-    design: Design
+    design: IdentifiedDesign
     rides: RideComparison
 
     @property
@@ -62,29 +63,38 @@ class DemoRide:
         return Section("A controller, and its ride", tuple(items))
 
 
-def design_and_ride(seed: int = 0, say: Callable[[str], None] = lambda text: None) -> DemoRide:
-    """Design an LPV controller for the identified damper and drive it over a rough road and a bump.
+def design_and_ride(model: LPVTransferFunction, seed: int = 0,
+                    say: Callable[[str], None] = lambda text: None) -> DemoRide:
+    """Design an LPV controller with the identified damper's dynamics in the plant, and drive it over two roads.
 
     Parameters
     ----------
+    model : LPVTransferFunction
+        As identified: the car's damper, and that of the plant.
     seed : int
         Of roads and noise.
     say : callable
         Told what is being done.
     """
     from quartercar.car import BumpStops, Coil, QuarterCar
+    from quartercar.car_damper import current_limits
     from quartercar.controllers import law_class
+    from quartercar.controllers.lpv_hinf_identified import LpvHinfIdentified
+    from quartercar.dampers.identified import Identified
     from quartercar.designing import design
-    from quartercar.embedded import identified_damper
+    from quartercar.designing_identified import IdentifiedDesign
     from quartercar.parameters import MEGANE
     from quartercar.ride_comparison import compare_rides
     from quartercar.ride_roads import Bump, IsoRoad
 
-    car = QuarterCar(MEGANE, identified_damper(), BumpStops(), Coil(highest=2.5))
-    say("designing a scheduled controller")
-    found = design(car)
+    damper = Identified.of(model, "the model of the demo")
+    low, high = current_limits(damper, 2.5)
+    car = QuarterCar(MEGANE, damper, BumpStops(), Coil(lowest=low, highest=high))
+    say("designing a controller for the identified plant")
+    found = design(car, LpvHinfIdentified())
+    assert isinstance(found, IdentifiedDesign)
     laws = {name: law_class(name)() for name in ("passive", "skyhook-linear", "sh-add")}
     if found.synthesis.solved:
-        laws["lpv-hinf"] = found.controller
+        laws["lpv-hinf-identified"] = found.controller
     rides = compare_rides(car, (IsoRoad("C", RATE, DURATION), Bump()), laws, range(seed, seed + SEEDS), say=say)
     return DemoRide(found, rides)

@@ -284,6 +284,6 @@ def _force_per_current(plant: ContinuousDamper, runs: Sequence[CarRun]) -> tuple
         inside = np.abs(away) > 0.1 * max(float(np.abs(away).max()), 1e-9)
         if inside.any():
             f = plant.frozen.added(run["suspension_velocity"], run["damper_force"])
-            found.append((f[inside] / away[inside]))
+            found.append(f[inside] / away[inside])
     every = np.concatenate(found) if found else np.zeros(1)
     return float(every.min()), float(every.max())

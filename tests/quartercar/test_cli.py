@@ -168,9 +168,9 @@ def test_demo_controller_keeps_its_promise(short_demo):
     assert told["design"]["gamma_lower"] <= told["design"]["gamma_verified"]
     rides = json.loads((folder / "ride.json").read_text())
     assert {(r["controller"], r["road"].split(",")[0]) for r in rides["rides"]} >= {
-        (name, road) for name in ("passive", "skyhook-linear", "sh-add", "lpv-hinf")
+        (name, road) for name in ("passive", "skyhook-linear", "sh-add", "lpv-hinf-identified")
         for road in ("ISO C", "bump 50 mm x 2 m")}
-    assert lpv.load(folder / "controller.json").to_dict() == rides["controllers"]["lpv-hinf"]
+    assert lpv.load(folder / "controller.json").to_dict() == rides["controllers"]["lpv-hinf-identified"]
 
 
 def test_demo_figures_are_those_of_the_model(short_demo):
