@@ -34,6 +34,8 @@ STRICT = 1e-9
 """margin of the inequalities, in balanced units; what is reported is checked apart from it."""
 SHARPER = 1.001
 """factor above the least bound at which a solver's matrix is checked: it holds the least one to its accuracy only."""
+TIE = 1e-3
+"""weight of tr PΣ, Σ of trace one, beside γ²: without it P has no upper limit where no disturbance drives a state."""
 UNSEEN = 1e-6
 """share of the mean state's weight that a state gets which nothing excites, so that P is bounded there"""
 
@@ -103,18 +105,18 @@ class DissipativeFeedback:
             return replace(fault, seconds=time.perf_counter() - started)
         units = Units.of(at)
         scaled, excited = units.apply(at), at.B2[0] @ np.linalg.inv(root)
-        spread = averaged_gramian(at.A, np.concatenate([at.B1, np.broadcast_to(excited, at.B2.shape)], axis=2), False)
-        spread = spread / np.outer(units.states, units.states)
-        spread = spread / np.trace(spread) + UNSEEN / len(spread) * np.eye(len(spread))
+        driven_by = np.concatenate([at.B1, np.broadcast_to(excited, at.B2.shape)], axis=2)
+        covariance = averaged_gramian(at.A, driven_by, False)
+        spread = _normal(covariance, units)
         least, tried = np.inf, 0
-        for rough, _ in _least(scaled):
+        for rough, _ in _least(scaled, spread):
             least = min(least, rough)
             gamma = self.back_off * rough
             for storage, solver in _tightest(scaled, gamma, spread):
                 tried += 1
                 p = storage / np.outer(units.states, units.states)
                 gain = -np.linalg.solve(root.T @ root, at.B2[0].T @ p)
-                found = _judged(plant, p, gain, reading, gamma)
+                found = _judged(plant, p, gain, reading, gamma, covariance)
                 if found is not None:
                     return replace(found, infimum=rough, solver=solver, seconds=time.perf_counter() - started)
         seconds = time.perf_counter() - started
@@ -183,12 +185,12 @@ def _bounded(program: Program, p: Affine, scaled: PlantMatrices, level: Affine |
                         margin=STRICT)
 
 
-def _least(scaled: PlantMatrices) -> Iterator[tuple[float, np.ndarray]]:
-    """γ below which a constant P proves nothing, and that P, as one solver after the other has it."""
+def _least(scaled: PlantMatrices, spread: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
+    """γ about the least that a constant P proves, and that P, as one solver after the other has it."""
     program, p = _program(scaled)
     level = program.unknowns.scalar()
     _bounded(program, p, scaled, level)
-    program.minimise(level)
+    program.minimise(level + TIE * _weighed(p, spread))
     for found in program.solve(solvers=PATIENT):
         value = float(found[level][0, 0])
         if value > 0:
@@ -199,25 +201,29 @@ def _tightest(scaled: PlantMatrices, gamma: float, spread: np.ndarray) -> Iterat
     """(P, solver) of the least tr PΣ at a bound."""
     program, p = _program(scaled)
     _bounded(program, p, scaled, gamma**2 * np.eye(scaled.B1.shape[2]))
-    goal = None
-    for i in range(len(spread)):
-        e = np.zeros((1, len(spread)))
-        e[0, i] = 1.0
-        part = e @ p @ (spread[:, i:i + 1])
-        goal = part if goal is None else goal + part
-    program.minimise(goal)
+    program.minimise(_weighed(p, spread))
     for found in program.solve(solvers=PATIENT):
         yield 0.5 * (found[p] + found[p].T), found.solver
 
 
-def _judged(plant: GeneralizedPlant, p: np.ndarray, gain: np.ndarray, reading: np.ndarray, gamma: float
-            ) -> Synthesis | None:
+def _weighed(p: Affine, spread: np.ndarray) -> Affine:
+    """(1, 1) tr PΣ."""
+    eye = np.eye(len(spread))
+    parts = [eye[i:i + 1] @ p @ spread[:, i:i + 1] for i in range(len(spread))]
+    total = parts[0]
+    for part in parts[1:]:
+        total = total + part
+    return total
+
+
+def _judged(plant: GeneralizedPlant, p: np.ndarray, gain: np.ndarray, reading: np.ndarray, gamma: float,
+            spread: np.ndarray) -> Synthesis | None:
     """The controller with its loop, if the storage function proves the bound for every share; None where not."""
     loop = _loop(plant, gain)
     found = _proof(p, loop, gamma)
     if found is None:
         return None
-    better = _sharpened(plant, loop)
+    better = _sharpened(plant, loop, spread)
     found = better if better is not None and better.gamma < found.gamma else found
     k = gain @ reading
     controller = LPVStateSpace(np.zeros((1, 0, 0)), np.zeros((1, 0, k.shape[1])), np.zeros((1, len(k), 0)), k[None],
@@ -241,18 +247,24 @@ def _proof(p: np.ndarray, loop: LPVStateSpace, gamma: float) -> GainCertificate 
                            KEPT)
 
 
-def _sharpened(plant: GeneralizedPlant, loop: LPVStateSpace) -> GainCertificate | None:
+def _sharpened(plant: GeneralizedPlant, loop: LPVStateSpace, spread: np.ndarray) -> GainCertificate | None:
     """The least bound that a constant storage function of the loop itself proves; None for none."""
     points = tensor(design_axes(loop.box, 3, is_affine(loop.basis)))
     a, b, c, d = (np.array(m) for m in zip(*(loop.frozen(x) for x in points), strict=True))
     idle = replace(plant.at(np.repeat(plant.box.centre[None], len(points), axis=0)), A=a, B1=b, C1=c, D11=d)
     units = Units.of(idle)
     whole = units.apply(idle)
-    for gamma, p in _least(whole):
+    for gamma, p in _least(whole, _normal(spread, units)):
         found = _proof(p / np.outer(units.states, units.states), loop, gamma * SHARPER)
         if found is not None:
             return found
     return None
+
+
+def _normal(covariance: np.ndarray, units: Units) -> np.ndarray:
+    """Σ of the states in balanced units, of trace one, with a floor."""
+    spread = covariance / np.outer(units.states, units.states)
+    return spread / np.trace(spread) + UNSEEN / len(spread) * np.eye(len(spread))
 
 
 def _loop(plant: GeneralizedPlant, gain: np.ndarray) -> LPVStateSpace:

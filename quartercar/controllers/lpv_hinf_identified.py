@@ -11,7 +11,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 from quartercar.controllers.contract import Controller, Law, Setting, Values
-from quartercar.controllers.damper_design import DamperTask, gain_vector
+from quartercar.controllers.damper_design import DamperTask, feasible, gain_vector
 from quartercar.controllers.damper_law import READS, DamperGain, DamperLaw
 from quartercar.controllers.lpv_hinf import WEIGHTS
 from quartercar.controllers.scheduled import SCALE
@@ -153,7 +153,8 @@ class IdentifiedController(Controller):
 
 
 def gain_of(task: DamperTask) -> DamperGain:
-    """A designed gain with what it runs on."""
+    """A designed gain with what it runs on, for the largest box that admits one."""
+    task = feasible(task)
     bands, plant = task.weights.bands, task.embedding
     return DamperGain(task.damper, plant.frozen.current, plant.matrices,
                       (bands["body_acceleration"], bands["tyre_force"]), np.array(plant.limits or (0.0, 0.0)),
