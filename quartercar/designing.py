@@ -14,8 +14,8 @@ from quartercar.car import QuarterCar
 from quartercar.controllers.contract import Setting
 from quartercar.controllers.lpv_hinf import LpvHinf
 from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
-from quartercar.controllers.scheduled import ScheduledController
 from quartercar.controllers.lpv_hinf_identified import LpvHinfIdentified
+from quartercar.controllers.scheduled import ScheduledController
 from quartercar.controllers.suspension_design import Task, admissible, nodes_of, synthesized
 from quartercar.dampers.contract import Damper
 from quartercar.design_figures import FREQUENCIES, SHOWN, names_of, over_bump

@@ -1,4 +1,4 @@
-"""IdentifiedDesign: a suspension controller on the plant with the damper's own dynamics, and what it was shown to do."""
+"""IdentifiedDesign: a suspension controller on the plant with the damper's own dynamics, and what it was shown to."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ class IdentifiedDesign:
     setting: Setting
 
     baseline = "nothing given"
-    shares = "Share of the demand frozen at values from 0 to 1, the shaped velocity's secant at that of 0.2 m/s; dashed: " \
-             "the frozen damper alone."
+    shares = "Share of the demand frozen at values from 0 to 1, the secant of the shaped velocity at 0.2 m/s; " \
+             "dashed: the frozen damper alone."
 
     @property
     def plant(self) -> EmbeddedDamper:
@@ -115,8 +115,8 @@ class IdentifiedDesign:
             v = self.plant.slowest(self.task.slow)
             lines.append(f"The bound covers suspension velocities above {v:.3g} m/s; {self.plant.slower(v):.0%} of the "
                          "samples on the runs are slower, and no storage function was found that covers them.")
-        lines.append("The gain is that of the loop with the car's own states; the observer is not in it, and the coil is "
-                     f"a lag of {1e3 * self.task.lag:.3g} ms.")
+        lines.append("The gain is that of the loop with the car's own states; the observer is not in it, and the coil "
+                     f"is a lag of {1e3 * self.task.lag:.3g} ms.")
         return tuple(lines)
 
     @property
@@ -139,9 +139,10 @@ class IdentifiedDesign:
     def to_dict(self) -> dict[str, Any]:
         """synthesis.json."""
         data = self.synthesis.to_dict()
+        plant = {**self.plant.to_dict(), "designed_secant": self.task.embedding.limits,
+                 "slow_share_left_out": self.task.slow}
         return {"schema": "quartercar/design/1", "summary": self.verdict, **data, "law": self.law.to_dict(),
-                "plant": {**self.plant.to_dict(), "designed_secant": self.task.embedding.limits,
-                                                 "slow_share_left_out": self.task.slow}, "sample_time": self.setting.sample_time, "measured": "observed",
+                "plant": plant, "sample_time": self.setting.sample_time, "measured": "observed",
                 "criterion": "hinf"}
 
     def __str__(self) -> str:

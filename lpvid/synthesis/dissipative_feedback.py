@@ -51,9 +51,9 @@ class DissipativeFeedback:
         [ He(PA) + C1ᵀC1    PB1 + C1ᵀD11 ]
         [ ⋆                 D11ᵀD11 − γ²I ] ≺ 0 on the box         (‖z‖ ≤ γ‖w‖ without control)
 
-    With V = xᵀPx the control adds −(2s − s²) xᵀPB2 R⁻¹ B2ᵀPx ≤ 0 to V̇ + |z|² − γ²|w|², whatever s does: the bound of the
-    plant left to itself is kept for every course of s (up to s = 2), and so is the mean square tr B1ᵀPB1 for white w
-    where D11 = 0. It is the steepest descent of V that the effort allows (Tseng & Hedrick 1994, Vehicle System Dynamics
+    With V = xᵀPx the control adds −(2s − s²) xᵀPB2 R⁻¹ B2ᵀPx ≤ 0 to V̇ + |z|² − γ²|w|², whatever s does: the bound
+    of the plant left to itself is kept for every course of s (up to s = 2), and so is the mean square tr B1ᵀPB1 for
+    white w where D11 = 0. It is the steepest descent of V that the effort allows (Tseng & Hedrick 1994, Vehicle System Dynamics
     23, 545-569; Scruggs, Taflanidis & Iwan 2007, Struct. Control Health Monit. 14, 1101-1120). γ cannot be less than
     that of the plant alone, since s may be zero throughout; what the control brings shows where it is given.
 
@@ -89,8 +89,8 @@ class DissipativeFeedback:
     points: int = 7
 
     def __post_init__(self) -> None:
-        if not _checks.real(self.back_off, "back_off") > 1:
-            raise InputError("back_off must be above 1", got=self.back_off, why="it multiplies the least gain")
+        if not _checks.real(self.back_off, "back_off") >= 1:
+            raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain")
         _checks.count(self.points, "points of a design grid", at_least=2)
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
@@ -161,9 +161,9 @@ def _left_alone(plant: GeneralizedPlant, at: PlantMatrices, points: np.ndarray) 
     if margins[worst] < 0:
         return None
     where = ", ".join(f"{n} = {v:.4g}" for n, v in zip(plant.box.names, points[worst], strict=True)) or "everywhere"
-    return Synthesis("unstabilisable", why=f"at {where} a mode of the plant grows by {margins[worst]:.3g} 1/s where none "
-                     "of the control is given", mend="a plant that is stable by itself, or StateFeedback for a control "
-                     "that is always given", method=_method(points))
+    return Synthesis("unstabilisable", why=f"at {where} a mode of the plant grows by {margins[worst]:.3g} 1/s where "
+                     "none of the control is given", mend="a plant that is stable by itself, or StateFeedback for a "
+                     "control that is always given", method=_method(points))
 
 
 def _program(scaled: PlantMatrices) -> tuple[Program, Affine]:
@@ -278,7 +278,7 @@ def _loop(plant: GeneralizedPlant, gain: np.ndarray) -> LPVStateSpace:
     if not places:
         raise InputError("a dissipative feedback needs a constant among the basis functions",
                          got=", ".join(s.basis.labels), mend="a Polynomial basis")
-    own = Polynomial(SHARE, 1)
+    own = Polynomial((SHARE,), 1)
     parts = []
     for matrix, added in ((s.A, at.B2 @ gain), (s.B[:, :, w], None), (s.C[:, z], at.D12 @ gain),
                           (s.D[:, z][:, :, w], None)):
@@ -292,7 +292,8 @@ def _loop(plant: GeneralizedPlant, gain: np.ndarray) -> LPVStateSpace:
     basis = Product(s.basis, own) if s.basis.names else own
     if not s.basis.names:
         parts = [x[:2] for x in parts]
-    return LPVStateSpace(*parts, basis, None, scheduling, inputs=named(plant, plant.disturbances),
+    a, b, c, d = parts
+    return LPVStateSpace(a, b, c, d, basis, None, scheduling, inputs=named(plant, plant.disturbances),
                          outputs=named(plant, plant.performance))
 
 

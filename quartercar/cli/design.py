@@ -63,7 +63,8 @@ def design(
         raise typer.Exit(SHORTFALL)
 
 
-def _tuned(chosen: DesignConfig, budget: int, say: Callable[[str], None]) -> LpvHinf | LpvHinfClipped | LpvHinfIdentified:
+def _tuned(chosen: DesignConfig, budget: int,
+           say: Callable[[str], None]) -> LpvHinf | LpvHinfClipped | LpvHinfIdentified:
     """The law, tuned where that was asked for."""
     if not budget:
         return chosen.law

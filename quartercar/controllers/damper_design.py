@@ -1,4 +1,4 @@
-"""From weights to a gain over car and damper: the plant with the damper's own dynamics, a dissipative state feedback."""
+"""From weights to a gain over car and damper: the plant with the damper's own dynamics, a dissipative feedback."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from quartercar.parameters import CarParameters
 from quartercar.plant.identified_continuous import ContinuousDamper
 from quartercar.plant.identified_study import EmbeddedDamper, study
 from quartercar.plant.weighted import SuspensionWeights, WeightedCar
-
 
 SLOW = (0.0, 1e-3, 1e-2)
 """shares of the mean square velocity below which the box of ρ_v may end, tried in turn"""
@@ -44,7 +43,7 @@ class DamperTask:
     back_off : float
         As in `DissipativeFeedback`.
     slow : float
-        Share of the mean square velocity, on runs, that the box of ρ_v leaves out below (`EmbeddedDamper.without_slow`).
+        Share of the runs' mean square velocity below the box of ρ_v (`EmbeddedDamper.without_slow`).
     """
 
     parameters: CarParameters

@@ -89,8 +89,8 @@ class LpvHinfIdentified(Controller):
     def designed(self, setting: Setting) -> IdentifiedController:
         """The controller as it runs, to be stored: needs no synthesis any more."""
         found = gain_of(self.task(self.values, setting))
-        return IdentifiedController(damper=found.damper, centre=found.centre, filter=found.filter, bands=found.bands, limits=found.limits, gain_vector=found.gain,
-                                    label=self.title)
+        return IdentifiedController(damper=found.damper, centre=found.centre, filter=found.filter, bands=found.bands,
+                                    limits=found.limits, gain_vector=found.gain, label=self.title)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -149,7 +149,7 @@ class IdentifiedController(Controller):
         bands = [tuple(map(float, band)) for band in given["bands"]]
         return {**given, "damper": model_class(given["damper"]["kind"]).from_dict(given["damper"]),
                 "filter": tuple(np.asarray(m, dtype=float) for m in given["filter"]), "bands": (bands[0], bands[1]),
-                "limits": np.asarray(given["limits"], dtype=float), "gain_vector": np.asarray(given["gain_vector"], dtype=float)}
+                **{n: np.asarray(given[n], dtype=float) for n in ("limits", "gain_vector")}}
 
 
 def gain_of(task: DamperTask) -> DamperGain:

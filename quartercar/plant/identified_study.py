@@ -93,7 +93,8 @@ class EmbeddedDamper:
         if not share or self.plant.limits is None:
             return self.plant
         low, high = self.plant.limits
-        return replace(self.plant, limits=(low, min(high, float(self.plant.frozen.secant(self.slowest(share))))))
+        secant = float(self.plant.frozen.secant(np.array(self.slowest(share))))
+        return replace(self.plant, limits=(low, min(high, secant)))
 
     def slowest(self, share: float) -> float:
         """Velocity below which the runs have a share of their mean square [m/s]."""
@@ -163,8 +164,9 @@ def study(parameters: CarParameters, damper: Damper, currents: tuple[float, floa
     rate = max(float(np.abs(np.diff(plant.frozen.secant(r["suspension_velocity"]))).max()) / r.sample_time
                for r in listed)
     width = np.ptp(plant.limits) if plant.limits is not None else 1.0
+    replays = {n: replay_error(plant, r) for n, r in runs.items() if "random" in n}
     return EmbeddedDamper(plant, currents, plant.frozen.order, len(reduced[0]), values, fit, error,
-                          conversion_error(plant.frozen), {n: replay_error(plant, r) for n, r in runs.items() if "random" in n},
+                          conversion_error(plant.frozen), replays,
                           max(output_gap(plant, run) for run in listed), _force_per_current(plant, listed),
                           rate / float(width),
                           np.sort(np.abs(np.concatenate([r["suspension_velocity"] for r in listed]))))
@@ -308,6 +310,6 @@ def _force_per_current(plant: ContinuousDamper, runs: Sequence[CarRun]) -> tuple
         inside = np.abs(away) > 0.1 * max(float(np.abs(away).max()), 1e-9)
         if inside.any():
             f = plant.frozen.added(run["suspension_velocity"], run["damper_force"])
-            found.append((f[inside] / away[inside]))
+            found.append(f[inside] / away[inside])
     every = np.concatenate(found) if found else np.zeros(1)
     return float(every.min()), float(every.max())

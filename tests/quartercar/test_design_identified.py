@@ -147,8 +147,9 @@ def test_the_plant_follows_from_damper_and_keys() -> None:
 
 
 @pytest.mark.parametrize("table, says", [
-    ({"plant": "linear"}, "plant must be one of"), ({"plant": "identified", "law": "lpv-hinf"}, "belongs to the nominal"),
-    ({"plant": "identified", "weights": {"relief": 0.5}}, "no weight of lpv-hinf-identified|unknown|relief")])
+    ({"plant": "linear"}, "plant must be one of"),
+    ({"plant": "identified", "law": "lpv-hinf"}, "belongs to the nominal"),
+    ({"plant": "identified", "weights": {"relief": 0.5}}, "weight of lpv-hinf-identified")])
 def test_plants_at_fault(table: dict, says: str) -> None:
     with pytest.raises(InputError, match=says):
         read_design(table)
