@@ -208,7 +208,7 @@ def design_schema() -> dict[str, Any]:
     Examples
     --------
     >>> len(design_schema()["oneOf"])
-    6
+    7
     """
     number = {"type": ["number", "string"], "description": "SI, or text with a unit"}
     names = {"type": ["array", "string"], "items": {"type": "string"}}

@@ -53,9 +53,9 @@ class DissipativeFeedback:
 
     With V = xᵀPx the control adds −(2s − s²) xᵀPB2 R⁻¹ B2ᵀPx ≤ 0 to V̇ + |z|² − γ²|w|², whatever s does: the bound
     of the plant left to itself is kept for every course of s (up to s = 2), and so is the mean square tr B1ᵀPB1 for
-    white w where D11 = 0. It is the steepest descent of V that the effort allows (Tseng & Hedrick 1994, Vehicle System Dynamics
-    23, 545-569; Scruggs, Taflanidis & Iwan 2007, Struct. Control Health Monit. 14, 1101-1120). γ cannot be less than
-    that of the plant alone, since s may be zero throughout; what the control brings shows where it is given.
+    white w where D11 = 0. It is the steepest descent of V that the effort allows (Tseng & Hedrick 1994, Vehicle System
+    Dynamics 23, 545-569; Scruggs, Taflanidis & Iwan 2007, Struct. Control Health Monit. 14, 1101-1120). γ cannot be
+    less than that of the plant alone, since s may be zero throughout; what the control brings shows where it is given.
 
     Among all P that keep γ the one with the least tr PΣ is taken, Σ the covariance of the states for white disturbances
     and controls (each control by R^(−1/2)): the tightest on what the plant does.
