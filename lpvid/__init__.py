@@ -81,6 +81,7 @@ if TYPE_CHECKING:
     from lpvid.synthesis.anti_windup import anti_windup, back_calculation
     from lpvid.synthesis.criteria import H2, Cone, Disc, HalfPlane, HInfinity
     from lpvid.synthesis.discretising import discretise, to_continuous
+    from lpvid.synthesis.dissipative_feedback import DissipativeFeedback
     from lpvid.synthesis.filters import steadied
     from lpvid.synthesis.forms import from_lft, to_affine, to_gridded, to_lft, to_polynomial, to_polytopic
     from lpvid.synthesis.generalized_plant import GeneralizedPlant
@@ -169,6 +170,7 @@ _EXPORTS = {
     "lpvid.synthesis.anti_windup": ("anti_windup", "back_calculation"),
     "lpvid.synthesis.criteria": ("Cone", "Disc", "H2", "HInfinity", "HalfPlane"),
     "lpvid.synthesis.discretising": ("discretise", "to_continuous"),
+    "lpvid.synthesis.dissipative_feedback": ("DissipativeFeedback",),
     "lpvid.synthesis.filters": ("steadied",),
     "lpvid.synthesis.forms": ("from_lft", "to_affine", "to_gridded", "to_lft", "to_polynomial", "to_polytopic"),
     "lpvid.synthesis.generalized_plant": ("GeneralizedPlant",),
@@ -194,12 +196,12 @@ _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
     "ARMAX", "ARX", "H2", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "CanonicalForm",
-    "Channel", "Compliance", "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "Effect", "Euler", "ExtendedModel",
-    "ExtrapolationWarning", "Filter", "FormRefit", "Fourier", "Gain", "GainCertificate", "Gap", "GeneralizedPlant",
-    "HInfinity", "HalfPlane", "Identification", "InputError", "LFTFeedback", "LFTModel", "LPVStateSpace",
-    "LPVTransferFunction", "LpvError", "ModelComparison", "MultiObjective", "NumericalError", "Observer",
-    "OutputError", "OutputFeedback", "Passive", "PassivityCertificate", "PassivityMargin", "Polynomial", "Product",
-    "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain",
+    "Channel", "Compliance", "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "DissipativeFeedback", "Effect",
+    "Euler", "ExtendedModel", "ExtrapolationWarning", "Filter", "FormRefit", "Fourier", "Gain", "GainCertificate",
+    "Gap", "GeneralizedPlant", "HInfinity", "HalfPlane", "Identification", "InputError", "LFTFeedback", "LFTModel",
+    "LPVStateSpace", "LPVTransferFunction", "LpvError", "ModelComparison", "MultiObjective", "NumericalError",
+    "Observer", "OutputError", "OutputFeedback", "Passive", "PassivityCertificate", "PassivityMargin", "Polynomial",
+    "Product", "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain",
     "Scheduling", "Selection", "Shifted", "Signal", "Simulation", "Spline", "StabilityCertificate", "Stacked",
     "StateFeedback", "StateSpaceError", "Subspace", "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin",
     "Validation", "Verification", "ZeroOrderHold", "anti_windup", "append", "audit", "back_calculation",

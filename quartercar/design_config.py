@@ -137,9 +137,10 @@ def design_schema() -> dict[str, Any]:
     """
     weights = {p.name: {**quantity_schema(f"{p.says} [{p.unit or '1'}]"), "default": p.default}
                for p in LpvHinf().parameters}
-    words: dict[str, Any] = {"plant": {"enum": list(PLANTS), "description": "identified where left out and the damper "
-                                       "has an identified transfer function"}} | {k: {"enum": list(known), "default": "observed" if k == "measured" else known[0]}
-             for k, known in WORDS.items()}
+    words: dict[str, Any] = {k: {"enum": list(known), "default": "observed" if k == "measured" else known[0]}
+                             for k, known in WORDS.items()}
+    words["plant"] = {"enum": list(PLANTS), "description": "identified where left out, the damper has an identified "
+                                                           "transfer function and no key is of the nominal plant"}
     numbers = {"type": "object", "additionalProperties": {"type": ["number", "string"]}}
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "suspension controller design",
             "type": "object", "additionalProperties": False,

@@ -1,4 +1,4 @@
-"""IdentifiedDesign: a suspension controller on the plant with the damper's own dynamics, and what it was shown to do."""
+"""IdentifiedDesign: a suspension controller on the plant with the damper's own dynamics, and what it was shown to."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from lpvid.synthesis.result import Synthesis
 from quartercar.car import QuarterCar
 from quartercar.controllers.contract import Setting
-from quartercar.controllers.damper_design import DamperTask, gain_vector, synthesized_gain
+from quartercar.controllers.damper_design import DamperTask, feasible, gain_vector, synthesized_gain
 from quartercar.controllers.lpv_hinf_identified import IdentifiedController, LpvHinfIdentified
 from quartercar.design_figures import FREQUENCIES, SHOWN, names_of, over_bump
 from quartercar.plant.identified_study import BAND, EmbeddedDamper
@@ -45,8 +45,8 @@ class IdentifiedDesign:
     setting: Setting
 
     baseline = "nothing given"
-    shares = "Share of the demand frozen at values from 0 to 1, the shaped velocity's secant at that of 0.2 m/s; dashed: " \
-             "the frozen damper alone."
+    shares = "Share of the demand frozen at values from 0 to 1, the secant of the shaped velocity at 0.2 m/s; " \
+             "dashed: the frozen damper alone."
 
     @property
     def plant(self) -> EmbeddedDamper:
@@ -95,9 +95,10 @@ class IdentifiedDesign:
         if not s.solved:
             return f"No controller: {s.why}. Mend: {s.mend}."
         where = "on the whole scheduling box" if s.between_grid else "at grid points only"
+        slow = f", velocities above {self.plant.slowest(self.task.slow):.3g} m/s" if self.task.slow else ""
         return (f"{self.law.title}: gain from {names_of(s, 'inputs')} to {names_of(s, 'outputs')} at most "
                 f"{s.gamma_verified:.4g} whatever share of the demand is given, verified {where}; damper about "
-                f"{self.plant.centre:.3g} A with {self.plant.order} of {self.plant.full_order} states.")
+                f"{self.plant.centre:.3g} A with {self.plant.order} of {self.plant.full_order} states{slow}.")
 
     @property
     def facts(self) -> tuple[tuple[str, str], ...]:
@@ -110,8 +111,12 @@ class IdentifiedDesign:
         """What the verdict does not cover."""
         lines = [] if not self.synthesis.solved or self.synthesis.between_grid else [
             "The gain is verified at points of a grid of the scheduling only."]
-        lines.append("The gain is that of the loop with the car's own states; the observer is not in it, and the coil is "
-                     f"a lag of {1e3 * self.task.lag:.3g} ms.")
+        if self.task.slow:
+            v = self.plant.slowest(self.task.slow)
+            lines.append(f"The bound covers suspension velocities above {v:.3g} m/s; {self.plant.slower(v):.0%} of the "
+                         "samples on the runs are slower, and no storage function was found that covers them.")
+        lines.append("The gain is that of the loop with the car's own states; the observer is not in it, and the coil "
+                     f"is a lag of {1e3 * self.task.lag:.3g} ms.")
         return tuple(lines)
 
     @property
@@ -119,7 +124,8 @@ class IdentifiedDesign:
         """What was embedded and what it costs, for a table."""
         p = self.plant
         own = "unknown" if p.fit_error is None else f"{p.fit_error:.3g} N"
-        box = "none" if p.plant.limits is None else f"{p.plant.limits[0]:.3g} to {p.plant.limits[1]:.3g} s/m"
+        limits = self.task.embedding.limits
+        box = "none" if limits is None else f"{limits[0]:.3g} to {limits[1]:.3g} s/m"
         replays = tuple((f"free-run replay of the nonlinear car, {n}", f"{e:.2%}") for n, e in p.replay_error.items())
         return (("damper frozen at", f"{p.centre:.3g} A"), ("states, identified", str(p.full_order)),
                 ("states, in the plant", str(p.order)),
@@ -133,8 +139,10 @@ class IdentifiedDesign:
     def to_dict(self) -> dict[str, Any]:
         """synthesis.json."""
         data = self.synthesis.to_dict()
+        plant = {**self.plant.to_dict(), "designed_secant": self.task.embedding.limits,
+                 "slow_share_left_out": self.task.slow}
         return {"schema": "quartercar/design/1", "summary": self.verdict, **data, "law": self.law.to_dict(),
-                "plant": self.plant.to_dict(), "sample_time": self.setting.sample_time, "measured": "observed",
+                "plant": plant, "sample_time": self.setting.sample_time, "measured": "observed",
                 "criterion": "hinf"}
 
     def __str__(self) -> str:
@@ -149,5 +157,5 @@ def design_identified(car: QuarterCar, law: LpvHinfIdentified, setting: Setting)
     InputError
         A damper that cannot be embedded (`quartercar.plant.identified_study.study`).
     """
-    task = law.task(law.values, setting)
+    task = feasible(law.task(law.values, setting))
     return IdentifiedDesign(car, law, task, synthesized_gain(task), setting)

@@ -46,9 +46,9 @@ def design_page(found: Design | IdentifiedDesign, figures: Sequence[Drawn], ride
     sections = [Section("What was asked for", (asked, drawn["weights"]))]
     if found.plant_rows:
         sections.append(Section("The plant", (Table(("", ""), found.plant_rows, "The identified damper in the car: one "
-                                                    "filter about a frozen current, and the force that the current adds "
-                                                    "as control. Replays in free run, against the nonlinear car, as "
-                                                    "shares of the rms of the worst state."),)))
+                                                    "filter about a frozen current, and the force that the current "
+                                                    "adds as control. Replays in free run, against the nonlinear car, "
+                                                    "as shares of the rms of the worst state."),)))
     shown = (("verdict", s.verdict), ("promised by the inequalities", number(s.gamma)),
              ("verified of the closed loop", number(s.gamma_verified)), ("reached at some frozen scheduling",
                                                                          number(s.gamma_lower)),

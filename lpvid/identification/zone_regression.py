@@ -86,16 +86,12 @@ def regress_zones(records: Sequence[Record], input: str = "velocity", output: st
     [0.04, 0.02]
     """
     degree = _checks.count(degree, "degree")
-    span = np.ptp(np.concatenate([r[variable] for r in records])) or 1.0
-    groups: dict[float, list[Record]] = {}
-    for record in records:
-        if np.ptp(record[variable]) <= STILL * span:
-            groups.setdefault(round(float(record[variable].mean() / span), 5), []).append(record)
+    groups = _levels(records, variable)
     if len(groups) <= max(degree, 1):
         raise InputError(f"a regression of degree {max(degree, 1)} over '{variable}' needs {max(degree, 1) + 1} levels "
                          "at which it stands still", got=f"{len(groups)}",
                          mend="add records at constant levels, or use stage='three-zone', which needs none")
-    levels = np.array([g * span for g in sorted(groups)])
+    levels = np.array(sorted(groups))
     samples = [tuple(np.concatenate([r[c] for r in groups[g]]) for c in (input, output)) for g in sorted(groups)]
     limits = np.array([_limit(v, f) for v, f in samples])
     limit = np.polynomial.polynomial.polyfit(levels, limits, 1)
@@ -106,6 +102,31 @@ def regress_zones(records: Sequence[Record], input: str = "velocity", output: st
     stage = ZoneLines(tuple(limit.tolist()), fit[0][0], fit[1][0], fit[2][0], fit[0][1], fit[2][1])
     return ZoneRegression(tuple(levels.tolist()), tuple(limits.tolist()),
                           tuple(tuple((float(m), float(c)) for m, c in row) for row in lines), stage)
+
+
+def _levels(records: Sequence[Record], variable: str) -> dict[float, list[Record]]:
+    """Records at which the scheduling stands still, by their mean level.
+
+    It stands still where it scatters about its mean by less than half of the way to the next level: what a sensor's
+    noise adds does not blur the levels then. Records that move more are passed over, the most scattered first.
+    """
+    still = sorted(records, key=lambda r: float(np.std(r[variable])))
+    span = float(np.ptp(np.concatenate([r[variable] for r in records]))) or 1.0
+    found: dict[float, list[Record]] = {}
+    for record in still:
+        mean, spread = float(np.mean(record[variable])), float(np.std(record[variable]))
+        if spread > 0.5 * span:
+            continue
+        nearest = min(found, key=lambda level: abs(level - mean), default=None)
+        if nearest is not None and abs(nearest - mean) <= max(2.0 * spread, STILL * span):
+            if spread <= STILL * span or spread <= 2.0 * max(float(np.std(r[variable])) for r in found[nearest]):
+                found[nearest].append(record)
+            continue
+        others = [abs(level - mean) for level in found]
+        if others and spread > 0.5 * min(others):
+            continue
+        found[mean] = [record]
+    return found
 
 
 def _limit(v: np.ndarray, force: np.ndarray) -> float:

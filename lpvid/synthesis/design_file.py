@@ -9,6 +9,7 @@ from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.scheduling import Polynomial
 from lpvid.synthesis.criteria import H2, Cone, Disc, HalfPlane, HInfinity, Region
+from lpvid.synthesis.dissipative_feedback import DissipativeFeedback
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.lft_synthesis import LFTFeedback
 from lpvid.synthesis.multiobjective import MultiObjective
@@ -23,6 +24,7 @@ DESIGNS: Mapping[str, tuple[type, tuple[str, ...]]] = {
     "output-feedback": (OutputFeedback, ("lyapunov_degree", "varying", "strictly_proper", "regions", "bound",
                                          "back_off", "points")),
     "state-feedback": (StateFeedback, ("criteria", "regions", "lyapunov_degree", "back_off", "points")),
+    "dissipative-feedback": (DissipativeFeedback, ("back_off", "points")),
     "multi-objective": (MultiObjective, ("criteria", "regions", "feedthrough", "back_off", "points")),
     "observer": (Observer, ("criteria", "regions", "lyapunov_degree", "back_off", "points")),
     "filter": (Filter, ("criteria", "regions", "feedthrough", "back_off", "points")),
@@ -206,7 +208,7 @@ def design_schema() -> dict[str, Any]:
     Examples
     --------
     >>> len(design_schema()["oneOf"])
-    6
+    7
     """
     number = {"type": ["number", "string"], "description": "SI, or text with a unit"}
     names = {"type": ["array", "string"], "items": {"type": "string"}}

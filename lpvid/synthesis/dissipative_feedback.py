@@ -34,6 +34,8 @@ STRICT = 1e-9
 """margin of the inequalities, in balanced units; what is reported is checked apart from it."""
 SHARPER = 1.001
 """factor above the least bound at which a solver's matrix is checked: it holds the least one to its accuracy only."""
+TIE = 1e-3
+"""weight of tr PΣ, Σ of trace one, beside γ²: without it P has no upper limit where no disturbance drives a state."""
 UNSEEN = 1e-6
 """share of the mean state's weight that a state gets which nothing excites, so that P is bounded there"""
 
@@ -49,11 +51,11 @@ class DissipativeFeedback:
         [ He(PA) + C1ᵀC1    PB1 + C1ᵀD11 ]
         [ ⋆                 D11ᵀD11 − γ²I ] ≺ 0 on the box         (‖z‖ ≤ γ‖w‖ without control)
 
-    With V = xᵀPx the control adds −(2s − s²) xᵀPB2 R⁻¹ B2ᵀPx ≤ 0 to V̇ + |z|² − γ²|w|², whatever s does: the bound of the
-    plant left to itself is kept for every course of s (up to s = 2), and so is the mean square tr B1ᵀPB1 for white w
-    where D11 = 0. It is the steepest descent of V that the effort allows (Tseng & Hedrick 1994, Vehicle System Dynamics
-    23, 545-569; Scruggs, Taflanidis & Iwan 2007, Struct. Control Health Monit. 14, 1101-1120). γ cannot be less than
-    that of the plant alone, since s may be zero throughout; what the control brings shows where it is given.
+    With V = xᵀPx the control adds −(2s − s²) xᵀPB2 R⁻¹ B2ᵀPx ≤ 0 to V̇ + |z|² − γ²|w|², whatever s does: the bound
+    of the plant left to itself is kept for every course of s (up to s = 2), and so is the mean square tr B1ᵀPB1 for
+    white w where D11 = 0. It is the steepest descent of V that the effort allows (Tseng & Hedrick 1994, Vehicle System
+    Dynamics 23, 545-569; Scruggs, Taflanidis & Iwan 2007, Struct. Control Health Monit. 14, 1101-1120). γ cannot be
+    less than that of the plant alone, since s may be zero throughout; what the control brings shows where it is given.
 
     Among all P that keep γ the one with the least tr PΣ is taken, Σ the covariance of the states for white disturbances
     and controls (each control by R^(−1/2)): the tightest on what the plant does.
@@ -87,8 +89,8 @@ class DissipativeFeedback:
     points: int = 7
 
     def __post_init__(self) -> None:
-        if not _checks.real(self.back_off, "back_off") > 1:
-            raise InputError("back_off must be above 1", got=self.back_off, why="it multiplies the least gain")
+        if not _checks.real(self.back_off, "back_off") >= 1:
+            raise InputError("back_off must be at least 1", got=self.back_off, why="it multiplies the least gain")
         _checks.count(self.points, "points of a design grid", at_least=2)
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
@@ -103,18 +105,18 @@ class DissipativeFeedback:
             return replace(fault, seconds=time.perf_counter() - started)
         units = Units.of(at)
         scaled, excited = units.apply(at), at.B2[0] @ np.linalg.inv(root)
-        spread = averaged_gramian(at.A, np.concatenate([at.B1, np.broadcast_to(excited, at.B2.shape)], axis=2), False)
-        spread = spread / np.outer(units.states, units.states)
-        spread = spread / np.trace(spread) + UNSEEN / len(spread) * np.eye(len(spread))
+        driven_by = np.concatenate([at.B1, np.broadcast_to(excited, at.B2.shape)], axis=2)
+        covariance = averaged_gramian(at.A, driven_by, False)
+        spread = _normal(covariance, units)
         least, tried = np.inf, 0
-        for rough, _ in _least(scaled):
+        for rough, _ in _least(scaled, spread):
             least = min(least, rough)
             gamma = self.back_off * rough
             for storage, solver in _tightest(scaled, gamma, spread):
                 tried += 1
                 p = storage / np.outer(units.states, units.states)
                 gain = -np.linalg.solve(root.T @ root, at.B2[0].T @ p)
-                found = _judged(plant, p, gain, reading, gamma)
+                found = _judged(plant, p, gain, reading, gamma, covariance)
                 if found is not None:
                     return replace(found, infimum=rough, solver=solver, seconds=time.perf_counter() - started)
         seconds = time.perf_counter() - started
@@ -159,9 +161,9 @@ def _left_alone(plant: GeneralizedPlant, at: PlantMatrices, points: np.ndarray) 
     if margins[worst] < 0:
         return None
     where = ", ".join(f"{n} = {v:.4g}" for n, v in zip(plant.box.names, points[worst], strict=True)) or "everywhere"
-    return Synthesis("unstabilisable", why=f"at {where} a mode of the plant grows by {margins[worst]:.3g} 1/s where none "
-                     "of the control is given", mend="a plant that is stable by itself, or StateFeedback for a control "
-                     "that is always given", method=_method(points))
+    return Synthesis("unstabilisable", why=f"at {where} a mode of the plant grows by {margins[worst]:.3g} 1/s where "
+                     "none of the control is given", mend="a plant that is stable by itself, or StateFeedback for a "
+                     "control that is always given", method=_method(points))
 
 
 def _program(scaled: PlantMatrices) -> tuple[Program, Affine]:
@@ -183,12 +185,12 @@ def _bounded(program: Program, p: Affine, scaled: PlantMatrices, level: Affine |
                         margin=STRICT)
 
 
-def _least(scaled: PlantMatrices) -> Iterator[tuple[float, np.ndarray]]:
-    """γ below which a constant P proves nothing, and that P, as one solver after the other has it."""
+def _least(scaled: PlantMatrices, spread: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
+    """γ about the least that a constant P proves, and that P, as one solver after the other has it."""
     program, p = _program(scaled)
     level = program.unknowns.scalar()
     _bounded(program, p, scaled, level)
-    program.minimise(level)
+    program.minimise(level + TIE * _weighed(p, spread))
     for found in program.solve(solvers=PATIENT):
         value = float(found[level][0, 0])
         if value > 0:
@@ -199,25 +201,29 @@ def _tightest(scaled: PlantMatrices, gamma: float, spread: np.ndarray) -> Iterat
     """(P, solver) of the least tr PΣ at a bound."""
     program, p = _program(scaled)
     _bounded(program, p, scaled, gamma**2 * np.eye(scaled.B1.shape[2]))
-    goal = None
-    for i in range(len(spread)):
-        e = np.zeros((1, len(spread)))
-        e[0, i] = 1.0
-        part = e @ p @ (spread[:, i:i + 1])
-        goal = part if goal is None else goal + part
-    program.minimise(goal)
+    program.minimise(_weighed(p, spread))
     for found in program.solve(solvers=PATIENT):
         yield 0.5 * (found[p] + found[p].T), found.solver
 
 
-def _judged(plant: GeneralizedPlant, p: np.ndarray, gain: np.ndarray, reading: np.ndarray, gamma: float
-            ) -> Synthesis | None:
+def _weighed(p: Affine, spread: np.ndarray) -> Affine:
+    """(1, 1) tr PΣ."""
+    eye = np.eye(len(spread))
+    parts = [eye[i:i + 1] @ p @ spread[:, i:i + 1] for i in range(len(spread))]
+    total = parts[0]
+    for part in parts[1:]:
+        total = total + part
+    return total
+
+
+def _judged(plant: GeneralizedPlant, p: np.ndarray, gain: np.ndarray, reading: np.ndarray, gamma: float,
+            spread: np.ndarray) -> Synthesis | None:
     """The controller with its loop, if the storage function proves the bound for every share; None where not."""
     loop = _loop(plant, gain)
     found = _proof(p, loop, gamma)
     if found is None:
         return None
-    better = _sharpened(plant, loop)
+    better = _sharpened(plant, loop, spread)
     found = better if better is not None and better.gamma < found.gamma else found
     k = gain @ reading
     controller = LPVStateSpace(np.zeros((1, 0, 0)), np.zeros((1, 0, k.shape[1])), np.zeros((1, len(k), 0)), k[None],
@@ -241,18 +247,24 @@ def _proof(p: np.ndarray, loop: LPVStateSpace, gamma: float) -> GainCertificate 
                            KEPT)
 
 
-def _sharpened(plant: GeneralizedPlant, loop: LPVStateSpace) -> GainCertificate | None:
+def _sharpened(plant: GeneralizedPlant, loop: LPVStateSpace, spread: np.ndarray) -> GainCertificate | None:
     """The least bound that a constant storage function of the loop itself proves; None for none."""
     points = tensor(design_axes(loop.box, 3, is_affine(loop.basis)))
     a, b, c, d = (np.array(m) for m in zip(*(loop.frozen(x) for x in points), strict=True))
     idle = replace(plant.at(np.repeat(plant.box.centre[None], len(points), axis=0)), A=a, B1=b, C1=c, D11=d)
     units = Units.of(idle)
     whole = units.apply(idle)
-    for gamma, p in _least(whole):
+    for gamma, p in _least(whole, _normal(spread, units)):
         found = _proof(p / np.outer(units.states, units.states), loop, gamma * SHARPER)
         if found is not None:
             return found
     return None
+
+
+def _normal(covariance: np.ndarray, units: Units) -> np.ndarray:
+    """Σ of the states in balanced units, of trace one, with a floor."""
+    spread = covariance / np.outer(units.states, units.states)
+    return spread / np.trace(spread) + UNSEEN / len(spread) * np.eye(len(spread))
 
 
 def _loop(plant: GeneralizedPlant, gain: np.ndarray) -> LPVStateSpace:
@@ -266,7 +278,7 @@ def _loop(plant: GeneralizedPlant, gain: np.ndarray) -> LPVStateSpace:
     if not places:
         raise InputError("a dissipative feedback needs a constant among the basis functions",
                          got=", ".join(s.basis.labels), mend="a Polynomial basis")
-    own = Polynomial(SHARE, 1)
+    own = Polynomial((SHARE,), 1)
     parts = []
     for matrix, added in ((s.A, at.B2 @ gain), (s.B[:, :, w], None), (s.C[:, z], at.D12 @ gain),
                           (s.D[:, z][:, :, w], None)):
@@ -280,7 +292,8 @@ def _loop(plant: GeneralizedPlant, gain: np.ndarray) -> LPVStateSpace:
     basis = Product(s.basis, own) if s.basis.names else own
     if not s.basis.names:
         parts = [x[:2] for x in parts]
-    return LPVStateSpace(*parts, basis, None, scheduling, inputs=named(plant, plant.disturbances),
+    a, b, c, d = parts
+    return LPVStateSpace(a, b, c, d, basis, None, scheduling, inputs=named(plant, plant.disturbances),
                          outputs=named(plant, plant.performance))
 
 

@@ -1,4 +1,4 @@
-"""From weights to a gain over car and damper: the plant with the damper's own dynamics, a dissipative state feedback."""
+"""From weights to a gain over car and damper: the plant with the damper's own dynamics, a dissipative feedback."""
 
 from __future__ import annotations
 
@@ -17,6 +17,9 @@ from quartercar.parameters import CarParameters
 from quartercar.plant.identified_continuous import ContinuousDamper
 from quartercar.plant.identified_study import EmbeddedDamper, study
 from quartercar.plant.weighted import SuspensionWeights, WeightedCar
+
+SLOW = (0.0, 1e-3, 1e-2)
+"""shares of the mean square velocity below which the box of ρ_v may end, tried in turn"""
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,8 @@ class DamperTask:
         Of the damper in the plant; None for the least that is good enough.
     back_off : float
         As in `DissipativeFeedback`.
+    slow : float
+        Share of the runs' mean square velocity below the box of ρ_v (`EmbeddedDamper.without_slow`).
     """
 
     parameters: CarParameters
@@ -49,6 +54,7 @@ class DamperTask:
     centre: float | None = None
     order: int | None = None
     back_off: float = 3.0
+    slow: float = 0.0
 
     def __post_init__(self) -> None:
         _checks.positive(self.lag, "lag", "s")
@@ -61,7 +67,7 @@ class DamperTask:
     @property
     def embedding(self) -> ContinuousDamper:
         """The plant behind the coil's lag."""
-        return replace(self.embedded.plant, lag=self.lag)
+        return replace(self.embedded.without_slow(self.slow), lag=self.lag)
 
     @property
     def weighted(self) -> WeightedCar:
@@ -78,6 +84,13 @@ class DamperTask:
 def synthesized_gain(task: DamperTask) -> Synthesis:
     """u = K x with the bound of the car left to itself, for every ρ_v of the box and every share of u; found once."""
     return synthesize(task.plant(), DissipativeFeedback(task.back_off))
+
+
+@lru_cache(maxsize=512)
+def feasible(task: DamperTask) -> DamperTask:
+    """The task with the largest box of ρ_v of `SLOW` for which there is a controller; itself where there is none."""
+    tried = [replace(task, slow=share) for share in SLOW if share >= task.slow]
+    return next((t for t in tried if synthesized_gain(t).solved), task)
 
 
 def gain_vector(task: DamperTask) -> np.ndarray:

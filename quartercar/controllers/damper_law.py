@@ -21,7 +21,8 @@ CURRENTS = 11
 """at which the model is asked what it would add; linear in between"""
 SMALL = 1.0
 """demand below which it counts as met [N]"""
-READS = ("suspension_deflection", "body_velocity", "tyre_deflection", "wheel_velocity", "suspension_velocity", "current")
+READS = ("suspension_deflection", "body_velocity", "tyre_deflection", "wheel_velocity", "suspension_velocity",
+         "current")
 Band = tuple[float, float, float]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 from quartercar.controllers.contract import Controller, Law, Setting, Values
-from quartercar.controllers.damper_design import DamperTask, gain_vector
+from quartercar.controllers.damper_design import DamperTask, feasible, gain_vector
 from quartercar.controllers.damper_law import READS, DamperGain, DamperLaw
 from quartercar.controllers.lpv_hinf import WEIGHTS
 from quartercar.controllers.scheduled import SCALE
@@ -89,8 +89,8 @@ class LpvHinfIdentified(Controller):
     def designed(self, setting: Setting) -> IdentifiedController:
         """The controller as it runs, to be stored: needs no synthesis any more."""
         found = gain_of(self.task(self.values, setting))
-        return IdentifiedController(damper=found.damper, centre=found.centre, filter=found.filter, bands=found.bands, limits=found.limits, gain_vector=found.gain,
-                                    label=self.title)
+        return IdentifiedController(damper=found.damper, centre=found.centre, filter=found.filter, bands=found.bands,
+                                    limits=found.limits, gain_vector=found.gain, label=self.title)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -149,11 +149,12 @@ class IdentifiedController(Controller):
         bands = [tuple(map(float, band)) for band in given["bands"]]
         return {**given, "damper": model_class(given["damper"]["kind"]).from_dict(given["damper"]),
                 "filter": tuple(np.asarray(m, dtype=float) for m in given["filter"]), "bands": (bands[0], bands[1]),
-                "limits": np.asarray(given["limits"], dtype=float), "gain_vector": np.asarray(given["gain_vector"], dtype=float)}
+                **{n: np.asarray(given[n], dtype=float) for n in ("limits", "gain_vector")}}
 
 
 def gain_of(task: DamperTask) -> DamperGain:
-    """A designed gain with what it runs on."""
+    """A designed gain with what it runs on, for the largest box that admits one."""
+    task = feasible(task)
     bands, plant = task.weights.bands, task.embedding
     return DamperGain(task.damper, plant.frozen.current, plant.matrices,
                       (bands["body_acceleration"], bands["tyre_force"]), np.array(plant.limits or (0.0, 0.0)),

@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 _EXPORTS = {"admissible": ("AdmissibleForce",), "embedding": ("Embedding", "replay"),
             "frozen_damper": ("FrozenDamper",), "identified": ("IdentifiedDamper",),
-            "identified_continuous": ("ContinuousDamper",), "identified_ramp": ("RampedDamper",), "limited_pair": ("LimitedPair",),
+            "identified_continuous": ("ContinuousDamper",), "identified_ramp": ("RampedDamper",),
+            "limited_pair": ("LimitedPair",),
             "nominal_force": ("LimitedForce", "NominalForce"), "prefilter": ("Prefiltered", "prefiltered"),
             "region": ("Region",), "saturation_pair": ("SaturationPair",), "speed_scheduled": ("SpeedScheduled",),
             "strip": ("pair_box", "pair_hull"), "variable_damping": ("VariableDamping",),

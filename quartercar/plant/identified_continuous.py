@@ -34,7 +34,7 @@ class ContinuousDamper(Embedding):
         F   = C_d x_d + (D_v + ρ_v D_w) v_d + D_f f        car: ẋ = A_0 x + B_w ż_r + B_F F
         τ ḟ = u − f    (or f = u without a lag)
 
-    `FrozenDamper` defines f, by which the filter is exact for every course of the current; in the terms of E9 f = g r δ.
+    `FrozenDamper` defines f, by which the filter is exact for every course of the current; in E9's terms f = g r δ.
     Of a demand u the damper gives s u with 0 ≤ s ≤ 1: r runs through zero with the velocity, the current ends at the
     coil's limits, and in both the nearest force to be had is a share of the one demanded. So no box of r is needed; a
     design keeps its promise for every course of s (`lpvid.synthesis.dissipative_feedback`). At s = 0 the car with the

@@ -58,9 +58,11 @@ class EmbeddedDamper:
     output_error : float
         Largest error of C(p)x + D(p)u along the runs, as a share of each signal's largest value.
     authority : (float, float)
-        Least and largest F per ampere beside i_0 on the runs, r of E9 [N/A].
+        Least and largest f per ampere beside i_0 on the runs, g r of E9 [N/A].
     rate : float
         Largest |dρ_v/dt| on the runs, in widths of the range of ρ_v per second.
+    velocities : (n,) array
+        |v| of all runs, rising [m/s].
     """
 
     plant: ContinuousDamper
@@ -75,11 +77,33 @@ class EmbeddedDamper:
     output_error: float
     authority: tuple[float, float]
     rate: float
+    velocities: np.ndarray
 
     @property
     def centre(self) -> float:
         """i_0 [A]."""
         return self.plant.frozen.current
+
+    def without_slow(self, share: float) -> ContinuousDamper:
+        """The plant for ρ_v of velocities above the one below which the runs have this share of their mean square.
+
+        Near zero velocity the shaped force holds the suspension as friction does, by ρ_v up to 1/v_0 in this plant; the
+        force itself stays below its yield there, so that what the plant leaves out is bounded.
+        """
+        if not share or self.plant.limits is None:
+            return self.plant
+        low, high = self.plant.limits
+        secant = float(self.plant.frozen.secant(np.array(self.slowest(share))))
+        return replace(self.plant, limits=(low, min(high, secant)))
+
+    def slowest(self, share: float) -> float:
+        """Velocity below which the runs have a share of their mean square [m/s]."""
+        energy = np.cumsum(self.velocities**2)
+        return float(self.velocities[np.searchsorted(energy, share * energy[-1])])
+
+    def slower(self, velocity: float) -> float:
+        """Share of the runs' samples below a velocity [m/s]."""
+        return float(np.searchsorted(self.velocities, velocity) / len(self.velocities))
 
     def to_dict(self) -> dict:
         """Part of synthesis.json."""
@@ -140,10 +164,12 @@ def study(parameters: CarParameters, damper: Damper, currents: tuple[float, floa
     rate = max(float(np.abs(np.diff(plant.frozen.secant(r["suspension_velocity"]))).max()) / r.sample_time
                for r in listed)
     width = np.ptp(plant.limits) if plant.limits is not None else 1.0
+    replays = {n: replay_error(plant, r) for n, r in runs.items() if "random" in n}
     return EmbeddedDamper(plant, currents, plant.frozen.order, len(reduced[0]), values, fit, error,
-                          conversion_error(plant.frozen), {n: replay_error(plant, r) for n, r in runs.items() if "random" in n},
+                          conversion_error(plant.frozen), replays,
                           max(output_gap(plant, run) for run in listed), _force_per_current(plant, listed),
-                          rate / float(width))
+                          rate / float(width),
+                          np.sort(np.abs(np.concatenate([r["suspension_velocity"] for r in listed]))))
 
 
 def driven(parameters: CarParameters, damper: Damper, currents: tuple[float, float]) -> dict[str, CarRun]:

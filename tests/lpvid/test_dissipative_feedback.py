@@ -126,8 +126,8 @@ def test_what_it_refuses() -> None:
     b[0], b[1, 1, 1] = [[0.0, 0.0], [1.0, 1.0]], 0.3
     with pytest.raises(InputError, match="does not vary with the scheduling"):
         lpv.synthesize(plant(B=b), DissipativeFeedback())
-    with pytest.raises(InputError, match="back_off must be above 1"):
-        DissipativeFeedback(back_off=1.0)
+    with pytest.raises(InputError, match="back_off must be at least 1"):
+        DissipativeFeedback(back_off=0.9)
     sampled = plant().system.replace(sample_time=0.1)
     with pytest.raises(InputError, match="continuous time"):
         lpv.synthesize(GeneralizedPlant(sampled, ["u"], ["x_0", "x_1"]), DissipativeFeedback())

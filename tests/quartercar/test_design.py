@@ -21,6 +21,7 @@ from quartercar.controllers.contract import Setting
 from quartercar.controllers.inverse import InverseSettings
 from quartercar.controllers.lpv_hinf import BankedLaw, LpvHinf
 from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
+from quartercar.controllers.lpv_hinf_identified import LpvHinfIdentified
 from quartercar.controllers.schedule_rules import GivenShare
 from quartercar.controllers.scheduled import ScheduledController
 from quartercar.controllers.suspension_design import Nodes, Task, held, nodes_of, running, synthesized
@@ -243,7 +244,10 @@ def test_template_and_schema_agree_with_the_reader() -> None:
 
     table = tomllib.loads(design_template())
     config, default = read_design(table), LpvHinf()
-    assert dict(config.law.values) == dict(default.values)
+    assert dict(config.law.values) == dict(LpvHinfIdentified().values)
+    nominal = [line.removeprefix("# ") for line in design_template().split("with these defaults:\n")[1].splitlines()]
+    given = read_design({"weights": tomllib.loads("\n".join(nominal))}).law
+    assert isinstance(given, LpvHinf) and dict(given.values) == dict(default.values)
     schema = design_schema()
     assert set(table) <= set(schema["properties"])
     assert set(schema["properties"]["weights"]["properties"]) == set(default.names)

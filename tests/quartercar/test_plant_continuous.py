@@ -159,7 +159,7 @@ def test_what_cannot_be_embedded() -> None:
         FrozenDamper.of(Guo6(), 0.0)
     with pytest.raises(InputError, match="needs an identified damper"):
         study(MEGANE, Guo6(), CURRENTS)
-    with pytest.raises(InputError, match="leaves all bounds|at no current"):
+    with pytest.raises(InputError, match=r"leaves all bounds|at no current"):
         study(MEGANE, _active(damper(2).at_clock(STEP)), CURRENTS)
     with pytest.raises(InputError, match="centre of the plant"):
         study(MEGANE, damper(2), CURRENTS, centre=3.0)
@@ -178,5 +178,5 @@ def test_what_cannot_be_embedded() -> None:
 
 def test_a_centre_where_the_car_grows_is_refused() -> None:
     # the embedded damper gives energy at the knee from about half an ampere on (frozen, at small velocities)
-    with pytest.raises(InputError, match="frozen at 1.25 A is not stable"):
+    with pytest.raises(InputError, match=r"frozen at 1\.25 A is not stable"):
         study(MEGANE, identified_damper(), CURRENTS, centre=1.25)
