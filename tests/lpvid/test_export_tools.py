@@ -228,7 +228,7 @@ def test_the_command_writes_every_form_or_nothing(tmp_path, rng):
     model = lpv.save(state_space(rng), tmp_path / "model.json")
     done = run(model, "--to", "csv", "--out", tmp_path / "csv", "--name", "plant", "--json")
     assert done.exit_code == 0 and json.loads(done.stdout)["schema"] == "lpvid/export/1"
-    assert sorted(p.name for p in (tmp_path / "csv").iterdir()) == [
+    assert sorted(p.name for p in (tmp_path / "csv").glob("*.csv")) == [
         "plant_frozen.csv", "plant_parameters.csv", "plant_trajectory.csv"]
     done = run(model, "--to", "word", "--out", tmp_path / "word")
     assert done.exit_code == 2 and ", ".join(FORMS) in done.stderr and not (tmp_path / "word").exists()
