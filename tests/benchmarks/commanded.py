@@ -97,4 +97,7 @@ def _run(words: list[str], limit: float) -> tuple[int | None, str]:
             os.killpg(process.pid, signal.SIGKILL)
             process.communicate()
             return None, ""
+        except BaseException:  # Ctrl-C here must not leave it computing
+            os.killpg(process.pid, signal.SIGKILL)
+            raise
     return process.returncode, errors
