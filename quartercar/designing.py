@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, overload
 
 import numpy as np
 
@@ -99,7 +99,7 @@ class Design:
             return f"No controller: {s.why}. Mend: {s.mend}."
         where = "on the whole scheduling box" if s.between_grid else "at grid points only"
         return (f"{self.law.title}: gain from {names_of(s, 'inputs')} to {names_of(s, 'outputs')} at most "
-                f" {s.gamma_verified:.4g}, verified {where}; c_nom {self.task.nominal_damping:.0f} N*s/m.")
+                f"{s.gamma_verified:.4g}, verified {where}; c_nom {self.task.nominal_damping:.0f} N*s/m.")
 
     @property
     def facts(self) -> tuple[tuple[str, str], ...]:
@@ -133,6 +133,14 @@ class Design:
         return f"{self.verdict}\n{self.synthesis!r}\n{self.law!r}"
 
 
+@overload
+def design(car: QuarterCar, law: LpvHinf | LpvHinfClipped | None = None,
+           settings: RideSettings | None = None) -> Design: ...
+@overload
+def design(car: QuarterCar, law: LpvHinfIdentified, settings: RideSettings | None = None) -> IdentifiedDesign: ...
+@overload
+def design(car: QuarterCar, law: LpvHinf | LpvHinfClipped | LpvHinfIdentified,
+           settings: RideSettings | None = None) -> Design | IdentifiedDesign: ...
 def design(car: QuarterCar, law: LpvHinf | LpvHinfClipped | LpvHinfIdentified | None = None,
            settings: RideSettings | None = None) -> Design | IdentifiedDesign:
     """Design a controller for a car with a semi-active damper.
