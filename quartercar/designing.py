@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, overload
 
 import numpy as np
 
@@ -145,6 +145,14 @@ class Design:
         return f"{self.verdict}\n{self.synthesis!r}\n{self.law!r}"
 
 
+@overload
+def design(car: QuarterCar, law: LpvHinf | LpvHinfClipped | None = None,
+           settings: RideSettings | None = None) -> Design: ...
+@overload
+def design(car: QuarterCar, law: LpvHinfIdentified, settings: RideSettings | None = None) -> IdentifiedDesign: ...
+@overload
+def design(car: QuarterCar, law: LpvHinf | LpvHinfClipped | LpvHinfIdentified,
+           settings: RideSettings | None = None) -> Design | IdentifiedDesign: ...
 def design(car: QuarterCar, law: LpvHinf | LpvHinfClipped | LpvHinfIdentified | None = None,
            settings: RideSettings | None = None) -> Design | IdentifiedDesign:
     """Design a controller for a car with a semi-active damper.

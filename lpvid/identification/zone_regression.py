@@ -107,25 +107,19 @@ def regress_zones(records: Sequence[Record], input: str = "velocity", output: st
 def _levels(records: Sequence[Record], variable: str) -> dict[float, list[Record]]:
     """Records at which the scheduling stands still, by their mean level.
 
-    It stands still where it scatters about its mean by less than half of the way to the next level: what a sensor's
-    noise adds does not blur the levels then. Records that move more are passed over, the most scattered first.
+    It stands still where it scatters about its mean by less than half of the way to the next level, so that a sensor's
+    noise does not blur the levels. Records are taken in the order of their scatter; those that move more are passed
+    over.
     """
-    still = sorted(records, key=lambda r: float(np.std(r[variable])))
     span = float(np.ptp(np.concatenate([r[variable] for r in records]))) or 1.0
     found: dict[float, list[Record]] = {}
-    for record in still:
-        mean, spread = float(np.mean(record[variable])), float(np.std(record[variable]))
-        if spread > 0.5 * span:
+    for record in sorted(records, key=lambda r: float(np.std(r[variable]))):
+        mean, scatter = float(np.mean(record[variable])), max(float(np.std(record[variable])), STILL * span)
+        away = {level: abs(level - mean) for level in found}
+        same = next((level for level, d in away.items() if d <= 2.0 * scatter), None)
+        if scatter > 0.5 * min([d for level, d in away.items() if level != same], default=span):
             continue
-        nearest = min(found, key=lambda level: abs(level - mean), default=None)
-        if nearest is not None and abs(nearest - mean) <= max(2.0 * spread, STILL * span):
-            if spread <= STILL * span or spread <= 2.0 * max(float(np.std(r[variable])) for r in found[nearest]):
-                found[nearest].append(record)
-            continue
-        others = [abs(level - mean) for level in found]
-        if others and spread > 0.5 * min(others):
-            continue
-        found[mean] = [record]
+        found.setdefault(mean if same is None else same, []).append(record)
     return found
 
 

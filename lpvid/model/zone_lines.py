@@ -97,6 +97,10 @@ class ZoneLines(InputStage):
             out[here, self.channel] = ((lines[name] * v + lines[f"{name}_intercept"]) / lines["middle"])[here]
         return out
 
+    def knee(self, p: np.ndarray) -> np.ndarray:
+        moving = p[:, self.variable] if p.shape[1] else np.zeros(len(p))
+        return np.maximum(np.polynomial.polynomial.polyval(moving, self.limit), 0.0)
+
     def slopes(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
         v, zone, lines = self._zones(u, p)
         moving = p[:, self.variable] if p.shape[1] else np.zeros(v.size)

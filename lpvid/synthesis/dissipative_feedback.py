@@ -108,9 +108,8 @@ class DissipativeFeedback:
         driven_by = np.concatenate([at.B1, np.broadcast_to(excited, at.B2.shape)], axis=2)
         covariance = averaged_gramian(at.A, driven_by, False)
         spread = _normal(covariance, units)
-        least, tried = np.inf, 0
+        tried = 0
         for rough, _ in _least(scaled, spread):
-            least = min(least, rough)
             gamma = self.back_off * rough
             for storage, solver in _tightest(scaled, gamma, spread):
                 tried += 1

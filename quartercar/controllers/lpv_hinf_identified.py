@@ -143,11 +143,11 @@ class IdentifiedController(Controller):
 
     @classmethod
     def settings_from(cls, data: Mapping) -> dict[str, Any]:
-        from quartercar.dampers import model_class
+        from quartercar.dampers import stored_damper
 
         given = dict(data)
         bands = [tuple(map(float, band)) for band in given["bands"]]
-        return {**given, "damper": model_class(given["damper"]["kind"]).from_dict(given["damper"]),
+        return {**given, "damper": stored_damper(given["damper"]),
                 "filter": tuple(np.asarray(m, dtype=float) for m in given["filter"]), "bands": (bands[0], bands[1]),
                 **{n: np.asarray(given[n], dtype=float) for n in ("limits", "gain_vector")}}
 

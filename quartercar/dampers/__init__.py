@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from lpvid import _checks
@@ -77,6 +78,17 @@ MODELS: tuple[tuple[str, str, str], ...] = (
 """Every model by its name on the command line: name, module, class. A new model adds its line here."""
 
 __all__ = ["MODELS", "model_class", *sorted(_HOME)]
+
+
+STORED = (*MODELS, ("identified", "quartercar.dampers.identified", "Identified"))
+"""Name, module and class of every damper that a file can hold: `MODELS`, and those that lpvid identified."""
+
+
+def stored_damper(data: Mapping[str, Any]) -> Damper:
+    """The damper that `Damper.to_dict` described, of any kind in `STORED`."""
+    table = {n: (module, cls) for n, module, cls in STORED}
+    module, cls = table[_checks.known_name(str(data["kind"]), list(table), "damper model")]
+    return getattr(importlib.import_module(module), cls).from_dict(data)
 
 
 def model_class(name: str) -> type[Damper]:

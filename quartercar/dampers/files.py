@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lpvid.export.serialise import Kind
-from quartercar.dampers import MODELS
+from quartercar.dampers import STORED
 
-KIND = Kind("damper", 1, (*MODELS, ("identified", "quartercar.dampers.identified", "Identified")), "quartercar")
-"""``quartercar/damper/1``: every model of `quartercar.dampers.MODELS`, and those that lpvid identified."""
+KIND = Kind("damper", 1, STORED, "quartercar")
+"""``quartercar/damper/1``: every kind of `quartercar.dampers.STORED`, told apart by its name."""
