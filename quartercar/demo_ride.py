@@ -1,4 +1,4 @@
-"""The last step of the demo: the model it identified in the plant of a controller, verified and driven beside others."""
+"""The last step of the demo: a controller for the car with the model that it identified, verified and driven."""
 
 from __future__ import annotations
 

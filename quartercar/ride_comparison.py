@@ -227,7 +227,7 @@ def _line(row: Row) -> str:
         half = "" if i.high is None else f" ± {number(scale * (i.high - i.mean), 2):<7}"
         return f"{scale * i.mean:8.4g}{half}"
 
-    return (f"  {row.name:<18}comfort {told('comfort')} m/s^2  tyre {told('tyre_load')} N  stroke "
+    return (f"  {row.name:<20}comfort {told('comfort')} m/s^2  tyre {told('tyre_load')} N  stroke "
             f"{told('stroke', 1e3)} mm  at limits {row.interval('at_limits').mean:4.0%}")
 
 

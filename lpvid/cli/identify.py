@@ -113,6 +113,8 @@ def identify(
                                          "observer form.")] = False,
     passive: Annotated[bool, typer.Option("--passive", help="arx, oe: the best model that never gives energy (velocity "
                                           "in, force out), certified; nk is 0.")] = False,
+    balanced: Annotated[bool, typer.Option("--balanced", help="With --passive: weigh each record by its own variance, "
+                                           "so that low currents count as high ones.")] = False,
     ridge: Annotated[float | None, typer.Option("--ridge", min=0.0, help="Penalty on the parameters (0).")] = None,
     hold_out: Annotated[str | None, typer.Option("--hold-out", metavar="SHARE", help="Keep the last part of every "
                                                  "record out of the fit: 1/3, 0.25, last-third.")] = None,
@@ -151,7 +153,8 @@ def identify(
                "shape": None if shape is Shape.NONE else shape.value,
                "schedule-filter": None if schedule_filter is Filter.NONE else schedule_filter.value,
                "schedule-lag": schedule_lag or None, "no-constant": no_constant or None, "affine": affine or None,
-               "affine-terms": affine_terms, "lagged": lagged or None, "ridge": ridge, "passive": passive or None}
+               "affine-terms": affine_terms, "lagged": lagged or None, "ridge": ridge, "passive": passive or None,
+               "balanced": balanced or None}
     request = Request(split_names(input) or ("velocity",), split_names(output) or ("force",), split_names(schedule),
                       structure, {n: v for n, v in written.items() if v is not None}, rate, auto,
                       None if form is None else form.value, refit, refit_form)

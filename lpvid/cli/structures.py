@@ -19,8 +19,8 @@ ORDERS = ("na", "nb", "nk", *FUNCTIONS, "no-constant", "affine", "affine-terms",
 STAGES = ("shape", "schedule-filter", "schedule-lag")
 STATES = ("order", "nk", *FUNCTIONS, "no-constant", "affine")
 TAKES: Mapping[str, tuple[str, ...]] = {
-    "arx": (*ORDERS, *STAGES, "ridge", "passive"),
-    "oe": (*ORDERS, *STAGES, "passive"),
+    "arx": (*ORDERS, *STAGES, "ridge", "passive", "balanced"),
+    "oe": (*ORDERS, *STAGES, "passive", "balanced"),
     "bj": (*ORDERS, *STAGES, "nc", "nd"),
     "armax": (*ORDERS, *STAGES, "nc"),
     "riv": (*ORDERS, *STAGES, "nc", "nd"),
@@ -89,6 +89,8 @@ class Request:
         if self.form is not None and self.structure in WITHOUT_FORMS:
             raise InputError(f"--form does not apply to --structure {self.structure}",
                              why="only a transfer function has state-space forms to choose from")
+        if "balanced" in self.given and "passive" not in self.given:
+            raise InputError("--balanced weighs the records of a passive model", mend="add --passive, or leave it out")
         if "trial" in self.given and self.given.get("on", "trial") != "trial":
             raise InputError("--trial needs --on trial", got=f"--on {self.given['on']}")
         self.build(self.delay)
@@ -192,7 +194,7 @@ class Request:
         colour = {n: self.given[n] for n in ("nc", "nd") if n in self.given}
         if self.structure in ("arx", "oe"):
             plain = arx if self.structure == "arx" else OutputError(**common)
-            return Passive(plain) if "passive" in self.given else plain
+            return Passive(plain, balanced="balanced" in self.given) if "passive" in self.given else plain
         if self.structure == "bj":
             return BoxJenkins(**common, **colour)
         if self.structure == "armax":

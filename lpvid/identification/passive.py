@@ -56,6 +56,9 @@ class Passive(Structure):
     degree : int
         Degree of P in the scheduling. One P for all of it costs little (ESR 0.0375 against 0.0371 with P affine in the
         current, on the rig) and a quarter of the time.
+    balanced : bool
+        Weigh each record's error by its own variance, so that records at low current, whose force is small, count as
+        those at high current: the free-run ESR averaged over records is minimised, not that of all together.
 
     Examples
     --------
@@ -73,6 +76,7 @@ class Passive(Structure):
 
     structure: ARX | OutputError
     degree: int = 0
+    balanced: bool = False
 
     def __post_init__(self) -> None:
         inner = self.structure
@@ -145,7 +149,8 @@ class Passive(Structure):
         problem = Problem(records, arx, first.model, first.layout, NoiseModel("output"), free, estimate_past=False)
         rms = [float(np.sqrt(np.mean(np.concatenate([r[n] for r in records]) ** 2)))
                for n in (*arx.input, *arx.output)]
-        return PassiveSearch(problem, first.layout, *rms, offset=bool(arx.affine), degree=self.degree)
+        return PassiveSearch(problem, first.layout, *rms, offset=bool(arx.affine), degree=self.degree,
+                             balanced=self.balanced)
 
     def certificate(self, search: PassiveSearch, reached: Reached) -> PassivityCertificate:
         """What numpy finds about the storage function that the search ended with; else a search of its own."""
@@ -169,18 +174,19 @@ class Passive(Structure):
                           "passive": certificate.to_dict()}
         if layout.size <= COVARIANCE_LIMIT:
             metadata["parameters"] = {"layout": layout.to_list(), "covariance": covariance.tolist()}
-        model = model.replace(noise=NoiseModel("output"), noise_covariance=np.array([[reached.cost / rows]]),
-                              metadata=metadata)
-        notes = [f"passive: {reached.steps} steps from a static damper, free-run error minimised; storage function of "
-                 f"degree {certificate.basis.degree} and {'a' if certificate.multiplier.size else 'no'} multiplier of "
-                 "the input stage's sector"]
+        spread = search.plain_cost(reached.xi) / rows
+        model = model.replace(noise=NoiseModel("output"), noise_covariance=np.array([[spread]]), metadata=metadata)
+        aim = "free-run error of each record over its variance" if self.balanced else "free-run error"
+        sector = "a" if certificate.multiplier.size else "no"
+        notes = [f"passive: {reached.steps} steps from a static damper, {aim} minimised; storage function of degree "
+                 f"{certificate.basis.degree} and {sector} multiplier of the input stage's sector"]
         return Identification(model, structure, layout, covariance, condition, condition, rows,
                               notes=(*_stage_notes(model, self.arx), *notes), covariance_kind=kind,
                               unconstrained=first.model)
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""
-        return {**self.structure.to_dict(), "passive": True, "storage_degree": self.degree}
+        return {**self.structure.to_dict(), "passive": True, "storage_degree": self.degree, "balanced": self.balanced}
 
 
 def _takes_energy(records: Sequence[Record], velocity: str, force: str) -> None:

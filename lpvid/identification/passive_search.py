@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from lpvid.errors import InputError, NumericalError
 from lpvid.identification.layout import Layout
 from lpvid.identification.levenberg_marquardt import reduce
-from lpvid.identification.pem_problem import Point, Problem
+from lpvid.identification.pem_problem import Point, Problem, Residuals
 from lpvid.lmi.passive_form import slack
 from lpvid.lmi.passive_search import PassiveProgram, current_centre
 from lpvid.lmi.passive_unknowns import Iterate, scaled
@@ -71,6 +72,8 @@ class PassiveSearch:
         Of P in the scheduling.
     room : float
         Kept in the inequality.
+    balanced : bool
+        Whether each record's error counts over its own variance (`record_weights`).
     """
 
     problem: Problem
@@ -80,6 +83,7 @@ class PassiveSearch:
     offset: bool
     degree: int = 0
     room: float = ROOM
+    balanced: bool = False
 
     @property
     def moving(self) -> np.ndarray:
@@ -130,10 +134,31 @@ class PassiveSearch:
         return PassiveProgram(model, model.box, self.degree, self.layout.table[self.moving], DENSITY)
 
     # -- free run ----------------------------------------------------------------------------------------------------
+    @cached_property
+    def record_weights(self) -> np.ndarray:
+        """(records,) factors on the residuals of each record: 1, or σ/σ_r with σ_r the deviation of its own output.
+
+        The second makes the sum of squares the free-run ESR averaged over the records, in units of their mean variance:
+        the most probable model where the model's error is a share of the force, whatever its level.
+        """
+        variance = np.array([float(np.var(y)) for y in self.problem._y])
+        if not self.balanced or not (variance > 0).all():
+            return np.ones(variance.size)
+        return np.sqrt(variance.mean() / variance)
+
     def cost(self, xi: np.ndarray) -> float:
-        """Free-run sum of squares; infinite where the run diverges."""
-        found = self.problem.residuals(self.point(xi))
-        return np.inf if found is None else found.cost
+        """Free-run sum of squares, weighted; infinite where the run diverges."""
+        return self._sum(self.problem.residuals(self.point(xi)), self.record_weights)
+
+    def plain_cost(self, xi: np.ndarray) -> float:
+        """The same without weights."""
+        return self._sum(self.problem.residuals(self.point(xi)), np.ones(len(self.record_weights)))
+
+    def _sum(self, found: Residuals | None, weights: np.ndarray) -> float:
+        if found is None:
+            return np.inf
+        head, own = self.problem.head, self.problem.weights
+        return float(sum(np.sum((w * own * e[head:]) ** 2) for w, e in zip(weights, found.errors, strict=True)))
 
     def point(self, xi: np.ndarray) -> Point:
         """ξ as a point of the problem."""
@@ -145,9 +170,10 @@ class PassiveSearch:
         now = self.problem.residuals(point)
         if now is None:
             return None
-        shared, _ = reduce(self.problem, self.problem.factors(point, now))
+        factors = self.problem.factors(point, now)
+        shared, _ = reduce(self.problem, [w * r for w, r in zip(self.record_weights, factors, strict=True)])
         jacobian, error = shared[:, :-1], shared[:, -1]
-        return -jacobian @ self.chain(xi), error, now.cost
+        return -jacobian @ self.chain(xi), error, self._sum(now, self.record_weights)
 
     def chain(self, xi: np.ndarray) -> np.ndarray:
         """(parameters of the problem, size of ξ) derivative of the one by the other."""

@@ -49,7 +49,13 @@ def cost_lines(found: Identification) -> list[str]:
     pairs = list(zip(found.unconstrained_figures, after, strict=False))
     said = [f"{new.label} free-run ESR {number(old.overall.free_run.esr, 4)} unconstrained, "
             f"{number(new.overall.free_run.esr, 4)} passive" for old, new in reversed(pairs)]
-    return [f"what it costs: {'; '.join(said)}"] if said else []
+    lines = [f"what it costs: {'; '.join(said)}"] if said else []
+    worst = None if found.training is None else found.training.worst
+    if lines and worst is not None and worst.free_run.esr is not None and worst.free_run.esr >= 1.0 \
+            and not getattr(found.structure, "balanced", True):
+        lines.append(f"training record '{worst.name}' is simulated no better than by its mean (free-run ESR "
+                     f"{worst.free_run.esr:.3g}): --balanced weighs records by their own variance")
+    return lines
 
 
 def passivity_section(found: Identification) -> tuple[Section, ...]:
