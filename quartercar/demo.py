@@ -246,6 +246,7 @@ def demo_page(demo: Demo, shown: Sequence[Comparison]) -> Page:
     """
     from lpvid.report.forms import forms_table
     from lpvid.report.identification import identification_page
+    from lpvid.report.passivity import passivity_section
     from lpvid.report.stability import stability_page
 
     model = identification_page(demo.found, (), demo.gaps, demo.audit)
@@ -254,11 +255,12 @@ def demo_page(demo: Demo, shown: Sequence[Comparison]) -> Page:
                                                            "Parameters", "Remarks")]
     sections = (
         Section("Eight experiments", (experiments_table(demo.experiments), *_experiments_figure(demo))),
-        Section("Measured and simulated", tuple(_run_figures(shown))),
+        Section("The virtual rig and the model", tuple(_run_figures(shown))),
         Section("State-space forms", (Paragraph("What each form costs on the training currents, against the transfer "
                                                 "function, in free run from rest."), forms_table(demo.gaps))),
         Section("Stability", (Paragraph(demo.study.verdict, strong=True),)),
         *(s for s in stability.sections if s.title != "The model"),
+        *passivity_section(demo.found),
         demo.diagnosis.section(),
         demo.ride.section(),
         *parameters,
@@ -315,7 +317,7 @@ def _run_figures(shown: Sequence[Comparison]) -> list[Item]:
     items: list[Item] = []
     for prefix, says in (("test-1-", "increasing current steps"), ("test-3-", "random current")):
         for c in [c for c in shown if c.record.name.startswith(prefix)][:1]:
-            items.append(Figure.of(plot.free_run(c, ("current",)), f"Held-out road with {says}: the whole record, and "
+            items.append(Figure.of(plot.free_run(c, ("current",)), f"Held-out road of the virtual rig, {says}: the whole record, and "
                                    "the stretch with the largest error."))
     for prefix, says in (("test-7-", "multisine"), ("test-8-", "triangle")):
         loops = damper_plot.loops_by_current([c for c in shown if c.record.name.startswith(prefix)])

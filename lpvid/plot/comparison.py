@@ -58,6 +58,11 @@ class Comparison:
     unit: str
 
     @property
+    def origin(self) -> str:
+        """What a legend calls the data: measured, or virtual where the record says that it was simulated."""
+        return "virtual" if any(n.startswith("synthetic") for n in self.record.notes) else "measured"
+
+    @property
     def start(self) -> int:
         """First predicted sample."""
         return max(self.free_run.start, self.one_step.start)
@@ -117,7 +122,7 @@ def free_run(shown: Comparison, scheduling: Sequence[str] = ()) -> Figure:
     with look():
         figure, axes = panels(2 + len(names), heights=[1.9, 2.5, *([0.95] * len(names))])
         ax = axes[0, 0]
-        ax.plot(*thinned(t, y), color=MEASURED, linewidth=0.7, label="measured")
+        ax.plot(*thinned(t, y), color=MEASURED, linewidth=0.7, label=shown.origin)
         ax.plot(*thinned(t, run), color=MODEL, linewidth=0.7, alpha=0.85, label="free run")
         ax.axvspan(float(t[window.start]), float(t[window.stop - 1]), color=BLUE, alpha=0.10, linewidth=0,
                    label="close-up below")
@@ -139,7 +144,7 @@ def free_run(shown: Comparison, scheduling: Sequence[str] = ()) -> Figure:
 
 def _close_up(ax: Axes, shown: Comparison, window: slice) -> None:
     t = shown.record.times[window]
-    ax.plot(t, shown.measured[window], color=MEASURED, linewidth=1.4, label="measured")
+    ax.plot(t, shown.measured[window], color=MEASURED, linewidth=1.4, label=shown.origin)
     ax.plot(t, shown.free_run.output[window, 0], color=MODEL, linewidth=1.2, label="free run")
     ax.fill_between(t, 0, shown.error[window], color=MUTED, alpha=0.35, linewidth=0, label="error")
     ax.set_title("The stretch with the largest error")
@@ -170,7 +175,7 @@ def overlay(shown: Sequence[tuple[str, Comparison]]) -> Figure:
         for ax, close in zip(axes[:, 0], (False, True), strict=True):
             keep = window if close else slice(None)
             ax.plot(*thinned(t[keep], first.measured[keep]), color=MEASURED, linewidth=1.4 if close else 0.7,
-                    label="measured")
+                    label=first.origin)
             drawn = []
             for k, (name, c) in enumerate(shown):
                 own = c.record.times
@@ -213,7 +218,7 @@ def loops(shown: Sequence[Comparison], against: Sequence[str]) -> Figure | None:
         for ax, name in zip(axes[0], names, strict=True):
             for i, c in enumerate(shown):
                 keep = slice(c.start, None, step)
-                for values, colour, said in ((c.measured, MEASURED, "measured"),
+                for values, colour, said in ((c.measured, MEASURED, c.origin),
                                              (c.free_run.output[:, 0], MODEL, "free run")):
                     ax.plot(c.record[name][keep], values[keep], ".", color=colour, markersize=1.8, alpha=0.5,
                             rasterized=True, label=said if i == 0 else None)

@@ -90,7 +90,7 @@ def loops_by_current(shown: Sequence[Comparison], current: str = "current",
             keep = slice(c.start, None, max(1, c.record.n_samples // 2500))
             v = c.record[velocity][keep]
             ax.plot(v, c.measured[keep], ".", markersize=1.8, color=MEASURED, alpha=0.5, rasterized=True,
-                    label="measured")
+                    label=c.origin)
             ax.plot(v, c.free_run.output[keep, 0], ".", markersize=1.8, color=MODEL, alpha=0.5, rasterized=True,
                     label="free run")
             ax.axhline(0, color=INK, linewidth=0.5)
@@ -130,7 +130,7 @@ def overview(driven: Comparison, constant: Sequence[Comparison], current: str = 
     with look():
         figure, axes = panels(1, 2, height=3.4)
         left, right = axes[0]
-        left.plot(t[window], driven.measured[window], color=MEASURED, linewidth=1.5, label="measured")
+        left.plot(t[window], driven.measured[window], color=MEASURED, linewidth=1.5, label=driven.origin)
         left.plot(t[window], driven.free_run.output[window, 0], color=MODEL, linewidth=1.2, label="free run")
         left.set_xlabel("time [s]")
         left.set_ylabel(label(driven.output, driven.unit))
@@ -149,6 +149,6 @@ def overview(driven: Comparison, constant: Sequence[Comparison], current: str = 
             right.plot(v, c.free_run.output[keep, 0], ".", markersize=1.6, color=colours(scale(level)), rasterized=True,
                        zorder=2)
         right.set_xlabel(label("velocity", "m/s"))
-        right.set_title("Constant currents (grey: measured)")
+        right.set_title(f"Constant currents (grey: {driven.origin})")
         figure.colorbar(ScalarMappable(scale, SCALE), ax=right, label=label(current, "A"))
     return figure
