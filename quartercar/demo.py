@@ -317,8 +317,8 @@ def _run_figures(shown: Sequence[Comparison]) -> list[Item]:
     items: list[Item] = []
     for prefix, says in (("test-1-", "increasing current steps"), ("test-3-", "random current")):
         for c in [c for c in shown if c.record.name.startswith(prefix)][:1]:
-            items.append(Figure.of(plot.free_run(c, ("current",)), f"Held-out road of the virtual rig, {says}: the whole record, and "
-                                   "the stretch with the largest error."))
+            items.append(Figure.of(plot.free_run(c, ("current",)), f"Held-out road of the virtual rig, {says}: the "
+                                   "whole record, and the stretch with the largest error."))
     for prefix, says in (("test-7-", "multisine"), ("test-8-", "triangle")):
         loops = damper_plot.loops_by_current([c for c in shown if c.record.name.startswith(prefix)])
         if loops is not None:
