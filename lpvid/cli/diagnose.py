@@ -41,6 +41,8 @@ def diagnose(
     flip: options.Flip = None,
     sample_rate: options.SampleRate = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the significance tests.")] = 0,
+    engine: Annotated[str, typer.Option("--engine", metavar="gates|evidence", hidden=True, help="Which engine "
+                                        "decides.")] = "gates",
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:
@@ -65,7 +67,7 @@ def diagnose(
         training, kept = ([_with_parts(r, start if is_model else None, named) for r in p] for p in (training, kept))
         question = pose(training, start, split_names(catalogue) or None, kept, parameters=parameters,
                         sample_rate=None if clockless else sample_rate)
-        found = answer(question, DiagnosisSettings(seed=seed), say)
+        found = answer(question, DiagnosisSettings(seed=seed), say, engine)
         say("the same causes in an LPV model")
         lpv = _lpv_extension(found, question)
         told = _deliver(results, found, question, lpv, plan_experiment, say)

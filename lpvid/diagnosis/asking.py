@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lpvid import _checks
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from lpvid.diagnosis.engine import DiagnosisSettings
 
 Progress = Callable[[str], None]
+ENGINES = ("gates", "evidence")
+"""engines by name; the first is the default"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +53,7 @@ class Question:
 def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
              held_out: Record | Sequence[Record] | None = None, *, parameters: Any = None,
              settings: DiagnosisSettings | None = None, sample_rate: float | None = None,
-             progress: Progress | None = None) -> Diagnosis:
+             progress: Progress | None = None, engine: str = "gates") -> Diagnosis:
     """Say what a baseline's simulation gets wrong, name the cause or say why not, extend it, measure the gain.
 
     Parameters
@@ -72,6 +75,9 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
         Resample to this rate [Hz].
     progress : callable, optional
         Told in words what is being done.
+    engine : {"gates", "evidence"}
+        Which engine decides: significance and gates, or the probability of sets of causes beside a law that is never
+        right to the noise (`lpvid.diagnosis.evidence`).
 
     Returns
     -------
@@ -84,7 +90,7 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
         No such baseline or catalogue, missing channels, too little data.
     """
     question = pose(records, baseline, catalogue, held_out, parameters=parameters, sample_rate=sample_rate)
-    return answer(question, settings, progress)
+    return answer(question, settings, progress, engine)
 
 
 def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
@@ -109,12 +115,14 @@ def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = Non
 
 
 def answer(question: Question, settings: DiagnosisSettings | None = None,
-           progress: Progress | None = None) -> Diagnosis:
-    """Run the engine on a question, and say what was done to the data."""
+           progress: Progress | None = None, engine: str = "gates") -> Diagnosis:
+    """Run an engine on a question, and say what was done to the data."""
     from lpvid.auditing import audit
+    from lpvid.diagnosis import engine as gates
     from lpvid.diagnosis.engine import DiagnosisSettings
-    from lpvid.diagnosis.engine import diagnose as run
+    from lpvid.diagnosis.evidence import engine as evidence
 
+    run = {"gates": gates.diagnose, "evidence": evidence.diagnose}[_checks.one_of(engine, ENGINES, "engine")]
     settings, say = settings or DiagnosisSettings(), progress or (lambda text: None)
     prepared, baseline = question.prepared, question.baseline
     notes = [*_polarity_note(baseline), *prepared.notes]
