@@ -24,8 +24,8 @@ PLAN, LPV_MODEL = "experiment.toml", "extended_lpv.json"
 def diagnose(
     data: options.Data,
     baseline: Annotated[str, typer.Option("--baseline", metavar="NAME|MODEL", help="A baseline by name (guo, bouc-wen, "
-                                          "lpv-arx, linear, quarter-car, …), fitted to the data first; or a saved "
-                                          "model file.", show_default=False)],
+                                          "lpv-arx, linear, quarter-car, …), fitted to the data first; 'auto' for the "
+                                          "law that suits them best; or a saved model file.", show_default=False)],
     parameters: Annotated[Path | None, typer.Option("--parameters", metavar="FILE", help="Parameters of a named "
                           "baseline, instead of fitting it: a published set.")] = None,
     held_out: Annotated[list[str] | None, typer.Option("--held-out", metavar="DATA", help="Files on which the gain is "

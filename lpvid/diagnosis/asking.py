@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from lpvid.diagnosis.engine import DiagnosisSettings
 
 Progress = Callable[[str], None]
+AUTO = "auto"
+"""in the place of a baseline's name: the installed law that suits the records best"""
 ENGINES = ("gates", "evidence")
 """engines by name; the first is the default"""
 
@@ -62,8 +64,8 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
         As read: a velocity is derived where it was not measured, gaps and NaN cut records, a common rate above 1024 Hz
         is decimated.
     baseline : str, path, model or Baseline
-        The name of an installed baseline (``"guo"``), fitted to the records first; a file written by `lpvid.save`; a
-        model; or a `Baseline`.
+        The name of an installed baseline (``"guo"``), fitted to the records first, or ``"auto"`` for the installed law
+        that suits them best; a file written by `lpvid.save`; a model; or a `Baseline`.
     catalogue : sequence of Effect, name or names, optional
         Candidates: effects, or the names of installed catalogues; all installed ones by default.
     held_out : Record or sequence of Record, optional
@@ -109,7 +111,16 @@ def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = Non
                          mend="leave them out, a model file holds its own")
     needed = given.channels if isinstance(given, Baseline) else _channels(given)
     prepared = prepare(training, kept, effects, needed, sample_rate or _own_rate(given, [*training, *kept]))
-    found = _baseline(given, prepared.training, parameters)
+    if given == AUTO:
+        from lpvid.diagnosis.automatic import automatic
+
+        if parameters is not None:
+            raise InputError("parameters belong to a baseline that is given by name", got=AUTO,
+                             mend="name the baseline, or leave them out")
+        found, note = automatic(prepared.training)
+        prepared = replace(prepared, notes=(note, *prepared.notes))
+    else:
+        found = _baseline(given, prepared.training, parameters)
     fitted = parameters is not None or not isinstance(given, (str, Baseline))
     return Question(prepared, found, fitted, effects, (*training, *kept))
 

@@ -269,7 +269,8 @@ class Diagnosis:
         """diagnosis.json."""
         share = self.explained_share
         return {
-            "schema": f"lpvid/diagnosis/{1 if self.weights is None else 2}", "verdict": self.verdict, "reason": self.reason,
+            "schema": f"lpvid/diagnosis/{1 if self.weights is None else 2}",
+            "verdict": self.verdict, "reason": self.reason,
             "baseline": {**self.baseline, **self.before.to_dict(), "noise_floor": self.noise_floor},
             "unit": self.unit, "held_out": self.held_out, "noise": dict(self.noise),
             "wrong": [w.to_dict() for w in self.wrong],

@@ -78,9 +78,9 @@ def direction(s: Signals, deflection: float) -> np.ndarray:
 class InnerFriction(ParallelForce):
     """Dry friction that a series element carries too: it sits behind the spring, and the spring yields to it.
 
-    Of a load path ``motion → spring → (law ∥ friction)`` the element's own speed w = v − (1/k) dF/dt turns the friction,
-    not the measured one: after a reversal the force crosses from one side to the other along the spring. With nothing
-    in series it is the friction of `CoulombFriction` without a deflection, and not asked for.
+    Of a load path ``motion → spring → (law ∥ friction)`` the element's own speed w = v − (1/k) dF/dt turns the
+    friction, not the measured one: after a reversal the force crosses from one side to the other along the spring.
+    With nothing in series it is the friction of `CoulombFriction` without a deflection, and not asked for.
     """
 
     name: ClassVar[str] = "inner-friction"

@@ -25,7 +25,7 @@ def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record]
     signals = [baseline.signals(r) for r in records]
     total = sum(s.n_samples for s in signals)
     factor = -(-total // ENOUGH)
-    roles = [c for c in records[0].channels]
+    roles = list(records[0].channels)
     while factor > 1:
         if all(_quiet(s, factor) for s in signals):
             slow = [p for r in records for p in segments([r], roles, sample_rate=1 / (factor * signals[0].sample_time),
@@ -37,7 +37,7 @@ def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record]
 
 
 def _quiet(s: Signals, factor: int) -> bool:
-    """Whether the output has less than a good law's misfit beyond the band that decimation leaves, and no input jumps."""
+    """Whether less of the output than a good law's misfit lies beyond the band that is left, and no input jumps."""
     if any(jumps(c) for c in s.channels.values()):
         return False
     power = np.abs(np.fft.rfft((s.output - s.output.mean()) * np.hanning(s.n_samples))) ** 2
