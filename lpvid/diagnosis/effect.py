@@ -194,6 +194,8 @@ class Effect(ABC):
     for everything else. Two on one path are kin: a faint one is the small print of the other"""
     stepwise: ClassVar[bool] = False
     """whether the strength is a lag that acts in whole samples of a held signal, so that no derivative leads to it"""
+    flexible: ClassVar[bool] = False
+    """whether it is so general that it must win more than a component to be believed (`evidence.priors.FORM`)"""
     by_evidence: ClassVar[bool] = False
     """whether only the evidence engine takes it: a law or a placement whose rivals must be weighed as a family"""
     placement_of: ClassVar[str] = ""

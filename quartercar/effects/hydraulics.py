@@ -175,6 +175,7 @@ class InputNonlinearity(HydraulicEffect):
     """The viscous share grows with another power of the speed (equation sheet 9.1)."""
 
     name: ClassVar[str] = "input-nonlinearity"
+    flexible: ClassVar[bool] = True
     title: ClassVar[str] = "the viscous share follows another power of the speed"
     equation: ClassVar[str] = "c(i) v becomes c(i) v (|v|/0.1 m/s)^(n - 1)"
     reference: ClassVar[str] = "equation sheet 9.1; seed 000, (1)"

@@ -18,7 +18,7 @@ DECADES = 1.0
 
 def inclusion(effect: Effect) -> float:
     """ln π/(1 − π)."""
-    share = FORM if effect.catch_all else INCLUDED
+    share = FORM if effect.catch_all or effect.flexible else INCLUDED
     return float(np.log(share / (1 - share)))
 
 
@@ -49,7 +49,7 @@ def of_shape(p: EffectParameter, value: float, looked_at: Sequence[float]) -> tu
     """
     positive = [g for g in looked_at if g > 0]
     if p.choices:
-        return -float(np.log(len(p.choices))), 0.0
+        return -float(np.log(len(p.choices))), 2 * np.pi  # no volume: one of a few things
     if positive and p.bounds[0] >= 0 and 0.0 not in looked_at and value > 0:
         width = DECADES * np.log(10.0)
         apart = (np.log(value) - float(np.mean(np.log(positive)))) / width

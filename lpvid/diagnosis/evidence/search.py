@@ -15,17 +15,17 @@ from lpvid.diagnosis.evidence.priors import inclusion
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.racing import race
-from lpvid.diagnosis.refitting import Refit, refit
+from lpvid.diagnosis.refitting import Refit, descend
 from lpvid.diagnosis.screening import Direction, Move, directions, move, placed
 from lpvid.diagnosis.starting import starts
 
-BEAM, CHILDREN, DEEPEST = 4, 8, 5
+BEAM, CHILDREN, DEEPEST = 3, 6, 5
 """sets enlarged at every size, refitted children of each, and members at most"""
-OF_EACH = 3
+OF_EACH = 2
 """of the children at least so many without memory and so many with one: each imitates the other at first"""
 ROUNDS = 2
 """times that the best set is pulled apart, each member dropped and swapped"""
-STEPS = 10
+STEPS = 8
 """iterations of a child's refit after its race"""
 TOGETHER = 3
 """starting points of either of a pair"""
@@ -141,11 +141,14 @@ class Search:
         composition = Composition(w.fit.composition.baseline, (*w.effects, *added))
         points = starts(added[0], found)
         begun = [placed(composition, w.fit, {added[0].name: p}) for p in points]
-        return self._settled(composition, begun, w.fit)
+        return self._settled(composition, begun, w.fit, added)
 
-    def _settled(self, composition: Composition, begun: Sequence[np.ndarray], near: Refit) -> Refit:
-        best = race(self.problem, composition, [(start, near) for start in begun])
-        return refit(self.problem, composition, best.vector, iterations=STEPS, rough=True)
+    def _settled(self, composition: Composition, begun: Sequence[np.ndarray], near: Refit,
+                 added: Sequence[Effect] = ()) -> Refit:
+        """The best of a few steps from several starts; strengths that no derivative moves by trial, if just added."""
+        hopping = any(e.stepwise or e.rugged for e in added)
+        best = race(self.problem, composition, [(start, near) for start in begun], hopping)
+        return descend(self.problem, composition, best.vector, iterations=STEPS, rough=True)
 
     def _pairs(self, root: Weighed) -> None:
         """Visit pairs of effects that physics links, which may act only together."""
@@ -158,7 +161,7 @@ class Search:
             composition = Composition(root.fit.composition.baseline, tuple(names[n] for n in pair))
             grids = [_spread(self.data.looked_at[n], TOGETHER) for n in pair]
             begun = [placed(composition, root.fit, {pair[0]: a, pair[1]: b}) for a in grids[0] for b in grids[1]]
-            return self._settled(composition, begun, root.fit)
+            return self._settled(composition, begun, root.fit, composition.effects)
 
         for fit in in_parallel(refitted, pairs):
             self._add(fit)

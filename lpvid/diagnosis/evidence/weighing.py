@@ -17,6 +17,9 @@ ROOM = 10.0
 """scale of the prior of a baseline's parameters in their own scales: the same for all sets, so that it decides
 nothing"""
 
+ABSENT = 1e-6
+"""change of the output, as a share of its rms, below which a member of a set is not there: the set is a smaller one"""
+
 
 @dataclass(frozen=True, eq=False)
 class Data:
@@ -92,6 +95,8 @@ class Weighed:
         return self.fit.cached(("evidence", kept), lambda: self._weighed(kept))
 
     def _weighed(self, kept: float) -> float:
+        if min(self.changes, default=1.0) < ABSENT:
+            return -np.inf
         m = self.marginal(kept)
         prior, precision = self._prior
         hessian = (self.curvature - self.turned.T @ (m.taken[:, None] * self.turned)) * (kept / m.noise)
