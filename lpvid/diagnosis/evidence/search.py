@@ -19,7 +19,7 @@ from lpvid.diagnosis.refitting import Refit, descend
 from lpvid.diagnosis.screening import Direction, Move, directions, move, placed
 from lpvid.diagnosis.starting import starts
 
-BEAM, CHILDREN, DEEPEST = 3, 6, 5
+BEAM, CHILDREN, DEEPEST = 3, 6, 4
 """sets enlarged at every size, refitted children of each, and members at most"""
 OF_EACH = 2
 """of the children at least so many without memory and so many with one: each imitates the other at first"""
@@ -27,6 +27,8 @@ ROUNDS = 2
 """times that the best set is pulled apart, each member dropped and swapped"""
 STEPS = 8
 """iterations of a child's refit after its race"""
+LAGGING = ("motion", "force", "all")
+"""paths whose lags, delays and filters imitate each other and every dynamic cause; a set holds one of them"""
 TOGETHER = 3
 """starting points of either of a pair"""
 
@@ -82,7 +84,7 @@ class Search:
         self._pairs(self.visited[frozenset()])
         for _ in range(DEEPEST):
             before = self.best
-            open_sets = [w for m, w in self.visited.items() if m not in self.enlarged and len(m) < DEEPEST]
+            open_sets = [w for w in self.visited.values() if self._open(w)]
             for w in sorted(open_sets, key=self.score, reverse=True)[:BEAM]:
                 self.enlarge(w)
             self._reweigh()
@@ -95,10 +97,14 @@ class Search:
             if self.best is before:
                 break
 
+    def _open(self, w: Weighed) -> bool:
+        """Whether a set may still be enlarged; one with a filter of all channels is not, which comes last."""
+        return w.members not in self.enlarged and len(w.members) < DEEPEST and all(e.path != "all" for e in w.effects)
+
     # -- visiting ----------------------------------------------------------------------------------------------------
     def enlarge(self, w: Weighed) -> None:
         """Visit the most promising sets with one effect more."""
-        if w.members in self.enlarged:
+        if not self._open(w):
             return
         self.enlarged.add(w.members)
         names = ", ".join(sorted(w.members)) or "the baseline alone"
@@ -179,8 +185,7 @@ class Search:
                     if x is not e})]
                 self._add(self._settled(composition, begun, w.fit))
             self.enlarge(self.visited[rest])
-        if len(w.members) < DEEPEST:
-            self.enlarge(w)
+        self.enlarge(w)
 
     def _add(self, fit: Refit) -> None:
         known = self.visited.get(fit.composition.members)
@@ -199,9 +204,13 @@ class Search:
 
 
 def together(effects: Sequence[Effect]) -> bool:
-    """Whether effects may be in one set: no component twice, and what sits behind a series element with one."""
+    """Whether effects may be in one set: no component twice, what sits behind a series element with one, one lag.
+
+    Of lags, delays and filters on the way of motion and force a set holds one: two imitate whatever there is.
+    """
     components, stages = [e.component for e in effects], {e.stage for e in effects}
-    return len(set(components)) == len(components) and all(not e.behind or e.behind in stages for e in effects)
+    return len(set(components)) == len(components) and all(not e.behind or e.behind in stages for e in effects) and \
+        sum(e.path in LAGGING for e in effects) <= 1
 
 
 def _spread(points: np.ndarray, count: int) -> np.ndarray:
