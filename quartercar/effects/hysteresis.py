@@ -22,6 +22,7 @@ class BoucWenHysteresis(ParallelForce):
 
     name: ClassVar[str] = "hysteresis"
     by_evidence: ClassVar[bool] = True
+    placement_of: ClassVar[str] = "coulomb-friction"
     title: ClassVar[str] = "hysteresis over the way beside the law"
     equation: ClassVar[str] = "F += F_z z, d z' = v - (1 - s)|v| z - s v |z|"
     reference: ClassVar[str] = "equation sheet 1.1; Wen 1976, order one"
@@ -37,7 +38,7 @@ class BoucWenHysteresis(ParallelForce):
                 EffectParameter("deflection", "m", "d, over which it builds up", 1e-4, (1e-6, 3e-3), (NIL, 0.5),
                                 (1e-5, 1e-4, 1e-3)),
                 EffectParameter("straightness", "", "s, 0 for Dahl's loop, 1 for a stiff way back", 0.3, (0.0, 0.99),
-                                (-1.0, 0.999), (0.0, 0.6)))
+                                (0.0, 0.99), (0.0, 0.6)))
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         force, deflection, share = (float(v) for v in values)

@@ -10,6 +10,7 @@ import numpy as np
 from lpvid._threads import in_parallel
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.evidence.discrepancy import USUAL
 from lpvid.diagnosis.evidence.independence import independent
 from lpvid.diagnosis.evidence.priors import inclusion
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
@@ -27,6 +28,9 @@ ROUNDS = 2
 """times that the best set is pulled apart, each member dropped and swapped"""
 STEPS = 8
 """iterations of a child's refit after its race"""
+MISSED, LITTLE = 2 * USUAL, 0.05
+"""root mean square of an error, over the output's, that a good law may leave: twice the usual; and share of the
+baseline's squared error that names nothing by itself, of a law that is nearly right"""
 LAGGING = ("motion", "force", "all")
 """paths whose lags, delays and filters imitate each other and every dynamic cause; a set holds one of them"""
 TOGETHER = 3
@@ -52,6 +56,9 @@ class Search:
         κ of the best set's error, by which all sets are weighed.
     predictable : float
         Share of that error which the inputs predict.
+    floor : float
+        Squared error below which sets count as equally good, once the search is over: that of the best set and what a
+        good law may miss beyond, `MISSED` of the output or `LITTLE` of what the baseline misses.
     """
 
     data: Data
@@ -62,6 +69,7 @@ class Search:
     enlarged: set[frozenset[str]] = field(default_factory=set)
     kept: float = 1.0
     predictable: float = 0.0
+    floor: float = 0.0
 
     @property
     def problem(self) -> Problem:
@@ -75,7 +83,7 @@ class Search:
 
     def score(self, w: Weighed) -> float:
         """Evidence of a set at the present κ."""
-        return w.evidence(self.kept)
+        return w.evidence(self.kept, self.floor)
 
     def run(self, root: Refit) -> None:
         """Visit sets from the baseline alone on."""
