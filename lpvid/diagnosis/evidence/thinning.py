@@ -11,9 +11,8 @@ from lpvid.diagnosis.evidence.discrepancy import USUAL
 from lpvid.diagnosis.signals import Signals, jumps
 from lpvid.record import Record
 
-ENOUGH = 9000
-"""samples for a search: with half as many the sets of the measured records came out the same, with more they took
-longer"""
+ENOUGH = 5000
+"""samples for a search: its time is in proportion, about half a minute for so many"""
 BAND = 0.8
 """share of half the sample rate that an anti-alias filter leaves"""
 
