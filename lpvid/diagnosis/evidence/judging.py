@@ -36,7 +36,7 @@ class Member:
     effect : Effect
     values : (k,) array
     probability, of_family : float
-        That it is there, wherever it sits; that one of its family is.
+        That it, or what it is a special case of, is there, wherever it sits; that one of its family is.
     rivals : tuple of (str, float)
         Effects that hold the probability which it lacks, in its absence.
     without : Refit
@@ -167,11 +167,11 @@ def _member(search: Search, sets: Sequence[tuple[Weighed, float]], best: Weighed
     problem = fit.problem
     gains = problem.block_sums(folds_of(problem, rest).plain**2 - after.plain**2)
     before = float(np.sum(folds_of(problem, rest).plain**2))
-    here = [p for w, p in sets if any(e.component == effect.component for e in w.effects)]
+    here = [p for w, p in sets if any(_same(effect, e) for e in w.effects)]
     family = [p for w, p in sets if any(e.family == effect.family for e in w.effects)]
     rivals: dict[str, float] = {}
     for w, p in sets:
-        if not any(e.component == effect.component for e in w.effects):
+        if not any(_same(effect, e) for e in w.effects):
             for e in w.effects:
                 if e.name not in best.members:
                     rivals[e.name] = rivals.get(e.name, 0.0) + p
@@ -185,3 +185,7 @@ def _member(search: Search, sets: Sequence[tuple[Weighed, float]], best: Weighed
                   tuple(listed) if probability < NAMED else (), rest, 100 * float(gains.sum()) / max(before, 1e-300),
                   float(np.mean(gains > 0)), change, float(gain) if np.isfinite(gain) else 0.0)
 
+
+def _same(effect: Effect, other: Effect) -> bool:
+    """Whether another is the same component in some place, or holds it as its special case."""
+    return other.component == effect.component or effect.name in other.contains

@@ -10,9 +10,8 @@ import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Rejected, Rivals, VisitedSet, Weights
-from lpvid.diagnosis.evidence.discrepancy import USUAL
 from lpvid.diagnosis.evidence.judging import NAMED, Judged, Member
-from lpvid.diagnosis.evidence.search import Search
+from lpvid.diagnosis.evidence.search import MISSED, Search
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.localise import Wrong, localise
 from lpvid.diagnosis.noise import NoiseLevel
@@ -21,9 +20,6 @@ from lpvid.diagnosis.screening import Evidence
 from lpvid.diagnosis.telling import errors_of, estimates
 from lpvid.record import Record
 
-LAW = 2 * USUAL
-"""root mean square of what the inputs still predict, over that of the output, up to which a law counts as explained:
-twice the misfit of a good one"""
 SIGNIFICANT = 0.05
 """p-value of the largest block statistic over all candidates, above which nothing is named"""
 STORIES = 8
@@ -108,7 +104,7 @@ class Outcome:
         structure = f"what the inputs still predict is {self.of_law:.1%} of the output"
         if named:
             told = ", ".join(f"{m.effect.name} ({m.probability:.2f})" for m in named)
-            if self.of_law <= LAW and not contested:
+            if self.of_law <= MISSED and not contested:
                 return "explained", f"{told}; {structure}, as much as a good law leaves"
             rest = [f"{m.effect.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
             return "partly-explained", "; ".join([told, *rest, structure])
@@ -120,7 +116,7 @@ class Outcome:
         if others:
             return "unexplained", f"{', '.join(m.effect.name for m in others)} come nearest, and cannot be named; " \
                                   f"{structure}"
-        if self.significant and self.of_law > LAW:
+        if self.significant and self.of_law > MISSED:
             return "unexplained", f"no cause of the catalogue accounts for it; {structure}"
         return "nothing-to-explain", f"no cause is called for; {structure}"
 
