@@ -17,7 +17,7 @@ from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis
 from lpvid.diagnosis.effect import Effect, by_name
 from lpvid.diagnosis.engine import DiagnosisSettings
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy
-from lpvid.diagnosis.evidence.judging import judge
+from lpvid.diagnosis.evidence.judging import judge, on_all_samples
 from lpvid.diagnosis.evidence.outcome import Outcome
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.search import Search
@@ -84,13 +84,13 @@ def concluded(search: Search, records: Sequence[Record], baseline: Baseline, hel
     """What the visited sets say, measured on all samples."""
     problem, alone = search.problem, search.visited[frozenset()].fit
     screened = tuple(screen(problem, alone, search.look(search.visited[frozenset()]), np.random.default_rng(seed)))
-    whole, root = problem, alone
+    judged = judge(search, say)
     if sum(r.n_samples for r in records) > sum(s.n_samples for s in problem.signals):
-        whole = problem_of(records, baseline)
-        root = refit(whole, alone.composition, alone.vector, rough=True)
+        say("refitting the best set to all samples")
+        judged = on_all_samples(judged, problem_of(records, baseline))
+    whole = judged.problem
     driving = [c for c in baseline.channels if c != baseline.output]
     level = noise_level(whole.signals, driving, whole.blocks.mask())
-    judged = judge(search, whole, root, say)
     return Outcome(baseline, search, judged, screened, unusable, level, held_out).diagnosis()
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,8 +39,8 @@ class Member:
         That it, or what it is a special case of, is there, wherever it sits; that one of its family is.
     rivals : tuple of (str, float)
         Effects that hold the probability which it lacks, in its absence.
-    without : Refit
-        The set without it, on all samples.
+    cost : float
+        Squared error that it takes away, the others refitted.
     gain : float
         Share of the held-out squared error of that which it takes away [%].
     better : float
@@ -56,7 +56,7 @@ class Member:
     probability: float
     of_family: float
     rivals: tuple[tuple[str, float], ...]
-    without: Refit
+    cost: float
     gain: float
     better: float
     change: float
@@ -74,13 +74,15 @@ class Member:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """The chosen set on all samples.
+    """The chosen set.
 
     Attributes
     ----------
     problem : Problem
     root, fit : Refit
         The baseline alone and the set.
+    won : float
+        Squared error that the set takes away from the baseline alone, on the samples on which the members were judged.
     before, after : Folds
         Their errors out of fold.
     members : tuple of Member
@@ -94,6 +96,7 @@ class Judged:
     problem: Problem
     root: Refit
     fit: Refit
+    won: float
     before: Folds
     after: Folds
     members: tuple[Member, ...]
@@ -101,18 +104,15 @@ class Judged:
     sets: list[tuple[Weighed, float]]
 
 
-def judge(search: Search, problem: Problem, root: Refit, say: Callable[[str], None]) -> Judged:
+def judge(search: Search, say: Callable[[str], None]) -> Judged:
     """The most probable set whose every member lowers the error out of fold, and its members.
 
     Parameters
     ----------
     search : Search
-    problem : Problem
-        All samples; that of the search where it was not thinned.
-    root : Refit
-        The baseline alone on them.
     say : callable
     """
+    problem, root = search.problem, search.visited[frozenset()].fit
     refused: set[frozenset[str]] = set()
     dropped: dict[str, str] = {}
     fits = {frozenset(): root}
@@ -143,8 +143,17 @@ def judge(search: Search, problem: Problem, root: Refit, say: Callable[[str], No
     members = [_member(search, sets, best, fit, after, e, r) for e, r in zip(best.effects, rests, strict=True)]
     members.sort(key=lambda m: -m.change)
     kept = {m.effect.name for m in members}
-    return Judged(problem, root, fit, folds_of(problem, root), after, tuple(members),
+    return Judged(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members),
                   tuple((n, why) for n, why in dropped.items() if n not in kept), sets)
+
+
+def on_all_samples(judged: Judged, problem: Problem) -> Judged:
+    """The same with errors and parameters by refits on all samples, where the search was on some."""
+    root, fit = (refit(problem, f.composition, f.vector, rough=True) for f in (judged.root, judged.fit))
+    places = {e.name: p for e, p in zip(fit.composition.effects, fit.composition.places, strict=True)}
+    members = tuple(replace(m, values=fit.vector[places[m.effect.name]]) for m in judged.members)
+    return replace(judged, problem=problem, root=root, fit=fit, before=folds_of(problem, root),
+                   after=folds_of(problem, fit), members=members)
 
 
 def folds_of(problem: Problem, fit: Refit) -> Folds:
@@ -181,9 +190,9 @@ def _member(search: Search, sets: Sequence[tuple[Weighed, float]], best: Weighed
     without = search.visited.get(best.members - {effect.name})
     gain = search.score(best) - (search.score(without) if without is not None else -np.inf)
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
-    return Member(effect, values, probability, float(sum(family)),
-                  tuple(listed) if probability < NAMED else (), rest, 100 * float(gains.sum()) / max(before, 1e-300),
-                  float(np.mean(gains > 0)), change, float(gain) if np.isfinite(gain) else 0.0)
+    return Member(effect, values, probability, float(sum(family)), tuple(listed) if probability < NAMED else (),
+                  rest.cost - fit.cost, 100 * float(gains.sum()) / max(before, 1e-300), float(np.mean(gains > 0)), change,
+                  float(gain) if np.isfinite(gain) else 0.0)
 
 
 def _same(effect: Effect, other: Effect) -> bool:

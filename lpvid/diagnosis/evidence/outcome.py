@@ -134,7 +134,6 @@ class Outcome:
     # -- plain data ----------------------------------------------------------------------------------------------------
     def _cause(self, m: Member, spread: np.ndarray) -> Cause:
         j = self.judged
-        won = max(j.root.cost - j.fit.cost, 1e-300)
         single = self.search.visited.get(frozenset({m.effect.name}))
         root = self.search.visited[frozenset()]
         thin = max(root.fit.cost - self.search.best.fit.cost, 1e-300)
@@ -142,7 +141,7 @@ class Outcome:
         place = j.fit.composition.places[j.fit.composition.effects.index(m.effect)]
         p_value = next((e.p_value for e in self.screened if e.effect.name == m.effect.name), 1.0)
         return Cause(m.effect.name, m.effect.told(m.values), estimates(m.effect, m.values, spread[place]), p_value,
-                     -2 * m.evidence, float(alone), float((m.without.cost - j.fit.cost) / won), m.gain, m.better,
+                     -2 * m.evidence, float(alone), m.cost / max(j.won, 1e-300), m.gain, m.better,
                      m.change * self.search.data.discrepancy.force, m.probability, m.effect.family)
 
     def _rivals(self, m: Member) -> Rivals:

@@ -41,4 +41,4 @@ def _quiet(s: Signals, factor: int) -> bool:
         return False
     power = np.abs(np.fft.rfft((s.output - s.output.mean()) * np.hanning(s.n_samples))) ** 2
     kept = int(BAND * power.size / factor)
-    return bool(power[kept:].sum() < USUAL**2 * power.sum())
+    return bool(power[kept:].sum() < (2 * USUAL) ** 2 * power.sum())
