@@ -191,8 +191,8 @@ def _member(search: Search, sets: Sequence[tuple[Weighed, float]], best: Weighed
     gain = search.score(best) - (search.score(without) if without is not None else -np.inf)
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
     return Member(effect, values, probability, float(sum(family)), tuple(listed) if probability < NAMED else (),
-                  rest.cost - fit.cost, 100 * float(gains.sum()) / max(before, 1e-300), float(np.mean(gains > 0)), change,
-                  float(gain) if np.isfinite(gain) else 0.0)
+                  rest.cost - fit.cost, 100 * float(gains.sum()) / max(before, 1e-300), float(np.mean(gains > 0)),
+                  change, float(gain) if np.isfinite(gain) else 0.0)
 
 
 def _same(effect: Effect, other: Effect) -> bool:
