@@ -36,7 +36,7 @@ def _memory(problem: Problem, errors: Sequence[np.ndarray]) -> float:
     size = max(min(min(e.size for e in errors), sum(e.size for e in errors) // SEGMENTS), 16)
     for e, inside in zip(errors, problem.blocks.mask(), strict=True):
         x = np.where(inside, e, 0.0)
-        _, power = welch(x - x.mean(), nperseg=size, detrend=False)
+        _, power = welch(x - x.mean(), nperseg=size, detrend="constant")
         pieces = max(2 * x.size // size - 1, 1)
         total = pieces * power if total is None else total + pieces * power
         count += pieces
