@@ -91,6 +91,8 @@ PLANS: Mapping[str, tuple[Part, ...]] = {
     "displacement-delay": (RANDOM, SWEEP), "force-delay": (RANDOM, SWEEP), "one-sided-filter": (SWEEP, RANDOM),
     "force-clipping": (FAST,), "quantisation": (CREEP,),
     "scheduling-degree": (FULL_RANGE,), "model-order": (SWEEP,), "input-nonlinearity": (SPEEDS, FAST),
+    "inner-friction": (CREEP, SWEEP), "hysteresis": (CREEP, SWEEP), "cubic-spring": (CREEP,),
+    "saturating-damping": (SPEEDS, FAST), "force-dead-zone": (CREEP,),
     "force-offset": (CREEP,), "missing-scheduling": (HEATING, REPEATED), "coloured-noise": (REPEATED,),
 }
 """What makes a cause visible."""
@@ -119,6 +121,7 @@ PAIRS: Mapping[frozenset[str], tuple[Part, ...] | str] = {frozenset(names): what
     (("coil-lag", "command-delay"), (STEPS,)), (("coil-lag", "force-delay"), (STEPS,)),
     (("command-delay", "force-delay"), (STEPS, RANDOM)), (("rise-fall-lag", "coil-lag"), (STEPS,)),
     (("rise-fall-lag", "current-saturation"), (STEPS,)),
+    (("hysteresis", "series-compliance"), (SWEEP, LARGE_SWEEP)), (("hysteresis", "coulomb-friction"), (CREEP, SWEEP)),
     (("displacement-delay", "force-delay"), (RANDOM,)), (("displacement-delay", "coil-lag"), (RANDOM,)),
     (("displacement-delay", "series-compliance"), (SWEEP, LARGE_SWEEP)),
     (("force-delay", "series-compliance"), (SWEEP, LARGE_SWEEP)),

@@ -24,8 +24,8 @@ PLAN, LPV_MODEL = "experiment.toml", "extended_lpv.json"
 def diagnose(
     data: options.Data,
     baseline: Annotated[str, typer.Option("--baseline", metavar="NAME|MODEL", help="A baseline by name (guo, bouc-wen, "
-                                          "lpv-arx, linear, quarter-car, …), fitted to the data first; or a saved "
-                                          "model file.", show_default=False)],
+                                          "lpv-arx, linear, quarter-car, …), fitted to the data first; 'auto' for the "
+                                          "law that suits them best; or a saved model file.", show_default=False)],
     parameters: Annotated[Path | None, typer.Option("--parameters", metavar="FILE", help="Parameters of a named "
                           "baseline, instead of fitting it: a published set.")] = None,
     held_out: Annotated[list[str] | None, typer.Option("--held-out", metavar="DATA", help="Files on which the gain is "
@@ -41,6 +41,8 @@ def diagnose(
     flip: options.Flip = None,
     sample_rate: options.SampleRateOrRaw = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the significance tests.")] = 0,
+    engine: Annotated[str, typer.Option("--engine", metavar="gates|evidence", hidden=True, help="Which engine "
+                                        "decides.")] = "gates",
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:
@@ -66,7 +68,7 @@ def diagnose(
         training, kept = ([_with_parts(r, start if is_model else None, named) for r in p] for p in (training, kept))
         question = pose(training, start, split_names(catalogue) or None, kept, parameters=parameters,
                         sample_rate=own_rate(training) if raw else None if clockless else rate)
-        found = answer(question, DiagnosisSettings(seed=seed), say)
+        found = answer(question, DiagnosisSettings(seed=seed), say, engine)
         say("the same causes in an LPV model")
         lpv = _lpv_extension(found, question)
         told = _deliver(results, found, question, lpv, plan_experiment, say)

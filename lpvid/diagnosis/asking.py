@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lpvid import _checks
 from lpvid.condition.preparing import with_current
 from lpvid.condition.tables import as_records
 from lpvid.diagnosis.baseline import Baseline
@@ -25,6 +26,10 @@ if TYPE_CHECKING:
     from lpvid.diagnosis.extended import ExtendedModel
 
 Progress = Callable[[str], None]
+AUTO = "auto"
+"""in the place of a baseline's name: the installed law that suits the records best"""
+ENGINES = ("gates", "evidence")
+"""engines by name; the first is the default"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +59,7 @@ class Question:
 def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
              held_out: Record | Sequence[Record] | None = None, *, parameters: Any = None,
              settings: DiagnosisSettings | None = None, sample_rate: float | None = None,
-             progress: Progress | None = None) -> Diagnosis:
+             progress: Progress | None = None, engine: str = "gates") -> Diagnosis:
     """Say what a baseline's simulation gets wrong, name the cause or say why not, extend it, measure the gain.
 
     Parameters
@@ -63,8 +68,8 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
         As read: a velocity is derived where it was not measured, gaps and NaN cut records, a common rate above 1024 Hz
         is decimated.
     baseline : str, path, model or Baseline
-        The name of an installed baseline (``"guo"``), fitted to the records first; a file written by `lpvid.save`; a
-        model; or a `Baseline`.
+        The name of an installed baseline (``"guo"``), fitted to the records first, or ``"auto"`` for the installed law
+        that suits them best; a file written by `lpvid.save`; a model; or a `Baseline`.
     catalogue : sequence of Effect, name or names, optional
         Candidates: effects, or the names of installed catalogues; all installed ones by default.
     held_out : Record or sequence of Record, optional
@@ -76,6 +81,9 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
         Resample to this rate [Hz].
     progress : callable, optional
         Told in words what is being done.
+    engine : {"gates", "evidence"}
+        Which engine decides: significance and gates, or the probability of sets of causes beside a law that is never
+        right to the noise (`lpvid.diagnosis.evidence`).
 
     Returns
     -------
@@ -88,7 +96,7 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
         No such baseline or catalogue, missing channels, too little data.
     """
     question = pose(records, baseline, catalogue, held_out, parameters=parameters, sample_rate=sample_rate)
-    return answer(question, settings, progress)
+    return answer(question, settings, progress, engine)
 
 
 def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
@@ -109,18 +117,29 @@ def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = Non
     given = _by_roles(given)
     needed = given.channels if isinstance(given, Baseline) else _channels(given)
     prepared = prepare(training, kept, effects, needed, sample_rate or _own_rate(given, [*training, *kept]))
-    found = _baseline(given, prepared.training, parameters)
+    if given == AUTO:
+        from lpvid.diagnosis.automatic import automatic
+
+        if parameters is not None:
+            raise InputError("parameters belong to a baseline that is given by name", got=AUTO,
+                             mend="name the baseline, or leave them out")
+        found, note = automatic(prepared.training)
+        prepared = replace(prepared, notes=(note, *prepared.notes))
+    else:
+        found = _baseline(given, prepared.training, parameters)
     fitted = parameters is not None or not isinstance(given, (str, Baseline))
     return Question(prepared, found, fitted, effects, (*training, *kept))
 
 
 def answer(question: Question, settings: DiagnosisSettings | None = None,
-           progress: Progress | None = None) -> Diagnosis:
-    """Run the engine on a question, and say what was done to the data."""
+           progress: Progress | None = None, engine: str = "gates") -> Diagnosis:
+    """Run an engine on a question, and say what was done to the data."""
     from lpvid.auditing import audit
+    from lpvid.diagnosis import engine as gates
     from lpvid.diagnosis.engine import DiagnosisSettings
-    from lpvid.diagnosis.engine import diagnose as run
+    from lpvid.diagnosis.evidence import engine as evidence
 
+    run = {"gates": gates.diagnose, "evidence": evidence.diagnose}[_checks.one_of(engine, ENGINES, "engine")]
     settings, say = settings or DiagnosisSettings(), progress or (lambda text: None)
     prepared, baseline = question.prepared, question.baseline
     notes = [*_polarity_note(baseline), *prepared.notes]

@@ -57,6 +57,10 @@ class Cause:
         Share of the held-out blocks in which it helps.
     contribution : float
         Root mean square of what it adds to the output, in the output's unit.
+    probability : float or None
+        That it is there, among the sets of causes that were looked at; None of the engine that knows none.
+    family : str
+        Of causes; "" of an engine that does not weigh families.
     """
 
     name: str
@@ -69,14 +73,17 @@ class Cause:
     held_out_gain: float
     blocks_better: float
     contribution: float
+    probability: float | None = None
+    family: str = ""
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""
+        weighed = {} if self.probability is None else {"probability": self.probability, "family": self.family}
         return {"name": self.name, "description": self.description,
                 "parameters": [p.to_dict() for p in self.parameters], "p_value": self.p_value,
                 "delta_bic": self.delta_bic, "share_alone": self.share_alone,
                 "share_given_others": self.share_given_others, "held_out_gain": self.held_out_gain,
-                "blocks_better": self.blocks_better, "contribution": self.contribution}
+                "blocks_better": self.blocks_better, "contribution": self.contribution, **weighed}
 
 
 @dataclass(frozen=True)
@@ -120,6 +127,51 @@ class Rejected:
     def to_dict(self) -> dict:
         """Plain data for JSON."""
         return {"name": self.name, "why": self.why}
+
+
+@dataclass(frozen=True)
+class VisitedSet:
+    """A set of causes that was looked at, its probability among these, and its error where it was measured."""
+
+    names: tuple[str, ...]
+    probability: float
+    held_out_esr: float | None
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"names": list(self.names), "probability": self.probability, "held_out_esr": self.held_out_esr}
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What an engine that weighs sets against each other says besides.
+
+    Attributes
+    ----------
+    families : mapping of str to float
+        Probability that some cause of a family is there.
+    nothing : float
+        That none is.
+    discrepancy : float
+        Root mean square of what the law itself leaves, a smooth function of its inputs, over that of the output.
+    where : str
+        Where that lies, above all.
+    sets : tuple of VisitedSet
+        Best first.
+    """
+
+    families: Mapping[str, float]
+    nothing: float
+    discrepancy: float
+    where: str
+    sets: tuple[VisitedSet, ...]
+
+    def to_dict(self) -> dict:
+        """Keys of diagnosis.json, schema 2."""
+        return {"families": [{"name": n, "probability": p} for n, p in self.families.items()],
+                "probability_of_nothing": self.nothing,
+                "discrepancy": {"share": self.discrepancy, "where": self.where},
+                "sets": [s.to_dict() for s in self.sets]}
 
 
 @dataclass(frozen=True)
@@ -173,6 +225,8 @@ class Diagnosis:
         What was done to the data, and what to beware of.
     complete : bool
         False after an interruption.
+    weights : Weights or None
+        Of sets and families, where the engine weighs them.
     """
 
     verdict: str
@@ -196,6 +250,7 @@ class Diagnosis:
     seconds: float = 0.0
     notes: tuple[str, ...] = ()
     complete: bool = True
+    weights: Weights | None = None
 
     @property
     def gain_percent(self) -> float:
@@ -214,7 +269,8 @@ class Diagnosis:
         """diagnosis.json."""
         share = self.explained_share
         return {
-            "schema": "lpvid/diagnosis/1", "verdict": self.verdict, "reason": self.reason,
+            "schema": f"lpvid/diagnosis/{1 if self.weights is None else 2}",
+            "verdict": self.verdict, "reason": self.reason,
             "baseline": {**self.baseline, **self.before.to_dict(), "noise_floor": self.noise_floor},
             "unit": self.unit, "held_out": self.held_out, "noise": dict(self.noise),
             "wrong": [w.to_dict() for w in self.wrong],
@@ -228,6 +284,7 @@ class Diagnosis:
             "evidence": {k: dict(v) for k, v in self.evidence.items()}, "seconds": self.seconds,
             "notes": list(self.notes), "complete": self.complete,
             "audit": None if self.audit is None else self.audit.to_dict(),
+            **({} if self.weights is None else self.weights.to_dict()),
         }
 
     def __repr__(self) -> str:
@@ -235,6 +292,7 @@ class Diagnosis:
                  f"  baseline {self.baseline.get('name')}: free-run ESR {self.before.esr_training:.4g} training, "
                  f"{self.before.esr_held_out:.4g} held-out ({self.held_out}), rmse {self.before.rmse:.4g} {self.unit}"]
         lines += [f"  cause {c.name}: {', '.join(map(str, c.parameters))}; held-out gain {c.held_out_gain:.1f} %"
+                  + ("" if c.probability is None else f", probability {c.probability:.2f}")
                   for c in self.causes[:3]]
         lines += [f"  cannot be kept apart: {', '.join(r.names)}; {r.experiment}" for r in self.rivals[:2]]
         if self.extended is not None and self.extended.effects:

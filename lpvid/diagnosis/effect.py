@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -23,6 +23,10 @@ BEYOND = 1.5
 """times the plausible range within which a parameter is taken seriously"""
 BETWEEN = 0.01
 """share of a sample to which a time can be told at best"""
+SPREAD = (0.003, 0.1, 1.0)
+"""least, middle and largest share of its natural size at which a number is looked at"""
+MOST_SIZES = 6
+"""sizes of a strength, two to a decade"""
 STAGES = ("inside", "core", "series", "force", "kinematics", "current", "channel", "measurement")
 """Where an effect acts, from the inside out::
 
@@ -85,6 +89,22 @@ class EffectParameter:
         """Whether a fit ended at a bound at the end of the room, beyond which it would have gone on."""
         return value <= self.bounds[0] <= self.room[0] < self.plausible[0] or \
             value >= self.bounds[1] >= self.room[1] > self.plausible[1]
+
+    def spread(self, scale: float | None, strength: bool) -> tuple[float, ...]:
+        """The grid at the natural size of the data: as many decades apart, evenly in the logarithm, signs kept.
+
+        A strength that is looked at in one size, as one that acts in proportion is, is looked at in a tenth of it.
+        """
+        sizes = sorted({abs(g) for g in self.grid if g})
+        if scale is None or not sizes or self.choices:
+            return self.grid
+        signs = sorted({float(np.sign(g)) for g in self.grid if g})
+        ladder = (SPREAD[1],) if len(sizes) == 1 and strength else \
+            tuple(np.geomspace(*SPREAD[::2], max(len(sizes), MOST_SIZES if strength else 1)))
+        found = [s * scale * x for x in ladder for s in signs]
+        if len(sizes) == 1 and not strength:
+            found = [s * scale * SPREAD[1] for s in signs]
+        return tuple(float(np.clip(v, *self.bounds)) for v in ([0.0] if 0.0 in self.grid else []) + found)
 
     def choice(self, value: float) -> str | None:
         """What a value means where there are choices; None for a number."""
@@ -174,6 +194,14 @@ class Effect(ABC):
     for everything else. Two on one path are kin: a faint one is the small print of the other"""
     stepwise: ClassVar[bool] = False
     """whether the strength is a lag that acts in whole samples of a held signal, so that no derivative leads to it"""
+    flexible: ClassVar[bool] = False
+    """whether it is so general that it must win more than a component to be believed (`evidence.priors.FORM`)"""
+    by_evidence: ClassVar[bool] = False
+    """whether only the evidence engine takes it: a law or a placement whose rivals must be weighed as a family"""
+    placement_of: ClassVar[str] = ""
+    """name of the effect of which it is the same component in another place; "" where it is none"""
+    behind: ClassVar[str] = ""
+    """stage without which it is nothing of its own: friction behind a spring needs something in series"""
     negligible: ClassVar[float] = 0.005
     """share of the output's rms below which the effect, though present, is not worth naming"""
 
@@ -186,6 +214,10 @@ class Effect(ABC):
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
         """Parameter vectors away from neutral at which it is looked at when screening; at most about a dozen."""
 
+    def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
+        """The same at sizes that follow from the data; `scale` gives the natural size of a number of some unit."""
+        return self.points(signals)
+
     @abstractmethod
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         """Why it cannot be composed with this baseline on these data (a missing channel apart); None where it can."""
@@ -197,6 +229,11 @@ class Effect(ABC):
     @abstractmethod
     def lpv_change(self) -> LpvChange | None:
         """How a discrete LPV model takes it in; None where no LPV structure can."""
+
+    @property
+    def component(self) -> str:
+        """Name of the component that it is, wherever that sits."""
+        return self.placement_of or self.name
 
     @property
     def neutral(self) -> np.ndarray:
@@ -275,10 +312,19 @@ class GridEffect(Effect):
     """An effect that is looked at on the product of its parameters' grids, whatever the data."""
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
-        found = [np.array(p) for p in itertools.product(*(p.grid for p in self.parameters))]
-        if len(found) > MOST_POINTS:
-            found = [found[k] for k in np.unique(np.linspace(0, len(found) - 1, MOST_POINTS).round().astype(int))]
-        return found
+        return _product([p.grid for p in self.parameters])
+
+    def spread_points(self, signals: tuple[Signals, ...], scale: Callable[[str], float | None]) -> list[np.ndarray]:
+        grids = [p.spread(scale(p.unit), k < self.strengths) for k, p in enumerate(self.parameters)]
+        return _product(grids)
+
+
+def _product(grids: Sequence[Sequence[float]]) -> list[np.ndarray]:
+    """Every combination, thinned evenly to `MOST_POINTS`."""
+    found = [np.array(p) for p in itertools.product(*grids)]
+    if len(found) > MOST_POINTS:
+        found = [found[k] for k in np.unique(np.linspace(0, len(found) - 1, MOST_POINTS).round().astype(int))]
+    return found
 
 
 def by_name(catalogue: tuple[Effect, ...]) -> Mapping[str, Effect]:

@@ -334,7 +334,7 @@ def _usable(catalogue: tuple[Effect, ...], baseline: Baseline, signals: tuple) -
         tuple[Effect, ...], tuple[CannotTell, ...]]:
     usable, unusable = [], []
     for effect in catalogue:
-        if effect.family == "noise":
+        if effect.family == "noise" or effect.by_evidence:
             continue
         missing = effect.missing(signals)
         why = f"no {', '.join(missing)} was measured" if missing else effect.applies(baseline, signals)

@@ -16,7 +16,8 @@ HEATS, HEAT = 3, 2
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a law that explodes loses by its cost
-def race(problem: Problem, composition: Composition, begun: Sequence[tuple[np.ndarray, Refit | None]]) -> Refit:
+def race(problem: Problem, composition: Composition, begun: Sequence[tuple[np.ndarray, Refit | None]],
+         hopping: bool = True) -> Refit:
     """The best of a few rough steps from several starts.
 
     Parameters
@@ -26,6 +27,8 @@ def race(problem: Problem, composition: Composition, begun: Sequence[tuple[np.nd
     begun : sequence of ((P,) array, Refit or None)
         At least one start, each with a refit of a related composition whose derivatives serve until they fail. The
         same start twice is run once.
+    hopping : bool
+        Whether lags of whole samples and lost motion are moved by trial at the end.
 
     Returns
     -------
@@ -40,4 +43,4 @@ def race(problem: Problem, composition: Composition, begun: Sequence[tuple[np.nd
             running = sorted(running, key=lambda r: r[0].cost)[: (len(running) + 1) // 2]
         running = [([fit, *islice(way, HEAT)][-1], way) for fit, way in running]
     best = min((fit for fit, _ in running), key=lambda f: f.cost)
-    return hopped_on(best, HEATS * HEAT, rough=True)
+    return hopped_on(best, HEATS * HEAT, rough=True) if hopping else best

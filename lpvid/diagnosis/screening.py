@@ -124,9 +124,11 @@ def moves(problem: Problem, fit: Refit, effects: Sequence[Effect]) -> list[Move]
     return [m for of_effect in every for m in of_effect if m is not None]
 
 
-def move(problem: Problem, fit: Refit, effect: Effect, values: np.ndarray) -> Move | None:
-    """One candidate at given values; None where it does not simulate."""
-    return _move(problem, fit, [fit.composition.predict(s, fit.vector) for s in problem.signals], effect, values)
+def move(problem: Problem, fit: Refit, effect: Effect, values: np.ndarray, now: Sequence[np.ndarray] | None = None
+         ) -> Move | None:
+    """One candidate at given values; None where it does not simulate. `now` is the simulation of the fit, if known."""
+    now = [fit.composition.predict(s, fit.vector) for s in problem.signals] if now is None else now
+    return _move(problem, fit, now, effect, values)
 
 
 def _move(problem: Problem, fit: Refit, now: Sequence[np.ndarray], effect: Effect, values: np.ndarray) -> Move | None:

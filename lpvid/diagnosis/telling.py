@@ -116,21 +116,7 @@ class Telling:
             self.baseline.output_unit, None, self._evidence())
 
     def _errors(self, fit: Refit, folds: Folds) -> Errors:
-        problem = self.problem
-        plain = problem.stack(problem.errors(fit.composition, fit.vector), whiten=False)
-        inside = [s.output[n >= 0] for s, n in zip(problem.signals, problem.blocks.number, strict=True)]
-        about = (float(np.sum((y - y.mean()) ** 2)) for y in inside if y.size)  # each record about its own mean
-        power = max(sum(about), 1e-300)
-        if not self.held_out:
-            squares = float(folds.plain @ folds.plain)
-            return Errors(float(plain @ plain) / power, squares / power, float(np.sqrt(squares / problem.n_samples)))
-        error, total, count = 0.0, 0.0, 0
-        for record in self.held_out:
-            s = self.baseline.signals(record)
-            e = (s.output - fit.composition.predict(s, fit.vector))[self.baseline.start:]
-            y = s.output[self.baseline.start:]
-            error, total, count = error + float(e @ e), total + float(np.sum((y - y.mean()) ** 2)), count + y.size
-        return Errors(float(plain @ plain) / power, error / max(total, 1e-300), float(np.sqrt(error / max(count, 1))))
+        return errors_of(self.problem, self.baseline, fit, folds, self.held_out)
 
     def _cause(self, j: Judged, sure: np.ndarray) -> Cause:
         bare, fit, problem = self.decided.bare, self.search.fit, self.problem
@@ -141,15 +127,15 @@ class Telling:
             composition = Composition(self.baseline, (j.effect,))
             alone = (bare.cost - refit(problem, composition, placed(composition, bare, {j.effect.name: j.values})).cost
                      ) / excess
-        parameters = _estimates(j.effect, j.values, of_effect(self.search, sure, j.effect))
+        parameters = estimates(j.effect, j.values, of_effect(self.search, sure, j.effect))
         return Cause(j.effect.name, j.effect.told(j.values), parameters, j.p_value, j.delta_bic, float(alone),
                      float((j.without.cost - fit.cost) / excess), j.held_out_gain, j.blocks_better, j.contribution)
 
     def _rivals(self, j: Judged) -> Rivals:
-        parameters = {j.effect.name: _estimates(j.effect, j.values, None)}
+        parameters = {j.effect.name: estimates(j.effect, j.values, None)}
         for a in j.rivals:
             place = a.fit.composition.places[a.fit.composition.effects.index(a.effect)]
-            parameters[a.effect.name] = _estimates(a.effect, a.fit.vector[place], None)
+            parameters[a.effect.name] = estimates(a.effect, a.fit.vector[place], None)
         experiments = list(dict.fromkeys([j.effect.experiment, *(a.effect.experiment for a in j.rivals)]))
         return Rivals((j.effect.name, *(a.effect.name for a in j.rivals)), float(max(a.similarity for a in j.rivals)),
                       "; or ".join(experiments), parameters)
@@ -179,7 +165,25 @@ class Telling:
                                 "smallest_detectable": e.smallest_detectable} for e in self.screened}
 
 
-def _estimates(effect: Effect, values: np.ndarray, deviation: np.ndarray | None) -> tuple[Estimated, ...]:
+def errors_of(problem: Problem, baseline: Baseline, fit: Refit, folds: Folds, held_out: Sequence[Record]) -> Errors:
+    """Free-run errors of a fit: on training samples, and on further records or, without them, out of fold."""
+    plain = problem.stack(problem.errors(fit.composition, fit.vector), whiten=False)
+    inside = [s.output[n >= 0] for s, n in zip(problem.signals, problem.blocks.number, strict=True)]
+    about = (float(np.sum((y - y.mean()) ** 2)) for y in inside if y.size)  # each record about its own mean
+    power = max(sum(about), 1e-300)
+    if not held_out:
+        squares = float(folds.plain @ folds.plain)
+        return Errors(float(plain @ plain) / power, squares / power, float(np.sqrt(squares / problem.n_samples)))
+    error, total, count = 0.0, 0.0, 0
+    for record in held_out:
+        s = baseline.signals(record)
+        e = (s.output - fit.composition.predict(s, fit.vector))[baseline.start:]
+        y = s.output[baseline.start:]
+        error, total, count = error + float(e @ e), total + float(np.sum((y - y.mean()) ** 2)), count + y.size
+    return Errors(float(plain @ plain) / power, error / max(total, 1e-300), float(np.sqrt(error / max(count, 1))))
+
+
+def estimates(effect: Effect, values: np.ndarray, deviation: np.ndarray | None) -> tuple[Estimated, ...]:
     found = []
     for k, p in enumerate(effect.parameters):
         std = None if deviation is None or not np.isfinite(deviation[k]) else float(deviation[k])

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.diagnosis.asking import Question
-from lpvid.diagnosis.diagnosis import Cause, Diagnosis, Estimated
+from lpvid.diagnosis.diagnosis import Cause, Diagnosis, Estimated, Weights
 from lpvid.diagnosis.lpv_extension import LpvExtension
 from lpvid.plot import diagnosis as draw
 from lpvid.report.inspection import findings_table
@@ -55,6 +55,8 @@ def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | Non
     sections.append(Section("What the simulation gets wrong", tuple(_wrong(found, shown, extended))))
     if extended:
         sections.append(Section("Before and after", tuple(_gain(found, shown, lpv))))
+    if found.weights is not None:
+        sections.append(Section("Sets of causes", tuple(_sets(found.weights))))
     sections.append(Section("Suspects", tuple(_suspects(found))))
     sections.append(Section("What these data cannot tell", tuple(_cannot_tell(found))))
     sections.append(Section("The data", tuple(_data(found))))
@@ -137,6 +139,18 @@ def _causes(found: Diagnosis) -> list[Item]:
         items.append(Table(("cannot be kept apart", "similarity", "parameters, each taken alone", "what separates "
                             "them"), tuple(told), "", (1,), ("warn",) * len(told)))
     return items
+
+
+def _sets(weights: Weights) -> list[Item]:
+    """Visited sets and families with their probabilities, and what the law itself leaves."""
+    sets = tuple((", ".join(s.names) or "none", number(s.probability, 3),
+                  "–" if s.held_out_esr is None else number(s.held_out_esr)) for s in weights.sets)
+    families = tuple((n, number(p, 3)) for n, p in weights.families.items())
+    return [Table(("set of causes", "probability", "free-run ESR, held-out"), sets, "Among the sets that were looked "
+                  "at. Not calibrated: a probability ranks stories, it is no frequency of being right.", (1, 2)),
+            Table(("family", "probability that one of it is there"), families, "", (1,)),
+            Paragraph(f"What the inputs still predict of the error is {percent(weights.discrepancy)} of the output, "
+                      f"above all {weights.where}. Every real law leaves one to three per cent.")]
 
 
 def _share(found: Diagnosis) -> str:

@@ -14,6 +14,7 @@ from lpvid.record import Record
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import LawDamper, StaticDamper
 from quartercar.dampers.fitting.settings import FitSettings
+from quartercar.dampers.linear import Linear
 from quartercar.dampers.parameter import Parameter
 from quartercar.dampers.relief_valve import LagDamper
 
@@ -48,7 +49,7 @@ class DamperBaseline(Baseline):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", self.damper.name)
-        object.__setattr__(self, "static", isinstance(self.damper, StaticDamper))
+        object.__setattr__(self, "static", isinstance(self.damper, (StaticDamper, Linear)))
         object.__setattr__(self, "adaptive", isinstance(self.damper, LagDamper))
         object.__setattr__(self, "polarity", self.damper.polarity)
         object.__setattr__(self, "schedule", tuple(r for r in ("current",) if r in self.damper.reads))
@@ -104,7 +105,21 @@ class DamperBaseline(Baseline):
 def _drive(s: Signals) -> Drive:
     zeros = np.zeros(s.n_samples)
     return Drive(s.sample_time, s["velocity"], s["displacement"] if s.has("displacement") else zeros,
-                 s["current"] if s.has("current") else zeros, s.output)
+                 s["current"] if s.has("current") else zeros, s.output, _rate(s))
+
+
+def _rate(s: Signals) -> np.ndarray | None:
+    """Rate of change of the velocity, where it is not that of these samples: a mass is moved by the record's motion.
+
+    Of speeds at which a law is only asked it is the record's, so that with its mass, too, the law is one of the speed;
+    between the samples it is straight.
+    """
+    if s.coarse is not None:
+        return s.refined(np.gradient(s.coarse["velocity"], s.coarse.sample_time))
+    if s.record is None:
+        return None
+    record = s.record
+    return s.of_record(record.fact("velocity", "rate", lambda v: np.gradient(v, record.sample_time)))
 
 
 def _own_bounds(parameter: Parameter, value: float) -> tuple[float, float]:

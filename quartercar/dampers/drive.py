@@ -31,6 +31,9 @@ class Drive:
         Coil current [A], or the voltage or duty that stands for it; zeros where the model does not read it.
     force : (n,) array or None
         Measured force, positive in tension [N].
+    rate : (n,) array or None
+        Rate of change of the velocity, where it is known of the record and these are other speeds, at which a law is
+        only asked [m/s²].
     """
 
     sample_time: float
@@ -38,6 +41,12 @@ class Drive:
     displacement: np.ndarray
     current: np.ndarray
     force: np.ndarray | None = None
+    rate: np.ndarray | None = None
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """(n,) rate of change of the velocity [m/s²]; by central differences where it is not given."""
+        return np.gradient(self.velocity, self.sample_time) if self.rate is None else self.rate
 
     @property
     def n_samples(self) -> int:

@@ -63,7 +63,7 @@ class Linear(LawDamper):
 
     def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
         spring = [drive.displacement] if self.spring else []
-        return np.column_stack([drive.velocity, *spring, np.gradient(drive.velocity, drive.sample_time),
+        return np.column_stack([drive.velocity, *spring, drive.acceleration,
                                 np.ones(drive.n_samples)])
 
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:

@@ -6,7 +6,13 @@ from lpvid.diagnosis.effect import Effect
 from quartercar.effects.car import ActuatorDelay, Payload, StrutFriction, TyreDamping, TyreStiffness
 from quartercar.effects.compliance import Backlash, EntrainedAir, SeriesCompliance
 from quartercar.effects.electrical import CoilLag, CommandDelay, CurrentSaturation, Remanence, RiseFallLag
-from quartercar.effects.friction_gas import CoulombFriction, GasPreload, GasStiffness, StribeckFriction
+from quartercar.effects.friction_gas import (
+    CoulombFriction,
+    GasPreload,
+    GasStiffness,
+    InnerFriction,
+    StribeckFriction,
+)
 from quartercar.effects.hydraulics import (
     Asymmetry,
     Cavitation,
@@ -17,6 +23,8 @@ from quartercar.effects.hydraulics import (
     SeriesOrifice,
     ValveDynamics,
 )
+from quartercar.effects.hysteresis import BoucWenHysteresis
+from quartercar.effects.laws import CubicSpring, ForceDeadZone, SaturatingDamping
 from quartercar.effects.measurement import DisplacementDelay, ForceClipping, ForceDelay, ForceOffset, OneSidedFilter
 from quartercar.effects.model_structure import ColouredNoise, MissingScheduling, ModelOrder, SchedulingDegree
 from quartercar.effects.quantisation import Quantisation
@@ -34,6 +42,7 @@ CATALOGUE: tuple[Effect, ...] = (
     DisplacementDelay(), ForceDelay(), OneSidedFilter(), SharedFilter(), ForceOffset(), ForceClipping(), Quantisation(),
     ThermalFade(), ViscousFade(), EndStop(), FixtureInertia(), FixtureResonance(),
     SchedulingDegree(), MissingScheduling(), ModelOrder(),
+    InnerFriction(), BoucWenHysteresis(), CubicSpring(), SaturatingDamping(), ForceDeadZone(),
     StrutFriction(), Payload(), TyreStiffness(), TyreDamping(), ActuatorDelay(), SensorScale(), ChannelSign(),
     ColouredNoise(),
 )

@@ -40,11 +40,11 @@ class SeriesCompliance(SeriesElement):
     reference: ClassVar[str] = "equation sheet 3.5, 3.6, 9.3"
     experiment: ClassVar[str] = ("sines of one peak velocity at several frequencies: the lag follows the slope of the "
                                  "law; oil against bush needs another gas pressure or a second displacement")
-    partners: ClassVar[tuple[str, ...]] = ("coulomb-friction", "backlash")
+    partners: ClassVar[tuple[str, ...]] = ("coulomb-friction", "inner-friction", "backlash")
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("compliance", "m/N", "1/k", 0.0, (0.0, 5e-6), (0.0, 1e-3), (2e-8, 1e-7, 5e-7, 2e-6)),)
+        return (EffectParameter("compliance", "m/N", "1/k", 0.0, (0.0, 5e-6), (0.0, 1.0), (2e-8, 1e-7, 5e-7, 2e-6)),)
 
     def elements(self, values: np.ndarray) -> dict[str, float]:
         return {"compliance": float(values[0])}
@@ -63,7 +63,7 @@ class Backlash(SeriesElement):
     reference: ClassVar[str] = "equation sheet 3.7"
     experiment: ClassVar[str] = "strokes of falling amplitude at one frequency, down to the play itself"
     smooth: ClassVar[bool] = False
-    partners: ClassVar[tuple[str, ...]] = ("coulomb-friction", "series-compliance")
+    partners: ClassVar[tuple[str, ...]] = ("coulomb-friction", "inner-friction", "series-compliance")
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

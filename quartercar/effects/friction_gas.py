@@ -44,9 +44,9 @@ class CoulombFriction(ParallelForce):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e4), (20.0,)),
+        return (EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,)),
                 EffectParameter("deflection", "m", "d, over which it builds up after a reversal", 0.0, (0.0, 3e-4),
-                                (0.0, 2e-3), (0.0, 2e-5, 1e-4)))
+                                (0.0, 0.05), (0.0, 2e-5, 1e-4)))
 
     def is_static(self, values: np.ndarray) -> bool:
         return bool(values[1] < NIL)
@@ -75,6 +75,43 @@ def direction(s: Signals, deflection: float) -> np.ndarray:
     return s.remembered("bristles", deflection, follow)
 
 
+class InnerFriction(ParallelForce):
+    """Dry friction that a series element carries too: it sits behind the spring, and the spring yields to it.
+
+    Of a load path ``motion → spring → (law ∥ friction)`` the element's own speed w = v − (1/k) dF/dt turns the
+    friction, not the measured one: after a reversal the force crosses from one side to the other along the spring.
+    With nothing in series it is the friction of `CoulombFriction` without a deflection, and not asked for.
+    """
+
+    name: ClassVar[str] = "inner-friction"
+    placement_of: ClassVar[str] = "coulomb-friction"
+    behind: ClassVar[str] = "series"
+    by_evidence: ClassVar[bool] = True
+    title: ClassVar[str] = "dry friction behind a series spring"
+    stage: ClassVar[str] = "core"
+    layer: ClassVar[int] = 2
+    equation: ClassVar[str] = "F = law(w) + F_c tanh(w/eps), v = w + (1/k) dF/dt, eps = 2 mm/s"
+    reference: ClassVar[str] = "equation sheet 3.1, 3.5; Iwan 1966, a spring and a slider in series"
+    experiment: ClassVar[str] = "small strokes about a reversal, slowly: the slope of force over way is the spring's"
+    needs: ClassVar[tuple[str, ...]] = ("velocity",)
+    partners: ClassVar[tuple[str, ...]] = ("series-compliance", "backlash")
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,)),)
+
+    def is_static(self, values: np.ndarray) -> bool:
+        return True
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        friction = float(values[0])
+        return (lambda s: core(s) + friction * direction(s, 0.0)) if friction else core
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("the sign of the velocity as a further input, and one more state",
+                         regressors=("sign(velocity)",), order=1)
+
+
 class StribeckFriction(ParallelForce):
     """Breakaway force that falls off with speed (equation sheet 3.2)."""
 
@@ -89,7 +126,7 @@ class StribeckFriction(ParallelForce):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("breakaway", "N", "F_s, above the sliding friction", 0.0, (0.0, 300.0), (0.0, 1e4),
+        return (EffectParameter("breakaway", "N", "F_s, above the sliding friction", 0.0, (0.0, 300.0), (0.0, 1e6),
                                 (30.0,)),
                 EffectParameter("stribeck_speed", "m/s", "v_S", 0.01, (1e-3, 0.05), (5e-4, 0.2), (0.003, 0.01, 0.03)))
 
@@ -112,7 +149,7 @@ class GasPreload(ParallelForce):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("preload", "N", "P", 0.0, (0.0, 800.0), (0.0, 1e4), (50.0,)),)
+        return (EffectParameter("preload", "N", "P", 0.0, (0.0, 800.0), (0.0, 1e6), (50.0,)),)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         preload = float(values[0])
@@ -134,7 +171,7 @@ class GasStiffness(ParallelForce):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("stiffness", "N/m", "K at mid stroke", 0.0, (0.0, 2e4), (0.0, 1e6), (500.0,)),)
+        return (EffectParameter("stiffness", "N/m", "K at mid stroke", 0.0, (0.0, 2e4), (0.0, 1e8), (500.0,)),)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         stiffness = float(values[0])

@@ -95,7 +95,7 @@ class Asymmetry(HydraulicEffect):
         gain, force = float(values[0]), core(s)
         if not baseline.static:  # the force of a core with memory lags; its own sign tells which way the oil flows
             return gain * np.maximum(force, 0.0)
-        resting = s.cached("signals at rest", lambda: s.replace(velocity=np.zeros(s.n_samples)))
+        resting = s.cached("signals at rest", lambda: s.asked(velocity=np.zeros(s.n_samples)))
         return gain * np.where(s["velocity"] > 0, force - core(resting), 0.0)
 
     def lpv_change(self) -> LpvChange | None:
@@ -175,6 +175,7 @@ class InputNonlinearity(HydraulicEffect):
     """The viscous share grows with another power of the speed (equation sheet 9.1)."""
 
     name: ClassVar[str] = "input-nonlinearity"
+    flexible: ClassVar[bool] = True
     title: ClassVar[str] = "the viscous share follows another power of the speed"
     equation: ClassVar[str] = "c(i) v becomes c(i) v (|v|/0.1 m/s)^(n - 1)"
     reference: ClassVar[str] = "equation sheet 9.1; seed 000, (1)"

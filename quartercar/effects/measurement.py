@@ -166,7 +166,7 @@ class ForceOffset(ChainEffect):
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("offset", "N", "F_0", 0.0, (-500.0, 500.0), (-1e4, 1e4), (-50.0, 50.0)),)
+        return (EffectParameter("offset", "N", "F_0", 0.0, (-500.0, 500.0), (-1e6, 1e6), (-50.0, 50.0)),)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         offset = float(values[0])

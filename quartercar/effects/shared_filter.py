@@ -25,6 +25,7 @@ class SharedFilter(ChainEffect):
     """
 
     name: ClassVar[str] = "shared-filter"
+    flexible: ClassVar[bool] = True
     title: ClassVar[str] = "all channels were low-passed alike, which a bent law does not commute with"
     stage: ClassVar[str] = "measurement"
     equation: ClassVar[str] = "F_recorded = F(X)/H, X = H X_recorded, H = 1 + 2 zeta T s + T^2 s^2"

@@ -1,0 +1,88 @@
+"""Automatic: the law from which a diagnosis starts, where none is named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid._threads import single_thread
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.blocks import Blocks
+from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.deciding import out_of_fold
+from lpvid.diagnosis.evidence.independence import independent
+from lpvid.diagnosis.noise import WHITE
+from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.refitting import refit
+from lpvid.diagnosis.registry import factories
+from lpvid.diagnosis.signals import in_turn
+from lpvid.errors import InputError
+from lpvid.record import Record
+
+LISTED = 4
+"""laws that the note tells of"""
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """A fitted law and its mean squared error out of fold, in the output's unit squared."""
+
+    baseline: Baseline
+    error: float
+
+
+def automatic(records: Sequence[Record], say: Callable[[str], None] = lambda text: None) -> tuple[Baseline, str]:
+    """The installed law without memory that describes records best for its parameters, fitted, and what to say of it.
+
+    By κN ln(error out of fold) + P ln κN, κN the independent samples of the error of the best: a law that misses as
+    much as another and has fewer parameters is a better ground for causes. Laws with memory are left out: what they
+    hold, the causes hold too, by name.
+
+    Raises
+    ------
+    InputError
+        No law suits these records.
+    """
+    found, why = [], []
+    with single_thread():
+        for name, factory in factories().items():
+            try:
+                baseline = factory(records, None)
+                if not baseline.static or baseline.adaptive:
+                    continue
+                say(f"trying {name}")
+                found.append(_law(baseline.fit(records), records))
+            except InputError as error:
+                why.append(f"{name}: {error.what}")
+    if not found:
+        raise InputError("no installed law suits these records", why="; ".join(why[:3]) or "none is installed",
+                         mend="name a baseline")
+    problem, best = _problem(found[0].baseline, records), min(found, key=lambda law: law.error)
+    composition = Composition(best.baseline)
+    channels = [c for c in problem.signals[0].channels if all(s.has(c) for s in problem.signals)]
+    kept, _ = independent(problem, problem.errors(composition, best.baseline.vector), channels)
+    count = kept * problem.n_samples
+
+    def criterion(law: Law) -> float:
+        return count * float(np.log(max(law.error, 1e-300))) + law.baseline.vector.size * float(np.log(max(count, 2.0)))
+
+    ranked = sorted(found, key=criterion)
+    spread = max(problem.spread**2, 1e-300)
+    told = ", ".join(f"{law.baseline.name} {law.error / spread:.3g}" for law in ranked[:LISTED])
+    chosen = ranked[0].baseline
+    return chosen, (f"the law judged is {chosen.name}, of {len(found)} that suit these records: free-run ESR out of "
+                    f"fold {told}")
+
+
+def _problem(baseline: Baseline, records: Sequence[Record]) -> Problem:
+    signals = in_turn([baseline.signals(r) for r in records])
+    return Problem(signals, Blocks.of(signals, baseline.start), WHITE)
+
+
+def _law(baseline: Baseline, records: Sequence[Record]) -> Law:
+    problem = _problem(baseline, records)
+    fit = refit(problem, Composition(baseline), baseline.vector, rough=True)
+    error = float(np.mean(out_of_fold(problem, fit).plain ** 2))
+    return Law(baseline.with_vector(fit.vector), error)

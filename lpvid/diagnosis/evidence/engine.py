@@ -1,0 +1,143 @@
+"""Engine: from records, a baseline and a catalogue to a diagnosis, by the probability of sets of causes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lpvid._memory import give_back
+from lpvid._threads import single_thread
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.blocks import Blocks
+from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis
+from lpvid.diagnosis.effect import Effect, by_name
+from lpvid.diagnosis.engine import DiagnosisSettings
+from lpvid.diagnosis.evidence.discrepancy import Discrepancy
+from lpvid.diagnosis.evidence.judging import judge, on_all_samples
+from lpvid.diagnosis.evidence.outcome import Outcome
+from lpvid.diagnosis.evidence.scaling import Scales
+from lpvid.diagnosis.evidence.search import Search
+from lpvid.diagnosis.evidence.thinning import thinned
+from lpvid.diagnosis.evidence.weighing import Data
+from lpvid.diagnosis.noise import WHITE, noise_level
+from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.refitting import Refit, refit
+from lpvid.diagnosis.screening import screen
+from lpvid.diagnosis.signals import in_turn
+from lpvid.errors import InputError
+from lpvid.record import Record
+
+
+def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[Effect],
+             held_out: Sequence[Record] = (), settings: DiagnosisSettings | None = None,
+             progress: Callable[[str], None] | None = None) -> Diagnosis:
+    """Find the most probable sets of causes, name what all of them hold, extend the model, measure the gain.
+
+    y = f(u; θ, S) + δ(u) + e over sets S: the steps and priors are those of docs/diagnosis.md, "By evidence".
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Uniform, one rate.
+    baseline : Baseline
+    catalogue : sequence of Effect
+    held_out : sequence of Record, optional
+        Further records on which the gain is measured.
+    settings : DiagnosisSettings, optional
+    progress : callable, optional
+        Receives in words what is being done.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    InputError
+        Too little data, missing channels, no candidates.
+    """
+    begun, settings = time.perf_counter(), settings or DiagnosisSettings()
+
+    def say(text: str) -> None:
+        give_back()
+        if progress is not None:
+            progress(text)
+
+    if not catalogue:
+        raise InputError("a diagnosis needs candidates", got="an empty catalogue")
+    by_name(tuple(catalogue))
+    with single_thread():
+        if settings.fit_baseline:
+            say(f"fitting {baseline.name}")
+            baseline = baseline.fit(records)
+        search, unusable = searched(records, baseline, catalogue, say)
+        found = concluded(search, records, baseline, held_out, unusable, settings.seed, say)
+    return replace(found, seconds=time.perf_counter() - begun)
+
+
+def concluded(search: Search, records: Sequence[Record], baseline: Baseline, held_out: Sequence[Record],
+              unusable: tuple[CannotTell, ...], seed: int, say: Callable[[str], None]) -> Diagnosis:
+    """What the visited sets say, measured on all samples."""
+    problem, alone = search.problem, search.visited[frozenset()].fit
+    screened = tuple(screen(problem, alone, search.look(search.visited[frozenset()]), np.random.default_rng(seed)))
+    judged = judge(search, say)
+    if sum(r.n_samples for r in records) > sum(s.n_samples for s in problem.signals):
+        say("refitting the best set to all samples")
+        judged = on_all_samples(judged, problem_of(records, baseline))
+    whole = judged.problem
+    driving = [c for c in baseline.channels if c != baseline.output]
+    level = noise_level(whole.signals, driving, whole.blocks.mask())
+    return Outcome(baseline, search, judged, screened, unusable, level, held_out).diagnosis()
+
+
+def searched(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[Effect],
+             say: Callable[[str], None]) -> tuple[Search, tuple[CannotTell, ...]]:
+    """Visit the sets of causes that these records call for."""
+    thin, factor = thinned(records, baseline)
+    if factor > 1:
+        say(f"searching on every {factor}th sample")
+    problem = problem_of(thin, baseline)
+    usable, unusable = usable_of(catalogue, baseline, problem)
+    scale = Scales.of(problem.signals).size
+    looked_at = {e.name: np.array(e.spread_points(problem.signals, scale)).reshape(-1, len(e.parameters))
+                 for e in usable}
+    data = Data(problem, Discrepancy.of(problem, baseline), looked_at)
+    channels = [c for c in problem.signals[0].channels if c != baseline.output
+                and all(s.has(c) for s in problem.signals)]
+    search = Search(data, usable, channels, say)
+    search.run(root_of(problem, baseline))
+    return search, unusable
+
+
+def problem_of(records: Sequence[Record], baseline: Baseline) -> Problem:
+    """Records as what statistics are computed from, not whitened."""
+    signals = in_turn([baseline.signals(r) for r in records])
+    return Problem(signals, Blocks.of(signals, baseline.start), WHITE)
+
+
+def root_of(problem: Problem, baseline: Baseline) -> Refit:
+    """The baseline alone, by its best start."""
+    composition = Composition(baseline)
+    begun = [baseline.vector, *baseline.starts(problem.signals)]
+    fits = [refit(problem, composition, v, rough=k > 0) for k, v in enumerate(begun)]
+    return min(fits, key=lambda f: f.cost)
+
+
+def usable_of(catalogue: Sequence[Effect], baseline: Baseline, problem: Problem
+              ) -> tuple[tuple[Effect, ...], tuple[CannotTell, ...]]:
+    """Candidates that these data can be asked for, and why not the others."""
+    usable, unusable = [], []
+    for effect in catalogue:
+        if effect.family == "noise":
+            continue
+        missing = effect.missing(problem.signals)
+        why = f"no {', '.join(missing)} was measured" if missing else effect.applies(baseline, problem.signals)
+        if why is None:
+            usable.append(effect)
+        else:
+            unusable.append(CannotTell(effect.name, why, None, effect.parameters[0].unit, effect.experiment))
+    return tuple(usable), tuple(unusable)

@@ -1,0 +1,200 @@
+"""Judging: the most probable set that data not seen bear out, and what of it may be named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.deciding import Folds, out_of_fold
+from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.evidence.search import Search, posterior
+from lpvid.diagnosis.evidence.weighing import Weighed
+from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.refitting import Refit, refit
+from lpvid.diagnosis.screening import placed
+
+NAMED = 0.95
+"""probability from which a cause, or a family, is named"""
+LISTED = 0.05
+"""probability from which a rival is listed"""
+NOTABLE, BESIDE = 0.02, 0.1
+"""change of the output, as a share of its rms, from which a cause is named whatever is left; and as a share of what is
+left, from which it is named where little is left (diagnosis_real)"""
+LEAST = 0.005
+"""change below which nothing is named: half a per cent of the output is nobody's concern"""
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """What is known of one effect of the chosen set.
+
+    Attributes
+    ----------
+    effect : Effect
+    values : (k,) array
+    probability, of_family : float
+        That it, or what it is a special case of, is there, wherever it sits; that one of its family is.
+    rivals : tuple of (str, float)
+        Effects that hold the probability which it lacks, in its absence.
+    cost : float
+        Squared error that it takes away, the others refitted.
+    gain : float
+        Share of the held-out squared error of that which it takes away [%].
+    better : float
+        Share of the blocks in which it helps.
+    change : float
+        Of the output when it is taken away and the others follow, as a share of the output's rms.
+    evidence : float
+        Log-evidence with it less that without it.
+    """
+
+    effect: Effect
+    values: np.ndarray
+    probability: float
+    of_family: float
+    rivals: tuple[tuple[str, float], ...]
+    cost: float
+    gain: float
+    better: float
+    change: float
+    evidence: float
+
+    def objection(self, left: float) -> str | None:
+        """Why it is not named; None where it is, or has rivals. `left` is the error that stays, over the output."""
+        least = max(min(NOTABLE, BESIDE * left), LEAST)
+        if self.change < least:
+            return f"it changes the output by {self.change:.1%}, less than {least:.1%}: small print"
+        if self.probability < NAMED and not self.rivals:
+            return f"probability {self.probability:.2f} only, and nothing takes its place"
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """The chosen set.
+
+    Attributes
+    ----------
+    problem : Problem
+    root, fit : Refit
+        The baseline alone and the set.
+    won : float
+        Squared error that the set takes away from the baseline alone, on the samples on which the members were judged.
+    before, after : Folds
+        Their errors out of fold.
+    members : tuple of Member
+        Largest change first.
+    dropped : tuple of (str, str)
+        Effects that held-out data did not bear out, and what was said.
+    sets : list of (Weighed, float)
+        Visited sets and their probabilities, those not borne out left out.
+    """
+
+    problem: Problem
+    root: Refit
+    fit: Refit
+    won: float
+    before: Folds
+    after: Folds
+    members: tuple[Member, ...]
+    dropped: tuple[tuple[str, str], ...]
+    sets: list[tuple[Weighed, float]]
+
+
+def judge(search: Search, say: Callable[[str], None]) -> Judged:
+    """The most probable set whose every member lowers the error out of fold, and its members.
+
+    Parameters
+    ----------
+    search : Search
+    say : callable
+    """
+    problem, root = search.problem, search.visited[frozenset()].fit
+    refused: set[frozenset[str]] = set()
+    dropped: dict[str, str] = {}
+    fits = {frozenset(): root}
+
+    def on_all(composition: Composition, near: Refit) -> Refit:
+        if composition.members not in fits:
+            begun = [placed(composition, near, {})]
+            known = search.visited.get(composition.members)
+            begun += [] if known is None else [known.fit.vector]
+            tried = [refit(problem, composition, v, rough=True) for v in begun]
+            fits[composition.members] = min(tried, key=lambda f: f.cost)
+        return fits[composition.members]
+
+    while True:
+        sets = [(w, p) for w, p in posterior(search) if w.members not in refused]
+        total = sum(p for _, p in sets)
+        sets = [(w, p / total) for w, p in sets] if total > 0 else [(search.visited[frozenset()], 1.0)]
+        best = sets[0][0]
+        say(f"held-out check of {', '.join(sorted(best.members)) or 'the baseline alone'}")
+        fit = on_all(best.fit.composition, best.fit)
+        after = folds_of(problem, fit)
+        rests = [on_all(_less(fit.composition, e), fit) for e in best.effects]
+        useless = [(e, r) for e, r in zip(best.effects, rests, strict=True) if not _helps(problem, r, after)]
+        if not useless:
+            break
+        refused.add(best.members)
+        dropped |= {e.name: "held-out error is no lower with it" for e, _ in useless}
+    members = [_member(search, sets, best, fit, after, e, r) for e, r in zip(best.effects, rests, strict=True)]
+    members.sort(key=lambda m: -m.change)
+    kept = {m.effect.name for m in members}
+    return Judged(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members),
+                  tuple((n, why) for n, why in dropped.items() if n not in kept), sets)
+
+
+def on_all_samples(judged: Judged, problem: Problem) -> Judged:
+    """The same with errors and parameters by refits on all samples, where the search was on some."""
+    root, fit = (refit(problem, f.composition, f.vector, rough=True) for f in (judged.root, judged.fit))
+    places = {e.name: p for e, p in zip(fit.composition.effects, fit.composition.places, strict=True)}
+    members = tuple(replace(m, values=fit.vector[places[m.effect.name]]) for m in judged.members)
+    return replace(judged, problem=problem, root=root, fit=fit, before=folds_of(problem, root),
+                   after=folds_of(problem, fit), members=members)
+
+
+def folds_of(problem: Problem, fit: Refit) -> Folds:
+    """Errors out of fold, found once for a fit."""
+    return fit.cached("out of fold", lambda: out_of_fold(problem, fit))
+
+
+def _less(composition: Composition, effect: Effect) -> Composition:
+    return Composition(composition.baseline, tuple(e for e in composition.effects if e is not effect))
+
+
+def _helps(problem: Problem, rest: Refit, after: Folds) -> bool:
+    """Whether an effect lowers the error out of fold, by more than one standard error of the blocks' gains."""
+    gains = problem.block_sums(folds_of(problem, rest).plain**2 - after.plain**2)
+    return bool(gains.sum() > np.sqrt(gains @ gains))
+
+
+def _member(search: Search, sets: Sequence[tuple[Weighed, float]], best: Weighed, fit: Refit, after: Folds,
+            effect: Effect, rest: Refit) -> Member:
+    problem = fit.problem
+    gains = problem.block_sums(folds_of(problem, rest).plain**2 - after.plain**2)
+    before = float(np.sum(folds_of(problem, rest).plain**2))
+    here = [p for w, p in sets if any(_same(effect, e) for e in w.effects)]
+    family = [p for w, p in sets if any(e.family == effect.family for e in w.effects)]
+    rivals: dict[str, float] = {}
+    for w, p in sets:
+        if not any(_same(effect, e) for e in w.effects):
+            for e in w.effects:
+                if e.name not in best.members:
+                    rivals[e.name] = rivals.get(e.name, 0.0) + p
+    probability = float(sum(here))
+    listed = sorted(((n, p) for n, p in rivals.items() if p > LISTED), key=lambda t: -t[1])
+    change = float(np.sqrt(np.mean((rest.errors - fit.errors) ** 2))) / search.data.discrepancy.force
+    without = search.visited.get(best.members - {effect.name})
+    gain = search.score(best) - (search.score(without) if without is not None else -np.inf)
+    values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
+    return Member(effect, values, probability, float(sum(family)), tuple(listed) if probability < NAMED else (),
+                  rest.cost - fit.cost, 100 * float(gains.sum()) / max(before, 1e-300), float(np.mean(gains > 0)),
+                  change, float(gain) if np.isfinite(gain) else 0.0)
+
+
+def _same(effect: Effect, other: Effect) -> bool:
+    """Whether another is the same component in some place, or holds it as its special case."""
+    return other.component == effect.component or effect.name in other.contains

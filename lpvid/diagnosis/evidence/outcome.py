@@ -1,0 +1,201 @@
+"""Outcome: verdict and diagnosis in plain data, from what was judged."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Rejected, Rivals, VisitedSet, Weights
+from lpvid.diagnosis.evidence.judging import NAMED, Judged, Member
+from lpvid.diagnosis.evidence.search import MISSED, Search
+from lpvid.diagnosis.extended import ExtendedModel
+from lpvid.diagnosis.localise import Wrong, localise
+from lpvid.diagnosis.noise import NoiseLevel
+from lpvid.diagnosis.refitting import covariance
+from lpvid.diagnosis.screening import Evidence
+from lpvid.diagnosis.telling import errors_of, estimates
+from lpvid.record import Record
+
+SIGNIFICANT = 0.05
+"""p-value of the largest block statistic over all candidates, above which nothing is named"""
+STORIES = 8
+"""sets listed"""
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a diagnosis is written from.
+
+    Attributes
+    ----------
+    baseline : Baseline
+    search : Search
+    judged : Judged
+    screened : tuple of Evidence
+        Of all candidates beside the baseline alone.
+    unusable : tuple of CannotTell
+    level : NoiseLevel
+    held_out : sequence of Record
+    """
+
+    baseline: Baseline
+    search: Search
+    judged: Judged
+    screened: tuple[Evidence, ...]
+    unusable: tuple[CannotTell, ...]
+    level: NoiseLevel
+    held_out: Sequence[Record]
+
+    @property
+    def significant(self) -> bool:
+        """Whether the error of the baseline holds anything: a candidate by its signs, or the set by its blocks."""
+        j = self.judged
+        gains = j.problem.block_sums(j.before.plain**2 - j.after.plain**2)
+        return min((e.p_value for e in self.screened), default=1.0) < SIGNIFICANT or float(np.mean(gains > 0)) > 0.9
+
+    @property
+    def left(self) -> float:
+        """Error out of fold of the set, over the output: root mean squares."""
+        return float(np.sqrt(np.mean(self.judged.after.plain**2))) / self.search.data.discrepancy.force
+
+    @property
+    def of_law(self) -> float:
+        """That part of it which the inputs predict."""
+        return float(np.sqrt(self.search.predictable)) * self.left
+
+    def diagnosis(self) -> Diagnosis:
+        """All of it."""
+        j, sets = self.judged, self.judged.sets
+        members = j.members if self.significant else ()
+        objections = {m.effect.name: m.objection(self.left) for m in members}
+        named = [m for m in members if objections[m.effect.name] is None and not m.rivals]
+        contested = [m for m in members if objections[m.effect.name] is None and m.rivals]
+        rejected = [Rejected(m.effect.name, why) for m in members if (why := objections[m.effect.name])]
+        rejected += [Rejected(n, why) for n, why in j.dropped]
+        verdict, reason = self._verdict(named, contested, [m for m in members if objections[m.effect.name]])
+        final = j.fit if members else j.root
+        wrong = localise(j.problem, j.problem.errors(j.root.composition, j.root.vector))
+        rest = localise(j.problem, j.problem.errors(final.composition, final.vector))
+        spread = np.sqrt(np.diag(covariance(j.problem, final)))
+        before = errors_of(j.problem, self.baseline, j.root, j.before, self.held_out)
+        after = errors_of(j.problem, self.baseline, final, j.after if members else j.before, self.held_out)
+        where = f"{len(self.held_out)} further record(s)" if self.held_out else \
+            "alternating blocks, each judged by the fit to the others, in which it weighs a hundredth"
+        in_set = {m.effect.name for m in members}
+        return Diagnosis(
+            verdict, reason, {**self.baseline.with_vector(j.root.vector).describe()}, before, after,
+            None if self.level.variance is None else float(np.sqrt(self.level.variance)), self._noise(), wrong,
+            tuple(self._cause(m, spread) for m in named), tuple(self._rivals(m) for m in contested),
+            (*self.unusable, *self._invisible(in_set)), tuple(rejected),
+            self._share() if named or contested else None, where,
+            ExtendedModel.of(final, covariance(j.problem, final), self.baseline), self.baseline.output_unit, None,
+            {e.effect.name: {"likelihood_ratio": e.likelihood_ratio, "p_value": e.p_value,
+                             "smallest_detectable": e.smallest_detectable} for e in self.screened},
+            weights=Weights(self._families(), float(sum(p for w, p in sets if not w.members)), self.of_law,
+                            _place(rest), self._stories(after.esr_held_out)))
+
+    # -- verdict -------------------------------------------------------------------------------------------------------
+    def _verdict(self, named: Sequence[Member], contested: Sequence[Member], others: Sequence[Member]
+                 ) -> tuple[str, str]:
+        structure = f"what the inputs still predict is {self.of_law:.1%} of the output"
+        if named:
+            told = ", ".join(f"{m.effect.name} ({m.probability:.2f})" for m in named)
+            if self.of_law <= MISSED and not contested:
+                return "explained", f"{told}; {structure}, as much as a good law leaves"
+            rest = [f"{m.effect.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
+            return "partly-explained", "; ".join([told, *rest, structure])
+        if contested:
+            told = "; ".join(f"{m.effect.name} ({m.probability:.2f}) or "
+                             f"{' or '.join(f'{n} ({p:.2f})' for n, p in m.rivals)}{self._of_family(m)}"
+                             for m in contested)
+            return "cannot-tell", f"these data cannot keep apart {told}"
+        if others:
+            return "unexplained", f"{', '.join(m.effect.name for m in others)} come nearest, and cannot be named; " \
+                                  f"{structure}"
+        if self.significant and self.of_law > MISSED:
+            return "unexplained", f"no cause of the catalogue accounts for it; {structure}"
+        return "nothing-to-explain", f"no cause is called for; {structure}"
+
+    def _of_family(self, m: Member) -> str:
+        return f", something of {m.effect.family} ({m.of_family:.2f})" if m.of_family >= NAMED else ""
+
+    def _share(self) -> tuple[float, float]:
+        """Share of the baseline's squared error out of fold, beyond noise where repeats tell it, that the set takes."""
+        j = self.judged
+        floor = (self.level.variance or 0.0) * j.problem.n_samples
+        excess = max(float(np.sum(j.before.plain**2)) - floor, 1e-300)
+        gains = j.problem.block_sums(j.before.plain**2 - j.after.plain**2)
+        return float(gains.sum()) / excess, float(gains.std(ddof=1) * np.sqrt(gains.size)) / excess
+
+    # -- plain data ----------------------------------------------------------------------------------------------------
+    def _cause(self, m: Member, spread: np.ndarray) -> Cause:
+        j = self.judged
+        single = self.search.visited.get(frozenset({m.effect.name}))
+        root = self.search.visited[frozenset()]
+        thin = max(root.fit.cost - self.search.best.fit.cost, 1e-300)
+        alone = (root.fit.cost - single.fit.cost) / thin if single is not None else 0.0
+        place = j.fit.composition.places[j.fit.composition.effects.index(m.effect)]
+        p_value = next((e.p_value for e in self.screened if e.effect.name == m.effect.name), 1.0)
+        return Cause(m.effect.name, m.effect.told(m.values), estimates(m.effect, m.values, spread[place]), p_value,
+                     -2 * m.evidence, float(alone), m.cost / max(j.won, 1e-300), m.gain, m.better,
+                     m.change * self.search.data.discrepancy.force, m.probability, m.effect.family)
+
+    def _rivals(self, m: Member) -> Rivals:
+        known = {e.name: e for e in self.search.candidates}
+        others = [known[n] for n, _ in m.rivals]
+        parameters = {m.effect.name: estimates(m.effect, m.values, None)}
+        for e in others:
+            w = next(w for w, _ in self.judged.sets if e in w.effects)
+            parameters[e.name] = estimates(e, w.fit.vector[w.fit.composition.places[w.effects.index(e)]], None)
+        experiments = dict.fromkeys([m.effect.experiment, *(e.experiment for e in others)])
+        return Rivals((m.effect.name, *(e.name for e in others)), float(1 - m.probability), "; or ".join(experiments),
+                      parameters)
+
+    def _invisible(self, in_set: set[str]) -> tuple[CannotTell, ...]:
+        """Candidates that would have to change as much as the whole output to show at all."""
+        out = []
+        for e in self.screened:
+            unit = e.effect.parameters[0].unit
+            if e.effect.name in in_set:
+                continue
+            if e.smallest_detectable is None or e.best is None:
+                out.append(CannotTell(e.effect.name, "these data carry no trace of it at any strength", None, unit,
+                                      e.effect.experiment))
+            elif _change_at(e, e.smallest_detectable) > self.search.data.discrepancy.force:
+                why = f"only {e.effect.parameters[0].name} above {e.smallest_detectable:.3g} {unit}".rstrip()
+                out.append(CannotTell(e.effect.name, f"{why} would show", e.smallest_detectable, unit,
+                                      e.effect.experiment))
+        return tuple(out)
+
+    def _families(self) -> dict[str, float]:
+        families = {e.family for w, _ in self.judged.sets for e in w.effects}
+        held = {f: float(sum(p for w, p in self.judged.sets if any(e.family == f for e in w.effects)))
+                for f in families}
+        return dict(sorted(held.items(), key=lambda t: (-t[1], t[0])))
+
+    def _stories(self, esr: float) -> tuple[VisitedSet, ...]:
+        return tuple(VisitedSet(tuple(e.name for e in w.effects), p, esr if k == 0 and self.significant else None)
+                     for k, (w, p) in enumerate(self.judged.sets[:STORIES]))
+
+    def _noise(self) -> dict[str, Any]:
+        s = self.search
+        m = self.judged.sets[0][0].marginal(s.kept)
+        white = s.kept > 0.5
+        return {"name": "white-noise" if white else "coloured-noise", "order": 0, "level": float(np.sqrt(m.noise)),
+                "coefficients": [1.0], "from_repeats": self.level.says, "predictable_share": s.predictable,
+                "independent_samples": s.kept * s.problem.n_samples}
+
+
+def _change_at(e: Evidence, strength: float) -> float:
+    """Root mean square of what an effect changes in the output at a strength, by proportion."""
+    assert e.best is not None
+    return e.best.size * strength / max(e.best.strength, 1e-300)
+
+
+def _place(wrong: Sequence[Wrong]) -> str:
+    return "; ".join(f"{w.where} ({w.share:.0%})" for w in wrong[:2]) or "everywhere alike"
+

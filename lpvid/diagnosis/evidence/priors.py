@@ -1,0 +1,61 @@
+"""Priors: what is known of a cause before the data, at the scale of the data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lpvid.diagnosis.effect import Effect, EffectParameter
+
+INCLUDED, FORM = 0.05, 0.005
+"""probability that a component is there, and a flexible form: of forty entries about two are expected"""
+STRENGTH = 0.3
+"""change of the output by a cause, as a share of the output's rms: half of all causes lie below (half-Cauchy scale)"""
+DECADES = 1.0
+"""standard deviation of the decimal logarithm of a positive shape about its grid, in decades: within a factor of ten"""
+
+
+def inclusion(effect: Effect) -> float:
+    """ln π/(1 − π)."""
+    share = FORM if effect.catch_all or effect.flexible else INCLUDED
+    return float(np.log(share / (1 - share)))
+
+
+def of_strength(change: float, slope: float) -> tuple[float, float]:
+    """Log-density of a strength, and its curvature, for one that changes the output by `change` of its rms.
+
+    Half-Cauchy on that change r, carried over to the strength by dr/da = `slope`: a number has no scale of its own.
+
+    Examples
+    --------
+    >>> [round(of_strength(r, 1.0)[0], 2) for r in (0.01, 0.3, 3.0)]
+    [0.75, 0.06, -3.86]
+    """
+    slope = max(slope, 1e-300)
+    value = np.log(2 / (np.pi * STRENGTH)) - np.log1p((change / STRENGTH) ** 2) + np.log(slope)
+    return float(value), (slope / STRENGTH) ** 2
+
+
+def of_shape(p: EffectParameter, value: float, looked_at: Sequence[float]) -> tuple[float, float]:
+    """Log-density of a shape, and its curvature: log-normal about where it was looked at, or normal about neutral.
+
+    Parameters
+    ----------
+    p : EffectParameter
+    value : float
+    looked_at : sequence of float
+        The grid at the scale of the data.
+    """
+    positive = [g for g in looked_at if g > 0]
+    if p.choices:
+        return -float(np.log(len(p.choices))), 2 * np.pi  # no volume: one of a few things
+    if positive and p.bounds[0] >= 0 and 0.0 not in looked_at and value > 0:
+        width = DECADES * np.log(10.0)
+        apart = (np.log(value) - float(np.mean(np.log(positive)))) / width
+        return float(-0.5 * apart**2 - np.log(np.sqrt(2 * np.pi) * width * value)), (1 / (width * value)) ** 2
+    width = max(max((abs(g - p.neutral) for g in looked_at), default=0.0), *(
+        abs(b - p.neutral) for b in p.plausible)) if not positive or p.bounds[0] < 0 else max(positive)
+    width = max(width, 1e-12)
+    apart = (value - p.neutral) / width
+    return float(-0.5 * apart**2 - np.log(np.sqrt(2 * np.pi) * width)), 1 / width**2

@@ -1,0 +1,110 @@
+"""Scaling: the natural size of a number of some unit, from the data by dimensional analysis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid.diagnosis.signals import Signals
+
+Dimension = tuple[float, float, float, float]
+"""exponents of the output's unit, of a length, of a time and of a current"""
+DIMENSIONS: dict[str, Dimension] = {
+    "N": (1, 0, 0, 0), "m": (0, 1, 0, 0), "s": (0, 0, 1, 0), "A": (0, 0, 0, 1), "Hz": (0, 0, -1, 0),
+    "kg": (1, -1, 2, 0), "J": (1, 1, 0, 0), "1": (0, 0, 0, 0)}
+"""a mass is a force over an acceleration, a joule a force along a way"""
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Natural sizes of the data.
+
+    Attributes
+    ----------
+    force : float
+        Root mean square of the output about its mean [its unit].
+    way : float
+        Of the displacement, or of the integral of the velocity where none was measured [m].
+    time : float
+        Way over the velocity's root mean square [s]: a radian of the motion.
+    current : float
+        Largest modulus [A].
+    period : float
+        Of the clock [s]: a lag or a delay lies between it and `time`.
+    work : float
+        ∫|F v|dt of the longest record [J], for what heats up.
+    """
+
+    force: float
+    way: float
+    time: float
+    current: float
+    period: float
+    work: float
+
+    @classmethod
+    def of(cls, signals: Sequence[Signals]) -> Scales:
+        """Of all records together."""
+        force = _rms([s.output for s in signals])
+        speeds = [s["velocity"] for s in signals if s.has("velocity")]
+        speed = _rms(speeds, centred=False)
+        way = _rms([s["displacement"] for s in signals if s.has("displacement")]) or _rms(
+            [_integral(s["velocity"], s.sample_time) for s in signals if s.has("velocity")])
+        currents = [float(np.abs(s["current"]).max()) for s in signals if s.has("current")]
+        work = max((float(np.sum(np.abs(s.output * s["velocity"]))) * s.sample_time
+                    for s in signals if s.has("velocity")), default=0.0)
+        return cls(force, way, way / speed if speed > 0 else 0.0, max(currents, default=0.0), signals[0].sample_time,
+                   work)
+
+    def size(self, unit: str) -> float | None:
+        """Natural size of a number of a unit; None of one without, or of one that these data say nothing of.
+
+        Examples
+        --------
+        >>> data = Scales(force=500.0, way=0.01, time=0.1, current=1.0, period=0.002, work=1e3)
+        >>> data.size("N"), data.size("m/N"), round(data.size("N*s^2/m^2"), 9), data.size("1/J"), data.size("K")
+        (500.0, 2e-05, 50000.0, 0.001, None)
+        """
+        if unit == "1/J":
+            return 1 / self.work if self.work > 0 else None
+        dimension = dimension_of(unit)
+        if dimension is None or not any(dimension):
+            return None
+        base = (self.force, self.way, self.time, self.current)
+        if any(e and not b > 0 for e, b in zip(dimension, base, strict=True)):
+            return None
+        return float(np.prod([b**e for b, e in zip(base, dimension, strict=True)]))
+
+
+def dimension_of(unit: str) -> Dimension | None:
+    """Exponents of a unit written like ``N*s^2/m^2``; None where a part of it is not known.
+
+    Examples
+    --------
+    >>> dimension_of("m/s"), dimension_of("1/A^2"), dimension_of("")
+    ((0.0, 1.0, -1.0, 0.0), (0.0, 0.0, 0.0, -2.0), (0.0, 0.0, 0.0, 0.0))
+    """
+    total = np.zeros(4)
+    for k, part in enumerate(unit.split("/")):
+        for factor in part.split("*") if part else []:
+            name, _, power = factor.partition("^")
+            if name not in DIMENSIONS:
+                return None
+            total += (1 if k == 0 else -1) * float(power or 1) * np.array(DIMENSIONS[name])
+    return tuple(float(v) for v in total)  # type: ignore[return-value]
+
+
+def _rms(values: Sequence[np.ndarray], centred: bool = True) -> float:
+    if not values:
+        return 0.0
+    together = np.concatenate([v - v.mean() if centred else v for v in values])
+    return float(np.sqrt(np.mean(together**2)))
+
+
+def _integral(velocity: np.ndarray, period: float) -> np.ndarray:
+    """Way along a velocity, without the drift of its mean and what that integrates to."""
+    way = np.cumsum(velocity - velocity.mean()) * period
+    n = np.linspace(-1.0, 1.0, way.size)
+    return way - np.polyval(np.polyfit(n, way, 2), n)

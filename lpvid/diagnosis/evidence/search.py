@@ -1,0 +1,241 @@
+"""Search: over sets of causes, with a beam, pairs at the root, and every member of the best set dropped and swapped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lpvid._threads import in_parallel
+from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.evidence.discrepancy import USUAL
+from lpvid.diagnosis.evidence.independence import independent
+from lpvid.diagnosis.evidence.priors import inclusion
+from lpvid.diagnosis.evidence.weighing import Data, Weighed
+from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.racing import race
+from lpvid.diagnosis.refitting import Refit, descend
+from lpvid.diagnosis.screening import Direction, Move, directions, move, placed
+from lpvid.diagnosis.starting import starts
+
+BEAM, CHILDREN, DEEPEST = 3, 6, 4
+"""sets enlarged at every size, refitted children of each, and members at most"""
+OF_EACH = 2
+"""of the children at least so many without memory and so many with one: each imitates the other at first"""
+ROUNDS = 2
+"""times that the best set is pulled apart, each member dropped and swapped"""
+STEPS = 8
+"""iterations of a child's refit after its race"""
+MISSED, LITTLE = 2 * USUAL, 0.05
+"""root mean square of an error, over the output's, that a good law may leave: twice the usual; and share of the
+baseline's squared error that names nothing by itself, of a law that is nearly right"""
+LAGGING = ("motion", "force", "all")
+"""paths whose lags, delays and filters imitate each other and every dynamic cause; a set holds one of them"""
+TOGETHER = 3
+"""starting points of either of a pair"""
+
+
+@dataclass
+class Search:
+    """Sets that were visited.
+
+    Attributes
+    ----------
+    data : Data
+    candidates : tuple of Effect
+    channels : sequence of str
+        Inputs that an error may follow.
+    say : callable
+    visited : dict
+        By the names of their effects.
+    enlarged : set
+        Of those, the ones whose children are known.
+    kept : float
+        κ of the best set's error, by which all sets are weighed.
+    predictable : float
+        Share of that error which the inputs predict.
+    floor : float
+        Squared error below which sets count as equally good, once the search is over: that of the best set and what a
+        good law may miss beyond, `MISSED` of the output or `LITTLE` of what the baseline misses.
+    """
+
+    data: Data
+    candidates: tuple[Effect, ...]
+    channels: Sequence[str]
+    say: Callable[[str], None]
+    visited: dict[frozenset[str], Weighed] = field(default_factory=dict)
+    enlarged: set[frozenset[str]] = field(default_factory=set)
+    kept: float = 1.0
+    predictable: float = 0.0
+    floor: float = 0.0
+
+    @property
+    def problem(self) -> Problem:
+        """Of the data."""
+        return self.data.problem
+
+    @property
+    def best(self) -> Weighed:
+        """The most probable set."""
+        return max(self.visited.values(), key=self.score)
+
+    def score(self, w: Weighed) -> float:
+        """Evidence of a set at the present κ."""
+        return w.evidence(self.kept, self.floor)
+
+    def run(self, root: Refit) -> None:
+        """Visit sets from the baseline alone on."""
+        self.visited[frozenset()] = Weighed(self.data, root)
+        self._reweigh()
+        self._pairs(self.visited[frozenset()])
+        for _ in range(DEEPEST):
+            before = self.best
+            open_sets = [w for w in self.visited.values() if self._open(w)]
+            for w in sorted(open_sets, key=self.score, reverse=True)[:BEAM]:
+                self.enlarge(w)
+            self._reweigh()
+            if self.best is before and self.best.members in self.enlarged:
+                break
+        for _ in range(ROUNDS):
+            before = self.best
+            self._pull_apart(before)
+            self._reweigh()
+            if self.best is before:
+                break
+
+    def _open(self, w: Weighed) -> bool:
+        """Whether a set may still be enlarged; one with a filter of all channels is not, which comes last."""
+        return w.members not in self.enlarged and len(w.members) < DEEPEST and all(e.path != "all" for e in w.effects)
+
+    # -- visiting ----------------------------------------------------------------------------------------------------
+    def enlarge(self, w: Weighed) -> None:
+        """Visit the most promising sets with one effect more."""
+        if not self._open(w):
+            return
+        self.enlarged.add(w.members)
+        names = ", ".join(sorted(w.members)) or "the baseline alone"
+        self.say(f"looking beyond {names} (best so far: {', '.join(sorted(self.best.members)) or 'nothing'})")
+        found = self.look(w)
+        chosen = [e for e in self._promising(w, found) if w.members | {e.name} not in self.visited]
+        for fit in in_parallel(lambda e: self._child(w, (e,), found), chosen):
+            self._add(fit)
+
+    def look(self, w: Weighed) -> list[Direction]:
+        """What every effect outside a set would change, at every point where it is looked at."""
+        outside = [e for e in self.candidates if e.name not in w.members and together((*w.effects, e))]
+        now = [s.output - e for s, e in zip(self.problem.signals,
+                                            self.problem.errors(w.fit.composition, w.fit.vector), strict=True)]
+        def moves(e: Effect) -> list[Move]:
+            tried = (move(self.problem, w.fit, e, v, now) for v in self.data.looked_at[e.name])
+            return [m for m in tried if m is not None]
+
+        every = in_parallel(moves, outside)
+        return directions(self.problem, w.fit, [m for of_effect in every for m in of_effect])
+
+    def _promising(self, w: Weighed, found: Sequence[Direction]) -> list[Effect]:
+        """Children worth a refit: the best by what they would take away, and the best of either kind."""
+        left = {}
+        for d in found:
+            if d.visible:
+                gain = max(d.gain, d.at_face_value, 0.0)
+                left[d.effect] = min(left.get(d.effect, 1.0), 1 - gain / w.fit.cost)
+        count = 0.5 * self.kept * self.problem.n_samples
+        ranked = sorted(left, key=lambda e: count * np.log(max(left[e], 1e-12)) - inclusion(e))
+        chosen = ranked[:CHILDREN]
+        for memoryless in (True, False):
+            have = sum(e.memoryless is memoryless for e in chosen)
+            more = [e for e in ranked[CHILDREN:] if e.memoryless is memoryless]
+            chosen = [*chosen, *more[: max(OF_EACH - have, 0)]]
+        return chosen
+
+    def _child(self, w: Weighed, added: tuple[Effect, ...], found: Sequence[Direction]) -> Refit:
+        """A set with one effect more, refitted from the points that promise most."""
+        composition = Composition(w.fit.composition.baseline, (*w.effects, *added))
+        points = starts(added[0], found)
+        begun = [placed(composition, w.fit, {added[0].name: p}) for p in points]
+        return self._settled(composition, begun, w.fit, added)
+
+    def _settled(self, composition: Composition, begun: Sequence[np.ndarray], near: Refit,
+                 added: Sequence[Effect] = ()) -> Refit:
+        """The best of a few steps from several starts; strengths that no derivative moves by trial, if just added."""
+        hopping = any(e.stepwise or e.rugged for e in added)
+        best = race(self.problem, composition, [(start, near) for start in begun], hopping)
+        return descend(self.problem, composition, best.vector, iterations=STEPS, rough=True)
+
+    def _pairs(self, root: Weighed) -> None:
+        """Visit pairs of effects that physics links, which may act only together."""
+        names = {e.name: e for e in self.candidates}
+        pairs = sorted({tuple(sorted((e.name, p))) for e in self.candidates for p in e.partners if p in names
+                        and together((e, names[p]))})
+        self.say(f"{len(pairs)} linked pairs")
+
+        def refitted(pair: tuple[str, ...]) -> Refit:
+            composition = Composition(root.fit.composition.baseline, tuple(names[n] for n in pair))
+            grids = [_spread(self.data.looked_at[n], TOGETHER) for n in pair]
+            begun = [placed(composition, root.fit, {pair[0]: a, pair[1]: b}) for a in grids[0] for b in grids[1]]
+            return self._settled(composition, begun, root.fit, composition.effects)
+
+        for fit in in_parallel(refitted, pairs):
+            self._add(fit)
+
+    def _pull_apart(self, w: Weighed) -> None:
+        """Visit the set without each of its members, and with another in its place."""
+        for e in w.effects:
+            rest = w.members - {e.name}
+            if not together([x for x in w.effects if x is not e]):
+                continue
+            if rest not in self.visited:
+                composition = Composition(w.fit.composition.baseline, tuple(x for x in w.effects if x is not e))
+                begun = [placed(composition, w.fit, {}), placed(composition, self.visited[frozenset()].fit, {
+                    x.name: w.fit.vector[p] for x, p in zip(w.effects, w.fit.composition.places, strict=True)
+                    if x is not e})]
+                self._add(self._settled(composition, begun, w.fit))
+            self.enlarge(self.visited[rest])
+        self.enlarge(w)
+
+    def _add(self, fit: Refit) -> None:
+        known = self.visited.get(fit.composition.members)
+        if np.isfinite(fit.cost) and (known is None or fit.cost < known.fit.cost):
+            self.visited[fit.composition.members] = Weighed(self.data, fit)
+
+    def _reweigh(self) -> None:
+        """κ anew from the error of the best set, until the best set stays."""
+        for _ in range(3):
+            best = self.best
+            errors = self.problem.errors(best.fit.composition, best.fit.vector)
+            self.kept, self.predictable = best.fit.cached(
+                "independent", lambda e=errors: independent(self.problem, e, self.channels))
+            if self.best is best:
+                return
+
+
+def together(effects: Sequence[Effect]) -> bool:
+    """Whether effects may be in one set: no component twice, what sits behind a series element with one, one lag.
+
+    Of lags, delays and filters on the way of motion and force a set holds one: two imitate whatever there is.
+    """
+    components, stages = [e.component for e in effects], {e.stage for e in effects}
+    return len(set(components)) == len(components) and all(not e.behind or e.behind in stages for e in effects) and \
+        sum(e.path in LAGGING for e in effects) <= 1
+
+
+def _spread(points: np.ndarray, count: int) -> np.ndarray:
+    """So many of the points, evenly among them."""
+    return points[np.unique(np.linspace(0, len(points) - 1, count).round().astype(int))]
+
+
+def posterior(search: Search) -> list[tuple[Weighed, float]]:
+    """Visited sets with their probability among these, most probable first."""
+    every = list(search.visited.values())
+    scores = np.array([search.score(w) for w in every])
+    weights = np.exp(scores - scores.max())
+    weights /= weights.sum()
+    return sorted(zip(every, weights.tolist(), strict=True), key=lambda t: -t[1])
+
+
+def mass(sets: Sequence[tuple[Weighed, float]], names: Iterator[str] | Sequence[str]) -> float:
+    """Probability that any of these causes is there."""
+    wanted = set(names)
+    return float(sum(p for w, p in sets if w.members & wanted))

@@ -1,0 +1,146 @@
+"""Weighing: the evidence of a set of causes, by Laplace's method around its refit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.evidence.discrepancy import Discrepancy, Marginal, marginal
+from lpvid.diagnosis.evidence.priors import inclusion, of_shape, of_strength
+from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.refitting import Refit
+
+ROOM = 10.0
+"""scale of the prior of a baseline's parameters in their own scales: the same for all sets, so that it decides
+nothing"""
+
+ABSENT = 1e-6
+"""change of the output, as a share of its rms, below which a member of a set is not there: the set is a smaller one"""
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """What all sets are weighed against.
+
+    Attributes
+    ----------
+    problem : Problem
+        Not whitened.
+    discrepancy : Discrepancy
+    looked_at : mapping of str to (points, k) array
+        Where each effect is looked at.
+    """
+
+    problem: Problem
+    discrepancy: Discrepancy
+    looked_at: dict[str, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """A refitted set and what its evidence is made of.
+
+    Attributes
+    ----------
+    data : Data
+    fit : Refit
+    """
+
+    data: Data
+    fit: Refit
+
+    @property
+    def members(self) -> frozenset[str]:
+        """Names of its effects."""
+        return self.fit.composition.members
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Its effects."""
+        return self.fit.composition.effects
+
+    @cached_property
+    def along(self) -> np.ndarray:
+        """(K,) error along the discrepancy's columns."""
+        return self.data.discrepancy.columns.T @ self.fit.errors
+
+    @cached_property
+    def turned(self) -> np.ndarray:
+        """(K, P) sensitivities along them."""
+        return self.data.discrepancy.columns.T @ self.fit.jacobian
+
+    @cached_property
+    def curvature(self) -> np.ndarray:
+        """(P, P) J'J."""
+        return self.fit.jacobian.T @ self.fit.jacobian
+
+    @cached_property
+    def changes(self) -> tuple[float, ...]:
+        """Per effect, what it changes in the output as it stands, the others in place, as a share of its rms."""
+        return tuple(change_by(self.data.problem, self.fit, e) / self.data.discrepancy.force for e in self.effects)
+
+    def marginal(self, kept: float, floor: float = 0.0) -> Marginal:
+        """Noise and discrepancy where they are most probable; `kept` is the share of independent samples.
+
+        An error below `floor` counts as that: the difference is what every good law gets wrong, and names nothing.
+        """
+        return marginal(max(self.fit.cost, floor), self.along, self.data.discrepancy, self.data.problem.n_samples, kept)
+
+    def evidence(self, kept: float, floor: float = 0.0) -> float:
+        """ln p(y | set) + ln p(set), up to what all sets share.
+
+        ln p(y|θ̂) + ln p(θ̂) + d/2 ln 2π − ½ ln|H|, H = κ/σ² J'(I − Φ diag(taken) Φ')J + prior precision (Tierney,
+        Kadane 1986); a parameter that these data do not reach keeps its prior and costs nothing.
+        """
+        return self.fit.cached(("evidence", kept, floor), lambda: self._weighed(kept, floor))
+
+    def _weighed(self, kept: float, floor: float) -> float:
+        if min(self.changes, default=1.0) < ABSENT:
+            return -np.inf
+        m = self.marginal(kept, floor)
+        prior, precision = self._prior
+        hessian = (self.curvature - self.turned.T @ (m.taken[:, None] * self.turned)) * (kept / m.noise)
+        scale = 1 / np.sqrt(np.diag(hessian).clip(0) + precision)
+        _, size = np.linalg.slogdet((hessian + np.diag(precision)) * np.outer(scale, scale))
+        log_volume = -0.5 * size + float(np.log(scale).sum()) + 0.5 * scale.size * np.log(2 * np.pi)
+        return m.likelihood + prior + log_volume + sum(inclusion(e) for e in self.effects)
+
+    @cached_property
+    def _prior(self) -> tuple[float, np.ndarray]:
+        """Log-density of the parameters, and the (P,) curvature of it."""
+        composition, vector = self.fit.composition, self.fit.vector
+        width = ROOM * composition.scales[: composition.own]
+        total, precision = -float(np.log(np.sqrt(2 * np.pi) * width).sum()), np.zeros(vector.size)
+        precision[: composition.own] = 1 / width**2
+        force = self.data.discrepancy.force * np.sqrt(self.data.problem.n_samples)
+        for effect, place, change in zip(self.effects, composition.places, self.changes, strict=True):
+            points = self.data.looked_at[effect.name]
+            for k, (p, j) in enumerate(zip(effect.parameters, range(place.start, place.stop), strict=True)):
+                if k >= effect.strengths:
+                    value, curved = of_shape(p, float(vector[j]), np.unique(points[:, k]).tolist())
+                else:
+                    value, curved = of_strength(*self._size(j, float(vector[j]) - p.neutral, change, force,
+                                                            effect.strengths == 1))
+                total, precision[j] = total + value, curved
+        return total, precision
+
+    def _size(self, j: int, apart: float, change: float, force: float, alone: bool) -> tuple[float, float]:
+        """Change of the output by one strength, and its slope, as shares of the output's rms."""
+        slope = float(np.linalg.norm(self.fit.jacobian[:, j])) / force
+        if not alone:
+            return abs(apart) * slope, slope
+        return change, change / abs(apart) if apart else slope
+
+
+def change_by(problem: Problem, fit: Refit, effect: Effect) -> float:
+    """Root mean square of what an effect of a fit changes in the output, the others in place."""
+    place = fit.composition.places[fit.composition.effects.index(effect)]
+    vector = fit.vector.copy()
+    vector[place] = effect.neutral
+    with np.errstate(all="ignore"):
+        gone = problem.stack(problem.errors(fit.composition, vector), whiten=False)
+    plain = problem.stack(problem.errors(fit.composition, fit.vector), whiten=False)
+    return float(np.sqrt(np.mean(np.minimum((gone - plain) ** 2, 1e100))))

@@ -1,0 +1,61 @@
+"""Hysteresis: a force that follows the way, not the speed, with a memory of where the motion turned."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.effect import EffectParameter, LpvChange
+from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.friction_gas import NIL, ParallelForce
+
+
+class BoucWenHysteresis(ParallelForce):
+    """A Bouc-Wen element beside the law, of order one (Bouc 1967; Wen 1976; Ismail, Ikhouane, Rodellar 2009)::
+
+        F += F_z z,    d ż = v − (1 − s)|v| z − s v |z|
+
+    s = 0 is Dahl's friction; the larger s, the straighter and stiffer the way back. Its slope at z = 0 is F_z/d.
+    """
+
+    name: ClassVar[str] = "hysteresis"
+    by_evidence: ClassVar[bool] = True
+    placement_of: ClassVar[str] = "coulomb-friction"
+    title: ClassVar[str] = "hysteresis over the way beside the law"
+    equation: ClassVar[str] = "F += F_z z, d z' = v - (1 - s)|v| z - s v |z|"
+    reference: ClassVar[str] = "equation sheet 1.1; Wen 1976, order one"
+    experiment: ClassVar[str] = "slow triangles of several amplitudes at constant current: closed loops"
+    needs: ClassVar[tuple[str, ...]] = ("velocity",)
+    memoryless: ClassVar[bool] = False
+    catch_all: ClassVar[bool] = True
+    contains: ClassVar[tuple[str, ...]] = ("coulomb-friction",)
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("force", "N", "F_z, at which it yields", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,)),
+                EffectParameter("deflection", "m", "d, over which it builds up", 1e-4, (1e-6, 3e-3), (NIL, 0.5),
+                                (1e-5, 1e-4, 1e-3)),
+                EffectParameter("straightness", "", "s, 0 for Dahl's loop, 1 for a stiff way back", 0.3, (0.0, 0.99),
+                                (0.0, 0.99), (0.0, 0.6)))
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        force, deflection, share = (float(v) for v in values)
+        return (lambda s: core(s) + force * loop(s, deflection, share)) if force else core
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("one more state, and the sign of the velocity as a further input",
+                         regressors=("sign(velocity)",), order=1)
+
+
+def loop(s: Signals, deflection: float, share: float) -> np.ndarray:
+    """(n,) z of a Bouc-Wen element of order one, from rest."""
+    def follow() -> np.ndarray:
+        from quartercar.effects._friction_kernels import hysteresis
+
+        out = np.empty(s.n_samples)
+        hysteresis(np.ascontiguousarray(s["velocity"]), s.sample_time, deflection, share, out)
+        return out
+
+    return s.remembered("hysteresis", (deflection, share), follow)

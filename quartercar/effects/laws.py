@@ -1,0 +1,112 @@
+"""Laws that a crude baseline lacks: a spring that hardens, damping that saturates, a force that has a dead zone."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
+from lpvid.diagnosis.signals import Core, Signals
+from quartercar.effects.friction_gas import ParallelForce
+from quartercar.effects.hydraulics import HydraulicEffect
+from quartercar.effects.viscous import viscous_slope
+
+
+class CubicSpring(ParallelForce):
+    """A spring that hardens or softens with the way: the next terms of its characteristic (Duffing 1918)."""
+
+    name: ClassVar[str] = "cubic-spring"
+    by_evidence: ClassVar[bool] = True
+    title: ClassVar[str] = "a spring that hardens or softens with the way"
+    family: ClassVar[str] = "structure"
+    equation: ClassVar[str] = "F += k_3 x^3 + k_2 x^2"
+    reference: ClassVar[str] = "Duffing 1918; Wigren, Schoukens 2013, the silverbox"
+    experiment: ClassVar[str] = "slow strokes of several amplitudes: force over position, speed apart"
+    needs: ClassVar[tuple[str, ...]] = ("displacement",)
+    strengths: ClassVar[int] = 2
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("cubic", "N/m^3", "k_3", 0.0, (-1e9, 1e9), (-1e15, 1e15), (-1e6, 1e6)),
+                EffectParameter("quadratic", "N/m^2", "k_2", 0.0, (-1e7, 1e7), (-1e12, 1e12), (0.0,)))
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        cubic, quadratic = float(values[0]), float(values[1])
+        if not cubic and not quadratic:
+            return core
+        return lambda s: core(s) + s["displacement"] ** 2 * (cubic * s["displacement"] + quadratic)
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("scheduled on the displacement too", degree=2, schedule=("displacement",))
+
+
+class SaturatingDamping(HydraulicEffect):
+    """The viscous share grows less and less with the speed, towards a constant force (equation sheet 9.1).
+
+    c(i) v becomes c(i) tanh(q v)/q: the smooth yield of a damper whose valve opens ever further. As q grows it turns
+    into dry friction.
+    """
+
+    name: ClassVar[str] = "saturating-damping"
+    by_evidence: ClassVar[bool] = True
+    title: ClassVar[str] = "the viscous share saturates with the speed"
+    equation: ClassVar[str] = "c(i) v -> c(i) tanh(q v)/q"
+    reference: ClassVar[str] = "equation sheet 1.2, 9.1; Kwok 2006 without its hysteresis"
+    experiment: ClassVar[str] = "triangles at ten speeds over 1.5 decades at constant current"
+    smooth: ClassVar[bool] = False
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("steepness", "s/m", "q, reciprocal of the speed of the bend", 0.0, (0.0, 1e3),
+                                (0.0, 1e5), (3.0, 10.0, 30.0, 100.0)),)
+
+    def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
+        from quartercar.effects.viscous import speed_quantiles
+
+        top, = speed_quantiles(signals, (0.98,))
+        return [np.array([k / max(top, 1e-9)]) for k in (0.5, 1.0, 2.0, 5.0, 12.0)]
+
+    def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
+        q, v = float(values[0]), s["velocity"]
+        return viscous_slope(s, core, baseline) * (np.tanh(q * v) / q - v)
+
+    def lpv_change(self) -> LpvChange | None:
+        return LpvChange("v|v| as a further input", regressors=("velocity|velocity|",))
+
+
+class ForceDeadZone(GridEffect):
+    """Nothing reaches the load cell until the force passes a threshold: a preload that has been lost, a loose joint."""
+
+    name: ClassVar[str] = "force-dead-zone"
+    by_evidence: ClassVar[bool] = True
+    title: ClassVar[str] = "a dead zone of the force about zero"
+    family: ClassVar[str] = "structure"
+    memoryless: ClassVar[bool] = True
+    stage: ClassVar[str] = "measurement"
+    equation: ClassVar[str] = "F_recorded = (|F| - F_d)+ sign F"
+    reference: ClassVar[str] = "Tao, Kokotovic 1996, dead zone"
+    experiment: ClassVar[str] = "a slow triangle about zero force, with the joints preloaded and not"
+    smooth: ClassVar[bool] = False
+
+    @property
+    def parameters(self) -> tuple[EffectParameter, ...]:
+        return (EffectParameter("threshold", "N", "F_d", 0.0, (0.0, 100.0), (0.0, 1e6), (5.0, 20.0)),)
+
+    def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
+        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+
+    def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
+        threshold = float(values[0])
+        if threshold <= 0:
+            return core
+
+        def run(s: Signals) -> np.ndarray:
+            force = core(s)
+            return force - np.clip(force, -threshold, threshold)
+
+        return run
+
+    def lpv_change(self) -> LpvChange | None:
+        return None

@@ -1,0 +1,87 @@
+"""The evidence engine through its own door, on the virtual rig and on measured records where they are at hand."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import lpvid as lpv
+from lpvid.cli.app import app
+from lpvid.diagnosis.asking import pose
+from lpvid.errors import InputError
+from lpvid.record import Record
+from quartercar.effects import CATALOGUE
+from quartercar.rig import EXPERIMENTS, Rig, RigDamper, effect, write_csv
+
+FEW = tuple(e for e in CATALOGUE if e.name in ("coulomb-friction", "gas-stiffness", "coil-lag", "asymmetry",
+                                               "series-compliance", "inner-friction", "hysteresis"))
+
+
+def hidden(name: str) -> Record:
+    rig = Rig(damper=RigDamper.static(), effects=(effect(name),))
+    return rig.run(replace(EXPERIMENTS["test-3"], duration=6.0), seed=1)
+
+
+def test_a_cause_on_the_rig_with_its_probability_and_its_family():
+    found = lpv.diagnose(hidden("coulomb-friction"), "guo", FEW, engine="evidence")
+    assert found.causes[0].name == "coulomb-friction"
+    assert found.causes[0].family == "friction and gas"
+    assert abs(found.causes[0].parameters[0].value - 60.0) < 3.0
+    assert found.extended is not None and "coulomb-friction" in found.extended.effects
+    assert lpv.diagnose(hidden("coulomb-friction"), found.extended, FEW, engine="evidence").verdict == \
+        "nothing-to-explain"
+
+
+def test_an_engine_that_does_not_exist_is_refused():
+    with pytest.raises(InputError, match="engine must be one of gates, evidence"):
+        lpv.diagnose(hidden("coulomb-friction"), "guo", FEW, engine="oracle")
+
+
+@pytest.mark.slow
+def test_the_command_writes_schema_two(tmp_path):
+    file = write_csv(hidden("coulomb-friction"), tmp_path / "run.csv")
+    result = CliRunner().invoke(app, ["diagnose", str(file), "--baseline", "guo", "--engine", "evidence", "--out",
+                                      str(tmp_path / "out")], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    data = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert data["schema"] == "lpvid/diagnosis/2"
+    assert {"probability", "family"} <= set(data["causes"][0])
+    assert abs(sum(s["probability"] for s in data["sets"])) <= 1 + 1e-9
+    assert "Sets of causes" in (tmp_path / "out" / "report.html").read_text()
+
+
+def linear_record() -> Record:
+    t = np.arange(3000) / 500
+    x = 0.01 * np.sin(7 * t) + 0.004 * np.sin(17 * t)
+    v = 0.07 * np.cos(7 * t) + 0.068 * np.cos(17 * t)
+    noise = np.random.default_rng(0).standard_normal(t.size)
+    return Record({"displacement": x, "velocity": v, "force": 1500 * v + 2e3 * x - 120 + noise}, sample_time=1 / 500,
+                  name="run", units={"displacement": "m", "velocity": "m/s", "force": "N"})
+
+
+@pytest.mark.slow
+def test_auto_judges_the_law_that_made_the_record():
+    question = pose(linear_record(), "auto", FEW)
+    assert question.baseline.name == "linear"
+    assert "the law judged is linear" in question.prepared.notes[0]
+
+
+def test_auto_takes_no_parameters():
+    with pytest.raises(InputError, match="parameters belong to a baseline that is given by name"):
+        pose(linear_record(), "auto", FEW, parameters={"damping": 1.0})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file, baseline, wanted, esr", [
+    ("mr_damper_fixed_voltage/estimation.csv", "guo", "series-compliance", 0.047),
+    ("silverbox/multisine_a.csv", "linear", "cubic-spring", 0.005),
+])
+def test_measured_records_where_the_gates_are_silent_or_wrong(shared_data, file, baseline, wanted, esr):
+    """Fair answers by independent fits; an extended model at least as good as the best one of them, held-out."""
+    found = lpv.diagnose(lpv.read(str(shared_data / file)), baseline, engine="evidence")
+    assert wanted in [c.name for c in found.causes]
+    assert found.after.esr_held_out < esr
