@@ -28,7 +28,8 @@ Turned, the same inequalities of the transposed plant with p and p⁺ exchanged:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -78,6 +79,30 @@ def moving_feedback(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.nda
                           not strictly_proper, coordinates))
 
 
+def lowest(moving: Sequence[Synthesis], constant: Synthesis) -> Synthesis:
+    """The lowest verified gain of designs whose matrices move, and of one whose do not, which a note compares."""
+    solved = [s for s in moving if s.gamma_verified is not None]
+    best = min(solved, key=_verified, default=None)
+    if best is None:
+        why = f"matrices that move gave no controller ({moving[0].verdict}: {moving[0].why})"
+        if not constant.solved:
+            return replace(moving[0], notes=(f"nor does a constant X and Y ({constant.verdict}): {constant.why}",))
+        return replace(constant, notes=(f"X and Y are constants: {why}", *constant.notes))
+    if not constant.solved:
+        note = f"a constant X and Y gave no controller ({constant.verdict}: {constant.why})"
+        return replace(best, notes=(note, *best.notes))
+    where = "on the whole box" if constant.between_grid else "at the points of a grid"
+    if _verified(constant) < _verified(best):
+        note = f"X and Y are constants: matrices that move gave {_verified(best):.6g}, which is more"
+        return replace(constant, notes=(note, *constant.notes))
+    note = f"a constant X and Y keep {_verified(constant):.6g} {where}, for scheduling that jumps"
+    return replace(best, notes=(note, *best.notes))
+
+
+def _verified(found: Synthesis) -> float:
+    return np.inf if found.gamma_verified is None else found.gamma_verified
+
+
 @dataclass(frozen=True, eq=False)
 class _Moving(ShapedProblem):
     """One discrete plant with moving Lyapunov and slack matrices, in scaled coordinates."""
@@ -97,8 +122,8 @@ class _Moving(ShapedProblem):
 
     @property
     def remedy(self) -> str:
-        return (f"raise the bound, lower the weights on {', '.join(self.plant.performance)}, or tighten the rate bounds "
-                "of the scheduling")
+        return (f"raise the bound, lower the weights on {', '.join(self.plant.performance)}, or tighten the rate "
+                "bounds of the scheduling")
 
     @property
     def storage(self) -> Basis | None:
@@ -170,12 +195,12 @@ class _Moving(ShapedProblem):
     def _controller_at(self, shaped: Shaped, points: np.ndarray) -> Matrices:
         """(N, …) the controller of the scaled plant, or of its transpose."""
         m, (z, n) = self._design(points), _split(self, shaped)
-        x, q, f, l = (self._at(shaped, name, points) for name in "XQFL")
+        x, q, f, command = (self._at(shaped, name, points) for name in "XQFL")
         back = np.linalg.inv(n)
         u = back @ (self._at(shaped, "S", points) - z @ x)
         right = np.linalg.inv(u)
-        d = self._at(shaped, "R", points) if self.direct else np.zeros((len(x), l.shape[1], f.shape[2]))
-        c = (l - d @ m.C2 @ x) @ right
+        d = self._at(shaped, "R", points) if self.direct else np.zeros((len(x), command.shape[1], f.shape[2]))
+        c = (command - d @ m.C2 @ x) @ right
         b = back @ (f - z @ m.B2 @ d)
         a = back @ (q - z @ (m.A + m.B2 @ d @ m.C2) @ x - n @ b @ m.C2 @ x - z @ m.B2 @ c @ u) @ right
         return a, b, c, d
@@ -194,15 +219,15 @@ class _Moving(ShapedProblem):
 def _loop(m: PlantMatrices, x: Affine, z: Affine, hats: dict[str, Affine], tail: Affine, first: Affine,
           turned: bool) -> ShapedLoop:
     """The blocks of (1) at one point and one move."""
-    q, f, l = hats["Q"], hats["F"], hats["L"]
+    q, f, command = hats["Q"], hats["F"], hats["L"]
     through: Affine | np.ndarray = m.D11
     a, b, c = m.A, m.B1, m.C1
     if "R" in hats:
         r = hats["R"]
         a, b, c = m.A + m.B2 @ r @ m.C2, m.B1 + m.B2 @ r @ m.D21, m.C1 + m.D12 @ r @ m.C2
         through = m.D11 + m.D12 @ r @ m.D21
-    return ShapedLoop(tail, first, block([[m.A @ x + m.B2 @ l, a], [q, z @ m.A + f @ m.C2]]),
-                      block([[b], [z @ m.B1 + f @ m.D21]]), block([[m.C1 @ x + m.D12 @ l, c]]), through, True,
+    return ShapedLoop(tail, first, block([[m.A @ x + m.B2 @ command, a], [q, z @ m.A + f @ m.C2]]),
+                      block([[b], [z @ m.B1 + f @ m.D21]]), block([[m.C1 @ x + m.D12 @ command, c]]), through, True,
                       turned=turned)
 
 
