@@ -72,6 +72,7 @@ def moving_feedback(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.nda
     back_off : float
         Share by which the bound is raised above the least one, for a controller of moderate gains.
     """
+    axes = _with_kinks(plant, lyapunov, axes)
     raw = plant.at(tensor(axes))
     coordinates = Coordinates.of(raw, True)
     gains = richer(plant, lyapunov, axes)
@@ -229,6 +230,21 @@ def _loop(m: PlantMatrices, x: Affine, z: Affine, hats: dict[str, Affine], tail:
     return ShapedLoop(tail, first, block([[m.A @ x + m.B2 @ command, a], [q, z @ m.A + f @ m.C2]]),
                       block([[b], [z @ m.B1 + f @ m.D21]]), block([[m.C1 @ x + m.D12 @ command, c]]), through, True,
                       turned=turned)
+
+
+def _with_kinks(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+    """Axes with the values from which one sample just reaches an end of the box.
+
+    The pairs (p, p⁺) fill a polygon whose corners these are: a grid without them leaves the pairs that start there
+    outside of the hull of those it looks at.
+    """
+    found = []
+    for name, axis, low, high, rate in zip(plant.box.names, axes, plant.box.lower, plant.box.upper, plant.box.rate,
+                                           strict=True):
+        step = np.inf if rate is None else rate * (plant.sample_time or 0.0)
+        more = [low + step, high - step] if name in lyapunov.names and 0 < step < high - low else []
+        found.append(np.unique(np.concatenate([axis, more])))
+    return tuple(found)
 
 
 def _split(problem: _Moving, shaped: Shaped) -> tuple[np.ndarray, np.ndarray]:
