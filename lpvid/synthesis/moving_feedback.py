@@ -66,7 +66,8 @@ def moving_feedback(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.nda
     turned : bool
         Y(p) moves and X is constant; otherwise X(p) moves and Y is constant.
     strictly_proper : bool
-        No feedthrough D_K.
+        No feedthrough D_K. There is none either where controls reach the measurements directly: a D_K that moves
+        would form a loop with D22 whose solution is no finite sum over a basis.
     bound : float, optional
         A gain that is good enough; left out, the least.
     back_off : float
@@ -76,8 +77,13 @@ def moving_feedback(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.nda
     raw = plant.at(tensor(axes))
     coordinates = Coordinates.of(raw, True)
     gains = richer(plant, lyapunov, axes)
-    return settle(_Moving(plant, (HInfinity(bound=bound),), (), 1 + back_off, lyapunov, gains, axes, turned,
-                          not strictly_proper, coordinates))
+    direct = not strictly_proper and not raw.D22.any()
+    found = settle(_Moving(plant, (HInfinity(bound=bound),), (), 1 + back_off, lyapunov, gains, axes, turned, direct,
+                           coordinates))
+    if direct or strictly_proper:
+        return found
+    return replace(found, notes=(*found.notes, "controls reach the measurements directly: no feedthrough in the "
+                                               "controller"))
 
 
 def lowest(moving: Sequence[Synthesis], constant: Synthesis) -> Synthesis:

@@ -133,7 +133,8 @@ class OutputFeedback:
         moving = [moving_feedback(plant, basis, axes, turned=turned, strictly_proper=self.strictly_proper,
                                   bound=self.bound, back_off=self.back_off)
                   for turned in sides.get(self.varying, (False, True))]
-        return lowest(moving, replace(self, lyapunov=None).solve(plant))
+        proper = self.strictly_proper or bool(plant.at(tensor(axes)).D22.any())
+        return lowest(moving, replace(self, lyapunov=None, strictly_proper=proper).solve(plant))
 
     def _axes(self, plant: GeneralizedPlant) -> tuple[tuple[np.ndarray, ...], bool, tuple[str, ...]]:
         """Where the inequalities are imposed, whether that covers the whole box, and a remark."""

@@ -189,7 +189,15 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
         why="the closed loop keeps what the inequalities promised" if kept else
             "the closed loop was verified, but above the promise",
         notes=(*map(str, figures), *notes, *_speed(controller)),
-        seconds=time.perf_counter() - started, solver=shaped.solution.solver, method=problem.method), kept
+        seconds=time.perf_counter() - started, solver=shaped.solution.solver, method=problem.method,
+        infimum=_infimum(problem, shaped)), kept
+
+
+def _infimum(problem: ShapedProblem, shaped: Shaped) -> float | None:
+    """The least gain that the inequalities admit, where nothing else was asked for."""
+    only = problem.criteria[0]
+    alone = len(problem.criteria) == 1 and isinstance(only, HInfinity) and only.bound is None
+    return shaped.lowest[0] if alone else None
 
 
 def _proven(criterion: Criterion, problem: ShapedProblem, shaped: Shaped, loop: LPVStateSpace, promised: float
