@@ -195,9 +195,8 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
 
 def _infimum(problem: ShapedProblem, shaped: Shaped) -> float | None:
     """The least gain that the inequalities admit, where nothing else was asked for."""
-    only = problem.criteria[0]
-    alone = len(problem.criteria) == 1 and isinstance(only, HInfinity) and only.bound is None
-    return shaped.lowest[0] if alone else None
+    only = problem.criteria[0] if len(problem.criteria) == 1 else None
+    return shaped.lowest[0] if isinstance(only, HInfinity) and only.bound is None else None
 
 
 def _proven(criterion: Criterion, problem: ShapedProblem, shaped: Shaped, loop: LPVStateSpace, promised: float
