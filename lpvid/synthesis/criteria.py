@@ -90,8 +90,9 @@ class HInfinity(_Channel):
         (Bernstein & Haddad 1989).
         """
         for loop in loops:
-            b, c, d = loop.entry @ chosen[0], chosen[1] @ loop.exit, chosen[1] @ loop.through @ chosen[0]
-            nz, nw = chosen[1].shape[0], chosen[0].shape[1]
+            into, out = (chosen[1].T, chosen[0].T) if loop.turned else chosen
+            b, c, d = loop.entry @ into, out @ loop.exit, out @ loop.through @ into
+            nz, nw = out.shape[0], into.shape[1]
             w: Matrix = np.eye(nw) if squared else level.times(np.eye(nw))
             z, n = level.times(np.eye(nz)), loop.order
             if loop.discrete:

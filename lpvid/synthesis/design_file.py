@@ -155,7 +155,7 @@ gain = 0.02
 [design]
 design = "output-feedback"     # NAMES
 back_off = 0.02                # how far above the least gain to stop, for a tame controller
-# lyapunov_degree = 1          # a Lyapunov matrix that moves with the scheduling; needs rates
+# lyapunov_degree = 1          # a Lyapunov matrix that moves with the scheduling; in continuous time it needs rates
 # strictly_proper = true       # no direct path from measurement to control
 # [[design.regions]]           # where frozen poles must lie: half-plane, disc, cone
 # kind = "half-plane"

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Spline
+from lpvid.scheduling import Basis, Fourier, Polynomial, Product, Scheduling, Spline
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 
 MOST_POINTS = 400
@@ -17,7 +18,7 @@ MOST_POINTS = 400
 CELLS = 3
 """Parts into which cells of the design grid are divided where a matrix is tabulated or fitted."""
 HIGHEST = {1: 5, 2: 3}
-"""Highest degree of a fitted polynomial by the number of variables; 2 for more."""
+"""Highest degree of a fitted polynomial by the number of variables; 2 for more. Of a Fourier series, harmonics."""
 MISFIT = 1e-3
 ROUNDING = 4096 * np.finfo(float).eps
 """share of a block's largest entry: what a regression of a few thousand operations leaves of a gain that is constant"""
@@ -112,7 +113,8 @@ def fitted(values: Callable[[np.ndarray], np.ndarray], box: Scheduling, axes: tu
     """A matrix known at every point of a box as a combination of functions: coefficients (M, …) over a basis.
 
     For a polynomial `basis` a polynomial of the least degree that misses every entry by less than `MISFIT` of its size
-    (or of the highest degree tried); else a table, linear between the points of a grid finer than `axes`.
+    (or of the highest degree tried), for a Fourier series over the only variable that moves such a series (if one
+    misses by less); else a table, linear between the points of a grid finer than `axes`.
 
     Parameters
     ----------
@@ -122,27 +124,39 @@ def fitted(values: Callable[[np.ndarray], np.ndarray], box: Scheduling, axes: tu
     finest = finer(axes, CELLS)
     points = tensor(finest)
     table = values(points)
-    if not isinstance(basis, Polynomial):
-        return interpolating(box, finest), table
     flat = table.reshape(len(points), -1)
-    sizes, best = np.abs(flat).max(axis=0, initial=0.0), None
+    sizes, best, close = np.abs(flat).max(axis=0, initial=0.0), None, False
     sizes = sizes + 1e-6 * sizes.max(initial=1e-300)
-    for degree in range(HIGHEST.get(len(box.names), 2) + 1):
-        tried = Polynomial(box.names, degree).bound(box)
-        phi = tried.evaluate(points)
+    for tried in _rising(basis, box):
+        phi = columns(box, tried, points)
         found = np.linalg.lstsq(phi, flat, rcond=None)[0]
         best = tried, found.reshape(tried.size, *table.shape[1:])
-        if np.all(np.abs(phi @ found - flat) <= MISFIT * sizes):
+        close = bool(np.all(np.abs(phi @ found - flat) <= MISFIT * sizes))
+        if close:
             break
-    assert best is not None
+    if best is None or not (close or isinstance(basis, Polynomial)):
+        return interpolating(box, finest), table
     return best
 
 
+def _rising(basis: Basis, box: Scheduling) -> Iterator[Basis]:
+    """Smooth functions of rising degree, of the kind of a basis; none where that is neither of two."""
+    highest = HIGHEST.get(len(box.names), 2)
+    if isinstance(basis, Polynomial):
+        for degree in range(highest + 1):
+            yield Polynomial(box.names, degree).bound(box)
+    elif isinstance(basis, Fourier) and box.names == basis.names:
+        for harmonics in range(1, highest + 1):
+            yield replace(basis, harmonics=harmonics)
+
+
 def richer(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.ndarray, ...]) -> Basis:
-    """Functions for an unknown gain beside a Lyapunov matrix that moves: polynomials, or free at every grid point."""
+    """Functions for an unknown gain beside a Lyapunov matrix that moves: a degree more, or free at every point."""
     own = plant.system.basis
     if isinstance(lyapunov, Polynomial) and isinstance(own, Polynomial):
         return Polynomial(plant.box.names, max(own.degree, lyapunov.degree) + 1).bound(plant.box)
+    if isinstance(lyapunov, Fourier) and isinstance(own, Fourier) and plant.box.names == lyapunov.names == own.names:
+        return replace(lyapunov, harmonics=max(own.harmonics, lyapunov.harmonics) + 1)
     return interpolating(plant.box, axes)
 
 
@@ -167,11 +181,9 @@ def columns(box: Scheduling, basis: Basis, points: np.ndarray) -> np.ndarray:
 
 def check_rates(basis: Basis, box: Scheduling, sample_time: float | None) -> None:
     """Refuse a Lyapunov matrix that depends on a variable of unbounded rate in continuous time."""
-    if sample_time is not None:
-        return
     for name in basis.names:
         i = box.names.index(_checks.known_name(name, box.names, "scheduling variable"))
-        if box.rate[i] is None and box.upper[i] > box.lower[i]:
+        if sample_time is None and box.rate[i] is None and box.upper[i] > box.lower[i]:
             raise InputError(f"the Lyapunov matrix depends on '{name}', whose rate has no bound",
                              why="a function that may jump cannot decrease along every trajectory",
                              mend=f"give '{name}' a rate bound in its Scheduling, or leave it out of `lyapunov`")

@@ -88,7 +88,8 @@ def own_certificate(values: Callable[[np.ndarray], np.ndarray], basis: Basis, lo
             matrices = np.tensordot(np.linalg.pinv(columns(box, fit, points)), at, axes=1)
             yield fit, 0.5 * (matrices + matrices.swapaxes(1, 2))
 
-    return proven(loop, promised, proposals(), (1e-6, 5e-4, 2e-3, most - 1))
+    shares = *(s for s in (1e-6, 5e-4, 2e-3, 5e-3, 1e-2, 2e-2, 3.5e-2) if s < most - 1), most - 1
+    return proven(loop, promised, proposals(), shares)
 
 
 def _plausible(values: Callable[[np.ndarray], np.ndarray], loop: LPVStateSpace, bound: float) -> bool:

@@ -30,15 +30,17 @@ class OutputFeedback:
 
     Two projected inequalities decide whether a bound can be had (`lpvid.synthesis.projection`); the controller follows
     from their answer in closed form. With a constant X and Y the scheduling may jump; with X(p), Y(p) it keeps to the
-    rate bounds of the plant's box. In discrete time X and Y are constant.
+    rate bounds of the plant's box. In discrete time the Lyapunov matrix that moves is compared with itself one sample
+    later, by slack matrices (`lpvid.synthesis.moving_feedback`): a variable without a rate bound may then jump.
 
     Parameters
     ----------
     lyapunov : Basis, optional
-        Functions of X(p) and Y(p); their variables need rate bounds. Left out, constants.
+        Functions of X(p) and Y(p); in continuous time their variables need rate bounds. Left out, constants.
     varying : {"both", "controls", "measurements"}
         Which of X (what the controls can do) and Y (what the measurements can tell) depends on p. With "both" the
-        controller reads the rates too, as further scheduling variables ``<name>_rate``.
+        controller reads the rates too, as further scheduling variables ``<name>_rate``. In discrete time one of them
+        moves and the controller reads p alone; "both" tries either, and keeps the lower bound.
     rate : float, sequence or mapping of name to float, optional
         Bounds on |dp/dt| [units per second] in place of those of the plant's box.
     strictly_proper : bool
@@ -110,21 +112,34 @@ class OutputFeedback:
             return Synthesis(fault.verdict, why=fault.why, mend=fault.mend, seconds=time.perf_counter() - started,
                              method="output feedback")
         notes = (*notes, *remarks(plant, at))
-        if self.regions or (self.strictly_proper and plant.sample_time is not None):
+        constant = self.lyapunov is None
+        if self.regions or (constant and self.strictly_proper and plant.sample_time is not None):
             return self._shaped(plant, notes, started)
-        basis = None if self.lyapunov is None else self.lyapunov.bound(plant.box)
-        problem = FeedbackProblem(BalancedPlant.of(plant, points), Variations(basis, self.varying, plant.box), axes,
-                                  corners, self.strictly_proper, points[:0])
-        found = search(problem, self.bound, self.back_off)
+        if self.lyapunov is not None and plant.sample_time is not None:
+            found = self._moving(plant, axes)
+        else:
+            basis = None if self.lyapunov is None else self.lyapunov.bound(plant.box)
+            problem = FeedbackProblem(BalancedPlant.of(plant, points), Variations(basis, self.varying, plant.box), axes,
+                                      corners, self.strictly_proper, points[:0])
+            found = search(problem, self.bound, self.back_off)
         return replace(found, notes=(*notes, *found.notes), seconds=time.perf_counter() - started)
+
+    def _moving(self, plant: GeneralizedPlant, axes: tuple[np.ndarray, ...]) -> Synthesis:
+        """Discrete time: the lowest verified gain of what may move, and of a constant X and Y."""
+        from lpvid.synthesis.moving_feedback import lowest, moving_feedback
+
+        assert self.lyapunov is not None
+        basis, sides = self.lyapunov.bound(plant.box), {"controls": (False,), "measurements": (True,)}
+        moving = [moving_feedback(plant, basis, axes, turned=turned, strictly_proper=self.strictly_proper,
+                                  bound=self.bound, back_off=self.back_off)
+                  for turned in sides.get(self.varying, (False, True))]
+        proper = self.strictly_proper or bool(plant.at(tensor(axes)).D22.any())
+        return lowest(moving, replace(self, lyapunov=None, strictly_proper=proper).solve(plant))
 
     def _axes(self, plant: GeneralizedPlant) -> tuple[tuple[np.ndarray, ...], bool, tuple[str, ...]]:
         """Where the inequalities are imposed, whether that covers the whole box, and a remark."""
         if self.lyapunov is not None:
-            if plant.sample_time is not None:
-                raise InputError("in discrete time X and Y are constants", got="lyapunov",
-                                 mend="leave lyapunov out: the scheduling may then jump")
-            check_rates(self.lyapunov, plant.box, None)
+            check_rates(self.lyapunov, plant.box, plant.sample_time)
             return design_axes(plant.box, self.points, False), False, ()
         if corners_suffice(plant):
             return convex_axes(plant), True, ()

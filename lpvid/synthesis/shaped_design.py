@@ -119,7 +119,7 @@ def check_criteria(plant: GeneralizedPlant, criteria: Sequence[Criterion], regio
                              f"reaches {z} directly", mend=f"filter {w} or {z}, or leave the pair out of the criterion")
 
 
-def settle(problem: ShapedProblem, fault: Fault | None = None) -> Synthesis:
+def settle(problem: ShapedProblem, fault: Fault | None = None, *, kept: float = KEPT) -> Synthesis:
     """Solve, recover, close the loop, verify; soften the promise where it is not kept.
 
     Parameters
@@ -127,6 +127,8 @@ def settle(problem: ShapedProblem, fault: Fault | None = None) -> Synthesis:
     problem : ShapedProblem
     fault : Fault, optional
         Why there is nothing to solve.
+    kept : float
+        A promise is kept when the verified figure is at most this factor above it.
 
     Returns
     -------
@@ -142,7 +144,7 @@ def settle(problem: ShapedProblem, fault: Fault | None = None) -> Synthesis:
     for back_off in (problem.back_off, *(f for f in SOFTER if f > problem.back_off)):
         for shaped in program.answers(back_off):
             examined += 1
-            outcome = _judged(problem, shaped, back_off, started)
+            outcome = _judged(problem, shaped, back_off, started, kept)
             if outcome is not None:
                 if outcome[1]:
                     return outcome[0]
@@ -162,7 +164,7 @@ def settle(problem: ShapedProblem, fault: Fault | None = None) -> Synthesis:
                      seconds=seconds, method=problem.method)
 
 
-def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: float
+def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: float, most: float
             ) -> tuple[Synthesis, bool] | None:
     """A synthesis from one answer, and whether the promise is kept; None where the loop is not even stable."""
     try:
@@ -173,27 +175,36 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
     inside, notes = stays_inside(problem.regions, loop)
     if not inside:
         return None
-    figures = [_proven(c, problem, shaped, loop, promised) or measure(c, problem.plant, loop, promised, problem.storage)
+    figures = [_proven(c, problem, shaped, loop, promised, most)
+               or measure(c, problem.plant, loop, promised, problem.storage)
                for c, promised in zip(problem.criteria, shaped.promised, strict=True)]
     bounded = next((k for k, c in enumerate(problem.criteria) if isinstance(c, HInfinity)), None)
     main = HInfinity() if bounded is None else problem.criteria[bounded]
     gain = measure(main, problem.plant, loop, np.inf, problem.storage) if bounded is None else figures[bounded]
     if not all(np.isfinite(f.verified) for f in (*figures, gain)):
         return None
-    kept = all(f.verified <= KEPT * f.promised for f in figures)
+    kept = all(f.verified <= most * f.promised for f in figures)
     between = all(f.between_grid for f in (*figures, gain))
     return Synthesis(
         "solved" if kept and back_off == problem.back_off else "backed-off", between_grid=between,
         gamma=None if bounded is None else gain.promised, gamma_verified=gain.verified, gamma_lower=gain.lower,
         controller=controller, closed_loop=channel(loop, *main.indices(problem.plant)), certificate=gain.certificate,
-        why="the closed loop keeps what the inequalities promised" if kept else
+        why="the closed loop keeps what the inequalities promised"
+            if all(f.verified <= KEPT * f.promised for f in figures) else
             "the closed loop was verified, but above the promise",
         notes=(*map(str, figures), *notes, *_speed(controller)),
-        seconds=time.perf_counter() - started, solver=shaped.solution.solver, method=problem.method), kept
+        seconds=time.perf_counter() - started, solver=shaped.solution.solver, method=problem.method,
+        infimum=_infimum(problem, shaped)), kept
 
 
-def _proven(criterion: Criterion, problem: ShapedProblem, shaped: Shaped, loop: LPVStateSpace, promised: float
-            ) -> Figure | None:
+def _infimum(problem: ShapedProblem, shaped: Shaped) -> float | None:
+    """The least gain that the inequalities admit, where nothing else was asked for."""
+    only = problem.criteria[0] if len(problem.criteria) == 1 else None
+    return shaped.lowest[0] if isinstance(only, HInfinity) and only.bound is None else None
+
+
+def _proven(criterion: Criterion, problem: ShapedProblem, shaped: Shaped, loop: LPVStateSpace, promised: float,
+            most: float) -> Figure | None:
     """The promise of a gain, by the design's own storage function; None where that does not prove it on the box.
 
     A bound that was asked for is kept to the last digit, or left to the analysis.
@@ -203,7 +214,7 @@ def _proven(criterion: Criterion, problem: ShapedProblem, shaped: Shaped, loop: 
         return None
     unit = promised if any(isinstance(c, H2) for c in problem.criteria) else 1.0  # V is then measured in |w|²
     part = channel(loop, *criterion.indices(problem.plant))
-    found = own_certificate(lambda points: unit * own(points), basis, part, promised, KEPT)
+    found = own_certificate(lambda points: unit * own(points), basis, part, promised, most)
     if found is None or not found.between_grid or (criterion.bound is not None and found.gamma > criterion.bound):
         return None
     system = driven(part)

@@ -38,6 +38,8 @@ class ShapedLoop:
     discrete : bool
     pace : float
         Typical rate [1/s] by which the rows of continuous-time inequalities are scaled.
+    turned : bool
+        The blocks are those of the transposed loop: 𝐁 is (n, n_z), 𝐂 is (n_w, n) and 𝐃 is (n_w, n_z).
     """
 
     lyapunov: Affine
@@ -48,6 +50,7 @@ class ShapedLoop:
     through: Matrix
     discrete: bool
     pace: float = 1.0
+    turned: bool = False
 
     @property
     def order(self) -> int:
