@@ -218,7 +218,7 @@ class RideComparison:
 
 
 def _tied(names: Sequence[str]) -> str:
-    return f", not told apart from {', '.join(names)}" if names else ""
+    return f", not distinguishable from {', '.join(names)}" if names else ""
 
 
 def _line(row: Row) -> str:
@@ -304,8 +304,13 @@ def _extrapolating(rows: Sequence[Row]) -> Iterator[str]:
             worst = max(shares, key=lambda n: shares[n])
             if shares[worst] > 0:
                 yield (f"On {road} the damper's {name} leaves its training records, {_span(rows[0], name)}, in "
-                       f"{100 * min(shares.values()):.2g} to {100 * shares[worst]:.2g} % of the samples (most under "
-                       f"{worst}): the force there is extrapolated.")
+                       f"{_shares(shares)} % of the samples (most under {worst}): the force there is extrapolated.")
+
+
+def _shares(shares: Mapping[str, float]) -> str:
+    """The range of some shares in percent, one number where both ends read the same."""
+    ends = dict.fromkeys(f"{100 * share:.2g}" for share in (min(shares.values()), max(shares.values())))
+    return " to ".join(ends)
 
 
 def _span(row: Row, name: str) -> str:
