@@ -13,6 +13,7 @@ from lpvid.errors import InputError
 from lpvid.report import number
 from quartercar.car import QuarterCar
 from quartercar.controllers.contract import Controller
+from quartercar.dampers import Identified
 from quartercar.ride_roads import RideRoad
 from quartercar.riding import Ride, RideSettings, drive, without_run
 
@@ -293,7 +294,14 @@ def compare_rides(car: QuarterCar, roads: Sequence[RideRoad], controllers: Mappi
             kept = (mine[0], *(without_run(r) for r in mine[1:]))
             rows.append(Row(name, controllers[name].title, controllers[name], road.name, kept))
         del rides
-    return RideComparison(tuple(rows), tuple(seeds), chosen, tuple(_extrapolating(rows)))
+    return RideComparison(tuple(rows), tuple(seeds), chosen, (*_unmoved(car), *_extrapolating(rows)))
+
+
+def _unmoved(car: QuarterCar) -> Iterator[str]:
+    """A damper whose characteristic does not read the command: its laws have nothing to act with."""
+    if isinstance(car.damper, Identified) and "current" not in car.damper.reads:
+        yield ("The damper's force does not depend on the command, so that every law rides as the passive car does: "
+               "identify it with --schedule current.")
 
 
 def _extrapolating(rows: Sequence[Row]) -> Iterator[str]:
