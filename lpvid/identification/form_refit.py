@@ -21,6 +21,8 @@ from lpvid.validation import Validation, validate
 
 SHOWN = ("transfer function", "form as realised", "form re-estimated")
 """The models whose figures stand beside each other, in this order."""
+SAME = 1e-6
+"""Difference of two free-run ESR below which it is rounding: a hundredth of the last digit that is printed of 0.01."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +172,7 @@ def _remark(refit: FormRefit, records: Sequence[Record]) -> str:
     which determine a state that the output shows weakly only within the error of the model.
     """
     realised, own = (refit.esr(name) for name in SHOWN[1:])
-    if realised is None or (own is not None and own <= realised):
+    if realised is None or (own is not None and own - realised <= SAME):
         return ""
     left, total = 0.0, 0.0
     for record in records:
