@@ -64,7 +64,7 @@ def load_design(path: str | Path, plant: str | None = None) -> DesignConfig:
         why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise InputError(f"cannot read '{path}'", why=str(why), mend="check the path") from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path.name} is not TOML", why=str(error)) from None
+        raise InputError(f"{path.name} is not TOML", why=str(error), mend="--template prints one") from None
     try:
         return read_design(table if plant is None else {**table, "plant": plant}, path.parent)
     except InputError as error:

@@ -32,7 +32,8 @@ def bound_items(bounds: Sequence[Bound]) -> tuple[Item, ...]:
     items += [Paragraph(f"{b.road}, linear car: {told_floor(b)}.") for b in bounds if b.floor]
     shares = tuple((b.road, law, *(told_share(b.share(law, m)) for m in MEASURES)) for b in bounds for law in b.laws)
     items.append(Table(("road", "law", *(m.replace("_", " ") for m in MEASURES)), shares,
-                       "(passive − law)/(passive − bound at the least objective), nonlinear car, same roads, ± half of "
+                       "(a − law)/(a − bound at the least objective) with a of the car at the lowest current, "
+                       "nonlinear car, same roads, ± half of "
                        "the 95 % interval. Above 100 % where a law gives away the other criterion.", (2, 3, 4)))
     return tuple(items)
 

@@ -140,7 +140,8 @@ class Bound:
                 f"  {100 * gaps[0].mean:+.1f} % and {100 * gaps[1].mean:+.1f} % to {self.reference}")
             lines.append(f"  {names[aim]:<36}comfort {comfort:8.4g} m/s^2  tyre {tyre:8.4g} N{said}")
         if self.laws:
-            lines.append("  share of the way from passive to that bound: objective, comfort, tyre load")
+            lines.append("  share of the way from the car at the lowest current to that bound: objective, "
+                         "comfort, tyre load")
             lines += [f"    {law:<18}" + "".join(f"{told_share(self.share(law, m)):>16}" for m in MEASURES)
                       for law in self.laws]
         if self.floor:
@@ -169,8 +170,8 @@ def told_floor(bound: Bound) -> str:
     low, best = (float(np.mean(v)) for v in ([f.value for f in bound.floor],
                                              bound.values(bound.at(), "objective")))
     reach, slope = max(f.reach for f in bound.floor), float(np.mean([f.slope for f in bound.floor]))
-    return (f"objective: {best:.4g} of passive found; certified that no force within {reach:.4g} N of {slope:.4g} "
-            f"N*s/m, were it an active one, makes it less than {low:.4g}")
+    return (f"objective: {best:.4g} of the car at the lowest current found; certified that no force within "
+            f"{reach:.4g} N of {slope:.4g} N*s/m, were it an active one, makes it less than {low:.4g}")
 
 
 def obtained(bound: Bound) -> str:

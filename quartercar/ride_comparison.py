@@ -13,6 +13,7 @@ from lpvid.errors import InputError
 from lpvid.report import number
 from quartercar.car import QuarterCar
 from quartercar.controllers.contract import Controller
+from quartercar.dampers import Identified
 from quartercar.ride_roads import RideRoad
 from quartercar.riding import Ride, RideSettings, drive, without_run
 
@@ -218,7 +219,7 @@ class RideComparison:
 
 
 def _tied(names: Sequence[str]) -> str:
-    return f", not told apart from {', '.join(names)}" if names else ""
+    return f", not distinguishable from {', '.join(names)}" if names else ""
 
 
 def _line(row: Row) -> str:
@@ -293,7 +294,14 @@ def compare_rides(car: QuarterCar, roads: Sequence[RideRoad], controllers: Mappi
             kept = (mine[0], *(without_run(r) for r in mine[1:]))
             rows.append(Row(name, controllers[name].title, controllers[name], road.name, kept))
         del rides
-    return RideComparison(tuple(rows), tuple(seeds), chosen, tuple(_extrapolating(rows)))
+    return RideComparison(tuple(rows), tuple(seeds), chosen, (*_unmoved(car), *_extrapolating(rows)))
+
+
+def _unmoved(car: QuarterCar) -> Iterator[str]:
+    """A damper whose characteristic does not read the command: its laws have nothing to act with."""
+    if isinstance(car.damper, Identified) and "current" not in car.damper.reads:
+        yield ("The damper's force does not depend on the command, so that every law rides as the passive car does: "
+               "identify it with --schedule current.")
 
 
 def _extrapolating(rows: Sequence[Row]) -> Iterator[str]:
@@ -304,8 +312,13 @@ def _extrapolating(rows: Sequence[Row]) -> Iterator[str]:
             worst = max(shares, key=lambda n: shares[n])
             if shares[worst] > 0:
                 yield (f"On {road} the damper's {name} leaves its training records, {_span(rows[0], name)}, in "
-                       f"{100 * min(shares.values()):.2g} to {100 * shares[worst]:.2g} % of the samples (most under "
-                       f"{worst}): the force there is extrapolated.")
+                       f"{_shares(shares)} % of the samples (most under {worst}): the force there is extrapolated.")
+
+
+def _shares(shares: Mapping[str, float]) -> str:
+    """The range of some shares in percent, one number where both ends read the same."""
+    ends = dict.fromkeys(f"{100 * share:.2g}" for share in (min(shares.values()), max(shares.values())))
+    return " to ".join(ends)
 
 
 def _span(row: Row, name: str) -> str:

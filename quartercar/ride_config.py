@@ -98,7 +98,7 @@ def load_config(path: str | Path) -> RideConfig:
         why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise InputError(f"cannot read '{path}'", why=str(why), mend="check the path") from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path.name} is not TOML", why=str(error)) from None
+        raise InputError(f"{path.name} is not TOML", why=str(error), mend="--template prints one") from None
     try:
         return read_config(table, path.parent)
     except InputError as error:

@@ -107,13 +107,14 @@ def coherent_inputs(views: Sequence[View], names: Sequence[str]) -> Iterator[Fin
         return
     worst = int(np.argmin(found.share))
     units = [views[0].record.unit(n) if views[0].record.has(n) else "" for n in (names[-1], names[0])]
-    ratio = f"{abs(found.ratio):.3g} {'/'.join(u or '1' for u in units)}"
+    unit = "" if units[0] == units[1] else f" ({units[0] or '1'})/({units[1] or '1'})"
     others = ", ".join(n for k, n in enumerate(names) if k != worst)
     yield Finding(
         "coherent-inputs", views[0].name if len(views) == 1 else "", names[worst], "warning",
         f"{100 * (1 - found.share[worst]):.4g} % of its power is explained by {others} in these records together: a "
         f"model of these inputs cannot tell their shares apart (variance inflated {found.inflation[worst]:.3g} times); "
-        f"determined is the sum of their responses with {names[-1]} = H {names[0]}, |H| = {ratio}, phase "
-        f"{np.degrees(np.angle(found.ratio)):.0f} deg at {found.strongest:.3g} Hz",
+        f"determined is the sum of their responses with {names[-1]} = H {names[0]}, "
+        f"|H| = {abs(found.ratio):.3g}{unit}, phase {np.degrees(np.angle(found.ratio)):z.0f} deg at "
+        f"{found.strongest:.3g} Hz",
         f"add a record in which {names[worst]} moves by itself, or identify one input at a time; figures on equally "
         "coherent data say nothing about independent inputs", float(found.inflation[worst]))

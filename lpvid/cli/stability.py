@@ -86,8 +86,8 @@ def _studied(loaded: object, path: Path, motion: tuple[list[str] | None, list[st
     if isinstance(loaded, Adaptable):
         loaded = loaded.to_linear_model()
     if not isinstance(loaded, (LPVTransferFunction, LPVStateSpace, QuasiLPVModel, ComplianceModel)):
-        raise InputError(f"'{path}' holds a {named}", mend="give a transfer function, a state-space "
-                         "model, or a model that schedules itself")
+        raise InputError(f"'{path}' holds no model that a stability analysis takes", got=named,
+                         mend="give a transfer function, a state-space model, or a model that schedules itself")
     speeds, ranges = rates(motion[0], loaded.box.names), _ranges(motion[1], loaded.box.names)
     if isinstance(loaded, SelfScheduled):
         if asked != type(asked)():

@@ -179,6 +179,10 @@ def _keep(listed: Sequence[Record], cut: list[list[Record]], minimum: int, remed
         result += [replace(piece, time=None, name=f"{record.name}#{i}" if many else record.name,
                            notes=(*piece.notes, *notes)) for i, piece in enumerate(kept, start=1)]
     if not result:
+        empty = [(r.name, n) for r in listed for n in r.channels if not np.isfinite(r[n]).any()]
+        if empty:
+            raise InputError(f"record '{empty[0][0]}', channel '{empty[0][1]}' holds no number at all",
+                             mend="export the data again, or leave that file out")
         longest = max((piece.n_samples for pieces in cut for piece in pieces), default=0)
         raise InputError("no segment long enough between missing samples and gaps",
                          got=f"{longest} samples in the longest", why=f"{minimum} are needed",

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lpvid.errors import InputError, NumericalError
+from lpvid.errors import InputError
 from lpvid.export.step_program import StepProgram
 
 ENTRY_POINTS = "lpvid.exports"
@@ -77,9 +77,10 @@ class Exportable:
         u = u.astype(np.float32).astype(float) if single else u
         y = np.asarray(self.reference(u), dtype=float).reshape(samples, len(self.program.outputs))
         if not np.isfinite(y).all():
-            raise NumericalError(f"{self.program.name} leaves all bounds on the random trajectory of its self-test at "
-                                 f"sample {int(np.argmin(np.isfinite(y).all(axis=1)))}: an unstable model is not "
-                                 "exported")
+            raise InputError("an unstable model is not exported as a step",
+                             got=f"a self-test of {self.program.name} that leaves all bounds at sample "
+                             f"{int(np.argmin(np.isfinite(y).all(axis=1)))}",
+                             mend="identify again with a lower order, or with --passive")
         return u, y
 
     def rounding(self, samples: int = SAMPLES) -> float:

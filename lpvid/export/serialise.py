@@ -229,7 +229,9 @@ def package_version() -> str:
 # -- reading ---------------------------------------------------------------------------------------------------------
 def _read_object(path: Path) -> dict:
     if not path.is_file():
-        raise InputError(f"no file '{path}'", got="a folder" if path.is_dir() else "nothing", mend="check the path")
+        inside = path / "model.json"
+        raise InputError(f"no file '{path}'", got="a folder" if path.is_dir() else "nothing",
+                         mend=f"give '{inside}'" if inside.is_file() else "check the path")
     try:
         size = path.stat().st_size
         if size > LARGEST_FILE:
@@ -272,6 +274,9 @@ def _kind_named(schema: object, path: object) -> Kind:
     kind = among(KINDS) or among(known_kinds())
     if kind is None or not parts[2].isdecimal() or int(parts[2]) < 1:
         known = ", ".join(k.schema for k in known_kinds())
+        beside = Path(str(path)).with_name("model.json")
+        if len(parts) == 3 and parts[0] in {k.house for k in known_kinds()} and beside.is_file():
+            raise InputError(f"'{path}' holds results, no model", got=repr(schema), mend=f"give '{beside}'")
         raise InputError(f"'{path}' has a schema that cannot be loaded", got="none" if schema is None else repr(schema),
                          why=f"known: {known}", mend="give a file written by lpvid.save")
     if int(parts[2]) > kind.version:

@@ -290,8 +290,8 @@ def _moves(records: Sequence[Record], name: str, what: str) -> None:
     low, high = min(float(r[name].min()) for r in records), max(float(r[name].max()) for r in records)
     if not high > low:
         raise InputError(f"{what} '{name}' never moves", got=f"the constant {low:.6g}",
-                         why="nothing can be learnt from it",
-                         mend="leave it out (a constant offset is what affine=1 is for), or check the sensor")
+                         why="its effect cannot be identified",
+                         mend="leave it out (a constant is part of the model anyhow), or check the sensor")
 
 
 def scheduling_box(records: Sequence[Record], basis: Basis, *, check_basis: bool = True) -> Scheduling:

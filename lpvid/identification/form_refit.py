@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from lpvid.condition import segments, with_velocity
 from lpvid.errors import InputError
 from lpvid.identification import identify
@@ -14,10 +16,13 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.realization import Gap, Realization, realize
 from lpvid.record import Record
+from lpvid.simulation import FIT_SAMPLES, simulate
 from lpvid.validation import Validation, validate
 
 SHOWN = ("transfer function", "form as realised", "form re-estimated")
 """The models whose figures stand beside each other, in this order."""
+SAME = 1e-6
+"""Difference of two free-run ESR below which it is rounding: a hundredth of the last digit that is printed of 0.01."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +39,15 @@ class FormRefit:
         Of the form as realised, on the training records.
     figures : mapping of str to tuple of Validation
         For each of `SHOWN` the figures on training and, where there are such data, on held-out records.
+    remark : str
+        Where the form re-estimated is worse than as realised from the states that these figures start from: why.
     """
 
     realization: Realization
     found: Identification
     gap: Gap
     figures: Mapping[str, tuple[Validation, ...]]
+    remark: str = ""
 
     @property
     def model(self) -> LPVStateSpace:
@@ -62,7 +70,7 @@ class FormRefit:
     def to_dict(self) -> dict:
         """Plain data for JSON."""
         return {"form": self.form, "gap": self.gap.to_dict(), "free_run": self.summary(),
-                "identification": self.found.to_dict()}
+                "remark": self.remark, "identification": self.found.to_dict()}
 
     def summary(self) -> dict:
         """Free-run figures by model and by part of the data."""
@@ -83,6 +91,7 @@ class FormRefit:
         lines += [f"  {row[0]:<20}{''.join(f'{cell:>12}' for cell in row[1:])}" for row in self.rows()]
         lines.append(f"  as realised {self.gap.advice}")
         lines += [f"  note: {n}" for n in self.found.notes if "Levenberg" in n or "stages" in n or "frozen pole" in n]
+        lines += [f"  note: {self.remark}"] if self.remark else []
         return "\n".join(lines)
 
     __repr__ = __str__
@@ -152,4 +161,25 @@ def refit_form(realization: Realization | LPVTransferFunction, records: Record |
     pieces = segments(listed, structure.channels, sample_rate=1 / source.sample_time if sample_rate else None,
                       minimum=structure.start + 2)
     made = FormRefit(realization, found, realization.gap(pieces, "training"), figures)
+    made = replace(made, remark=_remark(made, pieces))
     return made.with_model(found.model.replace(metadata={**found.model.metadata, "free_run": made.summary()}))
+
+
+def _remark(refit: FormRefit, records: Sequence[Record]) -> str:
+    """Why the form re-estimated may run worse than as realised, although its simulation error is the smaller one.
+
+    The search takes the initial states that suit its free run best; the figures start from the first ``start`` samples,
+    which determine a state that the output shows weakly only within the error of the model.
+    """
+    realised, own = (refit.esr(name) for name in SHOWN[1:])
+    if realised is None or (own is not None and own - realised <= SAME):
+        return ""
+    left, total = 0.0, 0.0
+    for record in records:
+        run = simulate(refit.model, record, "estimate")
+        y = record[refit.model.outputs[0].name]
+        left, total = left + float(np.sum((run.output[:, 0] - y) ** 2)), total + float(np.sum((y - y.mean()) ** 2))
+    ran = "it diverges too" if not np.isfinite(left) else f"free-run ESR, training {left / total:.4g}"
+    return (f"re-estimated it runs worse than as realised, because the first {refit.model.start} samples of a record "
+            f"do not determine its states; from states fitted to {FIT_SAMPLES} samples and more "
+            f"(initial='estimate'): {ran}; otherwise use the form as realised (leave out --refit-form)")

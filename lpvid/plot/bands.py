@@ -87,5 +87,20 @@ def free_run_band(shown: Comparison, band: Band) -> Figure:
         ax.set_xlabel(label("time", "s"))
         ax.set_ylabel(label(shown.output, shown.unit))
         ax.margins(x=0.005)
+        ax.set_ylim(*_limits(shown.measured[window], shown.free_run.output[window, 0], band, window))
         legend_above(ax, 3)
     return figure
+
+
+def _limits(measured: np.ndarray, free_run: np.ndarray, band: Band, window: slice) -> tuple[float, float]:
+    """Of the force axis: both signals, and the band as far as one more height of theirs on either side.
+
+    A few drawn models that almost diverge widen the band by orders of magnitude; the curves would be a flat line.
+    """
+    both = np.concatenate([measured, free_run])
+    both = both[np.isfinite(both)]
+    low, high = float(both.min()), float(both.max())
+    room = (high - low) or 1.0
+    bottom = max(min(float(np.nanmin(band.low[window, 0])), low), low - room)
+    top = min(max(float(np.nanmax(band.high[window, 0])), high), high + room)
+    return bottom - 0.05 * (top - bottom), top + 0.05 * (top - bottom)

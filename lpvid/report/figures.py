@@ -13,6 +13,7 @@ from lpvid.report.page import Figure, Item, Mark, Table, number, percent
 from lpvid.simulation import Model
 from lpvid.validation import Validation
 from lpvid.validation.report import along
+from lpvid.validation.residuals import probability
 
 LOOP_CHANNELS = ("velocity", "displacement")
 """What output is drawn against, where it was recorded."""
@@ -88,7 +89,8 @@ def tests_table(found: Validation) -> Table | None:
     """Residual tests of one data set, or None where nothing could be tested."""
     if not found.residual_tests:
         return None
-    rows = tuple((t.name, "passed" if t.passed else "failed", number(t.statistic), number(t.p_value, 3), t.says)
+    rows = tuple((t.name, "passed" if t.passed else "failed", number(t.statistic),
+                  probability(t.p_value).removeprefix("p = ").removeprefix("p "), t.says)
                  for t in found.residual_tests)
     marks: tuple[Mark, ...] = tuple("good" if t.passed else "warn" for t in found.residual_tests)
     return Table(("test", "outcome", "statistic", "p-value", "what it says"), rows,

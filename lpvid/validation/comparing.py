@@ -130,5 +130,6 @@ def compare_models(models: Mapping[str, Model | Adaptable], records: Record | Se
         raise InputError(f"none of the {len(models)} model(s) can run on these records", got=f"{name}: {why}")
     outputs = {m.model.outputs[0].name for m in rows}
     if len(outputs) > 1:
-        raise InputError("models of different outputs cannot be compared", got=", ".join(sorted(outputs)))
+        raise InputError("models of different outputs cannot be compared", got=", ".join(sorted(outputs)),
+                         mend="compare the models of one output at a time")
     return ModelComparison(tuple(sorted(rows, key=lambda m: m.esr)), refused)

@@ -92,8 +92,8 @@ class FreeRuns:
             lines.append(f"  {r.record.name}, {r.record.n_samples} samples{said}")
         share = max(r.extrapolation_share for r in self.runs)
         if share >= 5e-4:
-            lines.append(f"  up to {100 * share:.1f} % of a record's samples outside the training range of p: the "
-                         "model extrapolates there")
+            lines.append(f"  up to {100 * share:.1f} % of a record's samples outside the training range of the "
+                         "scheduling: the model extrapolates there")
         return "\n".join(lines + [f"  note: {n}" for n in self.notes])
 
 

@@ -16,6 +16,8 @@ from lpvid.errors import InputError
 from lpvid.familiar import familiar, recalled
 from lpvid.model.adaptable import Adaptable, acting
 from lpvid.model.hull import outside_share
+from lpvid.model.lft import LFTModel
+from lpvid.model.quasi import SelfScheduled
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
@@ -88,8 +90,8 @@ class Validation:
         if len(self.records) > 8 and self.worst is not None:
             lines.append(f"  worst of {len(self.records)} records, {self.worst.name}: {self.worst.free_run}")
         if self.extrapolation_share >= 5e-4:
-            lines.append(f"  {100 * self.extrapolation_share:.1f} % of samples outside the training range of p: "
-                         "the model extrapolates there")
+            lines.append(f"  {100 * self.extrapolation_share:.1f} % of samples outside the training range of the "
+                         "scheduling: the model extrapolates there")
         wrong = sorted((r for r in self.regimes if r.esr is not None), key=lambda r: r.error_share - r.share)
         if wrong and wrong[-1].error_share > 1.3 * wrong[-1].share:
             worst = wrong[-1]
@@ -102,7 +104,16 @@ class Validation:
 
 
 def acting_model(model: Model | Adaptable, records: Sequence[Record], sample_rate: float | None = None) -> Model:
-    """What stands for a model on these records: itself, or what an `Adaptable` gives for its own or the data's rate."""
+    """What stands for a model on these records: itself, or what an `Adaptable` gives for its own or the data's rate.
+
+    Raises
+    ------
+    InputError
+        Something that does not run along records, such as a controller or a certificate.
+    """
+    if not isinstance(model, (LPVTransferFunction, LPVStateSpace, SelfScheduled, LFTModel, Adaptable)):
+        raise InputError("only a model or a damper runs along records", got=type(model).__name__,
+                         mend="give the model.json of lpvid identify, or a damper that quartercar fit wrote")
     given = None if sample_rate is None else 1.0 / _checks.positive(sample_rate, "sample_rate", "Hz")
     own = model.period if isinstance(model, Adaptable) else None
     return acting(model, own or given or records[0].time_base.period)

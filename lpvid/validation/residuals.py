@@ -84,6 +84,18 @@ def _autocovariance(pieces: Sequence[np.ndarray], lags: int) -> np.ndarray:
     return np.array([sum(float(x[: len(x) - k] @ x[k:]) for x in pieces if len(x) > k) / n for k in range(lags + 1)])
 
 
+def probability(p: float) -> str:
+    """"p = 3.2e-05"; below the smallest normal number of double precision, where the tail underflows, a bound.
+
+    Examples
+    --------
+    >>> probability(3.21e-5), probability(0.0)
+    ('p = 3.2e-05', 'p < 2.2e-308')
+    """
+    least = float(np.finfo(float).tiny)
+    return f"p < {least:.1e}" if p < least else f"p = {p:.1e}"
+
+
 def _whiteness(residuals: Sequence[np.ndarray], lags: int) -> ResidualTest:
     from scipy.stats import chi2
 
@@ -96,7 +108,7 @@ def _whiteness(residuals: Sequence[np.ndarray], lags: int) -> ResidualTest:
     p = float(chi2.sf(q, lags))
     worst = int(np.argmax(np.abs(rho))) + 1
     says = (f"white at the {100 * LEVEL:.0f} % level" if p >= LEVEL else
-            f"not white: correlation {rho[worst - 1]:+.2f} at lag {worst} (p = {p:.1e}); "
+            f"not white: correlation {rho[worst - 1]:+.2f} at lag {worst} ({probability(p)}); "
             "plain standard errors would be too small, and an output-error estimate may serve better")
     return ResidualTest("whiteness", q, p, p >= LEVEL, says)
 
@@ -122,8 +134,8 @@ def _independence(pairs: Sequence[tuple[np.ndarray, np.ndarray]], lags: int) -> 
     statistic = float(n * np.sum(projected**2 / values[keep]))
     p = float(chi2.sf(statistic, int(keep.sum())))
     says = (f"independent of present and past inputs at the {100 * LEVEL:.0f} % level" if p >= LEVEL else
-            f"depends on present or past inputs (p = {p:.1e}): other input lags, a higher degree or a shaped input "
-            "may help")
+            f"depends on present or past inputs ({probability(p)}): other input lags, a higher degree or a shaped "
+            "input may help")
     return ResidualTest("independence", statistic, p, p >= LEVEL, says)
 
 

@@ -84,7 +84,8 @@ class DamperLaw(Law):
         if clock is None or abs(period / clock - 1) > RATE_TOLERANCE:
             raise InputError("a law with the damper's dynamics runs at the damper's rate",
                              got=f"{1 / period:.6g} Hz against {'none' if clock is None else f'{1 / clock:.6g} Hz'}",
-                             mend="leave the rate of the loop to the damper")
+                             mend="design it for this damper (quartercar design --damper), and leave the rate of "
+                                  "the loop to the damper")
         self._frozen = FrozenDamper.of(first.damper, first.centre)
         self._bank = FilterBank(self._frozen.model, cars)
         self._own, self._period = self._frozen.model.scheduling_stage, period

@@ -50,7 +50,7 @@ def load_damper(path: str | Path, like: Damper | None = None) -> Damper:
     from quartercar.dampers.published import read_parameters
 
     path = Path(path)
-    if path.suffix.lower() != ".json":
+    if path.suffix.lower() != ".json" and not path.is_dir():
         raise InputError(f"'{path}' is no model file", got=path.suffix or "no extension", mend=MEND)
     if not _has_schema(path):
         return read_parameters(path, like)

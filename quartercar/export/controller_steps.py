@@ -109,7 +109,8 @@ def demanded(b: StepBuilder, controller: Controller, seen: Seen, setting: Settin
         for k, name in enumerate(STATES):
             wanted = wanted + table[k] * seen[name]
         return _between(b, -wanted, named, seen["suspension_velocity"])
-    raise InputError(f"the law '{controller.name}' has no exported step", mend="export a 'scheduled' controller")
+    raise InputError(f"the law '{controller.name}' has no exported step",
+                     mend="design with --plant nominal, or export a 'scheduled' controller")
 
 
 def _scheduled(b: StepBuilder, c: ScheduledController, seen: Seen) -> Expr:

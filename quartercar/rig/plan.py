@@ -89,7 +89,7 @@ def parse_plan(text: str, where: str = "plan") -> Plan:
     try:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{where} is not TOML", why=str(error)) from None
+        raise InputError(f"{where} is not TOML", why=str(error), mend="--template prints one") from None
     try:
         return _plan(table)
     except InputError as error:

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import lpvid as lpv
-from lpvid.analysis.bands import free_run_band, frequency_band, frequency_response
+from lpvid.analysis.bands import Band, free_run_band, frequency_band, frequency_response
+from lpvid.plot import bands as plot
+from lpvid.plot.comparison import Comparison
 
 TRUTH = lpv.LPVTransferFunction.siso([[-1.3, 0.1], [0.55, -0.05]], [[0, 0], [0.5, 0.1], [0.2, -0.1]],
                                      lpv.Polynomial("p", degree=1), 0.01,
@@ -60,3 +62,19 @@ def test_too_few_draws_and_a_bad_level_are_refused() -> None:
         frequency_band([TRUTH], [0.0], np.array([1.0]))
     with pytest.raises(lpv.InputError, match="between 0 and 1"):
         frequency_band([TRUTH, TRUTH], [0.0], np.array([1.0]), level=95)
+
+
+def test_the_figure_shows_the_curves_where_a_few_draws_widen_the_band_by_orders_of_magnitude() -> None:
+    data = record(np.random.default_rng(0)).with_roles({"u1": "u", "y1": "y"})
+    n = data.n_samples
+    run = lpv.simulate(TRUTH, data)
+    shown = Comparison(data, "held-out", run, run, "y", "")
+    wide = np.zeros((n, 1))
+    wide[50] = 1e7
+    band = Band(np.arange(n) * 0.01, run.output - wide, run.output, run.output + wide, 0.95, 100, 0, "free-run output")
+    low, high = plot.free_run_band(shown, band).axes[0].get_ylim()
+    span = np.ptp(np.concatenate([data["y"][:400], run.output[:400, 0]]))
+    assert low <= run.output[:400].min() and high >= run.output[:400].max() and high - low < 3.5 * span
+    narrow = Band(band.axis, run.output - 0.01, run.output, run.output + 0.01, 0.95, 100, 0, "free-run output")
+    low, high = plot.free_run_band(shown, narrow).axes[0].get_ylim()
+    assert high - low < 1.3 * span

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import lpvid as lpv
 from lpvid.errors import InputError
+from lpvid.identification import form_refit
 from lpvid.identification.canonical_form import CanonicalForm
 from lpvid.identification.form_layout import form_layout
 from lpvid.identification.staged_search import StagedData, StagedLayout
@@ -153,6 +156,21 @@ def test_the_file_keeps_the_figures(tmp_path):
     again = lpv.load(tmp_path / "state_space.json")
     assert again.metadata["free_run"]["form re-estimated"]["training"]["esr"] == refit.esr("form re-estimated")
     assert refit.found.standard_errors.shape == (refit.found.layout.size,)
+
+
+def test_a_form_that_runs_worse_than_as_realised_says_from_which_states_it_does_not():
+    plant = transfer_function(ThreeZoneStage(limit=0.6, upper=0.3, lower=0.3), SchedulingLag(0.02, 0.02), True, True)
+    data = measured(plant, 0, 0.1, 1200)
+    refit = lpv.refit_form(plant, data, form="controllable", stages=False)
+    assert refit.remark == ""
+    figures = dict(refit.figures)
+    figures["form as realised"], figures["form re-estimated"] = (figures[n] for n in ("form re-estimated",
+                                                                                     "form as realised"))
+    run = lpv.simulate(refit.model, data, "estimate").output[:, 0]
+    y = data[refit.model.outputs[0].name]
+    esr = np.sum((run - y) ** 2) / np.sum((y - y.mean()) ** 2)
+    said = form_refit._remark(replace(refit, figures=figures), [data])
+    assert "runs worse than as realised" in said and f"training {esr:.4g}" in said
 
 
 def test_the_stages_slopes_are_derivatives():

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 import lpvid as lpv
 from lpvid.cli.app import app as lpvid_app
 from lpvid.export.tables import write_table
+from lpvid.scheduling import Scheduling
 from quartercar.cli.app import app
 from quartercar.controllers import Skyhook
 from quartercar.rig import default_records
@@ -102,6 +103,28 @@ def test_what_is_no_damper_for_a_car_ends_with_one_line_and_a_mend(folder, tmp_p
     result = call(verb, "--damper", folder / f"{case}.json", "--out", tmp_path / "out", code=2)
     assert REFUSED[case] in result.stderr and "Mend:" in result.stderr
     assert result.stderr.count("\n") == 1 and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("verb", ["simulate", "validate", "compare", "stability"])
+def test_a_controller_given_as_a_model_ends_with_one_line_and_a_mend(folder, tmp_path, verb):
+    data = [] if verb == "stability" else [folder / "run.csv"]
+    result = call(verb, folder / "controller.json", *data, "--out", tmp_path / "out", code=2, of=lpvid_app)
+    assert "Mend: give" in result.stderr and result.stderr.count("\n") == 1 and not (tmp_path / "out").exists()
+
+
+def test_results_and_folders_lead_to_the_model_beside_or_in_them(folder):
+    (folder / "identification.json").write_text('{"schema": "lpvid/identification/1"}\n')
+    for given, said in (("identification.json", "holds results, no model"), (".", "got a folder")):
+        result = call("design", "--damper", folder / given, code=2).stderr
+        assert said in result and f"give '{folder / 'model.json'}'" in result
+
+
+def test_a_damper_without_current_is_ridden_with_a_note(folder, tmp_path):
+    lpv.save(linear(b=[[400.0]], a=[[-0.5]], scheduling=Scheduling((), (), ())),
+             folder / "fixed.json")
+    said = call("ride", "--damper", folder / "fixed.json", "--controller", "passive", "--road", "bump@8", "--seeds", 1,
+                "--out", tmp_path).stdout
+    assert "does not depend on the command" in said and "--schedule current" in said
 
 
 def test_a_table_is_no_model(folder):
