@@ -11,6 +11,7 @@ from lpvid.report.page import Figure, Item, Notes, Paragraph, Section, Table, nu
 if TYPE_CHECKING:
     from lpvid.analysis.passivity_margin import PassivityMargin
     from lpvid.identification.result import Identification
+    from lpvid.validation import Validation
 
 VELOCITY, FORCE = "m/s", "N"
 
@@ -47,8 +48,7 @@ def cost_lines(found: Identification) -> list[str]:
     """What the constraint costs in free run, held-out and training."""
     after = [v for v in (found.training, found.held_out) if v is not None]
     pairs = list(zip(found.unconstrained_figures, after, strict=False))
-    said = [f"{new.label} free-run ESR {number(old.overall.free_run.esr, 4)} unconstrained, "
-            f"{number(new.overall.free_run.esr, 4)} passive" for old, new in reversed(pairs)]
+    said = [f"{new.label} free-run ESR {_esr(old)} unconstrained, {_esr(new)} passive" for old, new in reversed(pairs)]
     lines = [f"what it costs: {'; '.join(said)}"] if said else []
     worst = None if found.training is None else found.training.worst
     if lines and worst is not None and worst.free_run.esr is not None and worst.free_run.esr >= 1.0 \
@@ -76,9 +76,15 @@ def passivity_section(found: Identification) -> tuple[Section, ...]:
     return (Section("Energy", tuple(items)),)
 
 
+def _esr(found: Validation) -> str:
+    """Free-run ESR, or that the free run leaves all bounds."""
+    value = found.overall.free_run.esr
+    return "diverges" if value is None else number(value, 4)
+
+
 def _cost_table(found: Identification) -> list[Item]:
     after = [v for v in (found.training, found.held_out) if v is not None]
-    rows = tuple((new.label, number(old.overall.free_run.esr, 4), number(new.overall.free_run.esr, 4))
+    rows = tuple((new.label, _esr(old), _esr(new))
                  for old, new in zip(found.unconstrained_figures, after, strict=False))
     if not rows:
         return []
