@@ -258,7 +258,7 @@ def _with_kinks(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.ndarray
 
 
 def _split(problem: _Moving, shaped: Shaped) -> tuple[np.ndarray, np.ndarray]:
-    """Z and N, with N Uᵀ's mean over the design points split evenly between N and U."""
+    """Z and N, with the mean of S − ZX = N U over the design points split evenly between N and U."""
     z, points = shaped.values("Z")[0], tensor(problem.axes)
     mean = (problem._at(shaped, "S", points) - z @ problem._at(shaped, "X", points)).mean(axis=0)
     u, s, _ = np.linalg.svd(mean)

@@ -122,7 +122,7 @@ class OutputFeedback:
             problem = FeedbackProblem(BalancedPlant.of(plant, points), Variations(basis, self.varying, plant.box), axes,
                                       corners, self.strictly_proper, points[:0])
             found = search(problem, self.bound, self.back_off)
-        return replace(found, notes=(*notes, *found.notes), seconds=time.perf_counter() - started)
+        return replace(found, notes=tuple(dict.fromkeys((*notes, *found.notes))), seconds=time.perf_counter() - started)
 
     def _moving(self, plant: GeneralizedPlant, axes: tuple[np.ndarray, ...]) -> Synthesis:
         """Discrete time: the lowest verified gain of what may move, and of a constant X and Y."""

@@ -6,8 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from synthesis_plants import plant
+from typer.testing import CliRunner
 
 import lpvid as lpv
+from lpvid.cli.app import app
+from lpvid.scheduling import Fourier
+from lpvid.synthesis.design_grid import fitted
 from lpvid.synthesis.moving_feedback import lowest
 
 H = 0.1  # s
@@ -133,3 +137,47 @@ def test_a_lyapunov_matrix_over_an_unknown_variable_is_refused():
     with pytest.raises(lpv.InputError, match="scheduling variable") as refused:
         lpv.synthesize(_spring(0.5), lpv.OutputFeedback(lpv.Polynomial("q", 1)))
     assert "\n" not in str(refused.value) and "'q'" in str(refused.value)
+
+
+def test_gains_over_an_angle_stay_a_fourier_series():
+    """Smooth functions that the re-check can decide between the points, where a table of them would be taken before."""
+    box, series = lpv.Scheduling(("p",), (-np.pi,), (np.pi,)), Fourier("p", 1)
+
+    def law(points):
+        return np.stack([1 + 2 * np.cos(2 * points), np.sin(points)], axis=1)
+
+    basis, found = fitted(law, box, (np.linspace(-np.pi, np.pi, 7),), series)
+    assert basis == Fourier("p", 2)
+    assert found[:, :, 0].round(9).tolist() == [[1, 0], [0, 0], [0, 1], [2, 0], [0, 0]]
+    steep, _ = fitted(lambda points: np.abs(points)[:, None], box, (np.linspace(-np.pi, np.pi, 7),), series)
+    assert isinstance(steep, lpv.Spline)
+
+
+def test_from_a_plant_file_to_a_certificate_that_verifies(tmp_path):
+    (tmp_path / "plant.toml").write_text("""
+        inputs = ["push", "noise", "force"]
+        outputs = ["stroke", "effort", "sensor"]
+        controls = ["force"]
+        measurements = ["sensor"]
+        sample_time = 0.1
+        [scheduling.stiffness]
+        range = [-1.0, 1.0]
+        rate = 0.5
+        [matrices.1]
+        A = [[1.0, 0.1], [-0.2, 0.98]]
+        B = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.1]]
+        C = [[1.0, 0.0], [0.0, 0.0], [1.0, 0.0]]
+        D = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.3], [0.0, 0.1, 0.0]]
+        [matrices.stiffness]
+        A = [[0.0, 0.0], [-0.15, 0.0]]
+        [design]
+        design = "output-feedback"
+        lyapunov_degree = 1
+        varying = "controls"
+        points = 3
+        """)
+    made = CliRunner().invoke(app, ["synthesize", str(tmp_path / "plant.toml"), "--out", str(tmp_path / "out")])
+    assert made.exit_code == 0, made.output
+    assert "verified on the whole box" in made.output and "for scheduling that jumps" in made.output
+    files = [str(tmp_path / "out" / f) for f in ("certificate.json", "closed_loop.json")]
+    assert CliRunner().invoke(app, ["verify", *files]).exit_code == 0
