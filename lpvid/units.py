@@ -71,9 +71,10 @@ _SCALES: dict[str, _Scale] = {text: _Scale(text) for text in _SAME} | {
 }
 """Source unit to SI; each entry is checked against pint by a test."""
 
-QUANTITIES = {"displacement": ("m", "rad"), "position": ("m", "rad"), "velocity": ("m/s", "rad/s"),
-              "acceleration": ("m/s^2", "rad/s^2"), "force": ("N", "N*m"), "current": ("A", "V", "")}
-"""SI units that a channel or role of this name can have, linear or rotary; a current may be given as its command."""
+QUANTITIES = {"displacement": ("m", "rad"), "position": ("m", "rad"), "velocity": ("m/s", "rad/s", "1/s"),
+              "acceleration": ("m/s^2", "rad/s^2", "1/s^2"), "force": ("N", "N*m"), "current": ("A", "V", "")}
+"""SI units that a channel or role of this name can have, linear or rotary, or derived from a motion
+without a unit; a current may be given as its command."""
 
 _ALIASES = {"–": "-", "sec": "s", "C°": "degC", "F°": "degF"}
 _RUN_TOGETHER = re.compile(r"(?<![A-Za-z])([kMm]?N)(mm|m|s)(?![A-Za-z])")
@@ -254,7 +255,7 @@ def contradicts(name: str, si_unit: str) -> tuple[str, ...]:
     Examples
     --------
     >>> contradicts("velocity", "m"), contradicts("velocity", "m/s"), contradicts("speed of oil", "m")
-    (('m/s', 'rad/s'), (), ())
+    (('m/s', 'rad/s', '1/s'), (), ())
     """
     expected = QUANTITIES.get(name.casefold(), ())
     return expected if si_unit and expected and si_unit not in expected else ()

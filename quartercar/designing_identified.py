@@ -13,6 +13,7 @@ from quartercar.car import QuarterCar
 from quartercar.controllers.contract import Setting
 from quartercar.controllers.damper_design import DamperTask, feasible, gain_vector, synthesized_gain
 from quartercar.controllers.lpv_hinf_identified import IdentifiedController, LpvHinfIdentified
+from quartercar.controllers.suspension_design import nominal_damping
 from quartercar.design_figures import FREQUENCIES, SHOWN, names_of, over_bump
 from quartercar.plant.identified_study import BAND, EmbeddedDamper
 from quartercar.ride_roads import Bump
@@ -155,7 +156,10 @@ def design_identified(car: QuarterCar, law: LpvHinfIdentified, setting: Setting)
     Raises
     ------
     InputError
-        A damper that cannot be embedded (`quartercar.plant.identified_study.study`).
+        A damper that cannot be embedded (`quartercar.plant.identified_study.study`), or one whose settled force gives
+        energy on the whole, with the currents and speeds at which it does.
     """
+    assert setting.damper is not None
+    nominal_damping(setting.damper, setting.currents)
     task = feasible(law.task(law.values, setting))
     return IdentifiedDesign(car, law, task, synthesized_gain(task), setting)

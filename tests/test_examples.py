@@ -139,6 +139,7 @@ def test_synthesize_lpv() -> None:
     assert gains["calm poles"] < 1.1 * gains["any speed"]
 
 
+@pytest.mark.slow
 def test_design_lpv_suspension(tmp_path: Path) -> None:
     from quartercar.ride_roads import Bump
 

@@ -51,8 +51,9 @@ class Figures:
             return f"{self.kind} diverged at sample {self.diverged_at}"
         if self.esr is None:
             return f"{self.kind} without figures: the output does not move"
-        return (f"{self.kind} ESR {self.esr:.4g} (fit {self.fit_percent:.1f} %, rmse {self.rmse:.4g} {self.rmse_unit}, "
-                f"mean error {self.mean_error:.4g} {self.rmse_unit})")
+        mean = "" if self.mean_error is None else f", mean error {self.mean_error:.4g} {self.rmse_unit}"
+        return (f"{self.kind} ESR {self.esr:.4g} (fit {self.fit_percent:.1f} %, rmse {self.rmse:.4g} "
+                f"{self.rmse_unit}{mean})")
 
 
 @dataclass(frozen=True)

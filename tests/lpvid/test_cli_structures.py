@@ -295,6 +295,7 @@ def test_refit_form_writes_the_form_with_its_own_figures(tmp_path, form):
     run("validate", tmp_path / "m" / "state_space.json", data)
 
 
+@pytest.mark.slow
 def test_refit_form_takes_stages_filter_and_affine_terms_and_all_data(tmp_path):
     data = write(tmp_path / "run.csv", **system(900))
     run("identify", data, "--schedule", "current", "--na", 1, "--nb", 1, "--nk", 0, "--shape", "three-zone",

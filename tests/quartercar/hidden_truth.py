@@ -163,6 +163,7 @@ def _detectable(world: World, bench: Bench, without: dict[str, np.ndarray], name
 
 def build(seed: int, catalogue: tuple[Effect, ...], **fixed: object) -> tuple[Made, Truth]:
     """The case of a seed, with what is known about it."""
+    catalogue = tuple(e for e in catalogue if not e.by_evidence)  # the entries that both engines know
     known = tuple(e.name for e in catalogue)
     plan = draw(seed, known, **fixed)
     world = world_of(plan)

@@ -206,8 +206,8 @@ def test_demo_report_is_self_contained(short_demo):
     folder, _ = short_demo
     html = (folder / "report.html").read_text()
     assert "<script" not in html and "<link" not in html
-    for heading in ("Eight experiments", "Measured and simulated", "State-space forms", "Stability", "Frozen poles",
-                    "Critical values"):
+    for heading in ("Eight experiments", "The virtual rig and the model", "Energy", "State-space forms", "Stability",
+                    "Frozen poles", "Critical values"):
         assert f"<h2>{heading}</h2>" in html
 
 

@@ -168,7 +168,7 @@ def test_an_interruption_keeps_what_is_known(files, tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(engine, "diagnose", stopped)
-    result = run("diagnose", files[0], "--baseline", "guo", "--out", tmp_path)
+    result = run("diagnose", files[0], "--baseline", "guo", "--out", tmp_path, code=130)
     told = json.loads((tmp_path / "diagnosis.json").read_text())
     assert not told["complete"] and not told["causes"] and told["wrong"] and "interrupted" in result.stderr
     assert (tmp_path / "report.html").exists()

@@ -226,6 +226,7 @@ def _assert_recovered(name: str, count: int, band: tuple[float, float]) -> None:
 
 
 @pytest.mark.parametrize("name", FREE)
+@pytest.mark.slow
 def test_parameters_are_recovered_from_noisy_simulations(name: str) -> None:
     _assert_recovered(name, 1, (0.6, 1.0))
 

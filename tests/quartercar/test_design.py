@@ -271,6 +271,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_controller_that_rides(folder: Path) -> None:
     out = folder / "out"
     run = CliRunner().invoke(app, ["design", "--json", "--out", str(out), str(folder / "design.toml")])

@@ -95,6 +95,7 @@ def test_every_pair_that_looks_alike_has_what_tells_it(pair: tuple[str, str]) ->
 
 
 # -- the loop --------------------------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_a_delay_behind_a_sinusoidal_current_looks_like_a_lag_until_the_current_steps() -> None:
     rig = bench("command-delay", 0.5, current_noise=0.0)
     first, second = asked([rig.run(Experiment("sine", Road(), SineCurrent(), 12.0), 0)], rig,
@@ -124,6 +125,7 @@ def test_friction_under_one_triangle_shows_in_creep() -> None:
     assert second.causes[0].parameters[0].value == pytest.approx(60.0, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_spring_is_found_and_where_it_sits_is_said_to_be_open() -> None:
     rig = bench("series-compliance")
     found = lpv.diagnose([rig.run(Experiment("road", Road(), Constant(levels=(1.2,)), 10.0), 0)], "guo",
@@ -138,6 +140,7 @@ def test_a_spring_is_found_and_where_it_sits_is_said_to_be_open() -> None:
                                               ("displacement-delay", "force-delay"),
                                               ("force-delay", "displacement-delay"), ("force-delay", "command-delay"),
                                               ("current-saturation", "scheduling-degree")])
+@pytest.mark.slow
 def test_what_is_planned_for_a_pair_names_the_one_that_it_is(cause: str, other: str) -> None:
     parts = PAIRS[frozenset((cause, other))]
     assert not isinstance(parts, str)

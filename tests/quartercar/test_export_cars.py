@@ -158,13 +158,15 @@ def test_a_controller_without_a_schedule_or_states(rng):
 
 
 @pytest.mark.parametrize("name", [n for n, _, _ in LAWS if n not in
-                                  ("clipped-optimal", "pdd", "lpv-hinf", "lpv-hinf-clipped", "scheduled")])
+                                  ("clipped-optimal", "pdd", "lpv-hinf", "lpv-hinf-clipped", "scheduled",
+                                   "lpv-hinf-identified", "identified-plant")])
 def test_a_law_agrees(name):
     assert error(export(law_class(name)())) < 1e-14
 
 
 @pytest.mark.parametrize("name,mend", [("clipped-optimal", "LoopLaw"), ("pdd", "LoopLaw"),
-                                       ("lpv-hinf", "quartercar design")])
+                                       ("lpv-hinf", "quartercar design"),
+                                       ("lpv-hinf-identified", "--plant nominal")])
 def test_a_law_that_needs_its_car_says_so(name, mend):
     with pytest.raises(InputError, match=mend):
         export(law_class(name)())

@@ -405,6 +405,7 @@ def test_force_chain():
     assert np.abs(rough - clean).max() <= 12.5 + 1e-9
 
 
+@pytest.mark.slow
 def test_coloured_noise_has_its_spread_and_memory():
     long = replace(SHORT, duration=60.0)
     noise = perfect(effect("coloured-noise", std=40.0, pole=0.9), experiment=long)["force"] - perfect(
