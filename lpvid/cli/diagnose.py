@@ -42,8 +42,8 @@ def diagnose(
     sample_rate: options.SampleRateOrRaw = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the significance tests.")] = 0,
     engine: Annotated[str, typer.Option("--engine", metavar="gates|evidence", help="gates: causes one by one, "
-                                        "tested (the default). evidence: sets of causes by their probability; finds more "
-                                        "on measured records, slower, not calibrated.")] = "gates",
+                                        "tested (the default). evidence: sets of causes by their probability; finds "
+                                        "more on measured records, slower, not calibrated.")] = "gates",
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:
