@@ -299,7 +299,8 @@ def compare_rides(car: QuarterCar, roads: Sequence[RideRoad], controllers: Mappi
 
 def _unmoved(car: QuarterCar) -> Iterator[str]:
     """A damper whose characteristic does not read the command: its laws have nothing to act with."""
-    if isinstance(car.damper, Identified) and "current" not in car.damper.reads:
+    damper = car.damper
+    if damper is not None and isinstance(damper, Identified) and "current" not in damper.reads:
         yield ("The damper's force does not depend on the command, so that every law rides as the passive car does: "
                "identify it with --schedule current.")
 

@@ -100,7 +100,7 @@ class EffectParameter:
             return self.grid
         signs = sorted({float(np.sign(g)) for g in self.grid if g})
         ladder = (SPREAD[1],) if len(sizes) == 1 and strength else \
-            tuple(np.geomspace(*SPREAD[::2], max(len(sizes), MOST_SIZES if strength else 1)))
+            tuple(np.geomspace(SPREAD[0], SPREAD[2], max(len(sizes), MOST_SIZES if strength else 1)))
         found = [s * scale * x for x in ladder for s in signs]
         if len(sizes) == 1 and not strength:
             found = [s * scale * SPREAD[1] for s in signs]

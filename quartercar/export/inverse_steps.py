@@ -9,6 +9,7 @@ from lpvid.export.basis_steps import basis_values, staged
 from lpvid.export.expression import Array, ByPrecision, Expr, Symbol, call, clipped, select
 from lpvid.export.step_builder import StepBuilder
 from lpvid.export.transfer_function_steps import Drive, equation
+from lpvid.model.transfer_function import LPVTransferFunction
 from quartercar.car import Coil
 from quartercar.controllers.contract import Setting
 from quartercar.controllers.forces import FilterForces, StaticForces, TabulatedForces, ViscousForces
@@ -200,7 +201,9 @@ def _filtered(b: StepBuilder, forces: FilterForces, setting: Setting, table: _Ta
               rows: Array) -> Expr:
     """The identified transfer function along the motion; what each current would do is its settled characteristic."""
     model = filter_of(setting.damper)
-    assert model is not None
+    if not isinstance(model, LPVTransferFunction):
+        raise InputError("no exported step of an inverse whose damper is a state space", got=type(model).__name__,
+                         mend="identify the damper as a transfer function (--structure arx or oe)")
     motion = {"velocity": v, "displacement": z}
     p = [felt] if model.box.names else []
     u = staged(b, model.input_stage, [motion[s.name] for s in model.inputs], p)
