@@ -129,16 +129,6 @@ def working_rate(records: Sequence[Record], rate: float | None, raw: bool) -> tu
     return (None, ()) if raw else (found, notes)
 
 
-def own_rate(records: Sequence[Record]) -> float | None:
-    """The rate that all records share [Hz]; None where they have no common one."""
-    from lpvid.condition.segmentation import RATE_TOLERANCE
-
-    periods = [r.time_base.period for r in records if r.time_base.period > 0]
-    if not periods or max(periods) - min(periods) > RATE_TOLERANCE * min(periods):
-        return None
-    return 1.0 / periods[0]
-
-
 def read_records(paths: Sequence[str], *, roles: Sequence[str] | None = None, flip: Sequence[str] | None = None,
                  sample_rate: float | None = None) -> list[Record]:
     """Records behind the command line's DATA, with roles and signs applied.

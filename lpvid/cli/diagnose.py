@@ -53,7 +53,8 @@ def diagnose(
     extended_lpv.json (the same cause in an LPV model), and report.html.
     --input, --schedule and --output name the motion, the current and the force, or play the model's parts in its order.
     """
-    from lpvid.cli.data import asked_rate, own_rate, read_parts_clocked, split_names
+    from lpvid.cli.data import asked_rate, read_parts_clocked, split_names
+    from lpvid.condition.preparing import common_rate
     from lpvid.diagnosis.asking import answer, pose
     from lpvid.diagnosis.engine import DiagnosisSettings
     from lpvid.errors import InputError
@@ -68,7 +69,7 @@ def diagnose(
         training, kept, clockless = read_parts_clocked(data, held_out, roles=role, flip=flip, sample_rate=rate)
         training, kept = ([_with_parts(r, start if is_model else None, named) for r in p] for p in (training, kept))
         question = pose(training, start, split_names(catalogue) or None, kept, parameters=parameters,
-                        sample_rate=own_rate(training) if raw else None if clockless else rate)
+                        sample_rate=common_rate(training) if raw else None if clockless else rate)
         found = answer(question, DiagnosisSettings(seed=seed), say, engine)
         say("the same causes in an LPV model")
         lpv = _lpv_extension(found, question)

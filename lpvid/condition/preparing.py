@@ -51,6 +51,14 @@ def with_current(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ..
         "in the coil, so that a lag of the driver is part of what is fitted",)
 
 
+def common_rate(records: Sequence[Record]) -> float | None:
+    """The rate that all records share [Hz]; None where they have no common one."""
+    periods = [r.time_base.period for r in records if r.time_base.period > 0]
+    if not periods or max(periods) - min(periods) > RATE_TOLERANCE * min(periods):
+        return None
+    return 1.0 / periods[0]
+
+
 def decimation(records: Sequence[Record]) -> tuple[float | None, tuple[str, ...]]:
     """Rate to resample to [Hz] where all records share one that is too fast, and what to say of it.
 
@@ -59,10 +67,9 @@ def decimation(records: Sequence[Record]) -> tuple[float | None, tuple[str, ...]
     >>> decimation([Record({"x": [0.0] * 10}, sample_time=1 / 2000)])[0]
     500.0
     """
-    periods = [r.time_base.period for r in records if r.time_base.period > 0]
-    if not periods or max(periods) - min(periods) > RATE_TOLERANCE * min(periods):
+    rate = common_rate(records)
+    if rate is None:
         return None, ()
-    rate = 1.0 / periods[0]
     factor = round(rate / WANTED)
     if rate <= FASTEST or factor < 2:
         return None, ()

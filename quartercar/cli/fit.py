@@ -53,15 +53,16 @@ def fit(
     Channels are found by their names velocity, displacement, current, force; --input, --schedule and --output name them
     otherwise. Writes comparison.json, a file for each fitted model, report.html and its figures.
     """
-    from lpvid.cli.data import asked_rate, own_rate, split_names
+    from lpvid.cli.data import asked_rate, split_names
     from lpvid.cli.parts import damper_parts
+    from lpvid.condition.preparing import common_rate
     from quartercar.dampers.comparison import CompareSettings, compare
 
     results = Results(out)
     with working("reading") as say:
         asked, raw = asked_rate(sample_rate)
         training, kept, rate, notes = _records(data, held_out, hold_out, {"role": role, "flip": flip}, asked)
-        rate = own_rate(training) if raw else rate
+        rate = common_rate(training) if raw else rate
         named = (split_names(input), split_names(output), split_names(schedule))
         training, kept = ([damper_parts(r, *named) for r in part] for part in (training, kept))
         wanted: list[str | Damper] = [*(split_names(models) or ([] if parameters else ("all",)))]
