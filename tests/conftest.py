@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 
+os.environ.setdefault("LPVID_PROGRESS", "quiet")  # a slow machine must not add lines to an error
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # small matrices: threads cost more than they bring
     os.environ.setdefault(_variable, "1")
 

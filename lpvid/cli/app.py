@@ -11,7 +11,7 @@ from lpvid.cli.diagnose import diagnose
 from lpvid.cli.export import export
 from lpvid.cli.identify import identify
 from lpvid.cli.inspect import inspect
-from lpvid.cli.running import new_app
+from lpvid.cli.running import add, new_app
 from lpvid.cli.simulate import simulate
 from lpvid.cli.stability import stability
 from lpvid.cli.synthesize import synthesize, verify
@@ -29,7 +29,7 @@ def _version(value: bool) -> None:
 
 
 @app.callback()
-def _common(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True,
+def _common(version: Annotated[bool, typer.Option("--version", "-v", callback=_version, is_eager=True,
                                                   help="Print the version and stop.")] = False) -> None:
     """Identify LPV models from measured data, say how good and how stable they are, and what a simulation gets wrong.
 
@@ -38,5 +38,42 @@ def _common(version: Annotated[bool, typer.Option("--version", callback=_version
     """
 
 
-for _command in (inspect, identify, simulate, validate, compare, stability, diagnose, synthesize, verify, export):
-    app.command()(_command)
+_SIGNALS = "--input velocity --output force --schedule current"
+EXAMPLES = {
+    inspect: (("what a record can be used for", "lpvid inspect run*.csv --out inspected"),),
+    identify: (
+        ("an LPV model of a damper, its last third kept out of the fit",
+         f"lpvid identify run*.csv {_SIGNALS} --hold-out 1/3 --out model"),
+        ("let the structure be chosen", f"lpvid identify run*.csv {_SIGNALS} --auto --out model"),
+        ("a coil that lags, a force that saturates",
+         f"lpvid identify run*.csv {_SIGNALS} --shape tanh --schedule-lag --out model"),
+        ("the same from a file", "lpvid identify run*.csv --config identify.toml"),
+    ),
+    simulate: (("free run on a new record, with the residual", "lpvid simulate model/model.json new.csv --out run"),),
+    validate: (("judge a model on records that it was not fitted to",
+                "lpvid validate model/model.json new*.csv --out validated"),),
+    compare: (("several models on the same records", "lpvid compare a/model.json b/model.json new*.csv --out compared"),),
+    stability: (
+        ("for which currents, and how fast may they move", "lpvid stability model/model.json --out stability"),
+        ("over a range of your own", "lpvid stability model/model.json --range current=0:2 --rate current=20"),
+    ),
+    diagnose: (
+        ("what a simulation by the fitted law gets wrong, and why",
+         "lpvid diagnose run*.csv --baseline guo --held-out new.csv --out diagnosis"),
+        ("of a model from lpvid identify", "lpvid diagnose run*.csv --baseline model/model.json --out diagnosis"),
+    ),
+    synthesize: (
+        ("a controller for a plant and a design in TOML",
+         "lpvid synthesize plant.toml --design design.toml --out controller"),
+        ("files to start from", "lpvid synthesize --template"),
+    ),
+    verify: (("check a stored certificate anew", "lpvid verify stability/certificate.json model/model.json"),),
+    export: (
+        ("C99 for an embedded target", "lpvid export model/model.json --to c --precision float --out generated"),
+        ("an FMU with its sources", "lpvid export model/model.json --to fmu2 --out fmu"),
+    ),
+}
+"""Commands in the order of the help, each with (comment, command line) examples."""
+
+for _command, _examples in EXAMPLES.items():
+    add(app, _command, _examples)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import functools
 import os
+import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -28,14 +30,25 @@ SHORTFALL = 3
 """Exit code of a numerical outcome short of what was asked."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C, whether a partial result was kept or none."""
+PATIENCE = 3.0
+"""Seconds before progress is written to a pipe."""
 MANIFEST = ".results.json"
 """Names of the files that each command wrote into a folder, so that a second run leaves none of the first behind."""
 
 
 def new_app() -> typer.Typer:
     """A Typer application with this house's settings."""
-    return typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
+    from lpvid.cli.helping import Group
+
+    return typer.Typer(cls=Group, no_args_is_help=True, pretty_exceptions_enable=False,
                        context_settings={"help_option_names": ["-h", "--help"]})
+
+
+def add(app: typer.Typer, function: Callable[..., Any], examples: Iterable[tuple[str, str]]) -> None:
+    """Add a command with (comment, command line) examples to an application."""
+    from lpvid.cli.helping import Command, written
+
+    app.command(cls=Command, epilog=written(examples))(function)
 
 
 def command(function: Callable[P, T]) -> Callable[P, T]:
@@ -61,12 +74,16 @@ def command(function: Callable[P, T]) -> Callable[P, T]:
 
 @contextmanager
 def working(what: str) -> Iterator[Callable[[str], None]]:
-    """A spinner with the elapsed time on standard error, gone when done; silent where nobody watches.
+    """A spinner with the elapsed time on standard error, gone when done; a line for each stage where it is piped.
 
-    Yields a function that says what is being done now.
+    Yields a function that takes what is being done now.
     """
     if not sys.stderr.isatty():
-        yield lambda text: None
+        stages = Stages(what)
+        try:
+            yield stages.enter
+        finally:
+            stages.close()
         return
     from rich.console import Console
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -75,6 +92,48 @@ def working(what: str) -> Iterator[Callable[[str], None]]:
                   console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(what, total=None)
         yield lambda text: progress.update(task, description=text)
+
+
+class Stages:
+    """A line on standard error for each stage of a long command: none in the first seconds, so that a short one has
+    none.
+
+    Texts that differ in numbers only ("round 3 of 40") are one stage. The environment variable LPVID_PROGRESS=quiet
+    leaves the lines out.
+
+    Parameters
+    ----------
+    what : str
+        The first stage.
+    """
+
+    def __init__(self, what: str) -> None:
+        import threading
+
+        self._begun, self._stage, self._shown = time.monotonic(), what, ""
+        self._lock = threading.Lock()
+        self._quiet = os.environ.get("LPVID_PROGRESS") == "quiet"
+        self._later = threading.Timer(PATIENCE, self._show)
+        self._later.daemon = True
+        if not self._quiet:
+            self._later.start()
+
+    def enter(self, text: str) -> None:
+        """The next stage."""
+        self._stage = text
+        if time.monotonic() - self._begun > PATIENCE:
+            self._show()
+
+    def close(self) -> None:
+        """The end of the last stage."""
+        self._later.cancel()
+
+    def _show(self) -> None:
+        with self._lock:
+            kind = re.sub(r"[\d.,]+", "#", self._stage)
+            if kind != self._shown and not self._quiet:
+                self._shown = kind
+                typer.echo(f"[{time.monotonic() - self._begun:4.0f} s] {self._stage}", err=True)
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from lpvid.cli.running import new_app
+from lpvid.cli.running import add, new_app
 from quartercar.cli.demo import demo
 from quartercar.cli.design import design
 from quartercar.cli.export import export
@@ -26,7 +26,7 @@ def _version(value: bool) -> None:
 
 
 @app.callback()
-def _common(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True,
+def _common(version: Annotated[bool, typer.Option("--version", "-v", callback=_version, is_eager=True,
                                                   help="Print the version and stop.")] = False) -> None:
     """Dampers and quarter cars: a virtual test rig, damper models fitted and compared, and the road to stability.
 
@@ -35,5 +35,29 @@ def _common(version: Annotated[bool, typer.Option("--version", callback=_version
     """
 
 
-for _command in (rig, fit, design, ride, export, demo):
-    app.command()(_command)
+EXAMPLES = {
+    rig: (
+        ("records of a virtual damper test, by the default plan", "quartercar rig --out records"),
+        ("a plan of your own", "quartercar rig plan.toml --out records"),
+    ),
+    fit: (
+        ("every damper law, judged on records kept back", "quartercar fit run*.csv --held-out new.csv --out fit"),
+        ("two laws only", "quartercar fit run*.csv --models guo,kwok --out fit"),
+    ),
+    design: (
+        ("an LPV H-infinity controller for a car with this damper",
+         "quartercar design --damper model/model.json --out design"),
+        ("a configuration to start from", "quartercar design --template"),
+    ),
+    ride: (
+        ("control laws on two roads, ten seeds",
+         "quartercar ride --road iso-c@20,bump@8 --controller passive,skyhook,sh-add --seeds 10 --out ride"),
+        ("with the best that any current could do", "quartercar ride --road iso-c@20 --bound --out ride"),
+    ),
+    export: (("a control law as C99", "quartercar export --controller skyhook --to c --out generated"),),
+    demo: (("the whole chain on virtual data, in a minute", "quartercar demo --out demo"),),
+}
+"""Commands in the order of the help, each with (comment, command line) examples."""
+
+for _command, _examples in EXAMPLES.items():
+    add(app, _command, _examples)
