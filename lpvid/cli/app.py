@@ -52,7 +52,8 @@ EXAMPLES = {
     simulate: (("free run on a new record, with the residual", "lpvid simulate model/model.json new.csv --out run"),),
     validate: (("judge a model on records that it was not fitted to",
                 "lpvid validate model/model.json new*.csv --out validated"),),
-    compare: (("several models on the same records", "lpvid compare a/model.json b/model.json new*.csv --out compared"),),
+    compare: (("several models on the same records",
+               "lpvid compare a/model.json b/model.json new*.csv --out compared"),),
     stability: (
         ("for which currents, and how fast may they move", "lpvid stability model/model.json --out stability"),
         ("over a range of your own", "lpvid stability model/model.json --range current=0:2 --rate current=20"),

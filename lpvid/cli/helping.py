@@ -19,7 +19,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 PANELS: dict[str, tuple[str, ...]] = {
-    "Data": ("data", "files", "plan", "input", "output", "schedule", "role", "flip", "sample_rate", "held_out", "hold_out", "training"),
+    "Data": ("data", "files", "plan", "input", "output", "schedule", "role", "flip",
+             "sample_rate", "held_out", "hold_out", "training"),
     "Model": ("structure", "na", "nb", "nk", "order", "past", "innovation", "on", "trial", "odd", "states", "side",
               "forgetting", "degree", "basis", "segments", "shape", "schedule_filter", "schedule_lag", "no_constant",
               "affine", "affine_terms", "lagged", "passive", "balanced", "form", "refit_form", "model", "models",
@@ -53,7 +54,7 @@ class Group(TyperGroup):
         """Usage, what it is for, its commands, its options."""
         width = _width()
         parts = [f"Usage: {ctx.command_path} COMMAND [OPTIONS]", *_paragraphs(self.help, width)]
-        rows = [(name, self.get_command(ctx, name).get_short_help_str(200)) for name in self.list_commands(ctx)]
+        rows = [(name, self.commands[name].get_short_help_str(200)) for name in self.list_commands(ctx)]
         parts += ["Commands:\n" + _columns(rows, width), *_panels(self, ctx, width)]
         formatter.write("\n\n".join([*parts, f"{ctx.command_path} COMMAND -h shows the options of one command, with "
                                      "examples."]) + "\n")
@@ -73,7 +74,8 @@ class Command(TyperCommand):
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Usage, what it does, examples, panels of options."""
         width = _width()
-        names = [str(p.metavar) + ("…" if p.nargs == -1 else "") for p in self.params if p.param_type_name == "argument"]
+        arguments = [p for p in self.params if p.param_type_name == "argument"]
+        names = [str(p.metavar) + ("…" if p.nargs == -1 else "") for p in arguments]
         parts = [" ".join(["Usage:", ctx.command_path, *names, "[OPTIONS]"]), *_paragraphs(self.help, width)]
         if self.epilog:
             parts.append("Examples:\n" + _examples(self.epilog, width))
@@ -162,7 +164,7 @@ def _run(main: Any, args: tuple[Any, ...], standalone: bool, more: Mapping[str, 
     sys.exit(code if isinstance(code, int) else 0)
 
 
-def one_line(error: BaseException) -> str | None:
+def one_line(error: Any) -> str | None:
     """A wrong command line in one line; None where the error is of another kind, empty where the help was printed."""
     if not hasattr(error, "format_message"):
         return None
@@ -256,7 +258,7 @@ def _value(path: Path, key: str, param: Any, value: Any) -> Any:
     listed = value if isinstance(value, list) else [value]
     if any(isinstance(v, dict | list) for v in listed) or (isinstance(value, list) and not many):
         raise InputError(f"{path.name}: '{key}' is one value", got=f"{value!r}", mend="a text, a number or true/false")
-    if flag != isinstance(listed[0], bool) or flag and many:
+    if flag != isinstance(listed[0], bool) or (flag and many):
         raise InputError(f"{path.name}: '{key}' is {'true or false' if flag else 'not a switch'}", got=f"{value!r}",
                          mend="true or false, without quotes" if flag else "a text or a number")
     return value if flag else [str(v) for v in listed] if many else str(value)
@@ -264,8 +266,8 @@ def _value(path: Path, key: str, param: Any, value: Any) -> Any:
 
 def template_of(command: Any, path: str) -> str:
     """A TOML file with every option of a command, commented out, with what it means."""
-    lines = [f"# Options of {path}; run with: {path} --config THIS_FILE. A line without # counts; paths are relative to",
-             "# the folder that the command runs in.", ""]
+    lines = [f"# Options of {path}; run with: {path} --config THIS_FILE. A line without # counts.",
+             "# Paths are relative to the folder that the command runs in.", ""]
     panel = None
     ctx = command.context_class(command, info_name=path)
     for key, param in sorted(_keys(command).items(), key=lambda kp: [*PANELS, OTHER].index(panel_of(kp[1].name))):
@@ -273,7 +275,7 @@ def template_of(command: Any, path: str) -> str:
             panel = panel_of(param.name)
             lines += [f"# -- {panel} --"]
         name, text = param.get_help_record(ctx) or ("", "")
-        lines += [_filled(text.replace("  [", " ["), WIDEST, "# ") if text else "#", f"# {key} = {_sample(param, name)}", ""]
+        lines += [_filled(text.replace("  [", " [") or key, WIDEST, "# "), f"# {key} = {_sample(param, name)}", ""]
     return "\n".join(lines)
 
 

