@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from lpvid.diagnosis.engine import DiagnosisSettings
     from lpvid.diagnosis.extended import ExtendedModel
     from lpvid.errors import ExtrapolationWarning, InputError, LpvError, NumericalError
-    from lpvid.export.control_file import control_system, export_control
+    from lpvid.export.control_file import control_system, export_control, to_control
     from lpvid.export.csv_tables import export_csv
     from lpvid.export.exportable import exportable
     from lpvid.export.exporting import export_c
@@ -128,7 +128,7 @@ _EXPORTS = {
     "lpvid.diagnosis.engine": ("DiagnosisSettings",),
     "lpvid.diagnosis.extended": ("ExtendedModel",),
     "lpvid.errors": ("ExtrapolationWarning", "InputError", "LpvError", "NumericalError"),
-    "lpvid.export.control_file": ("control_system", "export_control"),
+    "lpvid.export.control_file": ("control_system", "export_control", "to_control"),
     "lpvid.export.csv_tables": ("export_csv",),
     "lpvid.export.exportable": ("exportable",),
     "lpvid.export.exporting": ("export_c",),
@@ -213,8 +213,8 @@ __all__ = [
     "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel", "passivity_margin", "pole_band",
     "pole_locus", "predict", "read", "realize", "reduce_order", "refit_form", "saturate", "save", "scaled_gain",
     "select", "series", "simulate", "sparsify", "stability_probability", "steadied", "summing_junction", "synthesize",
-    "to_affine", "to_continuous", "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate",
-    "verify", "weigh",
+    "to_affine", "to_continuous", "to_control", "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic",
+    "validate", "verify", "weigh",
 ]
 
 

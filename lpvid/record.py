@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from lpvid import _checks, units
+from lpvid._shown import Shown
 from lpvid.errors import InputError
 from lpvid.timebase import TimeBase, analyse_time
 
@@ -52,7 +53,7 @@ def _channel(name: str, values: object, unit: str) -> Channel:
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class Record(Shown):
     """Channels sampled together, immutable, SI inside.
 
     Parameters

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from lpvid import _checks
+from lpvid._shown import Shown
 from lpvid.errors import NumericalError
 from lpvid.record import Record
 
@@ -49,7 +50,7 @@ class EnergyBalance:
 
 
 @dataclass(frozen=True, eq=False)
-class CarRun:
+class CarRun(Shown):
     """Signals of a quarter car at the samples of its road, about the static equilibrium.
 
     `damper_force` is positive in extension; `tyre_force` is F_t, positive where the tyre is lighter than at rest;
@@ -68,6 +69,7 @@ class CarRun:
         What was driven.
     """
 
+    DRAWN_BY: ClassVar[str] = "quartercar.plot.nouns"
     sample_time: float
     signals: Mapping[str, np.ndarray]
     units: Mapping[str, str]

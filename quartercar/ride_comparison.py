@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
 from lpvid import _checks
+from lpvid._shown import Shown
 from lpvid.errors import InputError
 from lpvid.report import number
 from quartercar.car import QuarterCar
@@ -135,7 +137,7 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False)
-class RideComparison:
+class RideComparison(Shown):
     """Laws on roads.
 
     Attributes
@@ -148,6 +150,7 @@ class RideComparison:
     notes : tuple of str
     """
 
+    DRAWN_BY: ClassVar[str] = "quartercar.plot.nouns"
     rows: tuple[Row, ...]
     seeds: tuple[int, ...]
     reference: str

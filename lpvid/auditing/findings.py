@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from lpvid._shown import Shown
+
 SCHEMA = "lpvid/audit/1"
 SEVERITIES = ("fault", "warning", "note")
 """fault: cannot be used as it stands. warning: usable, but would mislead. note: good to know."""
@@ -49,7 +51,7 @@ class Finding:
 
 
 @dataclass(frozen=True, eq=False)
-class Audit:
+class Audit(Shown):
     """Findings about a data set, gravest first; prints the verdict and one line for each kind of finding.
 
     Attributes

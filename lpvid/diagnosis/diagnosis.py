@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from lpvid._shown import Shown
 from lpvid.diagnosis.localise import Wrong
 
 if TYPE_CHECKING:
@@ -188,7 +189,7 @@ class Errors:
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(Shown):
     """The answer.
 
     Attributes

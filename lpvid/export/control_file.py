@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +14,9 @@ from lpvid.export.exportable import Exportable, Options, exportable
 from lpvid.export.exporting import Content, Export, written
 from lpvid.export.python_printer import python_source
 from lpvid.export.step_program import Quantity, StepProgram
+from lpvid.model.lft import LFTModel
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
 
 if TYPE_CHECKING:
     import control
@@ -49,7 +52,7 @@ def system():
     """The system; simulate it from `start()`."""
     update = (lambda t, x, u, params: _run(x, u)[0]) if STATE_LABELS else None
     return control.NonlinearIOSystem(update, lambda t, x, u, params: _run(x, u)[1], inputs=INPUT_LABELS,
-                                     outputs=OUTPUT_LABELS, states=STATE_LABELS, dt=SAMPLE_TIME, name=NAME)
+                                     outputs=OUTPUT_LABELS, states=STATE_LABELS or None, dt=SAMPLE_TIME, name=NAME)
 '''
 
 
@@ -81,6 +84,51 @@ def control_system(model: Any, *, clamp: bool | None = None, sample_time: float 
     """
     scope = _scope(exportable(model, Options("", clamp, sample_time)).program)
     return scope["system"](), scope["start"]()
+
+
+def to_control(model: Any, at: Sequence[float] | np.ndarray | None = None, *, clamp: bool | None = None,
+               sample_time: float | None = None) -> control.StateSpace | control.NonlinearIOSystem:
+    """A model, damper, controller or synthesis as a system of python-control.
+
+    Parameters
+    ----------
+    model : object
+        As for `lpvid.export_c`.
+    at : (n_scheduling,) array, optional
+        Scheduling, SI: the frozen linear system there, of an LPV model. Left out, the varying system with everything
+        inside; the state that it rests in is the second of `control_system`.
+    clamp, sample_time
+        As for `lpvid.export_c`.
+
+    Returns
+    -------
+    control.StateSpace or control.NonlinearIOSystem
+
+    Raises
+    ------
+    InputError
+        A thing that has no such form, named with the nearest that has; `at` for one that cannot be frozen.
+
+    Examples
+    --------
+    >>> from lpvid import LPVTransferFunction, Polynomial
+    >>> model = LPVTransferFunction.siso([[-0.9, 0.1]], [[0, 0], [0.1, 0]], Polynomial("p", degree=1), 0.01)
+    >>> to_control(model).input_labels, to_control(model, at=[1.0]).poles().real.round(6)
+    (['u1', 'p'], array([0.8]))
+    """
+    if at is None:
+        return control_system(model, clamp=clamp, sample_time=sample_time)[0]
+    frozen = frozen_at(model)
+    if frozen is None:
+        raise InputError(f"a {type(model).__name__} has no frozen linear system", got=f"at={np.ravel(at).tolist()}",
+                         mend="leave at= out for the whole of it, or linearise that with control.linearize")
+    return frozen(at)
+
+
+def frozen_at(model: Any) -> Callable[[Any], control.StateSpace] | None:
+    """What freezes a model, or the controller of a synthesis; None for a damper and the like."""
+    linear = getattr(model, "controller", model)
+    return linear.to_control if isinstance(linear, LPVTransferFunction | LPVStateSpace | LFTModel) else None
 
 
 def export_control(model: Any, folder: str | os.PathLike, *, name: str = "", clamp: bool | None = None,

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from lpvid._shown import Shown
 from lpvid.identification.layout import ModelLayout, ParameterCloud
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.transfer_function import LPVTransferFunction
@@ -18,7 +19,7 @@ COVARIANCE_LIMIT = 200
 
 
 @dataclass(frozen=True, eq=False)
-class Identification:
+class Identification(Shown):
     """An identified model, how sure its parameters are, and how well it does.
 
     Attributes

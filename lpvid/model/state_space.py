@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid import _checks
+from lpvid._shown import Shown
 from lpvid.errors import InputError
 from lpvid.model.input_stage import InputStage, stage_from_dict
 from lpvid.model.scheduling_stage import SchedulingStage, scheduling_stage_from_dict
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class LPVStateSpace:
+class LPVStateSpace(Shown):
     """State-space LPV model, discrete (``sample_time`` set) or continuous (None).
 
     ::

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -56,6 +56,8 @@ class BeforeAfter:
     channels : mapping of str to (n,) array
     measured, before, after : (n,) arrays
     output, unit : str
+    units : mapping of str to str
+        Of the channels: a voltage that stands for the current is in V.
     """
 
     name: str
@@ -67,6 +69,11 @@ class BeforeAfter:
     after: np.ndarray
     output: str
     unit: str
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def unit_of(self, role: str) -> str:
+        """Unit of a driving channel; the role's own where the record gives none."""
+        return self.units.get(role) or ROLES_UNITS[role]
 
     @property
     def errors(self) -> tuple[np.ndarray, np.ndarray]:
@@ -101,8 +108,8 @@ def error_maps(shown: Sequence[BeforeAfter], extended: bool) -> Figure | None:
             for ax, (x, y, cells), stage in zip(axes[row], tables, stages, strict=True):
                 mesh = ax.pcolormesh(x, y, cells.T, cmap="magma_r", vmin=0.0, vmax=top, rasterized=True)
                 ax.set_title(f"error {stage}")
-                ax.set_xlabel(label(pair[0], ROLES_UNITS[pair[0]]))
-                ax.set_ylabel(label(pair[1], ROLES_UNITS[pair[1]]))
+                ax.set_xlabel(label(pair[0], shown[0].unit_of(pair[0])))
+                ax.set_ylabel(label(pair[1], shown[0].unit_of(pair[1])))
                 ax.grid(False)
             figure.colorbar(mesh, ax=list(axes[row]), label=label("rms error", shown[0].unit), pad=0.01)
     return figure
@@ -156,7 +163,7 @@ def error_shapes(shown: Sequence[BeforeAfter], extended: bool) -> Figure | None:
                 ax.plot(at, [float(v.mean()) for _, v in cells], color=colour, label=said)
             ax.axhline(0, color=INK, linewidth=0.5)
             ax.locator_params(axis="x", nbins=5)
-            ax.set_xlabel(label(name, ROLES_UNITS[name]))
+            ax.set_xlabel(label(name, shown[0].unit_of(name)))
             legend_above(ax, 2)
         axes[0, 0].set_ylabel(label("mean error", shown[0].unit))
     return figure
@@ -285,7 +292,7 @@ def close_up(shown: Sequence[BeforeAfter], extended: bool) -> Figure:
         axes[1, 0].set_ylabel(label("error", s.unit))
         for axis, name in zip(axes[2:, 0], extra, strict=True):
             axis.plot(*thinned(t, s.channels[name][window]), color=GREEN)
-            axis.set_ylabel(label(name, ROLES_UNITS[name]))
+            axis.set_ylabel(label(name, s.unit_of(name)))
         axes[-1, 0].set_xlabel("time [s]")
         axes[-1, 0].margins(x=0.005)
         figure.align_ylabels()

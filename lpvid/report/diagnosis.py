@@ -80,7 +80,8 @@ def before_after(found: Diagnosis, question: Question) -> list[draw.BeforeAfter]
                 found.extended.composition.predict(s, found.extended.vector)
             sign = baseline.polarity
             listed.append(draw.BeforeAfter(record.name, part, s.sample_time, dict(s.channels), sign * s.output,
-                                           sign * before, sign * after, baseline.output, baseline.output_unit))
+                                           sign * before, sign * after, baseline.output, baseline.output_unit,
+                                           {n: record.unit(n) for n in s.channels if record.has(n)}))
     return listed
 
 

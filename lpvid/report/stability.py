@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid import _checks, plot
+from lpvid._shown import Shown
 from lpvid.analysis.certificates import Rate, certify_stability
 from lpvid.analysis.frozen import CAVEAT, Model
 from lpvid.analysis.frozen_stability import FrozenStability, frozen_stability
@@ -28,7 +29,7 @@ WARNING = ("Frozen stability holds every scheduling value still. It does not cov
 
 
 @dataclass(frozen=True, eq=False)
-class StabilityStudy:
+class StabilityStudy(Shown):
     """Everything the stability report says about one model.
 
     Attributes

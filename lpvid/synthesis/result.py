@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lpvid import _checks
+from lpvid._shown import Shown
 from lpvid.errors import InputError, NumericalError
 from lpvid.model.designed import designed
 from lpvid.model.signals import Signal
@@ -25,7 +26,7 @@ _CERTIFICATES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Synthesis:
+class Synthesis(Shown):
     """A controller with what its closed loop was shown to do, or why there is none.
 
     Parameters

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from lpvid._shown import Shown
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.model.adaptable import Adaptable
@@ -40,7 +41,7 @@ class ComparedModel:
 
 
 @dataclass(frozen=True, eq=False)
-class ModelComparison:
+class ModelComparison(Shown):
     """Models of one output on the same records, by their pooled free-run ESR; prints itself.
 
     Attributes

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid import _checks
+from lpvid._shown import Shown
 from lpvid.condition import segments, with_velocity
 from lpvid.condition.derivation import derived
 from lpvid.condition.segmentation import RATE_TOLERANCE
@@ -31,7 +32,7 @@ OTHER_LAGS = (5, 100)
 
 
 @dataclass(frozen=True, eq=False)
-class Validation:
+class Validation(Shown):
     """Figures of a model on a data set; `label` says whether the model has seen these data.
 
     Attributes

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from lpvid import _checks
+from lpvid._shown import Shown
 from lpvid.errors import ExtrapolationWarning, InputError
 from lpvid.model.adaptable import Adaptable
 from lpvid.record import Record
@@ -20,6 +21,8 @@ from quartercar.dampers.drive import Drive
 from quartercar.dampers.parameter import Parameter
 
 if TYPE_CHECKING:
+    import control
+
     from quartercar.dampers.energy import Cycle
     from quartercar.dampers.facts import Facts
     from quartercar.dampers.fitting import DamperFit, Estimate, FitSettings
@@ -40,7 +43,7 @@ class Run(Simulation):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Damper(Adaptable):
+class Damper(Adaptable, Shown):
     """A damper model: a law with named parameters, from motion and current to force.
 
     Extension and tension are positive: a passive damper has mean(F·v) > 0 and a gas preload is a negative force.
@@ -62,6 +65,7 @@ class Damper(Adaptable):
     metadata : mapping
     """
 
+    DRAWN_BY: ClassVar[str] = "quartercar.plot.nouns"
     name: ClassVar[str]
     """in kebab case, as on the command line"""
     title: ClassVar[str]
@@ -309,6 +313,23 @@ class Damper(Adaptable):
         """Fields that a kind adds to the common ones (orders, tables, degrees)."""
         common = {f.name for f in fields(Damper)}
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in common}
+
+    def to_control(self, sample_time: float | None = None) -> control.NonlinearIOSystem:
+        """This damper as a discrete python-control system, from its channels to its force.
+
+        Parameters
+        ----------
+        sample_time : float, optional
+            Period [s]; left out for a damper that runs at one of its own.
+
+        Raises
+        ------
+        InputError
+            A law that no step in closed form exists for, or one without a period.
+        """
+        from lpvid.export.control_file import to_control
+
+        return to_control(self, sample_time=sample_time)
 
     def to_dict(self) -> dict:
         """Plain data for JSON, with units."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.units import is_known, quantity_to_si
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,16 @@ class Parameter:
                              got=f"default {self.default}, bounds {self.lower} to {self.upper}")
 
     def checked(self, value: object) -> float:
-        """`value` as a float inside the bounds, or an InputError."""
-        number = _checks.real(value, self.name)
+        """`value`, a number in SI or text such as "0.6 kN", as a float inside the bounds, or an InputError."""
+        number = _checks.real(self._read(value) if isinstance(value, str) else value, self.name)
         if not self.lower <= number <= self.upper:
             raise InputError(f"{self.name} lies outside its physical bounds", got=f"{number:g} {self.unit}".strip(),
                              why=f"{self.lower:g} to {self.upper:g}")
         return number
+
+    def _read(self, text: str) -> float:
+        try:
+            return quantity_to_si(text, self.unit if is_known(self.unit) else "1")[0]
+        except InputError as error:
+            raise InputError(f"{self.name}: {error.what}", got=error.got, why=error.why,
+                             mend=f'a number, or text such as "3 {self.unit}"') from None

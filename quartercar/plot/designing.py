@@ -56,8 +56,9 @@ def gains(found: Design | IdentifiedDesign) -> Figure:
 
 def bump(rides: tuple[Ride, Ride]) -> Figure:
     """Acceleration, tyre load, stroke and current over a bump, controlled and passive."""
+    unit = rides[0].run.units["current"]
     signals = (("body_acceleration", "body", "m/s²", 1.0), ("tyre_load", "tyre load", "kN", 1e-3),
-               ("suspension_deflection", "stroke", "mm", 1e3), ("current", "current", "A", 1.0))
+               ("suspension_deflection", "stroke", "mm", 1e3), ("current", "current", unit, 1.0))
     with look():
         figure, axes = panels(len(signals), heights=[1.9, 1.6, 1.6, 1.4], sharex=True)
         for found, name, colour in zip(rides, ("controlled", "passive, lowest current"), (CYCLE[1], INK), strict=True):

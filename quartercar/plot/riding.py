@@ -96,8 +96,9 @@ def over_time(found: RideComparison, road: str) -> Figure:
     """Body acceleration, tyre load, stroke and current of a few laws around the liveliest moment of the first seed."""
     rows = _chosen(found, road)
     start = _liveliest(rows[0])
+    unit = rows[0].rides[0].run.units["current"]
     signals = (("body_acceleration", "body", "m/s²", 1.0), ("tyre_load", "tyre load", "kN", 1e-3),
-               ("suspension_deflection", "stroke", "mm", 1e3), ("current", "current", "A", 1.0))
+               ("suspension_deflection", "stroke", "mm", 1e3), ("current", "current", unit, 1.0))
     with look():
         figure, axes = panels(len(signals), heights=[1.9, 1.6, 1.6, 1.4], sharex=True)
         for k, row in enumerate(rows):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid._shown import Shown
 from lpvid.identification.arx import ARX
 from lpvid.identification.prediction_error import PredictionError
 from lpvid.identification.quasi_lpv import QuasiLPV
@@ -109,7 +110,7 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False)
-class Selection:
+class Selection(Shown):
     """The structure chosen, the ranking behind it, and the estimate on all training data.
 
     Attributes

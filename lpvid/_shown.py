@@ -1,0 +1,41 @@
+"""Shown: nouns that draw themselves, alone or on axes of the caller, and appear as a small card in a notebook."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any, ClassVar
+
+
+class Shown:
+    """What can be drawn; the drawing itself stands in a higher layer and is looked up when it is wanted.
+
+    Attributes
+    ----------
+    DRAWN_BY : str
+        Module whose `plot` and `card` know this noun.
+    """
+
+    DRAWN_BY: ClassVar[str] = "lpvid.plot.nouns"
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw it.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes or sequence of them, optional
+            Where to draw; left out, a new figure is made.
+
+        Returns
+        -------
+        matplotlib.axes.Axes or (n,) array of them
+            One for each panel.
+
+        Raises
+        ------
+        InputError
+            Another number of axes than the drawing has panels.
+        """
+        return importlib.import_module(self.DRAWN_BY).plot(self, ax)
+
+    def _repr_html_(self) -> str:
+        return importlib.import_module(self.DRAWN_BY).card(self)

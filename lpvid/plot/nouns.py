@@ -1,0 +1,201 @@
+"""Nouns on axes, and as cards in a notebook: records, audits, models, studies, diagnoses, syntheses."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections.abc import Callable, Sequence
+from functools import singledispatch
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lpvid.analysis.pole_locus import pole_locus
+from lpvid.diagnosis.diagnosis import Diagnosis
+from lpvid.errors import InputError
+from lpvid.identification.result import Identification
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.plot.audit import MOST_CHANNELS
+from lpvid.plot.style import BLUE, CYCLE, INK, MUTED, SCALE, VERMILION, label, look, panels, robust_limits, thinned
+from lpvid.record import Record
+from lpvid.synthesis.result import Synthesis
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Drawing = tuple[int, Callable[[Any], None]]
+"""Number of panels, and what draws on that many axes."""
+CARD_WIDTH = 6.0
+"""Of a card's figure [inch]."""
+CARD_DPI = 96
+"""Pixels per inch of it: one for one in a notebook."""
+POINTS = 9
+"""Frozen models of a locus or of a family of gains."""
+STYLE = """<style>.lpvid-card{font:13px system-ui,sans-serif;max-width:640px;border:1px solid #8886;border-radius:6px;
+padding:.6em .9em}.lpvid-card pre{margin:.4em 0 0;white-space:pre-wrap;font-size:12px;background:none;color:inherit}
+.lpvid-card img{display:block;max-width:100%;margin-top:.5em}@media(prefers-color-scheme:dark){.lpvid-card img{
+filter:invert(.9) hue-rotate(180deg)}}</style>"""
+
+
+def plot(noun: Any, ax: Any = None, drawing: Callable[[Any], Drawing | None] | None = None) -> Any:
+    """Draw a noun on new axes or on the caller's.
+
+    Parameters
+    ----------
+    noun : object
+    ax : matplotlib.axes.Axes or sequence of them, optional
+    drawing : callable, optional
+        What the noun looks like; `drawing_of` by default.
+
+    Returns
+    -------
+    matplotlib.axes.Axes or (n,) array of them
+
+    Raises
+    ------
+    InputError
+        Nothing to draw, or another number of axes than panels.
+    """
+    found = (drawing or drawing_of)(noun)
+    if found is None:
+        raise InputError(f"this {type(noun).__name__} has nothing to draw", mend="print it")
+    count, draw = found
+    if ax is None:
+        with look():
+            heights = [1.4] * count if count > 1 else [3.2]
+            axes = panels(count, heights=heights, width=CARD_WIDTH, sharex=count > 1)[1][:, 0]
+            draw(axes)
+    else:
+        axes = np.atleast_1d(np.asarray(ax, dtype=object)).ravel()
+        if axes.size != count:
+            raise InputError(f"a {type(noun).__name__} is drawn on {count} axes", got=f"{axes.size}",
+                             mend=f"plt.subplots({count}, 1)" if count > 1 else "one Axes")
+        draw(axes)
+    return axes[0] if count == 1 else axes
+
+
+def card(noun: Any, drawing: Callable[[Any], Drawing | None] | None = None) -> str:
+    """A noun as a small piece of HTML: its text and, where it has one, its figure; for dark and light pages."""
+    found, picture = (drawing or drawing_of)(noun), ""
+    if found is not None:
+        axes = np.atleast_1d(np.asarray(plot(noun, None, drawing), dtype=object))
+        buffer = io.BytesIO()
+        axes[0].figure.savefig(buffer, format="png", dpi=CARD_DPI)
+        title = axes[0].get_title(loc="left") or type(noun).__name__
+        picture = (f'<img alt="{html.escape(title)}" '
+                   f'src="data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}">')
+    first, _, rest = (str(noun) or type(noun).__name__).partition("\n")
+    body = f"<pre>{html.escape(rest)}</pre>" if rest else ""
+    return f'{STYLE}<div class="lpvid-card"><b>{html.escape(first)}</b>{body}{picture}</div>'
+
+
+@singledispatch
+def drawing_of(noun: Any) -> Drawing | None:
+    """What a noun looks like; None for one that is text only."""
+    return None
+
+
+@drawing_of.register
+def _(noun: Record) -> Drawing:
+    names = list(noun.channels)[:MOST_CHANNELS]
+
+    def draw(axes: Sequence[Axes]) -> None:
+        for ax, name in zip(axes, names, strict=True):
+            ax.plot(*thinned(noun.times, noun[name]), color=BLUE, linewidth=0.8)
+            ax.set_ylim(*robust_limits(noun[name]))
+            ax.set_ylabel(label(name, noun.unit(name)))
+        axes[0].set_title(noun.name)
+        axes[-1].set_xlabel(label("time", "s"))
+
+    return len(names), draw
+
+
+@drawing_of.register
+def _(noun: LPVTransferFunction) -> Drawing | None:
+    return _locus(noun)
+
+
+@drawing_of.register
+def _(noun: LPVStateSpace) -> Drawing | None:
+    return _locus(noun) if noun.order else None
+
+
+@drawing_of.register
+def _(noun: Identification) -> Drawing | None:
+    return drawing_of(noun.model)
+
+
+@drawing_of.register
+def _(noun: Diagnosis) -> Drawing | None:
+    stages = [("baseline", noun.before), ("extended", noun.after)] if noun.extended is not None else \
+        [("baseline", noun.before)]
+
+    def draw(axes: Sequence[Axes]) -> None:
+        place = np.arange(2)
+        for k, (name, figures) in enumerate(stages):
+            shift = 0.4 * (k - 0.5 * (len(stages) - 1))
+            axes[0].bar(place + shift, [figures.esr_training, figures.esr_held_out], 0.36, color=CYCLE[k], label=name)
+        axes[0].set_xticks(place, ["training", "held-out"])
+        axes[0].set_ylabel(label("free-run ESR", "1"))
+        axes[0].set_title(noun.verdict)
+        axes[0].legend()
+
+    return 1, draw
+
+
+@drawing_of.register
+def _(noun: Synthesis) -> Drawing | None:
+    return None if noun.closed_loop is None else _gains(noun.closed_loop, noun.gamma_verified)
+
+
+# -- families of frozen systems ----------------------------------------------------------------------------------------
+def _locus(model: LPVTransferFunction | LPVStateSpace) -> Drawing:
+    """Frozen poles along the first scheduling variable, the others in the middle of their range."""
+    discrete = model.sample_time is not None
+    varying = bool(model.box.names)
+
+    def draw(axes: Sequence[Axes]) -> None:
+        ax = axes[0]
+        if discrete:
+            angle = np.linspace(0.0, 2 * np.pi, 361)
+            ax.plot(np.cos(angle), np.sin(angle), color=INK, linewidth=0.9)
+            ax.set_aspect("equal", adjustable="datalim")
+        ax.axhline(0.0, color=MUTED, linewidth=0.5)
+        ax.axvline(0.0, color=MUTED, linewidth=0.5)
+        if varying:
+            found = pole_locus(model, model.box.names[0])
+            colours = np.repeat(found.p[:, None], found.poles.shape[1], axis=1)
+            drawn = ax.scatter(np.real(found.poles).ravel(), np.imag(found.poles).ravel(), c=colours.ravel(), s=9, cmap=SCALE,
+                               zorder=3, linewidths=0)
+            ax.figure.colorbar(drawn, ax=ax, label=label(found.variable, found.unit))
+        else:
+            poles = np.asarray(model.to_control([]).poles())
+            ax.plot(np.real(poles), np.imag(poles), "x", color=BLUE, zorder=3)
+        ax.set_xlabel(label("Re z", "1") if discrete else label("Re s", "1/s"))
+        ax.set_ylabel(label("Im z", "1") if discrete else label("Im s", "1/s"))
+        ax.set_title("Frozen poles")
+
+    return 1, draw
+
+
+def _gains(loop: LPVStateSpace, level: float | None) -> Drawing:
+    """Largest singular value of frozen closed loops over frequency, with the verified bound."""
+    from lpvid.plot.synthesis import _frequencies, _line, _singular_values
+
+    def draw(axes: Sequence[Axes]) -> None:
+        from matplotlib import colormaps
+
+        frequencies, points = _frequencies(loop), _line(loop)
+        shades = colormaps[SCALE](np.linspace(0.1, 0.9, len(points)))
+        for shade, p in zip(shades, points, strict=True):
+            axes[0].loglog(frequencies / (2 * np.pi), _singular_values(loop, p, frequencies)[:, 0], color=shade)
+        if level is not None:
+            axes[0].axhline(level, color=VERMILION, linestyle="--", label="verified bound")
+            axes[0].legend()
+        axes[0].set_xlabel(label("frequency", "Hz"))
+        axes[0].set_ylabel(label("gain", "1"))
+        axes[0].set_title("Largest singular value, frozen")
+
+    return 1, draw

@@ -1,0 +1,111 @@
+"""Dampers, runs of a car and comparisons of control laws on axes, and as cards in a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import singledispatch
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lpvid.plot import nouns
+from lpvid.plot.nouns import Drawing
+from lpvid.plot.style import BLUE, CYCLE, SCALE, label, thinned
+from quartercar.car_run import CarRun
+from quartercar.dampers.contract import Damper
+from quartercar.ride_comparison import RideComparison
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SHOWN = ("body_acceleration", "tyre_load", "suspension_deflection", "current")
+"""Signals of a run of a car."""
+CURRENTS = 5
+"""Loops of a damper, over its range of the current."""
+CYCLES, SAMPLES = 3, 400
+"""Cycles of the sine that a damper is drawn with, of which the last is shown; samples of each."""
+STROKE, FREQUENCY = 0.02, 1.5
+"""Amplitude [m] and frequency [Hz] of that sine where the damper has no trained stroke or speed."""
+
+
+def plot(noun: Any, ax: Any = None) -> Any:
+    """As `lpvid.plot.nouns.plot`."""
+    return nouns.plot(noun, ax, drawing_of)
+
+
+def card(noun: Any) -> str:
+    """As `lpvid.plot.nouns.card`."""
+    return nouns.card(noun, drawing_of)
+
+
+@singledispatch
+def drawing_of(noun: Any) -> Drawing | None:
+    """What a noun looks like."""
+    return nouns.drawing_of(noun)
+
+
+@drawing_of.register
+def _(noun: Damper) -> Drawing:
+    """Force over velocity along one sine, by current."""
+    from lpvid.record import Channel, Record
+
+    speed = (noun.trained("velocity") or (0.0, 2 * np.pi * FREQUENCY * STROKE))[1]
+    stroke = (noun.trained("displacement") or (0.0, STROKE))[1] or STROKE
+    frequency = speed / (2 * np.pi * stroke) or FREQUENCY
+    period = noun.clock or 1.0 / (SAMPLES * frequency)
+    time = np.arange(round(CYCLES / (frequency * period))) * period
+    x = stroke * np.sin(2 * np.pi * frequency * time)
+    v = 2 * np.pi * frequency * stroke * np.cos(2 * np.pi * frequency * time)
+    varies = "current" in noun.reads
+    low, high = noun.current_range or (0.0, 1.0)
+    levels = np.linspace(low, high, CURRENTS) if varies and high > low else [low]
+    unit = "" if noun.current_unit == "1" else noun.current_unit
+
+    def draw(axes: Sequence[Axes]) -> None:
+        from matplotlib import colormaps
+
+        shades = colormaps[SCALE](np.linspace(0.1, 0.9, len(levels)))
+        for shade, level in zip(shades, levels, strict=True):
+            record = Record({"displacement": Channel(x, "m"), "velocity": Channel(v, "m/s"),
+                             "current": Channel(np.full(v.size, float(level)), unit)}, sample_time=period)
+            force = noun.polarity * noun.simulate(record).output[:, 0]
+            last = slice(-round(1 / (frequency * period)), None)
+            axes[0].plot(v[last], force[last], color=shade, label=f"{level:.3g} {unit}".strip() if varies else None)
+        axes[0].set_xlabel(label("velocity", "m/s"))
+        axes[0].set_ylabel(label("force", "N"))
+        axes[0].set_title(f"{noun.title}, sine of {1e3 * stroke:.3g} mm at {frequency:.3g} Hz, virtual")
+        if varies:
+            axes[0].legend()
+
+    return 1, draw
+
+
+@drawing_of.register
+def _(noun: CarRun) -> Drawing:
+    names = [n for n in SHOWN if n in noun.signals]
+
+    def draw(axes: Sequence[Axes]) -> None:
+        for ax, name in zip(axes, names, strict=True):
+            ax.plot(*thinned(noun.time, noun[name]), color=BLUE, linewidth=0.8)
+            ax.set_ylabel(label(name.replace("_", "\n"), noun.units[name]))
+        axes[-1].set_xlabel(label("time", "s"))
+
+    return len(names), draw
+
+
+@drawing_of.register
+def _(noun: RideComparison) -> Drawing:
+    """Comfort against tyre load, each law against the reference on the first road."""
+    road = noun.roads[0]
+    reference = noun.row(noun.reference, road)
+
+    def draw(axes: Sequence[Axes]) -> None:
+        for k, row in enumerate(noun.on(road)):
+            x, y = (100 * row.against(reference, n).mean for n in ("comfort", "tyre_load"))
+            axes[0].plot([x], [y], "o", color=CYCLE[k % len(CYCLE)])
+            axes[0].annotate(row.name, (x, y), xytext=(4, 4), textcoords="offset points", fontsize=8)
+        axes[0].set_xlabel(label(f"comfort against {noun.reference}", "%"))
+        axes[0].set_ylabel(label("tyre load", "%"))
+        axes[0].set_title(road)
+
+    return 1, draw
