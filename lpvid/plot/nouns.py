@@ -167,8 +167,8 @@ def _locus(model: LPVTransferFunction | LPVStateSpace) -> Drawing:
         if varying:
             found = pole_locus(model, model.box.names[0])
             colours = np.repeat(found.p[:, None], found.poles.shape[1], axis=1)
-            drawn = ax.scatter(np.real(found.poles).ravel(), np.imag(found.poles).ravel(), c=colours.ravel(), s=9, cmap=SCALE,
-                               zorder=3, linewidths=0)
+            drawn = ax.scatter(np.real(found.poles).ravel(), np.imag(found.poles).ravel(), c=colours.ravel(), s=9,
+                               cmap=SCALE, zorder=3, linewidths=0)
             ax.figure.colorbar(drawn, ax=ax, label=label(found.variable, found.unit))
         else:
             poles = np.asarray(model.to_control([]).poles())
