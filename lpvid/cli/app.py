@@ -9,6 +9,7 @@ import typer
 from lpvid.cli.compare import compare
 from lpvid.cli.diagnose import diagnose
 from lpvid.cli.export import export
+from lpvid.cli.fleet import fleet
 from lpvid.cli.identify import identify
 from lpvid.cli.inspect import inspect
 from lpvid.cli.running import add, new_app
@@ -72,6 +73,13 @@ EXAMPLES = {
     export: (
         ("C99 for an embedded target", "lpvid export model/model.json --to c --precision float --out generated"),
         ("an FMU with its sources", "lpvid export model/model.json --to fmu2 --out fmu"),
+    ),
+    fleet: (
+        ("one model of many specimens, and who differs from it",
+         f"lpvid fleet 'data/**/*.parquet' --do audit,identify {_SIGNALS} --out fleet"),
+        ("with the causes, on a running cluster",
+         f"lpvid fleet 'data/**/*.csv' --do audit,identify,diagnose {_SIGNALS} --scheduler tcp://10.0.0.1:8786 "
+         "--out fleet"),
     ),
 }
 """Commands in the order of the help, each with (comment, command line) examples."""

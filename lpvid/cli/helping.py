@@ -26,13 +26,14 @@ PANELS: dict[str, tuple[str, ...]] = {
               "affine", "affine_terms", "lagged", "passive", "balanced", "form", "refit_form", "model", "models",
               "parameters", "baseline", "engine", "catalogue", "thorough"),
     "Noise": ("nc", "nd", "refit"),
-    "Selection": ("auto", "budget", "ridge"),
+    "Selection": ("auto", "budget", "ridge", "fdr"),
     "Stability": ("rate", "range", "largest_range", "largest_rate", "gain", "draws", "horizon"),
     "Plant and control": ("car", "damper", "plant", "design", "controller", "measurements", "road", "tune", "bound",
                           "bound_seeds", "seeds", "certificate"),
     "Export": ("to", "name", "precision", "clamp", "at", "limit", "anti_windup", "format"),
     "Output": ("out", "json", "plan_experiment", "list_models", "schema"),
-    "Run": ("config", "template", "seed", "help", "version", "install_completion", "show_completion"),
+    "Run": ("do", "scheduler", "workers", "time_limit", "retries", "config",
+             "template", "seed", "help", "version", "install_completion", "show_completion"),
 }
 """Panels of the help, in their order, with the options that belong to each; any other stands in a panel of its own."""
 OTHER = "Options"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -86,6 +86,97 @@ def identify_stream(chunks: Iterable[Record], structure: ARX | Recursive, *, box
     esr = fold.one_step_esr(seen)
     note = f"identified from a stream of {seen.samples} samples in {seen.records} record(s)"
     return found.replace(notes=(*found.notes, note + ("" if esr is None else f"; one-step ESR {esr:.4g}")))
+
+
+@dataclass(frozen=True, eq=False)
+class StreamFactor:
+    """What a least squares problem keeps of a stream: R of [X Y] and a few facts; adds up by QR.
+
+    Attributes
+    ----------
+    factor : Factor
+    samples : int
+    sample_time : float
+        Mean period [s].
+    heads : tuple of Record
+        One sample of each record, with names and units.
+    power, mean : (n_outputs,) arrays
+        Sum of squares about the mean, and mean, of each output.
+    """
+
+    factor: Factor
+    samples: int
+    sample_time: float
+    heads: tuple[Record, ...]
+    power: np.ndarray
+    mean: np.ndarray
+
+
+def stream_factor(chunks: Iterable[Record], structure: ARX, box: Scheduling) -> StreamFactor:
+    """R of [X Y] over a stream, for an ARX whose scheduling variables are normalised to `box`.
+
+    Factors of several streams with one structure, box and period are put together by `merged_factor`: the R of stacked
+    R's is that of all rows (TSQR; Demmel, Grigori, Hoemmen & Langou 2012).
+
+    Parameters
+    ----------
+    chunks, structure, box
+        As for `identify_stream`.
+
+    Returns
+    -------
+    StreamFactor
+
+    Raises
+    ------
+    InputError
+        As for `identify_stream`.
+    """
+    bound = replace(structure, basis=structure.basis.bound(box))
+    batch: _Batch | None = None
+    seen = _Seen()
+    with single_thread():
+        for piece, continues in _pieces(chunks, structure.channels):
+            if batch is None:
+                assert piece.sample_time is not None
+                batch = _Batch(bound, RowStream(bound, piece.sample_time))
+            if not continues:
+                batch.cut()
+            batch.take(piece)
+            seen.add(piece, structure, continues)
+        if batch is None:
+            raise InputError("no usable samples in the stream", mend="check the channels in use for missing samples")
+        batch.cut()
+    heads = seen.named_heads()
+    assert heads[0].sample_time is not None
+    return StreamFactor(Factor(batch.qr.r, batch.qr.rows_seen, batch.stream.size), seen.samples, heads[0].sample_time,
+                        tuple(heads), seen.power, seen.mean)
+
+
+def merged_factor(factors: Sequence[Factor], width: int = 64) -> Factor:
+    """R of all rows behind several factors of one structure, by a tree of QR's over `width` at a time.
+
+    The tree follows the order given, so that the result does not depend on who computed which factor.
+
+    Parameters
+    ----------
+    factors : sequence of Factor
+    width : int
+
+    Returns
+    -------
+    Factor
+    """
+    if not factors:
+        raise InputError("nothing to put together", got="no factors")
+    if len({(f.columns, f.r.shape) for f in factors}) > 1:
+        raise InputError("the factors are of different structures",
+                         got=", ".join(sorted({f"{f.columns} parameters" for f in factors})))
+    level = [f.r for f in factors]
+    while True:
+        level = [np.linalg.qr(np.vstack(level[k: k + width]), mode="r") for k in range(0, len(level), width)]
+        if len(level) == 1:
+            return Factor(level[0], sum(f.rows for f in factors), factors[0].columns)
 
 
 # -- folding ---------------------------------------------------------------------------------------------------------

@@ -1,0 +1,5 @@
+"""`python -m lpvid`: the command line."""
+
+from lpvid.cli import main
+
+main()

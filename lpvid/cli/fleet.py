@@ -1,0 +1,95 @@
+"""`lpvid fleet`: many files on many processes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lpvid.cli import options
+from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
+from lpvid.errors import InputError
+
+if TYPE_CHECKING:
+    from lpvid.fleet import FleetResult
+    from lpvid.identification.arx import ARX
+
+
+@command
+def fleet(
+    data: options.Data,
+    do: Annotated[str, typer.Option("--do", metavar="STEP[,STEP]", help="audit, identify (one model of all files, and "
+                                    "who differs from it), diagnose (the files that differ).")] = "audit,identify",
+    input: options.Inputs = None,
+    output: options.Outputs = None,
+    schedule: options.Schedule = None,
+    na: Annotated[int, typer.Option("--na", min=0, help="Output lags of the common model.")] = 2,
+    nb: Annotated[str, typer.Option("--nb", metavar="N[,N…]", help="Its input lags.")] = "2",
+    nk: Annotated[str, typer.Option("--nk", metavar="N[,N…]", help="Its first input lag.")] = "0",
+    degree: Annotated[int, typer.Option("--degree", min=0, help="Degree in the scheduling variables.")] = 1,
+    role: options.Role = None,
+    baseline: Annotated[str | None, typer.Option("--baseline", metavar="LAW|FILE", help="What diagnose judges; left "
+                                                 "out, the fleet's own model.")] = None,
+    fdr: Annotated[float, typer.Option("--fdr", help="Expected share of false names among the files named.")] = 0.05,
+    scheduler: Annotated[str | None, typer.Option("--scheduler", metavar="ADDRESS", help="A running Dask scheduler, "
+                                                  "e.g. tcp://10.0.0.1:8786; left out, a cluster on this "
+                                                  "machine.")] = None,
+    workers: Annotated[int | None, typer.Option("--workers", min=1, help="Processes of the local cluster (one a "
+                                                "core).")] = None,
+    time_limit: Annotated[float, typer.Option("--time-limit", metavar="SECONDS", help="Time after which a step of a "
+                                              "file is stopped.")] = 600.0,
+    retries: Annotated[int, typer.Option("--retries", min=0, help="How often a stopped or dead step is tried "
+                                         "again.")] = 2,
+    out: options.Out = None,
+    json: options.Json = False,
+) -> None:
+    """Audit, identify and diagnose many files; writes fleet.json, fleet.csv, report.html and a folder for each file.
+
+    A file that fails or hangs is reported and stops nobody. The folder is the state: run again, and only what is
+    missing there is done. Needs the extra scale (Dask).
+    """
+    from lpvid.cli.data import parse_roles, split_names
+    from lpvid.fleet import plan_fleet, run_fleet
+    from lpvid.report.fleet import fleet_page
+
+    if out is None:
+        raise InputError("a fleet's results are its state", got="no --out", mend="--out DIR")
+    results = Results(out)
+    structure = _structure(split_names(input), split_names(output), split_names(schedule), na, nb, nk, degree)
+    plan = plan_fleet(data, out, do=split_names([do]), structure=structure, roles=parse_roles(role), baseline=baseline,
+                      fdr=fdr, limit=time_limit, retries=retries)
+    with working("starting the cluster") as say:
+        found = run_fleet(plan, scheduler=scheduler, workers=workers, say=say)
+        results.json("fleet.json", found.to_dict())
+        results.bytes("fleet.csv", _table(found).encode("utf-8"))
+        results.report(fleet_page(found))
+    conclude(results, found.to_dict(), str(found), json)
+    if found.failed:
+        raise typer.Exit(SHORTFALL)
+
+
+def _structure(inputs: tuple[str, ...], outputs: tuple[str, ...], schedule: tuple[str, ...], na: int, nb: str, nk: str,
+               degree: int) -> ARX:
+    from lpvid.cli.data import numbers
+    from lpvid.identification.arx import ARX
+    from lpvid.scheduling import Polynomial
+
+    basis = Polynomial(schedule, degree=degree) if schedule else Polynomial()
+    return ARX(na, numbers(nb, "--nb"), numbers(nk, "--nk"), inputs or ("velocity",), outputs or ("force",), basis,
+               affine=1)
+
+
+def _table(found: FleetResult) -> str:
+    """fleet.csv: a line for each file."""
+    import csv
+    import io
+
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["name", "file", "esr", "rmse", "mean_error", "unit", "score", "q", "differs", "causes", "steps"])
+    for row in found.to_dict()["files"]:
+        rows.writerow([row["name"], row["file"], *(row.get(k) for k in ("esr", "rmse", "mean_error", "unit", "score",
+                                                                        "q")), row["differs"], " ".join(row["causes"]),
+                       " ".join(f"{s}:{o['state']}" for s, o in row["steps"].items())])
+    return text.getvalue()
+

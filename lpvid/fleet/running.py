@@ -1,0 +1,279 @@
+"""run_fleet: every step of every file on a Dask cluster, one model of all files, and who differs from it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.fleet import steps
+from lpvid.fleet.differing import Differing, differing
+from lpvid.fleet.plan import FleetPlan, Job
+from lpvid.fleet.state import Outcome, keep
+from lpvid.identification.streaming import merged_factor
+from lpvid.scheduling import Scheduling
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+    from lpvid.identification.result import Identification
+
+ROUNDS = 5
+"""Fits of the fleet's model at most: each without the files that differed from the one before."""
+LOST = "lost"
+"""Message of a step whose workers were killed more often than it may be tried again."""
+
+
+@dataclass(frozen=True, eq=False)
+class FleetResult:
+    """What came out.
+
+    Attributes
+    ----------
+    plan : FleetPlan
+    outcomes : mapping of str to mapping of str to Outcome
+        By file, then by step.
+    found : Identification or None
+        The one model of all files that do not differ.
+    errors : mapping of str to mapping
+        Free run of that model along each file: ``esr``, ``rmse``, ``unit``, ``mean_error``.
+    differing : Differing or None
+    causes : mapping of str to tuple of str
+        Of the files that differ, by their diagnosis.
+    left_out : mapping of str to str
+        Files that take no part in the common model, and why.
+    """
+
+    plan: FleetPlan
+    outcomes: Mapping[str, Mapping[str, Outcome]]
+    found: Identification | None
+    errors: Mapping[str, Mapping[str, Any]]
+    differing: Differing | None
+    causes: Mapping[str, tuple[str, ...]]
+    left_out: Mapping[str, str]
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Files of which some step was not done."""
+        return tuple(n for n, found in self.outcomes.items() if any(o.state != "done" for o in found.values()))
+
+    @property
+    def verdict(self) -> str:
+        """One sentence."""
+        count = len(self.plan.jobs)
+        said = f"{count - len(self.failed)} of {count} files done"
+        if self.failed:
+            said += f", {len(self.failed)} not (first: {self.failed[0]})"
+        if self.differing is None:
+            return said + "."
+        named = [n + (f" ({', '.join(self.causes[n])})" if self.causes.get(n) else "") for n in self.differing.named]
+        who = f"{len(named)} differ from the fleet's model: {', '.join(named[:6])}" if named else "none differs"
+        more = f" and {len(named) - 6} more" if len(named) > 6 else ""
+        return f"{said}; {who}{more}, at a false discovery rate of {self.differing.fdr:g}."
+
+    def to_dict(self) -> dict:
+        """fleet.json."""
+        def row(job: Job) -> dict:
+            d = self.differing
+            return {"name": job.name, "file": str(job.path), **dict(self.errors.get(job.name, {})),
+                    "score": None if d is None else d.score.get(job.name),
+                    "q": None if d is None else d.q.get(job.name), "differs": d is not None and job.name in d.named,
+                    "causes": list(self.causes.get(job.name, ())), "left_out": self.left_out.get(job.name),
+                    "steps": {s: {"state": o.state, "message": o.message if o.state != "done" else "",
+                                  "seconds": o.seconds} for s, o in self.outcomes.get(job.name, {}).items()}}
+
+        return {"schema": "lpvid/fleet/1", "verdict": self.verdict, "do": list(self.plan.do), "fdr": self.plan.fdr,
+                "files": [row(j) for j in self.plan.jobs]}
+
+    def __str__(self) -> str:
+        lines = [f"Fleet: {self.verdict}"]
+        if self.found is not None:
+            lines.append(f"  model of all: {self.found.model}")
+        for name in (() if self.differing is None else self.differing.named)[:12]:
+            e = self.errors[name]
+            lines.append(f"  {name}: free-run ESR {e['esr'] or np.inf:.4g} (median of the fleet "
+                         f"{np.exp(self.differing.centre):.4g}), q {self.differing.q[name]:.2g}"  # type: ignore[union-attr]
+                         + (f", cause {', '.join(self.causes[name])}" if self.causes.get(name) else ""))
+        for name in self.failed[:12]:
+            bad = next(o for o in self.outcomes[name].values() if o.state != "done")
+            lines.append(f"  {name}: {bad.step} {bad.state}: {bad.message}")
+        lines += [f"  {name}: not in the common model: {why}" for name, why in list(self.left_out.items())[:12]]
+        return "\n".join(lines)
+
+
+def run_fleet(plan: FleetPlan, *, scheduler: str | None = None, workers: int | None = None,
+              say: Callable[[str], None] = lambda text: None) -> FleetResult:
+    """Do a plan; what stands in its folder already is not done again.
+
+    Parameters
+    ----------
+    plan : FleetPlan
+    scheduler : str, optional
+        Address of a running Dask scheduler whose workers see the same files; left out, a cluster on this machine.
+    workers : int, optional
+        Processes of that local cluster; left out, one for each core.
+    say : callable
+        Receives progress.
+
+    Returns
+    -------
+    FleetResult
+
+    Raises
+    ------
+    InputError
+        Without Dask, or where the scheduler does not answer.
+    """
+    plan.out.mkdir(parents=True, exist_ok=True)
+    with connected(scheduler, workers) as client:
+        outcomes: dict[str, dict[str, Outcome]] = {j.name: {} for j in plan.jobs}
+
+        def stage(step: str, function: Callable[..., Outcome], jobs: Sequence[Job], *more: Any) -> list[Job]:
+            for job, found in _stage(client, step, function, jobs, plan, more, say):
+                outcomes[job.name][step] = found
+            return [j for j in jobs if outcomes[j.name][step].state == "done"]
+
+        if "audit" in plan.do:
+            stage("audit", steps.audit, plan.jobs)
+        if "identify" not in plan.do:
+            if "diagnose" in plan.do:
+                stage("diagnose", steps.diagnose, plan.jobs, plan.out / "model.json", "own")
+            return FleetResult(plan, outcomes, None, {}, None, _causes(plan, plan.jobs), {})
+        return _common(plan, stage, outcomes, say)
+
+
+def _common(plan: FleetPlan, stage: Callable[..., list[Job]], outcomes: dict[str, dict[str, Outcome]],
+            say: Callable[[str], None]) -> FleetResult:
+    """One model of all, who differs, and why."""
+    from lpvid.export.serialise import save
+
+    ready = stage("scan", steps.scan, plan.jobs)
+    facts = {j.name: json.loads(outcomes[j.name]["scan"].message) for j in ready}
+    left_out = {j.name: outcomes[j.name]["scan"].message for j in plan.jobs if j not in ready}
+    if not ready:
+        return FleetResult(plan, outcomes, None, {}, None, {}, left_out)
+    rate = 1.0 / float(np.median([f["sample_time"] for f in facts.values()]))
+    box = _box(plan, [facts[j.name] for j in ready])
+    tag = _tag(box, rate)
+    fitted = stage("identify", steps.factor, ready, box, rate, tag)
+    left_out |= {j.name: outcomes[j.name]["identify"].message for j in ready if j not in fitted}
+    kept, found, judged, errors, apart = fitted, None, [], {}, None
+    for round_ in range(ROUNDS):
+        say(f"one model of {len(kept)} files, round {round_ + 1}")
+        found = _solved(plan, kept, box, rate)
+        path = plan.out / "model" / "model.json"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save(found.model, path)
+        version = f"{tag}-{_version(found)}"
+        judged = stage("judge", steps.judge, fitted, path, rate, version)
+        errors = {j.name: json.loads(outcomes[j.name]["judge"].message) for j in judged}
+        apart = differing({n: np.inf if e["esr"] is None else e["esr"] for n, e in errors.items()}, plan.fdr)
+        following = [j for j in fitted if j.name not in apart.named]
+        if following == kept or not following:
+            break
+        kept = following
+    assert apart is not None
+    named = [j for j in judged if j.name in apart.named]
+    if "diagnose" in plan.do:
+        stage("diagnose", steps.diagnose, named, plan.out / "model" / "model.json", version)
+    return FleetResult(plan, outcomes, found, errors, apart, _causes(plan, named), left_out)
+
+
+def _box(plan: FleetPlan, facts: Sequence[Mapping[str, Any]]) -> Scheduling:
+    """Around the scheduling of all files."""
+    names = plan.structure.basis.names
+    if not names:
+        return Scheduling((), (), ())
+    low = np.min([f["low"] for f in facts], axis=0)
+    high = np.max([f["high"] for f in facts], axis=0)
+    for name, a, b in zip(names, low, high, strict=True):
+        if not b > a:
+            raise InputError(f"scheduling variable '{name}' is constant over the whole fleet", got=f"{a:.6g}",
+                             mend="leave --schedule out, or add files at other levels")
+    return Scheduling(names, tuple(low.tolist()), tuple(high.tolist()), units=tuple(facts[0]["units"]))
+
+
+def _solved(plan: FleetPlan, jobs: Sequence[Job], box: Scheduling, rate: float) -> Identification:
+    """The model that the factors of some files hold, in the order of their names."""
+    from dataclasses import replace
+
+    in_order = sorted(jobs, key=lambda j: j.name)
+    whole = merged_factor([steps.read_factor(j) for j in in_order])
+    head = next(iter(steps.records(in_order[0], plan, rate)))  # type: ignore[call-overload]
+    heads = [replace(head.slice(0, 1), time=None, sample_time=1.0 / rate, name=j.name) for j in in_order]
+    bound = replace(plan.structure, basis=plan.structure.basis.bound(box))
+    return bound.solved(heads, box, whole)
+
+
+def _tag(box: Scheduling, rate: float) -> str:
+    import hashlib
+
+    return hashlib.sha256(repr((box.names, box.lower, box.upper, round(rate, 9))).encode()).hexdigest()[:12]
+
+
+def _version(found: Identification) -> str:
+    import hashlib
+
+    return hashlib.sha256(np.round(found.parameters, 12).tobytes()).hexdigest()[:12]
+
+
+def _causes(plan: FleetPlan, jobs: Sequence[Job]) -> dict[str, tuple[str, ...]]:
+    """Names that the diagnoses on disk give."""
+    found = {}
+    for job in jobs:
+        try:
+            data = json.loads((job.folder / "diagnosis" / "diagnosis.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue
+        found[job.name] = tuple(c["name"] for c in data.get("causes", []))
+    return found
+
+
+# -- cluster -----------------------------------------------------------------------------------------------------------
+@contextmanager
+def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
+    """A client of the scheduler at an address, or of a cluster on this machine that ends with it."""
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ImportError:
+        raise InputError("a fleet needs Dask", mend="pip install 'lpvid[scale]'") from None
+    if scheduler is not None:
+        try:
+            client = Client(scheduler, timeout=20)
+        except (OSError, ValueError) as error:
+            raise InputError(f"the scheduler at '{scheduler}' does not answer", why=str(error).splitlines()[0],
+                             mend="start one with dask scheduler, or leave --scheduler out") from None
+        try:
+            yield client
+        finally:
+            client.close()
+        return
+    with dask.config.set({"distributed.scheduler.allowed-failures": 5}):
+        cluster = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None,
+                               silence_logs=50)
+        with cluster, Client(cluster) as client:
+            yield client
+
+
+def _stage(client: Client, step: str, function: Callable[..., Outcome], jobs: Sequence[Job], plan: FleetPlan,
+           more: tuple[Any, ...], say: Callable[[str], None]) -> Iterator[tuple[Job, Outcome]]:
+    """One step of many files; a file whose workers die again and again is reported and stops nobody."""
+    from distributed import as_completed
+
+    shared = client.scatter(plan, broadcast=True, hash=False) if len(jobs) > 1 else plan
+    futures = {client.submit(function, job, shared, *more, pure=False, retries=plan.retries): job for job in jobs}
+    for count, future in enumerate(as_completed(futures), 1):
+        job = futures[future]
+        try:
+            found = future.result()
+        except Exception as error:  # whatever a worker met: the rest goes on, and this file says so
+            said = str(error).splitlines()[0] if str(error) else type(error).__name__
+            found = keep(job, Outcome(step, "died", f"{LOST}: {said}"[:300], 0.0, "died"))
+        say(f"{step}: {count} of {len(jobs)} files")
+        yield job, found

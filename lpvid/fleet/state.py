@@ -1,0 +1,67 @@
+"""State of a file's steps on disk: what is done, with what outcome, for which version of file and settings."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from lpvid.export.json_files import write_text
+from lpvid.fleet.plan import Job
+
+FILE = "state.json"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a step of a file ended.
+
+    Attributes
+    ----------
+    step : str
+    state : {"done", "refused", "stopped", "died"}
+        Refused: the input is at fault. Stopped: the time limit. Died: its process ended without a word.
+    message : str
+    seconds : float
+    key : str
+        Hash of settings and file that this outcome is of.
+    """
+
+    step: str
+    state: str
+    message: str
+    seconds: float
+    key: str
+
+    @property
+    def final(self) -> bool:
+        """Whether trying again would give the same."""
+        return self.state in ("done", "refused")
+
+
+def stamp(path: Path, key: str) -> str:
+    """Key of a step with the version of the file that it reads."""
+    about = path.stat()
+    return f"{key}-{about.st_size}-{about.st_mtime_ns}"
+
+
+def outcome(job: Job, step: str, key: str) -> Outcome | None:
+    """What stands on disk for a step of the same file and settings; None where there is nothing."""
+    found = _read(job.folder).get(step)
+    return Outcome(**found) if found is not None and found["key"] == key else None
+
+
+def keep(job: Job, found: Outcome) -> Outcome:
+    """Write an outcome beside those of the other steps."""
+    job.folder.mkdir(parents=True, exist_ok=True)
+    steps = {**_read(job.folder), found.step: asdict(found)}
+    write_text(json.dumps(steps, indent=1) + "\n", job.folder / FILE)
+    return found
+
+
+def _read(folder: Path) -> dict[str, dict]:
+    try:
+        data = json.loads((folder / FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return data if isinstance(data, dict) else {}

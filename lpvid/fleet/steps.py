@@ -1,0 +1,159 @@
+"""The steps of one file, as any worker runs them: each leaves its results and its outcome on disk."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.fleet.plan import FleetPlan, Job
+from lpvid.fleet.state import Outcome, keep, outcome, stamp
+from lpvid.identification.regression import Factor
+from lpvid.identification.streaming import stream_factor
+from lpvid.record import Record
+from lpvid.scheduling import Scheduling
+
+LARGE = 256e6
+"""Bytes of a CSV or Parquet file above which it is read in parts."""
+ROWS = 500_000
+"""Samples of a part."""
+
+
+def audit(job: Job, plan: FleetPlan) -> Outcome:
+    """`lpvid inspect` in a process of its own, and the range of the channels in use."""
+    words = ["inspect", str(job.path), "--out", str(job.folder / "audit"), "--json", *_roles(plan)]
+    return _command("audit", job, plan, words, stamp(job.path, plan.key("audit")))
+
+
+def scan(job: Job, plan: FleetPlan) -> Outcome:
+    """Range of the scheduling variables, period and length: what all files must agree on before a common fit."""
+
+    def work() -> str:
+        names = plan.structure.basis.names
+        low, high = np.full(len(names), np.inf), np.full(len(names), -np.inf)
+        units: tuple[str, ...] = ("",) * len(names)
+        samples, duration = 0, 0.0
+        for record in records(job, plan, None):
+            if record.sample_time is None:
+                raise InputError(f"record '{record.name}' has no uniform clock", mend="resample it before")
+            for name in plan.structure.channels:
+                record.channel(name)
+            p = record.matrix(names)
+            low, high = np.fmin(low, np.nanmin(p, axis=0)), np.fmax(high, np.nanmax(p, axis=0))
+            units = tuple(record.unit(n) for n in names)
+            samples, duration = samples + record.n_samples, duration + record.duration
+            period = record.sample_time
+        data = {"low": low.tolist(), "high": high.tolist(), "units": units, "samples": samples, "duration": duration,
+                "sample_time": period}
+        return json.dumps(data)
+
+    return _here("scan", job, stamp(job.path, plan.key("scan")), work)
+
+
+def factor(job: Job, plan: FleetPlan, box: Scheduling, rate: float, tag: str) -> Outcome:
+    """R of the file's regression, as factor.npz."""
+
+    def work() -> str:
+        found = stream_factor(records(job, plan, rate), plan.structure, box)
+        target = job.folder / "factor.npz"
+        part = target.with_suffix(".part.npz")
+        np.savez(part, r=found.factor.r, rows=found.factor.rows, columns=found.factor.columns)
+        part.replace(target)
+        return f"{found.samples} samples"
+
+    return _here("identify", job, f"{stamp(job.path, plan.key('identify'))}-{tag}", work)
+
+
+def judge(job: Job, plan: FleetPlan, model: Path, rate: float, tag: str) -> Outcome:
+    """Free run of the fleet's model along the file: error, power of the output."""
+
+    def work() -> str:
+        from lpvid.export.serialise import load
+        from lpvid.validation import validate
+
+        fitted = load(model)
+        found = validate(fitted, list(records(job, plan, rate)), label="training")
+        free = found.overall.free_run
+        return json.dumps({"esr": free.esr, "rmse": free.rmse, "unit": free.rmse_unit, "mean_error": free.mean_error,
+                           "diverged": free.diverged_at is not None})
+
+    return _here("judge", job, f"{stamp(job.path, plan.key('identify'))}-{tag}", work)
+
+
+def diagnose(job: Job, plan: FleetPlan, model: Path, tag: str) -> Outcome:
+    """`lpvid diagnose` against the fleet's model, in a process of its own."""
+    words = ["diagnose", str(job.path), "--baseline", plan.baseline or str(model), "--out",
+             str(job.folder / "diagnosis"), "--json", *_roles(plan), *plan.diagnose_options]
+    return _command("diagnose", job, plan, words, f"{stamp(job.path, plan.key('diagnose'))}-{tag}")
+
+
+def records(job: Job, plan: FleetPlan, rate: float | None) -> Sequence[Record] | object:
+    """The file's records at one rate; a large file in parts where its rate is right already."""
+    from lpvid.condition import segments, with_velocity
+    from lpvid.files import read
+    from lpvid.files.streaming import read_chunks
+
+    if job.path.stat().st_size > LARGE and job.path.suffix.lower() in (".csv", ".parquet"):
+        return read_chunks(job.path, ROWS, roles=plan.roles)
+    channels = plan.structure.channels
+    found = [with_velocity(r) if "velocity" in channels else r for r in read(job.path, roles=plan.roles)]
+    return found if rate is None else segments(found, channels, sample_rate=rate, minimum=1)
+
+
+def read_factor(job: Job) -> Factor:
+    """What `factor` left."""
+    with np.load(job.folder / "factor.npz") as data:
+        return Factor(data["r"], int(data["rows"]), int(data["columns"]))
+
+
+def _roles(plan: FleetPlan) -> list[str]:
+    return [word for role, channel in plan.roles.items() for word in ("--role", f"{role}={channel}")]
+
+
+def _here(step: str, job: Job, key: str, work: Callable[[], str]) -> Outcome:
+    """A step inside the worker."""
+    found = outcome(job, step, key)
+    if found is not None and found.final:
+        return found
+    begun = time.monotonic()
+    try:
+        message, state = work(), "done"
+    except InputError as error:
+        message, state = " ".join(str(error).split()), "refused"
+    return keep(job, Outcome(step, state, message, round(time.monotonic() - begun, 3), key))
+
+
+def _command(step: str, job: Job, plan: FleetPlan, words: Sequence[str], key: str) -> Outcome:
+    """A step as a command in a process of its own, stopped after the limit; tried again where that may help."""
+    found = outcome(job, step, key)
+    if found is not None and found.final:
+        return found
+    begun = time.monotonic()
+    state, message = "died", ""
+    for _ in range(1 + plan.retries):
+        state, message = _once(words, plan.limit)
+        if state in ("done", "refused"):
+            break
+    return keep(job, Outcome(step, state, message, round(time.monotonic() - begun, 3), key))
+
+
+def _once(words: Sequence[str], limit: float) -> tuple[str, str]:
+    quiet = {**os.environ, "LPVID_PROGRESS": "quiet", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    try:
+        done = subprocess.run([sys.executable, "-m", "lpvid", *words], capture_output=True, text=True, timeout=limit,
+                              env=quiet, check=False)
+    except subprocess.TimeoutExpired:
+        return "stopped", f"stopped after {limit:g} s"
+    if done.returncode in (0, 3):
+        return "done", ""
+    last = (done.stderr.strip().splitlines() or [""])[-1]
+    if done.returncode == 2:
+        return "refused", last.removeprefix("error: ")
+    return "died", f"exit code {done.returncode}: {last}"

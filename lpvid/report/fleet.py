@@ -1,0 +1,89 @@
+"""Report of `lpvid fleet`: who differs, by which cause, how strongly; links to the reports of each file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lpvid.fleet.running import FleetResult
+from lpvid.plot.fleet import errors
+from lpvid.report.page import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number
+
+if TYPE_CHECKING:
+    from lpvid.fleet.plan import Job
+
+
+def fleet_page(found: FleetResult) -> Page:
+    """A page about a fleet.
+
+    Parameters
+    ----------
+    found : FleetResult
+
+    Returns
+    -------
+    Page
+    """
+    named = () if found.differing is None else found.differing.named
+    mark: Mark = "bad" if named else "warn" if found.failed else "good"
+    count = len(found.plan.jobs)
+    facts = [("files", str(count)), ("done", str(count - len(found.failed))), ("differ", str(len(named)))]
+    if found.differing is not None:
+        facts.append(("median free-run ESR, training", number(float(np.exp(found.differing.centre)))))
+        facts.append(("false discovery rate", f"{found.plan.fdr:g}"))
+    sections = []
+    if found.differing is not None and np.isfinite(found.differing.centre):
+        sections.append(Section("Who differs", tuple(_who(found))))
+    elif found.differing is not None:
+        sections.append(Section("Who differs", (Paragraph("Nobody is named: a spread between fewer than eight files is "
+                                                          "no more than a guess."),)))
+    sections.append(Section("All files", (_all(found),)))
+    if found.failed or found.left_out:
+        sections.append(Section("Not done", (Notes(tuple(_faults(found))),)))
+    return Page("Fleet", found.verdict, mark, tuple(facts), (), tuple(sections))
+
+
+def _who(found: FleetResult) -> list[Item]:
+    assert found.differing is not None
+    items: list[Item] = [
+        Paragraph(f"The model of the {len(found.errors) - len(found.differing.named)} other files runs freely along "
+                  "each file. A file differs where the logarithm of its error lies further above the fleet's median "
+                  "than the spread of the others explains."),
+        Figure.of(errors(found.errors, found.differing), "Free-run ESR of the fleet's model along each file, measured "
+                  "data, sorted; the line is the fleet's median, orange dots differ.")]
+    rows = tuple((n, *_errors(found.errors[n]), number(found.differing.score[n], 3), f"{found.differing.q[n]:.2g}",
+                  ", ".join(found.causes.get(n, ())) or "–", f"files/{n}/") for n in found.differing.named)
+    if rows:
+        items.append(Table(("file", "free-run ESR", "rmse", "mean error", "score", "q", "cause", "its reports"), rows,
+                           "Score: robust standard deviations above the median. q: least false discovery rate at which "
+                           "the file is named.", (1, 2, 3, 4, 5)))
+    return items
+
+
+def _errors(e: Mapping[str, Any]) -> tuple[str, str, str]:
+    return (number(e["esr"]) if not e["diverged"] else "diverges", number(e["rmse"], 4, e["unit"]),
+            number(e["mean_error"], 3, e["unit"]))
+
+
+def _all(found: FleetResult) -> Table:
+    rows, marks = [], []
+    named = () if found.differing is None else found.differing.named
+    for job in found.plan.jobs:
+        e = found.errors.get(job.name)
+        rows.append((job.name, *(("–",) * 3 if e is None else _errors(e)), _steps(found, job)))
+        marks.append("bad" if job.name in found.failed else "warn" if job.name in named else "good")
+    return Table(("file", "free-run ESR", "rmse", "mean error", "steps"), tuple(rows), "", (1, 2, 3), tuple(marks),
+                 f"{len(rows)} files" if len(rows) > 40 else "")
+
+
+def _steps(found: FleetResult, job: Job) -> str:
+    return ", ".join(f"{s} {o.state}" for s, o in found.outcomes.get(job.name, {}).items())
+
+
+def _faults(found: FleetResult) -> list[str]:
+    lines = [f"{name}: {o.step} {o.state}: {o.message}" for name in found.failed
+             for o in found.outcomes[name].values() if o.state != "done"]
+    others = {n: why for n, why in found.left_out.items() if n not in found.failed}
+    return lines + [f"{n}: not in the common model: {why}" for n, why in others.items()]

@@ -1,0 +1,195 @@
+"""Fleets: one result per file, one model of all, who differs; workers that die and files that cannot be used."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import lpvid as lpv
+from lpvid.cli.app import app
+from lpvid.errors import InputError
+from lpvid.fleet import differing, plan_fleet, run_fleet
+from lpvid.fleet.running import connected
+from lpvid.fleet.state import Outcome, keep, outcome
+from lpvid.identification.regression import Factor
+from lpvid.identification.streaming import merged_factor, stream_factor
+
+pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
+STRUCTURE = lpv.ARX(2, 2, 0, "velocity", "force", lpv.Polynomial("current", degree=1), affine=1)
+
+
+def specimen(k: int, friction: float = 0.0, samples: int = 1500) -> lpv.Record:
+    """A damper of a series with 3 % spread; virtual."""
+    rng = np.random.default_rng(k)
+    v = np.zeros(samples)
+    for n in range(1, samples):
+        v[n] = 0.95 * v[n - 1] + 0.05 * rng.normal()
+    current = 1 + 0.9 * np.sin(0.01 * np.arange(samples) + k)
+    force = (1000 * (1 + 0.03 * rng.normal()) + 400 * current) * v + friction * np.sign(v) + rng.normal(0, 3, samples)
+    return lpv.Record({"velocity": v, "current": current, "force": force}, sample_time=0.002, name=f"d{k:02d}",
+                      units={"velocity": "m/s", "current": "A", "force": "N"})
+
+
+def written(record: lpv.Record, folder: Path) -> None:
+    rows = np.column_stack([record.times, *(record[n] for n in record.channels)])
+    np.savetxt(folder / f"{record.name}.csv", rows, fmt="%.10g", delimiter=",", comments="",
+               header="time [s],velocity [m/s],current [A],force [N]")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    home = tmp_path_factory.mktemp("fleet")
+    for k in range(12):
+        written(specimen(k, friction=25.0 if k == 7 else 0.0), home)
+    (home / "broken.csv").write_text("time [s],velocity [m/s]\n0,hello\n")
+    return home
+
+
+# -- factors -----------------------------------------------------------------------------------------------------------
+def test_factors_of_parts_give_the_estimate_of_the_whole() -> None:
+    whole = [specimen(k) for k in range(5)]
+    box = lpv.Scheduling(("current",), (0.0,), (2.0,), units=("A",))
+    parts = [stream_factor([r.slice(0, 700), r.slice(700, 1500)], STRUCTURE, box) for r in whole]
+    merged = merged_factor([p.factor for p in parts], width=2)
+    found = STRUCTURE.__class__(**{**vars(STRUCTURE), "basis": STRUCTURE.basis.bound(box)}).solved(
+        [h for p in parts for h in p.heads], box, merged)
+    streamed = lpv.identify_stream(whole, STRUCTURE, box=box)
+    np.testing.assert_allclose(found.parameters, streamed.parameters, rtol=1e-10, atol=1e-10)
+    assert found.n_samples == streamed.n_samples == merged.rows
+    again = merged_factor([p.factor for p in parts], width=64)
+    np.testing.assert_allclose(np.abs(again.r), np.abs(merged.r), atol=1e-9 * np.abs(merged.r).max())
+
+
+def test_factors_that_do_not_belong_together_are_refused() -> None:
+    with pytest.raises(InputError, match="no factors"):
+        merged_factor([])
+    with pytest.raises(InputError, match="different structures"):
+        merged_factor([Factor(np.eye(3), 9, 2), Factor(np.eye(4), 9, 3)])
+
+
+# -- who differs -------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("count", [12, 40, 200])
+def test_the_false_discovery_rate_holds(count: int) -> None:
+    rng = np.random.default_rng(count)
+    false, named = [], []
+    for _ in range(300):
+        esr = {f"h{k}": float(np.exp(rng.normal(-4, 0.3))) for k in range(count)}
+        esr |= {f"bad{k}": float(np.exp(-4 + 0.3 * 12)) for k in range(max(1, count // 40))}
+        found = differing(esr, 0.05).named
+        false.append(sum(n.startswith("h") for n in found) / max(len(found), 1))
+        named.append(sum(n.startswith("b") for n in found) / max(1, count // 40))
+    assert np.mean(false) <= 0.05 + 2 * np.std(false) / np.sqrt(300)
+    assert np.mean(named) > 0.95
+
+
+def test_few_files_name_nobody_and_a_divergent_run_is_named() -> None:
+    assert differing({f"a{k}": 10.0**k for k in range(7)}).named == ()
+    rng = np.random.default_rng(1)
+    esr = {f"a{k}": float(np.exp(rng.normal())) for k in range(40)} | {"wild": float("inf")}
+    assert differing(esr).named[0] == "wild"
+    assert differing({**{f"a{k}": 0.1 for k in range(20)}, "b": 0.2}).named == ("b",)
+
+
+# -- plan and state ----------------------------------------------------------------------------------------------------
+def test_names_are_unique_below_the_common_folder(tmp_path: Path) -> None:
+    for name in ("x/a.csv", "y/a.csv", "y/b.csv", "y/b.tsv"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("t")
+    plan = plan_fleet([f"{tmp_path}/**/*.?sv"], tmp_path / "out")
+    assert [j.name for j in plan.jobs] == ["x__a", "y__a", "y__b.csv", "y__b.tsv"]
+    for wrong in ({"do": ["audit", "guess"]}, {"do": ["diagnose"]}, {"fdr": 0.0}, {"limit": -1.0}):
+        with pytest.raises(InputError):
+            plan_fleet([f"{tmp_path}/x/*"], tmp_path / "out", **wrong)
+
+
+def test_an_outcome_counts_for_its_own_settings_only(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t")
+    job = plan_fleet([str(tmp_path / "a.csv")], tmp_path / "out").jobs[0]
+    assert outcome(job, "audit", "k") is None
+    keep(job, Outcome("audit", "done", "", 1.0, "k"))
+    keep(job, Outcome("scan", "refused", "no", 1.0, "k"))
+    assert outcome(job, "audit", "k") == Outcome("audit", "done", "", 1.0, "k")
+    assert outcome(job, "audit", "other") is None
+    (job.folder / "state.json").write_text("{ not json")
+    assert outcome(job, "audit", "k") is None
+
+
+def test_a_missing_scheduler_is_one_line() -> None:
+    with pytest.raises(InputError, match="does not answer"), connected("tcp://127.0.0.1:9", None):
+        pass
+
+
+# -- on a cluster ------------------------------------------------------------------------------------------------------
+def untimed(found: Any) -> Any:
+    if isinstance(found, dict):
+        return {k: untimed(v) for k, v in found.items() if k != "seconds"}
+    return [untimed(v) for v in found] if isinstance(found, list) else found
+
+
+@pytest.mark.slow
+def test_killed_workers_change_nothing(folder: Path, tmp_path: Path) -> None:
+    def plan(name: str) -> Any:
+        return plan_fleet([f"{folder}/*.csv"], tmp_path / name, do=("identify",), structure=STRUCTURE)
+
+    calm = run_fleet(plan("calm"), workers=2)
+    killed: list[int] = []
+
+    def kill_now_and_then(text: str) -> None:
+        if text.startswith(("scan", "identify")) and len(killed) < 2 and ": 3 of" in text:
+            children = Path(f"/proc/{os.getpid()}/task")
+            pids = {int(p) for t in children.iterdir() for p in (t / "children").read_text().split()}
+            workers = [p for p in pids if b"nanny" in Path(f"/proc/{p}/cmdline").read_bytes()
+                       or b"spawn_main" in Path(f"/proc/{p}/cmdline").read_bytes()]
+            if workers:
+                killed.append(workers[0])
+                os.kill(workers[0], signal.SIGKILL)
+
+    stormy = run_fleet(plan("stormy"), workers=3, say=kill_now_and_then)
+    assert len(killed) == 2
+    one, other = untimed(calm.to_dict()), untimed(stormy.to_dict())
+    assert one == other
+    assert calm.found is not None and stormy.found is not None
+    np.testing.assert_allclose(calm.found.parameters, stormy.found.parameters, rtol=1e-10)
+    assert calm.differing is not None and calm.differing.named == ("d07",)
+    assert calm.failed == ("broken",) and "broken" in calm.left_out
+    records = [lpv.read(folder / f"d{k:02d}.csv")[0] for k in range(12) if k != 7]
+    whole = lpv.identify_stream(records, STRUCTURE)
+    np.testing.assert_allclose(calm.found.parameters, whole.parameters, rtol=1e-3, atol=1e-6)  # another box: d07 in it
+
+    begun = time.monotonic()
+    again = run_fleet(plan("calm"), workers=2)
+    assert untimed(again.to_dict()) == one and time.monotonic() - begun < 60
+
+
+@pytest.mark.slow
+def test_the_command_reports_what_hangs_and_goes_on(folder: Path, tmp_path: Path) -> None:
+    if not hasattr(os, "mkfifo"):
+        pytest.skip("no named pipes here")
+    mixed = tmp_path / "mixed"
+    mixed.mkdir()
+    for k in range(2):
+        written(specimen(k), mixed)
+    os.mkfifo(mixed / "hangs.csv")  # a file that never ends
+    words = ["--do", "audit", "--time-limit", "25", "--retries", "0", "--workers", "2", "--json"]
+    result = CliRunner().invoke(app, ["fleet", f"{mixed}/*.csv", *words, "--out", str(tmp_path / "out")])
+    assert result.exit_code == 3, result.output
+    rows = {r["name"]: r for r in json.loads(result.stdout)["files"]}
+    assert rows["hangs"]["steps"]["audit"]["state"] == "stopped"
+    assert all(rows[f"d0{k}"]["steps"]["audit"]["state"] == "done" for k in range(2))
+    assert (tmp_path / "out" / "files" / "d00" / "audit" / "report.html").is_file()
+    assert (tmp_path / "out" / "fleet.csv").read_text().count("\n") == 4
+    assert threading.active_count() < 50
+
+
+def test_without_a_folder_the_command_says_so(folder: Path) -> None:
+    result = CliRunner().invoke(app, ["fleet", f"{folder}/*.csv"])
+    assert result.exit_code == 2 and "--out DIR" in result.stderr and result.stderr.count("\n") == 1
