@@ -204,7 +204,7 @@ def _solved(plan: FleetPlan, jobs: Sequence[Job], box: Scheduling, rate: float) 
 
     in_order = sorted(jobs, key=lambda j: j.name)
     whole = merged_factor([steps.read_factor(j) for j in in_order])
-    head = next(iter(steps.records(in_order[0], plan, rate)))  # type: ignore[call-overload]
+    head = next(iter(steps.records(in_order[0], plan, rate)))
     heads = [replace(head.slice(0, 1), time=None, sample_time=1.0 / rate, name=j.name) for j in in_order]
     bound = replace(plan.structure, basis=plan.structure.basis.bound(box))
     return bound.solved(heads, box, whole)
@@ -239,7 +239,7 @@ def _causes(plan: FleetPlan, jobs: Sequence[Job]) -> dict[str, tuple[str, ...]]:
 def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
     """A client of the scheduler at an address, or of a cluster on this machine that ends with it."""
     try:
-        import dask
+        from dask import config
         from distributed import Client, LocalCluster
     except ImportError:
         raise InputError("a fleet needs Dask", mend="pip install 'lpvid[scale]'") from None
@@ -254,9 +254,9 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
         finally:
             client.close()
         return
-    with dask.config.set({"distributed.scheduler.allowed-failures": 5}):
-        cluster = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None,
-                               silence_logs=50)
+    plain: dict[str, Any] = {"dashboard_address": None}
+    with config.set({"distributed.scheduler.allowed-failures": 5}):
+        cluster = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, silence_logs=50, **plain)
         with cluster, Client(cluster) as client:
             yield client
 

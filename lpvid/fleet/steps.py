@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -94,7 +94,7 @@ def diagnose(job: Job, plan: FleetPlan, model: Path, tag: str) -> Outcome:
     return _command("diagnose", job, plan, words, f"{stamp(job.path, plan.key('diagnose'))}-{tag}")
 
 
-def records(job: Job, plan: FleetPlan, rate: float | None) -> Sequence[Record] | object:
+def records(job: Job, plan: FleetPlan, rate: float | None) -> Iterable[Record]:
     """The file's records at one rate; a large file in parts where its rate is right already."""
     from lpvid.condition import segments, with_velocity
     from lpvid.files import read

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -49,7 +48,7 @@ def written(record: lpv.Record, folder: Path) -> None:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     home = tmp_path_factory.mktemp("fleet")
     for k in range(12):
-        written(specimen(k, friction=25.0 if k == 7 else 0.0), home)
+        written(specimen(k, friction=150.0 if k == 7 else 0.0), home)
     (home / "broken.csv").write_text("time [s],velocity [m/s]\n0,hello\n")
     return home
 
@@ -171,23 +170,17 @@ def test_killed_workers_change_nothing(folder: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_command_reports_what_hangs_and_goes_on(folder: Path, tmp_path: Path) -> None:
-    if not hasattr(os, "mkfifo"):
-        pytest.skip("no named pipes here")
-    mixed = tmp_path / "mixed"
-    mixed.mkdir()
-    for k in range(2):
-        written(specimen(k), mixed)
-    os.mkfifo(mixed / "hangs.csv")  # a file that never ends
-    words = ["--do", "audit", "--time-limit", "25", "--retries", "0", "--workers", "2", "--json"]
-    result = CliRunner().invoke(app, ["fleet", f"{mixed}/*.csv", *words, "--out", str(tmp_path / "out")])
-    assert result.exit_code == 3, result.output
-    rows = {r["name"]: r for r in json.loads(result.stdout)["files"]}
-    assert rows["hangs"]["steps"]["audit"]["state"] == "stopped"
-    assert all(rows[f"d0{k}"]["steps"]["audit"]["state"] == "done" for k in range(2))
+def test_a_step_that_takes_too_long_is_reported_and_tried_again_by_the_next_run(folder: Path, tmp_path: Path) -> None:
+    def run(limit: str, code: int) -> dict[str, Any]:
+        words = ["--do", "audit", "--time-limit", limit, "--retries", "0", "--workers", "2", "--json"]
+        result = CliRunner().invoke(app, ["fleet", f"{folder}/d0[01].csv", *words, "--out", str(tmp_path / "out")])
+        assert result.exit_code == code, result.output
+        return {r["name"]: r["steps"]["audit"]["state"] for r in json.loads(result.stdout)["files"]}
+
+    assert run("0.01", 3) == {"d00": "stopped", "d01": "stopped"}
+    assert run("120", 0) == {"d00": "done", "d01": "done"}
     assert (tmp_path / "out" / "files" / "d00" / "audit" / "report.html").is_file()
-    assert (tmp_path / "out" / "fleet.csv").read_text().count("\n") == 4
-    assert threading.active_count() < 50
+    assert (tmp_path / "out" / "fleet.csv").read_text().count("\n") == 3
 
 
 def test_without_a_folder_the_command_says_so(folder: Path) -> None:
