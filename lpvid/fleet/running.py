@@ -12,7 +12,7 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.fleet import steps
-from lpvid.fleet.differing import Differing, differing
+from lpvid.fleet.differing import Differing, departure, differing, differing_parameters, shift
 from lpvid.fleet.plan import FleetPlan, Job
 from lpvid.fleet.state import Outcome, keep
 from lpvid.identification.streaming import merged_factor
@@ -57,6 +57,16 @@ class FleetResult:
     causes: Mapping[str, tuple[str, ...]]
     left_out: Mapping[str, str]
 
+    def esr(self, name: str) -> float:
+        """Free-run ESR of the fleet's model along a file, training; infinite where it diverges or was not run."""
+        value = self.errors.get(name, {}).get("esr")
+        return np.inf if value is None else float(value)
+
+    @property
+    def median_esr(self) -> float:
+        """Of all files."""
+        return float(np.median([self.esr(n) for n in self.errors])) if self.errors else float("nan")
+
     @property
     def failed(self) -> tuple[str, ...]:
         """Files of which some step was not done."""
@@ -95,9 +105,8 @@ class FleetResult:
         if self.found is not None:
             lines.append(f"  model of all: {self.found.model}")
         for name in (() if self.differing is None else self.differing.named)[:12]:
-            e = self.errors[name]
-            lines.append(f"  {name}: free-run ESR {e['esr'] or np.inf:.4g} (median of the fleet "
-                         f"{np.exp(self.differing.centre):.4g}), q {self.differing.q[name]:.2g}"  # type: ignore[union-attr]
+            lines.append(f"  {name}: free-run ESR {self.esr(name):.4g} (median of the fleet {self.median_esr:.4g}), "
+                         f"q {self.differing.q[name]:.2g}"  # type: ignore[union-attr]
                          + (f", cause {', '.join(self.causes[name])}" if self.causes.get(name) else ""))
         for name in self.failed[:12]:
             bad = next(o for o in self.outcomes[name].values() if o.state != "done")
@@ -162,7 +171,9 @@ def _common(plan: FleetPlan, stage: Callable[..., list[Job]], outcomes: dict[str
     tag = _tag(box, rate)
     fitted = stage("identify", steps.factor, ready, box, rate, tag)
     left_out |= {j.name: outcomes[j.name]["identify"].message for j in ready if j not in fitted}
-    kept, found, judged, errors, apart = fitted, None, [], {}, None
+    if not fitted:
+        return FleetResult(plan, outcomes, None, {}, None, {}, left_out)
+    kept, apart = fitted, None
     for round_ in range(ROUNDS):
         say(f"one model of {len(kept)} files, round {round_ + 1}")
         found = _solved(plan, kept, box, rate)
@@ -170,15 +181,18 @@ def _common(plan: FleetPlan, stage: Callable[..., list[Job]], outcomes: dict[str
         path.parent.mkdir(parents=True, exist_ok=True)
         save(found.model, path)
         version = f"{tag}-{_version(found)}"
-        judged = stage("judge", steps.judge, fitted, path, rate, version)
-        errors = {j.name: json.loads(outcomes[j.name]["judge"].message) for j in judged}
-        apart = differing({n: np.inf if e["esr"] is None else e["esr"] for n, e in errors.items()}, plan.fdr)
+        theta = found.parameters.reshape(len(plan.structure.output), -1).T
+        factors = {j.name: steps.read_factor(j) for j in fitted}
+        apart = differing_parameters({n: shift(own, theta) for n, own in factors.items()}, plan.fdr) or \
+            differing({n: departure(own, theta) for n, own in factors.items()}, plan.fdr)
         following = [j for j in fitted if j.name not in apart.named]
         if following == kept or not following:
             break
         kept = following
     assert apart is not None
-    named = [j for j in judged if j.name in apart.named]
+    judged = stage("judge", steps.judge, fitted, path, rate, version)
+    errors = {j.name: json.loads(outcomes[j.name]["judge"].message) for j in judged}
+    named = [j for j in fitted if j.name in apart.named]
     if "diagnose" in plan.do:
         stage("diagnose", steps.diagnose, named, plan.out / "model" / "model.json", version)
     return FleetResult(plan, outcomes, found, errors, apart, _causes(plan, named), left_out)

@@ -174,7 +174,8 @@ def merged_factor(factors: Sequence[Factor], width: int = 64) -> Factor:
                          got=", ".join(sorted({f"{f.columns} parameters" for f in factors})))
     level = [f.r for f in factors]
     while True:
-        level = [np.asarray(np.linalg.qr(np.vstack(level[k: k + width]), mode="r")) for k in range(0, len(level), width)]
+        groups = [np.vstack(level[k: k + width]) for k in range(0, len(level), width)]
+        level = [np.asarray(np.linalg.qr(rows, mode="r")) for rows in groups]
         if len(level) == 1:
             return Factor(level[0], sum(f.rows for f in factors), factors[0].columns)
 

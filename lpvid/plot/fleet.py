@@ -1,4 +1,4 @@
-"""Errors of a fleet's model along its files."""
+"""Departures of a fleet's files from the model of all."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ if TYPE_CHECKING:
     from lpvid.fleet.differing import Differing
 
 
-def errors(found: Mapping[str, Mapping[str, Any]], apart: Differing) -> Figure:
-    """Free-run ESR of each file, sorted, those that differ marked.
+def departures(found: Mapping[str, Mapping[str, Any]], apart: Differing) -> Figure:
+    """Score of each file against the free-run ESR of the fleet's model along it; those that differ marked by name.
 
     Parameters
     ----------
     found : mapping of str to mapping
-        With ``esr``; None where the run diverges, which is left out.
+        With ``esr``; a file whose run diverges is left out.
     apart : Differing
 
     Returns
     -------
     matplotlib.figure.Figure
     """
-    finite = sorted((e["esr"], n) for n, e in found.items() if e["esr"] is not None)
-    values = np.array([v for v, _ in finite])
-    marked = np.array([n in apart.named for _, n in finite])
+    names = [n for n, e in found.items() if e["esr"] is not None and np.isfinite(apart.score[n])]
+    x = np.array([found[n]["esr"] for n in names])
+    y = np.array([apart.score[n] for n in names])
+    marked = np.array([n in apart.named for n in names], dtype=bool)
     with look():
-        figure, axes = panels(1, height=3.0)
+        figure, axes = panels(1, height=3.4)
         ax = axes[0, 0]
-        place = np.arange(values.size)
-        ax.semilogy(place[~marked], values[~marked], ".", color=BLUE, label="like the fleet")
-        ax.semilogy(place[marked], values[marked], "o", color=VERMILION, markersize=5, label="differs")
-        for k in np.flatnonzero(marked)[-8:]:
-            ax.annotate(finite[k][1], (k, values[k]), xytext=(-5, 0), textcoords="offset points", ha="right",
-                        va="center", fontsize=8)
-        ax.axhline(np.exp(apart.centre), color=INK, linewidth=0.8, linestyle="--", label="median")
-        ax.set_xlabel("file, by its error")
-        ax.set_ylabel(label("free-run ESR", "1"))
+        ax.semilogx(x[~marked], y[~marked], ".", color=BLUE, label="like the fleet")
+        ax.semilogx(x[marked], y[marked], "o", color=VERMILION, markersize=5, label="differs")
+        for k in np.flatnonzero(marked)[:12]:
+            ax.annotate(names[k], (x[k], y[k]), xytext=(5, 0), textcoords="offset points", va="center", fontsize=8)
+        ax.axhline(0.0, color=INK, linewidth=0.8, linestyle="--", label="median")
+        ax.set_xlabel(label("free-run ESR of the fleet's model, training", "1"))
+        ax.set_ylabel(label("score of the departure", "1"))
+        ax.margins(x=0.12)
         ax.legend(loc="upper left")
     return figure

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lpvid.fleet.running import FleetResult
-from lpvid.plot.fleet import errors
+from lpvid.plot.fleet import departures
 from lpvid.report.page import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def fleet_page(found: FleetResult) -> Page:
     count = len(found.plan.jobs)
     facts = [("files", str(count)), ("done", str(count - len(found.failed))), ("differ", str(len(named)))]
     if found.differing is not None:
-        facts.append(("median free-run ESR, training", number(float(np.exp(found.differing.centre)))))
+        facts.append(("median free-run ESR, training", number(found.median_esr)))
         facts.append(("false discovery rate", f"{found.plan.fdr:g}"))
     sections = []
     if found.differing is not None and np.isfinite(found.differing.centre):
@@ -48,12 +48,13 @@ def fleet_page(found: FleetResult) -> Page:
 def _who(found: FleetResult) -> list[Item]:
     assert found.differing is not None
     items: list[Item] = [
-        Paragraph(f"The model of the {len(found.errors) - len(found.differing.named)} other files runs freely along "
-                  "each file. A file differs where the logarithm of its error lies further above the fleet's median "
-                  "than the spread of the others explains."),
-        Figure.of(errors(found.errors, found.differing), "Free-run ESR of the fleet's model along each file, measured "
-                  "data, sorted; the line is the fleet's median, orange dots differ.")]
-    rows = tuple((n, *_errors(found.errors[n]), number(found.differing.score[n], 3), f"{found.differing.q[n]:.2g}",
+        Paragraph("The model of all files that do not differ is held against each file's own parameters: how much "
+                  "worse it predicts the file one step ahead than the file's own fit of the same structure. A file "
+                  "differs where the logarithm of that departure lies further above the fleet's median than the "
+                  "spread of the others explains."),
+        Figure.of(departures(found.errors, found.differing), "Score of each file's departure against the free-run "
+                  "ESR of the fleet's model along it, training data. Orange: files that differ.")]
+    rows = tuple((n, *_errors(found.errors.get(n)), number(found.differing.score[n], 3), f"{found.differing.q[n]:.2g}",
                   ", ".join(found.causes.get(n, ())) or "–", f"files/{n}/") for n in found.differing.named)
     if rows:
         items.append(Table(("file", "free-run ESR", "rmse", "mean error", "score", "q", "cause", "its reports"), rows,
@@ -62,7 +63,9 @@ def _who(found: FleetResult) -> list[Item]:
     return items
 
 
-def _errors(e: Mapping[str, Any]) -> tuple[str, str, str]:
+def _errors(e: Mapping[str, Any] | None) -> tuple[str, str, str]:
+    if e is None:
+        return "–", "–", "–"
     return (number(e["esr"]) if not e["diverged"] else "diverges", number(e["rmse"], 4, e["unit"]),
             number(e["mean_error"], 3, e["unit"]))
 
@@ -71,8 +74,7 @@ def _all(found: FleetResult) -> Table:
     rows, marks = [], []
     named = () if found.differing is None else found.differing.named
     for job in found.plan.jobs:
-        e = found.errors.get(job.name)
-        rows.append((job.name, *(("–",) * 3 if e is None else _errors(e)), _steps(found, job)))
+        rows.append((job.name, *_errors(found.errors.get(job.name)), _steps(found, job)))
         marks.append("bad" if job.name in found.failed else "warn" if job.name in named else "good")
     return Table(("file", "free-run ESR", "rmse", "mean error", "steps"), tuple(rows), "", (1, 2, 3), tuple(marks),
                  f"{len(rows)} files" if len(rows) > 40 else "")

@@ -17,6 +17,7 @@ import lpvid as lpv
 from lpvid.cli.app import app
 from lpvid.errors import InputError
 from lpvid.fleet import differing, plan_fleet, run_fleet
+from lpvid.fleet.differing import departure, differing_parameters, shift
 from lpvid.fleet.running import connected
 from lpvid.fleet.state import Outcome, keep, outcome
 from lpvid.identification.regression import Factor
@@ -88,6 +89,35 @@ def test_the_false_discovery_rate_holds(count: int) -> None:
         named.append(sum(n.startswith("b") for n in found) / max(1, count // 40))
     assert np.mean(false) <= 0.05 + 2 * np.std(false) / np.sqrt(300)
     assert np.mean(named) > 0.95
+
+
+@pytest.mark.parametrize(("count", "size"), [(40, 3), (60, 12), (200, 12)])
+def test_the_false_discovery_rate_holds_between_parameters(count: int, size: int) -> None:
+    rng = np.random.default_rng(count + size)
+    mixing = np.diag(np.geomspace(20.0, 1.0, size)) @ np.linalg.qr(rng.normal(size=(size, size)))[0]
+    false, right = [], []
+    for _ in range(120):
+        files = {f"h{k}": rng.normal(size=size) @ mixing for k in range(count)}
+        away = np.linalg.solve(mixing.T @ mixing, rng.normal(size=size))  # a direction of little spread, as well
+        away *= 14.0 / np.sqrt(away @ np.linalg.solve(mixing.T @ mixing, away))
+        files |= {f"bad{k}": rng.normal(size=size) @ mixing + away for k in range(max(1, count // 40))}
+        found = differing_parameters(files, 0.05)
+        assert found is not None
+        false.append(sum(n.startswith("h") for n in found.named) / max(len(found.named), 1))
+        right.append(sum(n.startswith("b") for n in found.named) / max(1, count // 40))
+    assert np.mean(false) <= 0.05 + 2 * np.std(false) / np.sqrt(120), np.mean(false)
+    assert np.mean(right) > 0.9
+    assert differing_parameters({f"h{k}": np.zeros(4) for k in range(19)}) is None
+
+
+def test_a_departure_is_the_likelihood_ratio_of_common_parameters(rng: np.random.Generator) -> None:
+    x, y = rng.normal(size=(200, 3)), rng.normal(size=(200, 1))
+    own = Factor(np.linalg.qr(np.hstack([x, y]), mode="r"), 200, 3)
+    theta = rng.normal(size=(3, 1))
+    least = np.sum((y - x @ np.linalg.lstsq(x, y, rcond=None)[0]) ** 2)
+    assert departure(own, theta) == pytest.approx((np.sum((y - x @ theta) ** 2) - least) / least)
+    moved = shift(own, theta)
+    assert moved @ moved == pytest.approx(departure(own, theta) * (200 - 3))
 
 
 def test_few_files_name_nobody_and_a_divergent_run_is_named() -> None:
