@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lpvid.plot.style import BLUE, INK, VERMILION, label, look, panels
+from lpvid.plot.style import BLUE, VERMILION, label, look, panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,9 +39,9 @@ def departures(found: Mapping[str, Mapping[str, Any]], apart: Differing) -> Figu
         ax.semilogx(x[marked], y[marked], "o", color=VERMILION, markersize=5, label="differs")
         for k in np.flatnonzero(marked)[:12]:
             ax.annotate(names[k], (x[k], y[k]), xytext=(5, 0), textcoords="offset points", va="center", fontsize=8)
-        ax.axhline(0.0, color=INK, linewidth=0.8, linestyle="--", label="median")
-        ax.set_xlabel(label("free-run ESR of the fleet's model, training", "1"))
-        ax.set_ylabel(label("score of the departure", "1"))
+                ax.set_xlabel(label("free-run ESR of the fleet's model, training", "1"))
+        ax.set_yscale("symlog", linthresh=1.0)
+        ax.set_ylabel(label("distance from the fleet, typical is about 1", "1"))
         ax.margins(x=0.12)
         ax.legend(loc="upper left")
     return figure
