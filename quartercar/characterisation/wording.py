@@ -1,0 +1,91 @@
+"""Wording: the verdict of a characterisation and its ten lines."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from quartercar.characterisation.points import DIRECTIONS
+
+if TYPE_CHECKING:
+    from quartercar.characterisation.characterisation import Characterisation
+    from quartercar.characterisation.runs import Runs
+
+
+def amps(current: float | None, unit: str) -> str:
+    """A current for a reader.
+
+    Examples
+    --------
+    >>> amps(1.20002, "A"), amps(None, "A")
+    ('1.2 A', '–')
+    """
+    return "–" if current is None else f"{round(current, 3) + 0.0:.3g} {'' if unit == '1' else unit}".strip()
+
+
+def currents_said(data: Runs) -> str:
+    """Which currents were held."""
+    if not data.levels:
+        return "a moving current" if any(r.current == "varies" for r in data.runs) else "no recorded current"
+    if len(data.levels) == 1:
+        return f"{amps(data.levels[0], data.current_unit)}"
+    return (f"{len(data.levels)} currents, {amps(data.levels[0], data.current_unit)} to "
+            f"{amps(data.levels[-1], data.current_unit)}")
+
+
+def verdict(found: Characterisation) -> str:
+    """What was measured, over which range, and whether it is inside its tolerance."""
+    names = dict.fromkeys(r.name for r in found.data.runs)
+    given = found.given
+    count = f"{len(names)} record{'s' if len(names) > 1 else ''}"
+    specimens = len(found.data.specimens)
+    if specimens > 1:
+        count += f" of {specimens} specimens"
+    if not given:
+        text = f"{count}, {currents_said(found.data)}: none of the standard speeds is reached at constant current."
+    else:
+        low, high = min(f.speed for f in given), max(f.speed for f in given)
+        text = (f"{count}, {currents_said(found.data)}: forces at {len({f.speed for f in given})} of "
+                f"{len(found.settings.speeds)} standard speeds, {low:g} to {high:g} m/s.")
+    if found.checks:
+        out = sum(c.inside is False for c in found.checks)
+        open_ = sum(c.inside is None for c in found.checks)
+        text += (f" {out} of {len(found.checks)} forces outside the tolerance band" if out else
+                 f" All {len(found.checks) - open_} decided forces inside the tolerance band")
+        text += f", {open_} within two standard errors of a limit." if open_ else "."
+    return text
+
+
+def summary(found: Characterisation) -> str:
+    """Verdict, key numbers, what is missing."""
+    sign, unit = found.settings.sign, found.data.current_unit
+    lines = [found.verdict]
+    lines += [f"  caveat: {c}" for c in found.data.caveats]
+    for specimen, level in dict.fromkeys((f.specimen, f.current) for f in found.given):
+        parts = []
+        for direction, name in DIRECTIONS.items():
+            own = [f for f in found.given if (f.specimen, f.current, f.direction) == (specimen, level, direction)]
+            if own:
+                top = max(own, key=lambda f: f.speed)
+                parts.append(f"{name} {sign * (top.force or 0.0):.4g} ± {top.std or 0.0:.2g} N at {top.speed:g} m/s")
+        label = " ".join(p for p in (specimen, amps(level, unit) if level is not None else "") if p)
+        lines.append(f"  {label + ': ' if label else ''}{', '.join(parts)}")
+    for s in found.static[:2]:
+        kind = "creep" if s.creep else f"at {1e3 * s.speed:.3g} mm/s, upper bound of friction"
+        lines.append(f"  gas {s.gas:.4g} ± {s.gas_std:.2g} N, rate {1e-3 * s.rate:.3g} N/mm, friction {s.friction:.4g} N "
+                     f"({kind})")
+    for s in found.switching[:2]:
+        lines.append(f"  switching {amps(s.low, unit)} to {amps(s.high, unit)}, {DIRECTIONS[s.direction]}: "
+                     f"{1e3 * s.time:.3g} ± {1e3 * s.time_std:.2g} ms")
+    lines = lines[:12]
+    lines += [f"  missing: {m.what}: {m.why}; {m.run}" for m in found.missing[:4]]
+    if len(found.missing) > 4:
+        lines.append(f"  and {len(found.missing) - 4} more missing; see the report")
+    return "\n".join(lines)
+
+
+def largest(found: Characterisation, direction: int) -> float:
+    """Largest |F| of a direction in the table [N]; NaN without one."""
+    values = [abs(f.force) for f in found.given if f.direction == direction and f.force is not None]
+    return max(values, default=float(np.nan))
