@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,14 +92,15 @@ def _share_std(share: float, span: float, own: float | None, soft: float | None,
     return float(np.linalg.norm(parts))
 
 
-def ratios_of(forces: Sequence[StandardForce], gas: dict) -> tuple[Ratio, ...]:
+def ratios_of(forces: Sequence[StandardForce], gas: Mapping[str, float]) -> tuple[Ratio, ...]:
     """Rebound over compression at every speed and current that has both.
 
     Parameters
     ----------
     forces : sequence of StandardForce
-    gas : mapping of (specimen, current) to float
-        Gas force outwards [N], where it is known.
+    gas : mapping of specimen to float
+        Gas force outwards [N] at its softest creep test, where it has one: damping that differs between the directions
+        is in it, and least there.
     """
     rows = []
     found = {(f.specimen, f.current, f.speed, f.direction): f for f in forces if f.force is not None}
@@ -110,7 +111,7 @@ def ratios_of(forces: Sequence[StandardForce], gas: dict) -> tuple[Ratio, ...]:
         ratio = out.force / -back.force
         error = abs(ratio) * float(np.hypot((out.std or 0.0) / out.force if out.force else 0.0,
                                             (back.std or 0.0) / back.force))
-        outwards = gas.get((specimen, current), gas.get((specimen, None)))
+        outwards = gas.get(specimen)
         free = None if outwards is None or back.force + outwards == 0 else (
             (out.force + outwards) / -(back.force + outwards))
         rows.append(Ratio(specimen, current, speed, ratio, error, free))

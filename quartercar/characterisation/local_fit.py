@@ -11,7 +11,11 @@ LEAST = 6
 SHRINK = 0.7
 """factor from one trial window to the next: the standard error grows by a fifth at each"""
 CURVED = 2.0
-"""standard errors above which a cubic term counts, so that the window is too wide"""
+"""standard errors above which a cubic term says that a window is too wide"""
+APART = 3.0
+"""standard errors above which a difference from a smaller window says so: about ten of these are looked at"""
+ENOUGH = 24
+"""samples from which a smaller window's standard error is good to 15 %, so that it can speak against a larger one"""
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,8 @@ class LocalFit:
 def local_fit(u: np.ndarray, y: np.ndarray, group: np.ndarray, widest: float) -> LocalFit | None:
     """Local parabola y ≈ β_0 + β_1 u + β_2 u², |u| ≤ h; the value is β_0.
 
-    h starts at `widest` and shrinks until a cubic term is within two standard errors of zero or few samples are left.
+    h is the largest of a falling series for which a cubic term is within two standard errors of zero and the value
+    agrees with those of all smaller windows within three of their standard errors (Lepskii 1991, Theory Probab. Appl. 35).
     The variance is robust against errors that samples of one group (a cycle) share::
 
         V = (XᵀX)⁻¹ (Σ_g X_gᵀ e_g e_gᵀ X_g) (XᵀX)⁻¹ G/(G−1)
@@ -69,21 +74,27 @@ def local_fit(u: np.ndarray, y: np.ndarray, group: np.ndarray, widest: float) ->
     """
     if u.size < LEAST:
         return None
-    h = widest
+    fits = []
+    h = max(widest, float(np.sort(np.abs(u))[LEAST - 1]))
     inside = np.abs(u) <= h
-    if inside.sum() < LEAST:
-        h = float(np.sort(np.abs(u))[LEAST - 1])
+    while inside.sum() >= LEAST:
+        fits.append((_fit(u[inside], y[inside], group[inside], h), _cubic(u[inside] / h, y[inside], group[inside])))
+        h *= SHRINK
         inside = np.abs(u) <= h
-    while True:
-        smaller = np.abs(u) <= SHRINK * h
-        if smaller.sum() < LEAST or not _cubic(u[inside] / h, y[inside], group[inside]):
-            break
-        h, inside = SHRINK * h, smaller
-    s = u[inside] / h
-    design = np.vander(s, 3 if inside.sum() > LEAST else 2, increasing=True)
-    beta, cov, _ = _least_squares(design, y[inside], group[inside])
+    for k, (found, cubic) in enumerate(fits):
+        agrees = all(abs(found.value - other.value) <= APART * other.std for other, _ in fits[k + 1:]
+                     if other.count >= ENOUGH)
+        if agrees and not cubic:
+            return found
+    return fits[-1][0]
+
+
+def _fit(u: np.ndarray, y: np.ndarray, group: np.ndarray, h: float) -> LocalFit:
+    s = u / h
+    design = np.vander(s, 3 if s.size > LEAST else 2, increasing=True)
+    beta, cov, _ = _least_squares(design, y, group)
     beyond = max(float(s.min()), -float(s.max()), 0.0)
-    return LocalFit(float(beta[0]), float(np.sqrt(cov[0, 0])), float(beta[1] / h), int(inside.sum()), beyond)
+    return LocalFit(float(beta[0]), float(np.sqrt(cov[0, 0])), float(beta[1] / h), int(s.size), beyond)
 
 
 def _cubic(s: np.ndarray, y: np.ndarray, group: np.ndarray) -> bool:

@@ -1,4 +1,4 @@
-"""Loops: energy per cycle, loss angle, dynamic and elastic stiffness of every sine test."""
+"""Loops: energy per cycle, loss angle, dynamic and elastic stiffness of every test."""
 
 from __future__ import annotations
 
@@ -7,9 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from quartercar.characterisation.cycles import HARMONICS, Block, Cycle, series_of
-
-LOSSLESS = 0.01
-"""Energy of a loop, as a share of the rectangle around it, below which its sign decides nothing."""
 
 
 @dataclass(frozen=True)
@@ -27,13 +24,13 @@ class Loop:
     energy, energy_std : float
         ∮F dx [J].
     velocity_area : float or None
-        |∮F dv| [W], the area of the force-velocity loop; 0 for a damper without memory. Sine only.
+        |∮F dv| [W], the area of the force-velocity loop; 0 for a damper without memory. Not of triangles.
     dynamic_stiffness, elastic_stiffness, stiffness_std : float or None
-        |K*| and K' = Re K* [N/m], K* = F_1/x_1 of the fundamentals. Sine only.
+        |K*| and K' = Re K* [N/m], K* = F_1/x_1 of the fundamentals. Not of triangles.
     loss_angle, loss_angle_std : float or None
-        δ = arg K* [rad]: π/2 for a pure damper, 0 for a spring. Sine only.
+        δ = arg K* [rad]: π/2 for a pure damper, 0 for a spring. Not of triangles.
     damping : float or None
-        Equivalent viscous damping Im K*/ω [N·s/m]. Sine only.
+        Equivalent viscous damping Im K*/ω [N·s/m]. Not of triangles.
     cycles : int
     """
 
@@ -58,7 +55,7 @@ class Loop:
 
 
 def loop_of(block: Block) -> Loop:
-    """Energy and, of a sine, complex stiffness.
+    """Energy and, but of a triangle, complex stiffness.
 
     With the complex amplitudes of the Fourier series of one cycle, x = Σ Re x_k e^{ikωt} and F alike::
 
@@ -75,7 +72,7 @@ def loop_of(block: Block) -> Loop:
     n = len(energies)
     error = float(energies.std(ddof=1) / np.sqrt(n)) if n > 1 else float("nan")
     area = stiffness = elastic = spread = angle = angle_std = damping = None
-    if block.kind == "sine":
+    if block.kind != "triangle":
         parts = [_stiffness(c, run.force[c.span], run.period) for c in block.settled]
         mean = complex(np.mean([k for k, _ in parts]))
         ratios = np.array([k / mean for k, _ in parts])

@@ -56,12 +56,22 @@ def _forces(found: Characterisation) -> list[Missing]:
     if not found.forces:
         return [Missing("forces at standard speeds", "the current moves in all records with a force",
                         f"{propose_sine(found.settings.speeds[-1])} at a constant current")]
-    lacking = [f for f in found.forces if f.force is None]
     rows = []
-    for speed in dict.fromkeys(f.speed for f in lacking):
-        own = [f for f in lacking if f.speed == speed]
-        whole = sum(f.speed == speed for f in found.forces)
-        which = "" if len(own) == whole else f" ({len(own)} of {whole} directions and currents)"
+    lacking = [f for f in found.forces if f.force is None]
+    whole = {v: sum(f.speed == v for f in found.forces) for v in found.settings.speeds}
+    short = {v: [f for f in lacking if f.speed == v] for v in found.settings.speeds}
+    never = [v for v in found.settings.speeds if short[v] and len(short[v]) == whole[v]
+             and all(f.why.startswith("fastest") for f in short[v])]
+    if never:
+        tests = "; ".join(f"{v:g} m/s: {propose_sine(v).removeprefix('run a sine of ')}" for v in never)
+        rows.append(Missing(f"forces at {', '.join(f'{v:g}' for v in never)} m/s", "no test is as fast: the "
+                            f"{short[never[0]][0].why.partition(':')[0]}", f"run sines: {tests}"))
+    for speed in found.settings.speeds:
+        if speed in never or not short[speed]:
+            continue
+        own, which = short[speed], ""
+        if len(own) < whole[speed]:
+            which = f" ({len(own)} of {whole[speed]} directions and currents)"
         why, _, run = own[0].why.partition(": ")
         rows.append(Missing(f"force at {speed:g} m/s{which}", why, run))
     return rows
@@ -78,7 +88,7 @@ def _static(found: Characterisation) -> list[Missing]:
 
 
 def _loops(found: Characterisation) -> list[Missing]:
-    frequencies = {round(loop.frequency, 2) for loop in found.loops if loop.kind == "sine"}
+    frequencies = {round(loop.frequency, 2) for loop in found.loops if loop.loss_angle is not None}
     if not frequencies:
         return [Missing("loss angle, dynamic and elastic stiffness", "no sine of three or more like cycles at constant "
                         "current", "run sines of one amplitude, e.g. ±5 mm at 1, 2, 5 and 10 Hz, five cycles each")]

@@ -133,10 +133,11 @@ def runs_of(records: Sequence[Record], settings: CharacteriseSettings) -> Runs:
 
     standing, notes = with_current(list(records))
     pieces: list[tuple[Record, Record, str, bool]] = []
+    done: list[str] = []
     for record in standing:
         found, said = _pieces(record, settings)
         pieces += found
-        notes = (*notes, *said)
+        done += list(dict.fromkeys(said))
     if not pieces:
         raise InputError("no record is long enough to characterise", got=", ".join(
             f"'{r.name}': {r.n_samples} samples" for r in records[:4]), why=f"a piece without missing samples needs "
@@ -153,7 +154,9 @@ def runs_of(records: Sequence[Record], settings: CharacteriseSettings) -> Runs:
     unit = next((r.record.unit("current") or "1" for r in runs if r.record.has("current")), "A")
     levels = tuple(sorted({r.level for r in runs if r.level is not None}))
     lost = losses([p[0] for p in moving])
-    return Runs(runs, levels, unit, sense or 1, (*dict.fromkeys(notes), *lost), _caveats(runs, sense))
+    counted = tuple(n if done.count(n) == len(records) else f"{n} in {done.count(n)} of {len(records)} records"
+                    for n in dict.fromkeys(done))
+    return Runs(runs, levels, unit, sense or 1, (*dict.fromkeys(notes), *counted, *lost), _caveats(runs, sense))
 
 
 def _need_channels(records: Sequence[Record]) -> None:
@@ -192,8 +195,7 @@ def _pieces(record: Record, settings: CharacteriseSettings) -> tuple[list[tuple[
         (piece,), said = with_motion([piece])
         notes = (*notes, *said)
         found.append((piece, raw, specimen, integrated))
-    said = tuple(w.replace("all records", f"record '{record.name}'") for w in why)
-    return found, (*notes, *said)
+    return found, (*notes, *(w.replace("all records ", "") for w in why))
 
 
 def _integral(velocity: np.ndarray, period: float) -> np.ndarray:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from quartercar.characterisation.points import DIRECTIONS
 
 if TYPE_CHECKING:
@@ -22,6 +20,18 @@ def amps(current: float | None, unit: str) -> str:
     ('1.2 A', '–')
     """
     return "–" if current is None else f"{round(current, 3) + 0.0:.3g} {'' if unit == '1' else unit}".strip()
+
+
+def speed_said(speed: float) -> str:
+    """A speed in mm/s, whole from 100 on.
+
+    Examples
+    --------
+    >>> speed_said(1.0499), speed_said(0.0023)
+    ('1050 mm/s', '2.3 mm/s')
+    """
+    mm = 1e3 * speed
+    return f"{mm:.0f} mm/s" if mm >= 100 else f"{mm:.3g} mm/s"
 
 
 def currents_said(data: Runs) -> str:
@@ -47,7 +57,7 @@ def verdict(found: Characterisation) -> str:
     else:
         low, high = min(f.speed for f in given), max(f.speed for f in given)
         text = (f"{count}, {currents_said(found.data)}: forces at {len({f.speed for f in given})} of "
-                f"{len(found.settings.speeds)} standard speeds, {low:g} to {high:g} m/s.")
+                f"{len(found.settings.speeds)} standard speeds, {low:g} to {high:g} m/s." + _key_figures(found))
     if found.checks:
         out = sum(c.inside is False for c in found.checks)
         open_ = sum(c.inside is None for c in found.checks)
@@ -55,6 +65,26 @@ def verdict(found: Characterisation) -> str:
                  f" All {len(found.checks) - open_} decided forces inside the tolerance band")
         text += f", {open_} within two standard errors of a limit." if open_ else "."
     return text
+
+
+def _key_figures(found: Characterisation) -> str:
+    """Rebound over compression, hard over soft, switching times: each where the records hold it."""
+    unit, said = found.data.current_unit, []
+    top = max((r for r in found.ratios), key=lambda r: r.speed, default=None)
+    if top is not None:
+        said.append(f"rebound over compression {top.ratio:.2f} at {top.speed:g} m/s"
+                    + ("" if top.current is None or len(found.data.levels) < 2 else f" and {amps(top.current, unit)}"))
+    if found.spreads:
+        fastest = max(s.speed for s in found.spreads)
+        own = [abs(f.force) for f in found.given if f.force is not None and f.current is not None
+               and (f.direction, f.speed, f.specimen) == (1, fastest, found.spreads[0].specimen)]
+        if len(own) > 1 and min(own) > 0:
+            said.append(f"hard over soft {max(own) / min(own):.2f} in rebound at {fastest:g} m/s")
+    if found.switching:
+        low, high = min(s.time for s in found.switching), max(s.time for s in found.switching)
+        said.append(f"switching {1e3 * low:.3g} to {1e3 * high:.3g} ms" if len(found.switching) > 1 else
+                    f"switching {1e3 * low:.3g} ms")
+    return f" {'; '.join(said)[0].upper()}{'; '.join(said)[1:]}." if said else ""
 
 
 def summary(found: Characterisation) -> str:
@@ -83,9 +113,3 @@ def summary(found: Characterisation) -> str:
     if len(found.missing) > 4:
         lines.append(f"  and {len(found.missing) - 4} more missing; see the report")
     return "\n".join(lines)
-
-
-def largest(found: Characterisation, direction: int) -> float:
-    """Largest |F| of a direction in the table [N]; NaN without one."""
-    values = [abs(f.force) for f in found.given if f.direction == direction and f.force is not None]
-    return max(values, default=float(np.nan))

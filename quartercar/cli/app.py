@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from lpvid.cli.running import new_app
+from quartercar.cli.characterise import characterise
 from quartercar.cli.demo import demo
 from quartercar.cli.design import design
 from quartercar.cli.export import export
@@ -35,5 +36,5 @@ def _common(version: Annotated[bool, typer.Option("--version", callback=_version
     """
 
 
-for _command in (rig, fit, design, ride, export, demo):
+for _command in (rig, characterise, fit, design, ride, export, demo):
     app.command()(_command)
