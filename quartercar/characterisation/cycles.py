@@ -16,11 +16,15 @@ SMALLEST = 0.01
 FEWEST = 3
 """like cycles in a row that make a block: two neighbours are alike by chance once in a hundred cycles of a random
 motion, three once in ten thousand"""
+MOST_OF = 1.0 / 3.0
+"""part of the record from which fewer cycles do, if they are a sine or a triangle: a random record has more strokes"""
 SINE = 1.0 / 18.0
 """distortion of the displacement up to which it counts as a sine: half of a triangle's, whose third harmonic is 1/9"""
 FLAT = 0.5
 """share of a cycle at constant speed from which it counts as a triangle: a sine's speed is within 5 % of its mean over
 0.07, a triangle's over all but its corners"""
+CHORDS = 64
+"""chords of 1/32 of a cycle give the velocity of what is no sine; only the corners of a triangle are rounded by that"""
 HARMONICS = 8
 """most harmonics that the motion of a sine test is described by"""
 
@@ -38,7 +42,8 @@ class Cycle:
     period, amplitude, centre : float
         [s], half the stroke [m], middle of the stroke [m].
     displacement, velocity : (n,) array
-        Of its samples: for a sine, the Fourier series fitted to the displacement and its derivative; else as measured.
+        Of its samples: for a sine, the Fourier series fitted to the displacement and its derivative; else as measured,
+        and the slope of chords of 1/32 of the cycle.
     """
 
     span: slice
@@ -121,7 +126,7 @@ def blocks_of(run: Run) -> tuple[Block, ...]:
     found: list[Block] = []
     for group in _alike(marks, run):
         whole = marks[group[-1] + 1][0] - marks[group[0]][0]
-        if len(group) >= FEWEST or whole > 0.5 * x.size:
+        if len(group) >= FEWEST or whole > MOST_OF * x.size:
             block = _block(run, [(marks[k], marks[k + 1]) for k in group])
             if block is not None and (len(group) >= FEWEST or block.kind != "periodic"):
                 found.append(block)
@@ -195,7 +200,8 @@ def _block(run: Run, pairs: list) -> Block | None:
             spans.append((slice(first, last), (b[0] - a[0]) * run.period, a[0], b[0]))
     if not spans:
         return None
-    x, v = run.displacement, run.velocity
+    x = run.displacement
+    v = _chords(x, run.period, max(1, int(np.median([s.stop - s.start for s, *_ in spans])) // CHORDS))
     order = _order(x, spans, run.period)
     series = [series_of(x[s], run.period, T, order) for s, T, *_ in spans]
     distortion = float(np.median([_distortion(c) for c, _, _ in series]))
@@ -263,6 +269,13 @@ def _order(x: np.ndarray, spans: list, period: float) -> int:
 
 def _distortion(c: np.ndarray) -> float:
     return float(np.sqrt(np.sum(np.abs(c[1:]) ** 2)) / max(abs(c[0]), 1e-300))
+
+
+def _chords(x: np.ndarray, period: float, reach: int) -> np.ndarray:
+    """Slope of the chord from `reach` samples before to as many after: a derivative that averages the noise."""
+    k = np.arange(x.size)
+    low, high = np.maximum(k - reach, 0), np.minimum(k + reach, x.size - 1)
+    return (x[high] - x[low]) / (period * (high - low))
 
 
 def _flat(v: np.ndarray, spans: list) -> float:

@@ -134,13 +134,15 @@ def _force(specimen: str, level: float | None, direction: int, speed: float, own
 
 def _from_triangle(block: Block, direction: int, speed: float,
                    models: Mapping[int, np.ndarray]) -> StandardForce | None:
-    """The peak-velocity point of a triangle within 5 % of the speed; the difference of speeds counts as an error."""
-    point = peak_point(block, direction)
-    if point is None or abs(point.speed / speed - 1) > SAME_SPEED:
+    """The peak-velocity point of a triangle within 5 % of the speed. The difference of speeds counts as an error, by a slope
+    of half the difference of the two directions over the speed."""
+    point, back = peak_point(block, direction), peak_point(block, -direction)
+    if point is None or back is None or abs(point.speed / speed - 1) > SAME_SPEED:
         return None
     simulated = models.get(id(block.run))
     model = None if simulated is None else peak_point(block, direction, simulated)
-    error = float(np.hypot(np.nan_to_num(point.std), point.force * (point.speed / speed - 1)))
+    error = float(np.hypot(np.nan_to_num(point.std),
+                           0.5 * (point.force - back.force) * (point.speed / speed - 1)))
     last = float(point.by_cycle[-1])
     return StandardForce(block.run.specimen, block.run.level, direction, speed, point.force, error, None, last,
                          f"{block.run.name}: {block.label}", block.kind, len(block.settled),

@@ -199,9 +199,9 @@ def _pieces(record: Record, settings: CharacteriseSettings) -> tuple[list[tuple[
 
 
 def _integral(velocity: np.ndarray, period: float) -> np.ndarray:
-    """Trapezoidal integral of the velocity less its mean: a sensor's zero would grow to a drift."""
-    v = velocity - velocity.mean()
-    return np.concatenate([[0.0], np.cumsum(0.5 * period * (v[1:] + v[:-1]))])
+    """Trapezoidal integral from 0. A zero error of the sensor becomes a drift, which cycles are fitted with; the mean is
+    no measure of it where the record does not hold whole cycles."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * period * (velocity[1:] + velocity[:-1]))])
 
 
 def _without_delays(record: Record, settings: CharacteriseSettings,

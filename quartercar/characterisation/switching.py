@@ -75,8 +75,8 @@ class Switching:
 def switching_of(run: Run) -> tuple[list[Switching], str]:
     """Switching times of a run whose current steps, and where there are none, why.
 
-    At steady speed the force before and after a step is a line and a level, F_0(t) and F_1. The response is
-    y = (F − F_0)/(F_1 − F_0), the switching time t(y = 0.9) − t(I = I_0 + 0.1 (I_1 − I_0)). The instant of y = 0.9 is
+    At steady speed the force before and after a step lies on two lines of one slope (the gas spring's), F_0(t) and
+    F_1(t). The response is y = (F − F_0)/(F_1 − F_0), the switching time t(y = 0.9) − t(I = I_0 + 0.1 (I_1 − I_0)). The instant of y = 0.9 is
     that of a parabola through each step's samples between 75 and 97 % of the mean response. Where the current jumps
     from one sample to the next, I10 lies halfway between them. The samples are those of the measurement, whatever rate
     the rest of the page works at.
@@ -113,7 +113,8 @@ def _alike(steps: Sequence[Step]) -> list[list[Step]]:
 
 
 def _one_kind(run: Run, group: Sequence[Step], force: np.ndarray, period: float) -> Switching | str:
-    curves = [c for s in group if (c := _response(s, force)) is not None]
+    slope = _common_slope(group, force)
+    curves = [c for s in group if (c := _response(s, force, slope)) is not None]
     if not curves:
         return "the force has not settled before the next step or turn: hold each level longer"
     length = min(c[0][-1] for c in curves)
@@ -146,22 +147,40 @@ def _one_kind(run: Run, group: Sequence[Step], force: np.ndarray, period: float)
                      float(np.mean([c[2] for c in curves])), n, resolution, grid * period, mean)
 
 
-def _response(step: Step, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
-    """(samples since I10, y, step of the force); None where the force is not settled at the end."""
+def _held(step: Step) -> tuple[np.ndarray, np.ndarray]:
+    """Samples before the step (the half next to it: what came earlier may still settle) and of the settled end."""
     before, after = step.before, step.after
-    k = np.arange(before.start, before.stop)
-    late = k[len(k) // 2:]  # the half next to the step: what came before may still settle
-    line = np.polyfit(late - step.start, force[late], 1) if late.size > 5 else np.array([0.0, force[late].mean()])
-    tail = np.arange(after.stop - max(4, int(FINAL * (after.stop - after.start))), after.stop)
-    slope, level = np.polyfit(tail - tail.mean(), force[tail], 1)
-    change = level - line[1]
-    noise = float(np.std(force[tail] - np.polyval((slope, level), tail - tail.mean())))
-    if abs(change) <= NOISE * noise or abs(slope) * tail.size > max(2 * SAME_SPEED * abs(change), noise):
+    length = after.stop - after.start
+    return (np.arange(before.start + (before.stop - before.start) // 2, before.stop),
+            np.arange(after.stop - max(4, int(FINAL * length)), after.stop))
+
+
+def _common_slope(group: Sequence[Step], force: np.ndarray) -> float:
+    """Slope of the force over time at held current [N per sample]: of a gas spring at this speed, one for all steps.
+
+    Least squares over all held stretches, each about its own mean.
+    """
+    above = below = 0.0
+    for step in group:
+        for span in _held(step):
+            off = span - span.mean()
+            above += float(off @ force[span])
+            below += float(off @ off)
+    return above / below if below else 0.0
+
+
+def _response(step: Step, force: np.ndarray, slope: float) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """(samples since I10, y, step of the force); None where the force is not settled at the end."""
+    late, tail = _held(step)
+    flat = force - slope * (np.arange(force.size) - step.start)
+    start, level = float(flat[late].mean()), float(flat[tail].mean())
+    change = level - start
+    own, _ = np.polyfit(tail - tail.mean(), flat[tail], 1)
+    noise = float(np.std(flat[tail] - level))
+    if abs(change) <= NOISE * noise / np.sqrt(tail.size) or abs(own) * tail.size > max(2 * SAME_SPEED * abs(change), noise):
         return None
-    span = np.arange(late[0], after.stop)
-    t = span - step.start
-    base = np.where(t < 0, np.polyval(line, t), line[1])
-    return t, (force[span] - base) / change, float(change)
+    span = np.arange(late[0], step.after.stop)
+    return span - step.start, (flat[span] - start) / change, change
 
 
 def _window(t: np.ndarray, y: np.ndarray) -> tuple[float, float] | None:
