@@ -16,8 +16,11 @@ SMALLEST = 0.01
 FEWEST = 3
 """like cycles in a row that make a block: two neighbours are alike by chance once in a hundred cycles of a random
 motion, three once in ten thousand"""
+RECENT = 15
+"""cycles before it that the next one must be like: a slow drift of the test is allowed"""
 MOST_OF = 1.0 / 3.0
-"""part of the record from which fewer cycles do, if they are a sine or a triangle: a random record has more strokes"""
+"""part of the record from which fewer cycles do, if they are a sine or a triangle, and up to which blocks of less than
+six cycles are taken for chance: a random record has more strokes"""
 SINE = 1.0 / 18.0
 """distortion of the displacement up to which it counts as a sine: half of a triangle's, whose third harmonic is 1/9"""
 FLAT = 0.5
@@ -114,7 +117,7 @@ def blocks_of(run: Run) -> tuple[Block, ...]:
     A stroke lies between two turning points that are further apart than the noise of the displacement (8 σ, σ from its
     fourth differences) and a hundredth of the travel. A cycle goes from one upward crossing of mid stroke to the next,
     interpolated: turning points are flat and their time is not sharp. Cycles whose periods and amplitudes differ by
-    less than 5 % from the median of the block so far belong to it.
+    less than 5 % from the median of the fifteen before belong to the same block.
 
     Returns
     -------
@@ -130,7 +133,8 @@ def blocks_of(run: Run) -> tuple[Block, ...]:
             block = _block(run, [(marks[k], marks[k + 1]) for k in group])
             if block is not None and (len(group) >= FEWEST or block.kind != "periodic"):
                 found.append(block)
-    return tuple(found)
+    covered = sum(c.span.stop - c.span.start for b in found for c in b.cycles)
+    return tuple(b for b in found if covered > MOST_OF * x.size or len(b.cycles) >= 2 * FEWEST)
 
 
 def noise_of(x: np.ndarray) -> float:
@@ -154,12 +158,17 @@ def _threshold(x: np.ndarray) -> float:
 
 
 def _crossings(x: np.ndarray, turns: np.ndarray) -> list[tuple[float, float, float]]:
-    """(sample of the upward crossing of mid stroke, half stroke, middle) of every rising stroke."""
+    """(sample of the upward crossing of mid stroke, half stroke, middle) of every rising stroke.
+
+    The first and the last stroke are cut off by the ends of the record, so that middle and length are their neighbour's.
+    """
     found = []
-    for a, b in pairwise(turns):
+    strokes = list(pairwise(turns))
+    for n, (a, b) in enumerate(strokes):
         if x[b] <= x[a]:
             continue
-        middle = 0.5 * (x[a] + x[b])
+        low, high = strokes[1] if n == 0 and len(strokes) > 2 else strokes[-2] if n == len(strokes) - 1 > 1 else (a, b)
+        middle, half = 0.5 * (x[low] + x[high]), 0.5 * abs(float(x[high] - x[low]))
         above = np.flatnonzero(x[a:b + 1] >= middle)
         below = np.flatnonzero(x[a:b + 1] < middle)
         if not above.size or not below.size:
@@ -168,7 +177,7 @@ def _crossings(x: np.ndarray, turns: np.ndarray) -> list[tuple[float, float, flo
         place = _crossing(x, first, middle) if first > a else float(first)
         if last >= first:
             place = 0.5 * (place + _crossing(x, min(last + 1, b), middle))
-        found.append((place, 0.5 * float(x[b] - x[a]), float(middle)))
+        found.append((place, half, float(middle)))
     return found
 
 
@@ -184,7 +193,7 @@ def _alike(marks: list[tuple[float, float, float]], run: Run) -> list[list[int]]
     for k, (period, amplitude) in enumerate(cycles):
         tolerance = max(SAME_SPEED, 2.0 / max(period, 1.0))  # a crossing is uncertain by about a sample
         if groups and groups[-1][-1] == k - 1:
-            past = np.median([cycles[j] for j in groups[-1]], axis=0)
+            past = np.median([cycles[j] for j in groups[-1][-RECENT:]], axis=0)
             if abs(period / past[0] - 1) < tolerance and abs(amplitude / past[1] - 1) < SAME_SPEED:
                 groups[-1].append(k)
                 continue

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 LEAST = 6
-"""samples that a window needs: twice the unknowns of a parabola"""
+"""samples of each group that a window needs: twice the unknowns of a parabola"""
 SHRINK = 0.7
 """factor from one trial window to the next: the standard error grows by a fifth at each"""
 CURVED = 2.0
@@ -75,9 +75,10 @@ def local_fit(u: np.ndarray, y: np.ndarray, group: np.ndarray, widest: float) ->
     if u.size < LEAST:
         return None
     fits = []
-    h = max(widest, float(np.sort(np.abs(u))[LEAST - 1]))
+    least = min(LEAST * np.unique(group).size, u.size)  # cycles that are sampled at the same phases are one point
+    h = max(widest, float(np.sort(np.abs(u))[least - 1]))
     inside = np.abs(u) <= h
-    while inside.sum() >= LEAST:
+    while inside.sum() >= least:
         fits.append((_fit(u[inside], y[inside], group[inside], h), _cubic(u[inside] / h, y[inside], group[inside])))
         h *= SHRINK
         inside = np.abs(u) <= h

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.units import parse_header, quantity_to_si
+from lpvid.units import parse_header, to_si
 from quartercar.characterisation.forces import StandardForce
 from quartercar.characterisation.points import DIRECTIONS
 from quartercar.dampers.facts import DISTINCT
@@ -151,7 +151,7 @@ def read_nominal(path: str | Path) -> tuple[Nominal, ...]:
             if not text or text == "–":
                 return None
             try:
-                return quantity_to_si(float(text), unit)[0] if unit else float(text)
+                return float(to_si([float(text)], unit).values[0])
             except ValueError:
                 raise InputError(f"{path}: line {number}, column '{name}' is no number", got=repr(text)) from None
 

@@ -188,7 +188,7 @@ def test_temperature_coefficient_of_a_fading_damper():
     found = qc.characterise(record)
     for d in found.drifts:
         assert d.warmest - d.coolest > 0.5
-        assert d.per_kelvin == pytest.approx(-0.02, rel=0.03)
+        assert d.per_kelvin == pytest.approx(-0.02, rel=0.05)  # a line through exp(−k ΔT), by its mean
         assert d.change == pytest.approx(-0.02 * (d.warmest - d.coolest), rel=0.05)
 
 
