@@ -1,4 +1,4 @@
-"""Characterisation: from raw records of a damper to the numbers and figures of a dynamometer's page, without a model."""
+"""Characterisation: from raw records of a damper to numbers and figures of a dynamometer's page, without a model."""
 
 from quartercar.characterisation.characterisation import Characterisation, characterise
 from quartercar.characterisation.settings import CharacteriseSettings

@@ -156,7 +156,8 @@ def characterise(records: Any, settings: CharacteriseSettings | None = None, *, 
     forces = standard_forces(data.runs, steady, settings.speeds, models)
     static = tuple(slowest([s for b in steady if (s := static_force(b)) is not None]))
     switching, refused = _switching(data.runs)
-    known = {s.specimen: s.gas for s in sorted(static, key=lambda s: s.friction, reverse=True) if s.creep}  # softest last
+    softest_last = sorted((s for s in static if s.creep), key=lambda s: s.friction, reverse=True)
+    known = {s.specimen: s.gas for s in softest_last}
     drifts = tuple(d for b in steady for way in DIRECTIONS if (d := drift_of(b, way)) is not None)
     found = Characterisation(
         settings, data, blocks, peaks, forces, static, tuple(loop_of(b) for b in steady), ratios_of(forces, known),

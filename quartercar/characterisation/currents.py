@@ -63,33 +63,25 @@ class Ratio:
 def spreads_of(forces: Sequence[StandardForce]) -> tuple[Spread, ...]:
     """Spread over the currents of each specimen, direction and speed that has two or more.
 
-    Soft and hard are the lowest and the highest current by magnitude of the force at this speed. The standard error
-    counts the errors of the three forces.
+    Soft and hard are the currents of least and largest force in this direction at this speed. The standard error counts
+    the errors of the three forces.
     """
     rows = []
     for specimen, direction, speed in dict.fromkeys((f.specimen, f.direction, f.speed) for f in forces):
-        own = [f for f in forces if (f.specimen, f.direction, f.speed) == (specimen, direction, speed)
-               and f.force is not None and f.current is not None]
+        own = [(direction * f.force, f.current, f.std or 0.0) for f in forces if f.force is not None
+               and f.current is not None and (f.specimen, f.direction, f.speed) == (specimen, direction, speed)]
         if len(own) < 2:
             continue
-        soft, hard = (extreme(own, key=lambda f: direction * f.force) for extreme in (min, max))
-        span, reach = hard.force - soft.force, hard.current - soft.current
+        soft, hard = min(own), max(own)
+        span, reach = hard[0] - soft[0], hard[1] - soft[1]
         if span == 0 or reach == 0:
             continue
-        for f in sorted(own, key=lambda f: f.current):
-            share = (f.force - soft.force) / span
-            error = _share_std(share, span, f.std, soft.std, hard.std, f is soft or f is hard)
-            rows.append(Spread(specimen, direction, speed, f.current, share, error,
-                               share - (f.current - soft.current) / reach))
+        for row in sorted(own, key=lambda row: row[1]):
+            share = (row[0] - soft[0]) / span
+            error = 0.0 if row in (soft, hard) else float(np.linalg.norm(
+                (row[2] / span, (1 - share) * soft[2] / span, share * hard[2] / span)))
+            rows.append(Spread(specimen, direction, speed, row[1], share, error, share - (row[1] - soft[1]) / reach))
     return tuple(rows)
-
-
-def _share_std(share: float, span: float, own: float | None, soft: float | None, hard: float | None,
-               end: bool) -> float:
-    if end:
-        return 0.0
-    parts = ((own or 0.0) / span, (1 - share) * (soft or 0.0) / span, share * (hard or 0.0) / span)
-    return float(np.linalg.norm(parts))
 
 
 def ratios_of(forces: Sequence[StandardForce], gas: Mapping[str, float]) -> tuple[Ratio, ...]:

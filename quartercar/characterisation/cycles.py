@@ -89,7 +89,7 @@ class Block:
 
     @property
     def peak(self) -> float:
-        """Speed of the test [m/s]: half the range of the smooth velocity, of a triangle the median |v|; mean of cycles."""
+        """Speed of the test [m/s], mean of cycles: half the range of the velocity, of a triangle the median |v|."""
         if self.kind == "triangle":
             return float(np.mean([np.median(np.abs(c.velocity)) for c in self.cycles]))
         ends = (0.0, 1.0) if self.kind == "sine" else (0.01, 0.99)  # a measured velocity is noisy
@@ -160,7 +160,7 @@ def _threshold(x: np.ndarray) -> float:
 def _crossings(x: np.ndarray, turns: np.ndarray) -> list[tuple[float, float, float]]:
     """(sample of the upward crossing of mid stroke, half stroke, middle) of every rising stroke.
 
-    The first and the last stroke are cut off by the ends of the record, so that middle and length are their neighbour's.
+    The first and the last stroke are cut off by the ends of the record: middle and length are their neighbour's.
     """
     found = []
     strokes = list(pairwise(turns))
@@ -168,7 +168,7 @@ def _crossings(x: np.ndarray, turns: np.ndarray) -> list[tuple[float, float, flo
         if x[b] <= x[a]:
             continue
         low, high = strokes[1] if n == 0 and len(strokes) > 2 else strokes[-2] if n == len(strokes) - 1 > 1 else (a, b)
-        middle, half = 0.5 * (x[low] + x[high]), 0.5 * abs(float(x[high] - x[low]))
+        middle, half = 0.5 * float(x[low] + x[high]), 0.5 * abs(float(x[high] - x[low]))
         above = np.flatnonzero(x[a:b + 1] >= middle)
         below = np.flatnonzero(x[a:b + 1] < middle)
         if not above.size or not below.size:
@@ -177,7 +177,7 @@ def _crossings(x: np.ndarray, turns: np.ndarray) -> list[tuple[float, float, flo
         place = _crossing(x, first, middle) if first > a else float(first)
         if last >= first:
             place = 0.5 * (place + _crossing(x, min(last + 1, b), middle))
-        found.append((place, half, float(middle)))
+        found.append((place, half, middle))
     return found
 
 

@@ -39,8 +39,8 @@ def figures_of(found: Characterisation) -> tuple[Drawn, ...]:
     import matplotlib as mpl
 
     with look(), mpl.rc_context({"font.size": FONT, "axes.labelsize": FONT, "axes.titlesize": FONT,
-                                 "xtick.labelsize": FONT - 1, "ytick.labelsize": FONT - 1, "legend.fontsize": FONT - 1.5,
-                                 "lines.linewidth": 1.5}):
+                                 "xtick.labelsize": FONT - 1, "ytick.labelsize": FONT - 1,
+                                 "legend.fontsize": FONT - 1.5, "lines.linewidth": 1.5}):
         made = [peak_velocity(found), continuous_velocity(found), displacement_loops(found), by_current(found),
                 static_line(found), stiffness(found), switching(found), drift(found), histogram(found),
                 specimens(found)]
@@ -62,7 +62,7 @@ def _colours(found: Characterisation) -> dict:
     if len(levels) < 2:
         return {k: CYCLE[n % len(CYCLE)] for n, k in enumerate(keys)}
     shade = {level: mpl.colormaps[SCALE](0.9 * n / (len(levels) - 1)) for n, level in enumerate(levels)}
-    return {k: shade.get(k[1], MUTED) for k in keys}
+    return {k: MUTED if k[1] is None else shade.get(k[1], MUTED) for k in keys}
 
 
 def _label(found: Characterisation, key: tuple) -> str:
@@ -74,8 +74,8 @@ def _legend(ax: Axes) -> None:
     handles, labels = ax.get_legend_handles_labels()
     if handles:
         unique = dict(zip(labels, handles, strict=True))
-        ax.legend(unique.values(), unique.keys(), loc="upper left", bbox_to_anchor=(0.0, -0.19), ncols=3, borderaxespad=0.0,
-                  handlelength=1.4, columnspacing=1.2)
+        ax.legend(unique.values(), unique.keys(), loc="upper left", bbox_to_anchor=(0.0, -0.19), ncols=3,
+                  borderaxespad=0.0, handlelength=1.4, columnspacing=1.2)
 
 
 def _zero(ax: Axes) -> None:
@@ -117,8 +117,8 @@ def peak_velocity(found: Characterisation) -> Drawn | None:
     ax.set_ylabel("force [N]")
     ax.set_title(f"Peak velocity, rebound {found.settings.rebound}")
     _legend(ax)
-    return Drawn("peak_velocity", figure, "Peak-velocity plot: force at mid stroke (central 10 %), mean over the settled "
-                 "cycles with two standard errors, over the speed there; one point per test and direction.")
+    return Drawn("peak_velocity", figure, "Peak-velocity plot: force at mid stroke (central 10 %), mean over the "
+                 "settled cycles with two standard errors, over the speed there; one point per test and direction.")
 
 
 def _one_per_key(found: Characterisation) -> tuple[list[Block], str]:
@@ -156,8 +156,8 @@ def _last_cycles(found: Characterisation, name: str, across: str, pick: Any, tit
         label = f"{_label(found, key)}, {speed_said(block.peak)}" if several else block.label
         c = block.last
         x, force = pick(c), sign * block.run.force[c.span]
-        ax.plot(np.append(x, x[0]), np.append(force, force[0]), color=colours[key] if several else CYCLE[n % len(CYCLE)],
-                label=label)
+        colour = colours[key] if several else CYCLE[n % len(CYCLE)]
+        ax.plot(np.append(x, x[0]), np.append(force, force[0]), color=colour, label=label)
         if id(block.run) in found.models:
             model = sign * found.models[id(block.run)][c.span]
             ax.plot(x, model, "--", color=VERMILION, linewidth=1.1, label=found.model)
@@ -193,8 +193,8 @@ def by_current(found: Characterisation) -> Drawn | None:
     ax.set_title("Spread over the current")
     _legend(ax)
     of = f" of {specimen}" if specimen else ""
-    return Drawn("by_current", figure, f"(F − F_soft)/(F_hard − F_soft){of} at standard speeds, with two standard errors; "
-                 "off the dotted line the setting is not linear in the current.")
+    return Drawn("by_current", figure, f"(F − F_soft)/(F_hard − F_soft){of} at standard speeds, with two standard "
+                 "errors; off the dotted line the setting is not linear in the current.")
 
 
 def static_line(found: Characterisation) -> Drawn | None:
@@ -249,8 +249,8 @@ def stiffness(found: Characterisation) -> Drawn | None:
     axes[1].set_xticks([f for k, f in enumerate(kept) if k == 0 or f > 1.25 * kept[k - 1]])
     axes[1].xaxis.set_major_formatter(lambda value, _: f"{value:.2g}")
     _legend(axes[1])
-    return Drawn("stiffness", figure, "Complex stiffness F₁/x₁ of the fundamental by frequency; amplitudes differ between "
-                 "tests (table). 90° is a damper without elasticity.")
+    return Drawn("stiffness", figure, "Complex stiffness F₁/x₁ of the fundamental by frequency; amplitudes differ "
+                 "between tests (table). 90° is a damper without elasticity.")
 
 
 def switching(found: Characterisation) -> Drawn | None:
@@ -273,8 +273,8 @@ def switching(found: Characterisation) -> Drawn | None:
     ax.set_ylabel("force, share of its step [%]")
     ax.set_title("Switching")
     ax.legend(loc="upper left", bbox_to_anchor=(0.0, -0.19), ncols=1, borderaxespad=0.0)
-    return Drawn("switching", figure, "Force after a step of the current at steady speed, mean over like steps; the dot is "
-                 "at 90 %.")
+    return Drawn("switching", figure, "Force after a step of the current at steady speed, mean over like steps; the "
+                 "dot is at 90 %.")
 
 
 def drift(found: Characterisation) -> Drawn | None:
@@ -328,7 +328,8 @@ def specimens(found: Characterisation) -> Drawn | None:
     sign = found.settings.sign
     means = {(s.current, s.direction, s.speed): sign * s.mean for s in found.specimens}
     bands = {(c.force.current, c.force.direction, c.force.speed): (c.lower, c.upper, c.nominal) for c in found.checks}
-    keys = [k for k in dict.fromkeys((f.current, f.direction, f.speed) for f in found.given) if k in means or k in bands]
+    keys = [k for k in dict.fromkeys((f.current, f.direction, f.speed) for f in found.given)
+            if k in means or k in bands]
     if not keys:
         return None
     centre = {k: bands[k][2] if k in bands and bands[k][2] is not None else means.get(k) for k in keys}
@@ -355,5 +356,5 @@ def specimens(found: Characterisation) -> Drawn | None:
     unique = dict(zip(labels, handles, strict=True))
     ax.legend(unique.values(), unique.keys(), loc="upper left", bbox_to_anchor=(0.0, -0.55 / ax.figure.get_figheight()),
               ncols=4, borderaxespad=0.0)
-    return Drawn("specimens", figure, "Every specimen at every standard speed, against the nominal force or the mean of "
-                 "the specimens; grey is the tolerance band.")
+    return Drawn("specimens", figure, "Every specimen at every standard speed, against the nominal force or the mean "
+                 "of the specimens; grey is the tolerance band.")

@@ -1,4 +1,4 @@
-"""Forces at standard speeds: for every specimen, current and direction the force at each speed, or why there is none."""
+"""Forces at standard speeds: for every specimen, current and direction the force, or why there is none."""
 
 from __future__ import annotations
 
@@ -134,8 +134,10 @@ def _force(specimen: str, level: float | None, direction: int, speed: float, own
 
 def _from_triangle(block: Block, direction: int, speed: float,
                    models: Mapping[int, np.ndarray]) -> StandardForce | None:
-    """The peak-velocity point of a triangle within 5 % of the speed. The difference of speeds counts as an error, by a slope
-    of half the difference of the two directions over the speed."""
+    """The peak-velocity point of a triangle within 5 % of the speed.
+
+    The difference of speeds counts as an error, by a slope of half the difference of the two directions over the speed.
+    """
     point, back = peak_point(block, direction), peak_point(block, -direction)
     if point is None or back is None or abs(point.speed / speed - 1) > SAME_SPEED:
         return None
@@ -170,8 +172,8 @@ def _from_random(run: Run, specimen: str, level: float | None, direction: int, s
 def _why(own: Sequence[Block], loose: Sequence[Run], direction: int, speed: float,
          elastic: BranchForce | None) -> str:
     if elastic is not None:
-        return (f"the two branches of {elastic.block.label} differ by {abs(elastic.hysteresis):.3g} N, so that the force "
-                f"is elastic more than damping: {propose_sine(speed)}")
+        return (f"the two branches of {elastic.block.label} differ by {abs(elastic.hysteresis):.3g} N, so that the "
+                f"force is elastic more than damping: {propose_sine(speed)}")
     peaks = [b.peak for b in own] + [float(np.quantile(np.maximum(direction * r.velocity, 0), 0.999)) for r in loose]
     fastest = max(peaks, default=0.0)
     return f"fastest test {1e3 * fastest:.3g} mm/s: {propose_sine(speed)}"

@@ -62,8 +62,8 @@ def histogram_of(run: Run) -> VelocityHistogram:
     count = np.histogram(v, edges)[0]
     above, below = float(np.mean(v > HISTOGRAM)), float(np.mean(v < -HISTOGRAM))
     power = float(np.mean(run.force * v)) if run.has_force else None
-    return VelocityHistogram(run.name, run.specimen, edges, count / v.size, below, above, float(np.mean(np.abs(v) < LOW)),
-                             float(np.sqrt(np.mean(v**2))), float(np.abs(v).max()),
+    return VelocityHistogram(run.name, run.specimen, edges, count / v.size, below, above,
+                             float(np.mean(np.abs(v) < LOW)), float(np.sqrt(np.mean(v**2))), float(np.abs(v).max()),
                              tuple(float(q) for q in np.quantile(v, (0.01, 0.05, 0.5, 0.95, 0.99))), power,
                              v.size * run.period)
 

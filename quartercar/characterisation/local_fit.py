@@ -45,7 +45,8 @@ def local_fit(u: np.ndarray, y: np.ndarray, group: np.ndarray, widest: float) ->
     """Local parabola y ≈ β_0 + β_1 u + β_2 u², |u| ≤ h; the value is β_0.
 
     h is the largest of a falling series for which a cubic term is within two standard errors of zero and the value
-    agrees with those of all smaller windows within three of their standard errors (Lepskii 1991, Theory Probab. Appl. 35).
+    agrees with those of all smaller windows within three of their standard errors (Lepskii 1991, Theory Probab.
+    Appl. 35).
     The variance is robust against errors that samples of one group (a cycle) share::
 
         V = (XᵀX)⁻¹ (Σ_g X_gᵀ e_g e_gᵀ X_g) (XᵀX)⁻¹ G/(G−1)

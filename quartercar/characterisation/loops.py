@@ -74,15 +74,16 @@ def loop_of(block: Block) -> Loop:
     area = stiffness = elastic = spread = angle = angle_std = damping = None
     if block.kind != "triangle":
         parts = [_stiffness(c, run.force[c.span], run.period) for c in block.settled]
-        mean = complex(np.mean([k for k, _ in parts]))
-        ratios = np.array([k / mean for k, _ in parts])
+        mean = sum(k for k, _ in parts) / n
+        ratios = [k / mean for k, _ in parts]
         stiffness, elastic, angle = abs(mean), mean.real, float(np.angle(mean))
         damping, area = mean.imag * block.settled[0].period / (2 * np.pi), float(np.mean([a for _, a in parts]))
         if n > 1:
-            spread = abs(mean) * float(ratios.real.std(ddof=1) / np.sqrt(n))
-            angle_std = float(ratios.imag.std(ddof=1) / np.sqrt(n))
+            spread = abs(mean) * float(np.std([r.real for r in ratios], ddof=1) / np.sqrt(n))
+            angle_std = float(np.std([r.imag for r in ratios], ddof=1) / np.sqrt(n))
     return Loop(run.specimen, run.level, run.name, block.label, block.kind, block.frequency, block.amplitude,
-                block.peak, float(energies.mean()), error, area, stiffness, elastic, spread, angle, angle_std, damping, n)
+                block.peak, float(energies.mean()), error, area, stiffness, elastic, spread, angle, angle_std, damping,
+                n)
 
 
 def _stiffness(cycle: Cycle, force: np.ndarray, period: float) -> tuple[complex, float]:

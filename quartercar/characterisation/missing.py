@@ -116,5 +116,5 @@ def _switching(found: Characterisation, refused: tuple[str, ...]) -> list[Missin
     if found.switching:
         return []
     why = refused[0] if refused else "the current does not step in any record"
-    return [Missing("switching time", why, "run a triangle of ±20 mm at 0.1 m/s, step the current between soft and hard "
-                    "once per stroke, hold each level for 100 ms or more, and record at 5 kHz or more")]
+    return [Missing("switching time", why, "run a triangle of ±20 mm at 0.1 m/s, step the current between soft and "
+                    "hard once per stroke, hold each level for 100 ms or more, and record at 5 kHz or more")]

@@ -138,9 +138,8 @@ def _forces(found: Characterisation) -> list[Item]:
                     _said(sign * (f.force or 0.0), f.std), number(None if f.last is None else sign * f.last),
                     number(f.hysteresis, 3), str(f.cycles or "–"), f.source) for f in found.given)
     items.append(Table(("current", "direction", "speed [m/s]", "force [N]", "last cycle [N]", "branch difference [N]",
-                        "cycles", "read from"), detail, "Branch difference: force while the speed rises less that while "
-                       "it falls; it is positive where the damper has to be filled or wound up first.", (2, 3, 4, 5, 6),
-                       folded=f"Where each of the {len(detail)} forces was read"))
+                        "cycles", "read from"), detail, "Branch difference: force while the speed rises less that "
+                       "while it falls.", (2, 3, 4, 5, 6), folded=f"Where each of the {len(detail)} forces was read"))
     return items
 
 
@@ -173,8 +172,8 @@ def _static(found: Characterisation) -> list[Item]:
         return []
     rows, marks = [], []
     for s in found.static:
-        rows.append((_where(found, s.specimen, s.current), _test(s.test), f"{1e3 * s.speed:.3g}", _said(s.gas, s.gas_std),
-                     _said(1e-3 * s.rate, 1e-3 * s.rate_std, 3),
+        rows.append((_where(found, s.specimen, s.current), _test(s.test), f"{1e3 * s.speed:.3g}",
+                     _said(s.gas, s.gas_std), _said(1e-3 * s.rate, 1e-3 * s.rate_std, 3),
                      ("" if s.creep else "≤ ") + _said(s.friction, s.friction_std)))
         marks.append("plain" if s.creep else "warn")
     items: list[Item] = [Table(("current", "test", "speed [mm/s]", "gas force, outwards [N]", "spring rate [N/mm]",
@@ -183,8 +182,8 @@ def _static(found: Characterisation) -> list[Item]:
                                "force of a magnetorheological fluid.", (2, 3, 4, 5),
                                tuple(marks))]
     if not all(s.creep for s in found.static):
-        items.append(Paragraph("Marked rows are faster than 10 mm/s: their friction is an upper bound, and their gas force "
-                               "holds half of what the damping of the two directions differs by."))
+        items.append(Paragraph("Marked rows are faster than 10 mm/s: their friction is an upper bound, and their gas "
+                               "force holds half of what the damping of the two directions differs by."))
     return items
 
 
@@ -200,8 +199,8 @@ def _loops(found: Characterisation) -> list[Item]:
                                                              x.frequency)))
     return [Table(("current", "test", "energy per cycle [J]", "loss angle [°]", "dynamic stiffness [N/mm]",
                    "elastic stiffness [N/mm]", "equivalent damping [N·s/mm]", "F-v loop area [W]"), rows,
-                  "Energy: area of the force-displacement loop. Stiffness of the fundamentals, K* = F₁/x₁; elastic is its "
-                  "real part.", (2, 3, 4, 5, 6, 7), folded=f"{len(rows)} tests" if len(rows) > 2 * OPEN else "")]
+                  "Energy: area of the force-displacement loop. Stiffness of the fundamentals, K* = F₁/x₁; elastic "
+                  "is its real part.", (2, 3, 4, 5, 6, 7), folded=f"{len(rows)} tests" if len(rows) > 2 * OPEN else "")]
 
 
 def _spreads(found: Characterisation) -> list[Item]:
@@ -222,7 +221,8 @@ def _spreads(found: Characterisation) -> list[Item]:
         soft, hard = min(own.values()), max(own.values())
         rows.append((*((specimen,) if specimen else ()), DIRECTIONS[direction], f"{speed:g}", f"{hard - soft:.4g}",
                      number(hard / soft if soft > 0 else None, 3),
-                     *(f"{100 * shares[level].share + 0.0:z.1f}" if level in shares else "–" for level in found.data.levels)))
+                     *(f"{100 * shares[level].share:z.1f}" if level in shares else "–"
+                       for level in found.data.levels)))
     first = ("specimen",) if any(s.specimen for s in found.spreads) else ()
     start = len(first)
     items.append(Table((*first, "direction", "speed [m/s]", "hard − soft [N]", "hard / soft",
@@ -240,11 +240,11 @@ def _switching(found: Characterisation) -> list[Item]:
                   _said(1e3 * s.time, 1e3 * s.time_std), number(1e3 * s.spread, 2),
                   number(None if s.settling is None else 1e3 * s.settling, 3), f"{100 * s.dip:.1f}",
                   f"{100 * s.overshoot:.1f}", number(s.step, 4), str(s.events)) for s in found.switching)
-    return [Table(("step", "direction", "speed [mm/s]", "t(F90) − t(I10) [ms]", "between steps [ms]", "settled after [ms]",
-                   "dip [%]", "overshoot [%]", "step of the force [N]", "steps"), rows,
-                  "From 10 % of the current's step to 90 % of the force's, at steady speed, from the samples as measured. "
-                  "± holds the clock's resolution. Settled: within 5 % for good. Delays of sensors and filters are in it "
-                  "unless given with --delay.", (2, 3, 4, 5, 6, 7, 8, 9))]
+    return [Table(("step", "direction", "speed [mm/s]", "t(F90) − t(I10) [ms]", "between steps [ms]",
+                   "settled after [ms]", "dip [%]", "overshoot [%]", "step of the force [N]", "steps"), rows,
+                  "From 10 % of the current's step to 90 % of the force's, at steady speed, from the samples as "
+                  "measured. ± holds the clock's resolution. Settled: within 5 % for good. Delays of sensors and "
+                  "filters are in it unless given with --delay.", (2, 3, 4, 5, 6, 7, 8, 9))]
 
 
 def _drift(found: Characterisation) -> list[Item]:
@@ -252,7 +252,8 @@ def _drift(found: Characterisation) -> list[Item]:
         return []
     rows = tuple((_where(found, d.specimen, d.current), _test(d.test), DIRECTIONS[d.direction], str(d.cycles),
                   number(d.duration, 3), _said(100 * d.change, 100 * d.change_std, 2),
-                  "–" if d.coolest is None or d.warmest is None else f"{d.coolest - 273.15:.1f} … {d.warmest - 273.15:.1f}",
+                  "–" if d.coolest is None or d.warmest is None else
+                  f"{d.coolest - 273.15:.1f} … {d.warmest - 273.15:.1f}",
                   _said(None if d.per_kelvin is None else 100 * d.per_kelvin,
                         None if d.per_kelvin_std is None else 100 * d.per_kelvin_std, 2)) for d in found.drifts)
     return [Table(("current", "test", "direction", "cycles", "over [s]", "change of |F| [%]", "temperature [°C]",
@@ -263,9 +264,9 @@ def _drift(found: Characterisation) -> list[Item]:
 def _histogram(found: Characterisation) -> list[Item]:
     if not found.histograms:
         return []
-    rows = tuple((h.record, number(h.duration, 3), f"{1e3 * h.rms:.3g}", f"{1e3 * h.largest:.3g}", f"{100 * h.slow:.1f}",
-                  f"{100 * (h.below + h.above):.2f}", " / ".join(f"{1e3 * q:.0f}" for q in h.quantiles),
-                  number(h.power, 3)) for h in found.histograms)
+    rows = tuple((h.record, number(h.duration, 3), f"{1e3 * h.rms:.3g}", f"{1e3 * h.largest:.3g}",
+                  f"{100 * h.slow:.1f}", f"{100 * (h.below + h.above):.2f}",
+                  " / ".join(f"{1e3 * q:z.0f}" for q in h.quantiles), number(h.power, 3)) for h in found.histograms)
     return [Table(("record", "length [s]", "rms [mm/s]", "largest [mm/s]", "below 50 mm/s [% of time]",
                    "beyond ±250 mm/s [% of time]", "1 / 5 / 50 / 95 / 99 % [mm/s]", "mean power [W]"), rows,
                   "Records without periodic motion.", (1, 2, 3, 4, 5, 6, 7))]
@@ -279,10 +280,10 @@ def _tolerance(found: Characterisation) -> list[Item]:
                                                   None: ("undecided", "warn")}
     ordered = sorted(found.checks, key=lambda c: {False: 0, None: 1, True: 2}[c.inside])
     rows = tuple((_where(found, c.force.specimen, c.force.current), DIRECTIONS[c.force.direction], f"{c.force.speed:g}",
-                  _said(sign * (c.force.force or 0.0), c.force.std), number(c.nominal), number(c.lower), number(c.upper),
-                  words[c.inside][0]) for c in ordered)
-    return [Table(("specimen, current", "direction", "speed [m/s]", "force [N]", "nominal [N]", "lower [N]", "upper [N]",
-                   "verdict"), rows, "Undecided: within two standard errors of a limit.", (2, 3, 4, 5, 6),
+                  _said(sign * (c.force.force or 0.0), c.force.std), number(c.nominal), number(c.lower),
+                  number(c.upper), words[c.inside][0]) for c in ordered)
+    return [Table(("specimen, current", "direction", "speed [m/s]", "force [N]", "nominal [N]", "lower [N]",
+                   "upper [N]", "verdict"), rows, "Undecided: within two standard errors of a limit.", (2, 3, 4, 5, 6),
                   tuple(words[c.inside][1] for c in ordered),
                   folded=f"{len(rows)} forces against their bands" if len(rows) > 2 * OPEN else "")]
 

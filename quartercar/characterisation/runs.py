@@ -199,8 +199,11 @@ def _pieces(record: Record, settings: CharacteriseSettings) -> tuple[list[tuple[
 
 
 def _integral(velocity: np.ndarray, period: float) -> np.ndarray:
-    """Trapezoidal integral from 0. A zero error of the sensor becomes a drift, which cycles are fitted with; the mean is
-    no measure of it where the record does not hold whole cycles."""
+    """Trapezoidal integral from 0.
+
+    A zero error of the sensor becomes a drift, which cycles are fitted with; the mean is no measure of it where the
+    record does not hold whole cycles.
+    """
     return np.concatenate([[0.0], np.cumsum(0.5 * period * (velocity[1:] + velocity[:-1]))])
 
 
@@ -236,7 +239,7 @@ def _kinds(pieces: Sequence[Record]) -> list[tuple[str, float | None]]:
         else:
             found[k] = ("varies", None)
     medians.sort()
-    gap = max([DISTINCT * largest, *[s for s in noise]])
+    gap = max([DISTINCT * largest, *noise])
     groups: list[list[tuple[float, int]]] = []
     for value, k in medians:
         if groups and value - groups[-1][-1][0] <= gap:
@@ -262,8 +265,8 @@ def _caveats(runs: Sequence[Run], sense: int) -> tuple[str, ...]:
     longest = max((float(np.ptp(r.displacement)), r.name) for r in runs if not r.integrated) if any(
         not r.integrated for r in runs) else (0.0, "")
     if longest[0] > LONGEST:
-        said.append(f"Record '{longest[1]}' has a stroke of {longest[0]:.3g} m: is its displacement in mm, with another "
-                    "unit in the header?")
+        said.append(f"Record '{longest[1]}' has a stroke of {longest[0]:.3g} m: is its displacement in mm, with "
+                    "another unit in the header?")
     if any(r.integrated for r in runs):
         said.append("Displacement is the integral of the velocity where it was not measured: its zero is not known, so "
                     "the gas force belongs to the middle of the motion.")

@@ -12,9 +12,9 @@ from lpvid.errors import InputError
 SPEEDS = (0.05, 0.1, 0.13, 0.26, 0.3, 0.52, 0.6, 1.05)
 """Speeds at which damper forces are usually quoted [m/s]: VDA's .052 … 1.05 and round values in use beside them."""
 CENTRE = 0.1
-"""Share of the stroke, about its middle, over which a peak-velocity point is taken (damper dynamometers' usual 10 %)."""
+"""Share of the stroke, about its middle, over which a peak-velocity point is taken: dynamometers' usual 10 %."""
 CREEP = 0.01
-"""Speed up to which a run counts as creep [m/s]: the issue's and most dynamometers' limit of a gas and friction test."""
+"""Speed up to which a run counts as creep [m/s]: the usual limit of a gas and friction test on a dynamometer."""
 HISTOGRAM = 0.25
 """Half width of the velocity histogram [m/s]."""
 Rebound = Literal["positive", "negative"]

@@ -76,10 +76,10 @@ def switching_of(run: Run) -> tuple[list[Switching], str]:
     """Switching times of a run whose current steps, and where there are none, why.
 
     At steady speed the force before and after a step lies on two lines of one slope (the gas spring's), F_0(t) and
-    F_1(t). The response is y = (F − F_0)/(F_1 − F_0), the switching time t(y = 0.9) − t(I = I_0 + 0.1 (I_1 − I_0)). The instant of y = 0.9 is
-    that of a parabola through each step's samples between 75 and 97 % of the mean response. Where the current jumps
-    from one sample to the next, I10 lies halfway between them. The samples are those of the measurement, whatever rate
-    the rest of the page works at.
+    F_1(t). The response is y = (F − F_0)/(F_1 − F_0), the switching time t(y = 0.9) − t(I = I_0 + 0.1 (I_1 − I_0)). The
+    instant of y = 0.9 is that of a parabola through each step's samples between 75 and 97 % of the mean response. Where
+    the current jumps from one sample to the next, I10 lies halfway between them. The samples are those of the
+    measurement, whatever rate the rest of the page works at.
     """
     if not run.has_force:
         return [], "no force"
@@ -137,7 +137,8 @@ def _one_kind(run: Run, group: Sequence[Step], force: np.ndarray, period: float)
     y, t = mean[after], grid[after] * period
     limit = max(SETTLED, 0.5 * NOISE * noise)
     outside = np.flatnonzero(np.abs(y - 1.0) > limit)
-    settling = None if outside.size and outside[-1] + 1 >= y.size else float(t[outside[-1] + 1]) if outside.size else 0.0
+    settled_at = int(outside[-1]) + 1 if outside.size else 0
+    settling = float(t[settled_at]) if settled_at < y.size else None
     early = y[: max(int(np.argmax(y > 0.5)), 1)]
     low, beyond = -float(early.min()), float(y.max()) - 1.0
     first = group[0]
@@ -177,7 +178,8 @@ def _response(step: Step, force: np.ndarray, slope: float) -> tuple[np.ndarray, 
     change = level - start
     own, _ = np.polyfit(tail - tail.mean(), flat[tail], 1)
     noise = float(np.std(flat[tail] - level))
-    if abs(change) <= NOISE * noise / np.sqrt(tail.size) or abs(own) * tail.size > max(2 * SAME_SPEED * abs(change), noise):
+    unclear = abs(change) <= NOISE * noise / np.sqrt(tail.size)
+    if unclear or abs(own) * tail.size > max(2 * SAME_SPEED * abs(change), noise):
         return None
     span = np.arange(late[0], step.after.stop)
     return span - step.start, (flat[span] - start) / change, change

@@ -67,8 +67,8 @@ def characteristics_csv(found: Characterisation) -> str:
         rows.append(["ratio", r.specimen, r.current, "", f"rebound over compression at {r.speed:g} m/s", r.ratio, r.std,
                      "1", "" if r.without_gas is None else f"{r.without_gas:.6g} without gas force"])
     for s in found.spreads:
-        rows.append(["spread", s.specimen, s.current, "", f"{DIRECTIONS[s.direction]} share at {s.speed:g} m/s", s.share,
-                     s.share_std, "1", f"{s.off_line:+.4g} off a straight line"])
+        rows.append(["spread", s.specimen, s.current, "", f"{DIRECTIONS[s.direction]} share at {s.speed:g} m/s",
+                     s.share, s.share_std, "1", f"{s.off_line:+.4g} off a straight line"])
     for w in found.switching:
         where = ["switching", w.specimen, None, f"{w.record}: {w.low:.4g} to {w.high:.4g}, {DIRECTIONS[w.direction]} "
                  f"{w.speed:.3g} m/s"]
@@ -124,7 +124,8 @@ def to_dict(found: Characterisation) -> dict[str, Any]:
         "positive in tension; direction 1 rebound, -1 compression", "caveats": list(found.data.caveats),
         "current_unit": found.data.current_unit, "currents": list(found.data.levels),
         "records": [{"name": r.name, "specimen": r.specimen, "current": r.level, "current_kind": r.current,
-                     "sample_rate": 1.0 / r.period, "duration": r.record.n_samples * r.period} for r in found.data.runs],
+                     "sample_rate": 1.0 / r.period, "duration": r.record.n_samples * r.period}
+                    for r in found.data.runs],
         "blocks": [{"record": b.run.name, "kind": b.kind, "frequency": b.frequency, "amplitude": b.amplitude,
                     "peak_speed": b.peak, "cycles": len(b.cycles), "distortion": b.distortion} for b in found.blocks],
         "peak_velocity": [{"record": p.block.run.name, "test": p.block.label, "specimen": p.block.run.specimen,

@@ -17,7 +17,8 @@ from quartercar.characterisation.points import DIRECTIONS
 from quartercar.dampers.facts import DISTINCT
 from quartercar.dampers.static_characteristic import SAME_SPEED
 
-MEND = "a CSV with columns 'speed [m/s]', 'direction', 'force [N]' and, as needed, 'current [A]', 'lower [N]', 'upper [N]'"
+MEND = ("a CSV with columns 'speed [m/s]', 'direction', 'force [N]' and, as needed, 'current [A]', 'lower [N]', "
+        "'upper [N]'")
 _TEXT = re.compile(r"^\s*(?:([\d.]+)\s*%)?\s*\+?\s*(?:([\d.]+)\s*N?)?\s*$")
 
 
@@ -195,7 +196,8 @@ def _band(f: StandardForce, tolerance: Tolerance, forces: Sequence[StandardForce
         n = min(like, key=lambda n: abs(n.speed - f.speed))
         centre = n.force
         if n.lower is not None or n.upper is not None:
-            return centre, *sorted((-np.inf if n.lower is None else n.lower, np.inf if n.upper is None else n.upper))
+            ends = (-np.inf if n.lower is None else n.lower, np.inf if n.upper is None else n.upper)
+            return centre, min(ends), max(ends)
     else:
         same = [g.force for g in forces if g.force is not None
                 and (g.current, g.direction, g.speed) == (f.current, f.direction, f.speed)]
@@ -218,6 +220,7 @@ def specimen_spreads(forces: Sequence[StandardForce]) -> tuple[SpecimenSpread, .
         values = np.array([f.force for f in own], dtype=float)
         low, high = own[int(np.abs(values).argmin())], own[int(np.abs(values).argmax())]
         within = float(np.sqrt(np.mean([(f.std or 0.0) ** 2 for f in own])))
-        rows.append(SpecimenSpread(*key, float(values.mean()), float(values.std(ddof=1)), (low.specimen, low.force or 0.0),
-                                   (high.specimen, high.force or 0.0), len(own), within))
+        rows.append(SpecimenSpread(*key, float(values.mean()), float(values.std(ddof=1)),
+                                   (low.specimen, low.force or 0.0), (high.specimen, high.force or 0.0), len(own),
+                                   within))
     return tuple(rows)

@@ -103,8 +103,8 @@ def summary(found: Characterisation) -> str:
         lines.append(f"  {label + ': ' if label else ''}{', '.join(parts)}")
     for s in found.static[:2]:
         kind = "creep" if s.creep else f"at {1e3 * s.speed:.3g} mm/s, upper bound of friction"
-        lines.append(f"  gas {s.gas:.4g} ± {s.gas_std:.2g} N, rate {1e-3 * s.rate:.3g} N/mm, friction {s.friction:.4g} N "
-                     f"({kind})")
+        lines.append(f"  gas {s.gas:.4g} ± {s.gas_std:.2g} N, rate {1e-3 * s.rate:.3g} N/mm, "
+                     f"friction {s.friction:.4g} N ({kind})")
     for s in found.switching[:2]:
         lines.append(f"  switching {amps(s.low, unit)} to {amps(s.high, unit)}, {DIRECTIONS[s.direction]}: "
                      f"{1e3 * s.time:.3g} ± {1e3 * s.time_std:.2g} ms")

@@ -30,9 +30,9 @@ def characterise(
                                                   "columns speed, direction, lower, upper.")] = None,
     nominal: Annotated[Path | None, typer.Option("--nominal", metavar="CSV", help="Nominal forces: speed, direction, "
                                                  "force, current; forces.csv of an earlier run will do.")] = None,
-    specimen: Annotated[str, typer.Option("--specimen", metavar="PATTERN", help="'file' for one specimen per file, or a "
-                                          "regular expression on the file name whose group names it: '(S[0-9]+)_'.",
-                                          )] = "",
+    specimen: Annotated[str, typer.Option("--specimen", metavar="PATTERN", help="'file' for one specimen per file, or "
+                                          "a regular expression on the file name whose group names it: "
+                                          "'(S[0-9]+)_'.")] = "",
     delay: Annotated[list[str] | None, typer.Option("--delay", metavar="ROLE=TIME", help="Known delay of a sensor and "
                                                     "its filter, taken off: force=1.2ms.")] = None,
     input: options.Inputs = None,
