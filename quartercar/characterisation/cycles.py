@@ -143,7 +143,7 @@ def noise_of(x: np.ndarray) -> float:
     Examples
     --------
     >>> rng = np.random.default_rng(0)
-    >>> round(noise_of(np.sin(0.01 * np.arange(9000)) + 0.01 * rng.standard_normal(9000)), 3)
+    >>> float(round(noise_of(np.sin(0.01 * np.arange(9000)) + 0.01 * rng.standard_normal(9000)), 3))
     0.01
     """
     if x.size < 5:

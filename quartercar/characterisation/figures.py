@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lpvid.plot.style import CYCLE, FAINT, INK, MUTED, SCALE, VERMILION, look, panels
+from lpvid.plot.style import CYCLE, FAINT, INK, MUTED, PURPLE, SCALE, VERMILION, look, panels
 from quartercar.characterisation.cycles import Block
 from quartercar.characterisation.points import DIRECTIONS, peak_point
-from quartercar.characterisation.wording import amps, speed_said
+from quartercar.characterisation.wording import amps, shortened, speed_said
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,7 +66,7 @@ def _colours(found: Characterisation) -> dict:
 
 
 def _label(found: Characterisation, key: tuple) -> str:
-    parts = [key[0], "" if key[1] is None else amps(key[1], found.data.current_unit)]
+    parts = [shortened(key[0]), "" if key[1] is None else amps(key[1], found.data.current_unit)]
     return " ".join(p for p in parts if p) or "measured"
 
 
@@ -74,8 +74,13 @@ def _legend(ax: Axes) -> None:
     handles, labels = ax.get_legend_handles_labels()
     if handles:
         unique = dict(zip(labels, handles, strict=True))
-        ax.legend(unique.values(), unique.keys(), loc="upper left", bbox_to_anchor=(0.0, -0.19), ncols=3,
+        ax.legend(unique.values(), unique.keys(), loc="upper left", bbox_to_anchor=(0.0, -0.19), ncols=_columns(unique),
                   borderaxespad=0.0, handlelength=1.4, columnspacing=1.2)
+
+
+def _columns(labels: Iterable[str]) -> int:
+    """Columns of a legend that the width holds: about 75 characters with their handles."""
+    return int(np.clip(75 // (6 + max(map(len, labels))), 1, 4))
 
 
 def _zero(ax: Axes) -> None:
@@ -112,7 +117,7 @@ def peak_velocity(found: Characterisation) -> Drawn | None:
                 ax.plot([1e3 * v for v, _ in model], [sign * f for _, f in model], "x", color=VERMILION, markersize=7,
                         markeredgewidth=1.6, label=found.model, zorder=5)
     _zero(ax)
-    ax.set_xlim(left=0)
+    ax.set_xlim(0, 1.06e3 * max(p.speed for p in found.peaks))
     ax.set_xlabel("peak speed [mm/s]")
     ax.set_ylabel("force [N]")
     ax.set_title(f"Peak velocity, rebound {found.settings.rebound}")
@@ -297,8 +302,8 @@ def drift(found: Characterisation) -> Drawn | None:
     if temperature is not None:
         other = ax.twinx()
         means = [float(np.nanmean(temperature[c.span])) - 273.15 for c in block.cycles]
-        other.plot(np.arange(1, len(means) + 1), means, color=VERMILION, linewidth=1.0, alpha=0.8)
-        other.set_ylabel("temperature [°C]", color=VERMILION)
+        other.plot(np.arange(1, len(means) + 1), means, color=PURPLE, linewidth=1.2)
+        other.set_ylabel("temperature [°C]", color=PURPLE)
         other.grid(visible=False)
     _legend(ax)
     return Drawn("drift", figure, f"Force at mid stroke of every cycle of {longest.record}"
@@ -345,7 +350,8 @@ def specimens(found: Characterisation) -> Drawn | None:
             if (f.current, f.direction, f.speed) == k:
                 n = names.index(f.specimen)
                 ax.plot(100 * (sign * (f.force or 0.0) / middle - 1), place, "o", markersize=4.5,
-                        color=CYCLE[n % len(CYCLE)], label=f.specimen or "measured", zorder=3)
+                        color=CYCLE[n % len(CYCLE)], label=shortened(f.specimen) or "measured",
+                        zorder=3)
     said = [f"{amps(c, found.data.current_unit)} " * (c is not None) + f"{DIRECTIONS[d]} {v:g} m/s" for c, d, v in keys]
     ax.set_yticks(range(len(keys)), said, fontsize=FONT - 3)
     ax.invert_yaxis()
@@ -355,6 +361,6 @@ def specimens(found: Characterisation) -> Drawn | None:
     handles, labels = ax.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
     ax.legend(unique.values(), unique.keys(), loc="upper left", bbox_to_anchor=(0.0, -0.55 / ax.figure.get_figheight()),
-              ncols=4, borderaxespad=0.0)
+              ncols=_columns(unique), borderaxespad=0.0)
     return Drawn("specimens", figure, "Every specimen at every standard speed, against the nominal force or the mean "
                  "of the specimens; grey is the tolerance band.")

@@ -11,7 +11,7 @@ from lpvid.report import Figure, Item, Mark, Notes, Page, Paragraph, Section, Ta
 from quartercar.characterisation.currents import worst_off_line
 from quartercar.characterisation.figures import Drawn, figures_of
 from quartercar.characterisation.points import DIRECTIONS
-from quartercar.characterisation.wording import amps
+from quartercar.characterisation.wording import amps, shortened
 
 if TYPE_CHECKING:
     from quartercar.characterisation.characterisation import Characterisation
@@ -79,6 +79,11 @@ def _where(found: Characterisation, specimen: str, current: float | None) -> str
     return ", ".join(p for p in parts if p) or "all"
 
 
+def _first(found: Characterisation) -> str:
+    """Heading of the column that `_where` fills."""
+    return "current" if len(found.data.specimens) < 2 else "specimen, current"
+
+
 def _test(label: str) -> str:
     """A test's label that breaks only behind its comma."""
     return label.replace(", ", "|").replace(" ", "\u00a0").replace("|", ", ")
@@ -94,7 +99,7 @@ def _facts(found: Characterisation) -> tuple[tuple[str, str], ...]:
             best = max((f for f in own if f.direction == direction), key=lambda f: f.speed, default=None)
             if best is not None and best.force is not None:
                 label = f"{name}, {best.speed:g} m/s"
-                label += f", {_where(found, *key)}" if len(keys) > 1 else ""
+                label += f", {_where(found, shortened(key[0], 14), key[1])}" if len(keys) > 1 else ""
                 facts.append((label, f"{sign * best.force:.4g} N"))
     creep = next((s for s in found.static if s.creep), None)
     if creep is not None:
@@ -124,7 +129,7 @@ def _forces(found: Characterisation) -> list[Item]:
                "slowest test that reaches the speed. A dash: not reached.")
     if worst is not None:
         caption += f" Largest standard error {number(worst.std, 2)} N; each is listed below."
-    items: list[Item] = [Table(("current" if len(found.data.specimens) < 2 else "specimen, current", "direction",
+    items: list[Item] = [Table((_first(found), "direction",
                                 *(f"{v:g} m/s" for v in speeds)), tuple(rows), caption,
                                tuple(range(2, 2 + len(speeds))))]
     if found.model:
@@ -149,7 +154,8 @@ def _ratio(found: Characterisation) -> list[Item]:
     gas = any(r.without_gas is not None for r in found.ratios)
     rows = tuple((_where(found, r.specimen, r.current), f"{r.speed:g}", _said(r.ratio, r.std, 3),
                   *((number(r.without_gas, 3),) if gas else ())) for r in found.ratios)
-    return [Table(("current", "speed [m/s]", "rebound / compression", *(("without gas force",) if gas else ())), rows,
+    return [Table((_first(found), "speed [m/s]", "rebound / compression", *(("without gas force",) if gas else ())),
+                  rows,
                   "Rebound over compression force, both as magnitudes.", (1, 2, 3) if gas else (1, 2),
                   folded=f"Rebound over compression, {len(rows)} rows" if len(rows) > OPEN else "")]
 
@@ -162,7 +168,8 @@ def _peaks(found: Characterisation) -> list[Item]:
                       p.block.run.specimen, -np.inf if p.block.run.level is None else p.block.run.level, p.speed)))
     if not rows:
         return []
-    return [Table(("current", "test", "direction", "speed [mm/s]", "force [N]", "between cycles [N]", "cycles"), rows,
+    return [Table((_first(found), "test", "direction", "speed [mm/s]", "force [N]", "between cycles [N]", "cycles"),
+                  rows,
                   "Force at mid stroke by test, mean over the settled cycles.", (3, 4, 5, 6),
                   folded=f"{len(rows)} peak-velocity points" if len(rows) > OPEN else "")]
 
@@ -176,7 +183,7 @@ def _static(found: Characterisation) -> list[Item]:
                      _said(s.gas, s.gas_std), _said(1e-3 * s.rate, 1e-3 * s.rate_std, 3),
                      ("" if s.creep else "≤ ") + _said(s.friction, s.friction_std)))
         marks.append("plain" if s.creep else "warn")
-    items: list[Item] = [Table(("current", "test", "speed [mm/s]", "gas force, outwards [N]", "spring rate [N/mm]",
+    items: list[Item] = [Table((_first(found), "test", "speed [mm/s]", "gas force, outwards [N]", "spring rate [N/mm]",
                                 "friction [N]"), tuple(rows), "Mean and half difference of the two directions at one "
                                "place. Friction still holds the damping at the test's speed, and the yield "
                                "force of a magnetorheological fluid.", (2, 3, 4, 5),
@@ -197,7 +204,7 @@ def _loops(found: Characterisation) -> list[Item]:
                   number(None if x.damping is None else 1e-3 * x.damping, 3), number(x.velocity_area, 3))
                  for x in sorted(found.loops, key=lambda x: (x.specimen, -np.inf if x.current is None else x.current,
                                                              x.frequency)))
-    return [Table(("current", "test", "energy per cycle [J]", "loss angle [°]", "dynamic stiffness [N/mm]",
+    return [Table((_first(found), "test", "energy per cycle [J]", "loss angle [°]", "dynamic stiffness [N/mm]",
                    "elastic stiffness [N/mm]", "equivalent damping [N·s/mm]", "F-v loop area [W]"), rows,
                   "Energy: area of the force-displacement loop. Stiffness of the fundamentals, K* = F₁/x₁; elastic "
                   "is its real part.", (2, 3, 4, 5, 6, 7), folded=f"{len(rows)} tests" if len(rows) > 2 * OPEN else "")]
@@ -256,7 +263,7 @@ def _drift(found: Characterisation) -> list[Item]:
                   f"{d.coolest - 273.15:.1f} … {d.warmest - 273.15:.1f}",
                   _said(None if d.per_kelvin is None else 100 * d.per_kelvin,
                         None if d.per_kelvin_std is None else 100 * d.per_kelvin_std, 2)) for d in found.drifts)
-    return [Table(("current", "test", "direction", "cycles", "over [s]", "change of |F| [%]", "temperature [°C]",
+    return [Table((_first(found), "test", "direction", "cycles", "over [s]", "change of |F| [%]", "temperature [°C]",
                    "per kelvin [%/K]"), rows, "Trend of the force at mid stroke over the settled cycles.",
                   (3, 4, 5, 6, 7), folded=f"{len(rows)} trends" if len(rows) > OPEN else "")]
 

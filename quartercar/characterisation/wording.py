@@ -22,6 +22,17 @@ def amps(current: float | None, unit: str) -> str:
     return "–" if current is None else f"{round(current, 3) + 0.0:.3g} {'' if unit == '1' else unit}".strip()
 
 
+def shortened(name: str, most: int = 20) -> str:
+    """A long name with its middle left out.
+
+    Examples
+    --------
+    >>> shortened("t1_3_3_24_24_s5_n100_100psi_with_heat_gun"), shortened("S1")
+    ('t1_3_3_24_…_heat_gun', 'S1')
+    """
+    return name if len(name) <= most else f"{name[: most // 2]}…{name[len(name) - most + most // 2 + 1:]}"
+
+
 def speed_said(speed: float) -> str:
     """A speed in mm/s, whole from 100 on.
 
