@@ -312,8 +312,8 @@ def _specimens(found: Characterisation) -> list[Item]:
 def _missing(found: Characterisation) -> tuple[Item, ...]:
     if not found.missing:
         return (Paragraph("Everything that this page can hold is in these records."),)
-    rows = tuple((m.what, m.why, m.run) for m in found.missing)
-    return (Table(("what", "why", "what to run"), rows, "Read off nothing rather than guessed."),)
+    return (Paragraph("Nothing here is guessed. What is missing, why, and the test that gives it:"),
+            Notes(tuple(f"{m.what[0].upper()}{m.what[1:]}: {m.why}. To have it, {m.run}." for m in found.missing)))
 
 
 def _tests(found: Characterisation) -> tuple[Item, ...]:
