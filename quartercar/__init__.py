@@ -15,17 +15,19 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from quartercar import controllers, criteria, dampers, effects, parameters, plant, rig, roads
     from quartercar.car import QuarterCar
+    from quartercar.characterisation import characterise
     from quartercar.dampers.fitting import fit
     from quartercar.parameters import CarParameters
     from quartercar.riding import ride
 
 _MODULES = ("controllers", "criteria", "dampers", "effects", "parameters", "plant", "rig", "roads")
-_EXPORTS = {"quartercar.car": ("QuarterCar",), "quartercar.dampers.fitting": ("fit",),
+_EXPORTS = {"quartercar.car": ("QuarterCar",), "quartercar.characterisation": ("characterise",),
+            "quartercar.dampers.fitting": ("fit",),
             "quartercar.parameters": ("CarParameters",), "quartercar.riding": ("ride",)}
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
-__all__ = ["CarParameters", "QuarterCar", "controllers", "criteria", "dampers", "effects", "fit", "parameters", "plant",
-           "ride", "rig", "roads"]
+__all__ = ["CarParameters", "QuarterCar", "characterise", "controllers", "criteria", "dampers", "effects", "fit",
+           "parameters", "plant", "ride", "rig", "roads"]
 
 
 def __getattr__(name: str) -> Any:

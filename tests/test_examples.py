@@ -155,3 +155,11 @@ def test_export_controller(tmp_path: Path) -> None:
     assert sorted(p.name for p in (tmp_path / "loop").iterdir()) == ["loop.c", "loop.h", "loop_test.c"]
     for name, error in errors.items():
         assert error < (1e-12 if "double" in name else 1e-5), name
+
+
+def test_characterise_damper(tmp_path: Path) -> None:
+    found = load("characterise_damper").main(tmp_path)
+    creep = next(s for s in found.static if s.creep)
+    assert creep.gas == pytest.approx(180.0, abs=2.0) and creep.rate == pytest.approx(500.0, rel=0.1)
+    assert len(found.switching) == 4 and len(found.given) == 16
+    assert (tmp_path / "forces.csv").exists() and (tmp_path / "characteristics.png").stat().st_size > 10_000

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from lpvid.cli.running import add, new_app
+from quartercar.cli.characterise import characterise
 from quartercar.cli.demo import demo
 from quartercar.cli.design import design
 from quartercar.cli.export import export
@@ -39,6 +40,12 @@ EXAMPLES = {
     rig: (
         ("records of a virtual damper test, by the default plan", "quartercar rig --out records"),
         ("a plan of your own", "quartercar rig plan.toml --out records"),
+    ),
+    characterise: (
+        ("forces at standard speeds, friction, hysteresis, switching, from raw records",
+         "quartercar characterise run*.csv --out page"),
+        ("against nominal forces, with a tolerance", "quartercar characterise run*.csv --nominal nominal.csv "
+         "--tolerance 10%+20N --out page"),
     ),
     fit: (
         ("every damper law, judged on records kept back", "quartercar fit run*.csv --held-out new.csv --out fit"),

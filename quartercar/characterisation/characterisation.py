@@ -1,0 +1,208 @@
+"""Characterisation: the verb, and everything that it reads off the records as one result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lpvid.errors import InputError
+from quartercar.characterisation.currents import Ratio, Spread, ratios_of, spreads_of
+from quartercar.characterisation.cycles import Block, blocks_of
+from quartercar.characterisation.drift import Drift, drift_of
+from quartercar.characterisation.forces import StandardForce, standard_forces
+from quartercar.characterisation.gas import StaticForce, slowest, static_force
+from quartercar.characterisation.histogram import VelocityHistogram, histograms_of
+from quartercar.characterisation.loops import Loop, loop_of
+from quartercar.characterisation.missing import Missing, missing_of
+from quartercar.characterisation.points import DIRECTIONS, PeakPoint, peak_point
+from quartercar.characterisation.runs import Run, Runs, runs_of
+from quartercar.characterisation.settings import CharacteriseSettings
+from quartercar.characterisation.switching import Switching, switching_of
+from quartercar.characterisation.tolerance import Check, SpecimenSpread, Tolerance, checks_of, specimen_spreads
+
+if TYPE_CHECKING:
+    from quartercar.dampers.contract import Damper
+
+
+@dataclass(frozen=True, eq=False)
+class Characterisation:
+    """What a damper dynamometer's page holds.
+
+    Attributes
+    ----------
+    settings : CharacteriseSettings
+    data : Runs
+    blocks : tuple of Block
+        Periodic stretches, in the order of the files.
+    peaks : tuple of PeakPoint
+    forces : tuple of StandardForce
+    static : tuple of StaticForce
+        Gas, rate and friction of the slowest tests.
+    loops : tuple of Loop
+    ratios : tuple of Ratio
+    spreads : tuple of Spread
+    switching : tuple of Switching
+    drifts : tuple of Drift
+    histograms : tuple of VelocityHistogram
+    checks : tuple of Check
+    specimens : tuple of SpecimenSpread
+    missing : tuple of Missing
+        What the records do not hold, why, and what to run.
+    notes : tuple of str
+    models : dict
+        Simulated force along a run [N], by the run's `id`; empty without a model.
+    model : str
+        Name of the model; empty without one.
+    """
+
+    settings: CharacteriseSettings
+    data: Runs
+    blocks: tuple[Block, ...]
+    peaks: tuple[PeakPoint, ...]
+    forces: tuple[StandardForce, ...]
+    static: tuple[StaticForce, ...]
+    loops: tuple[Loop, ...]
+    ratios: tuple[Ratio, ...]
+    spreads: tuple[Spread, ...]
+    switching: tuple[Switching, ...]
+    drifts: tuple[Drift, ...]
+    histograms: tuple[VelocityHistogram, ...]
+    checks: tuple[Check, ...]
+    specimens: tuple[SpecimenSpread, ...]
+    missing: tuple[Missing, ...]
+    notes: tuple[str, ...]
+    models: dict[int, np.ndarray]
+    model: str
+
+    @property
+    def given(self) -> tuple[StandardForce, ...]:
+        """Forces that the records hold."""
+        return tuple(f for f in self.forces if f.force is not None)
+
+    @property
+    def verdict(self) -> str:
+        """The page's first sentence."""
+        from quartercar.characterisation.wording import verdict
+
+        return verdict(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON, SI; forces positive in tension."""
+        from quartercar.characterisation.tables import to_dict
+
+        return to_dict(self)
+
+    def page(self) -> Any:
+        """The report, as a `lpvid.report.Page`."""
+        from quartercar.characterisation.page import characterisation_page
+
+        return characterisation_page(self)
+
+    def __repr__(self) -> str:
+        from quartercar.characterisation.wording import summary
+
+        return summary(self)
+
+
+def characterise(records: Any, settings: CharacteriseSettings | None = None, *, damper: Damper | None = None,
+                 tolerance: Tolerance | None = None, say: Callable[[str], None] | None = None) -> Characterisation:
+    """Read off records what a damper dynamometer shows; no model is fitted.
+
+    Parameters
+    ----------
+    records : Record, mapping, data frame, or sequence of these
+        With displacement or velocity, and force; current (or voltage) and temperature where they were measured. Any
+        mixture of sines, triangles, steps of the current and random motion, each at its own rate.
+    settings : CharacteriseSettings, optional
+    damper : Damper, optional
+        A model to draw beside the measurement: its free run goes through the same estimators.
+    tolerance : Tolerance, optional
+    say : callable, optional
+        Is given what is being done.
+
+    Returns
+    -------
+    Characterisation
+
+    Raises
+    ------
+    InputError
+        No motion, no force, wrong units, nothing that moves, pieces too short, force of different polarity.
+
+    Examples
+    --------
+    >>> import quartercar as qc
+    >>> from quartercar.rig import Constant, Experiment, Rig, Sine
+    >>> test = Experiment("sine", Sine(0.02, 2.0), Constant((1.0,)), duration=4.0)
+    >>> found = qc.characterise(Rig().run_all(test))
+    >>> [(f.speed, round(f.force, -2)) for f in found.given if f.direction == 1][2:4]
+    [(0.13, 1300.0), (0.26, 1500.0)]
+    """
+    from lpvid.condition.tables import as_records
+
+    settings = settings or CharacteriseSettings()
+    say = say or (lambda text: None)
+    say("cutting cycles")
+    data = runs_of(as_records(records), settings)
+    models, notes = _simulated(data, damper)
+    blocks = tuple(b for run in data.runs for b in blocks_of(run))
+    with_force = tuple(b for b in blocks if b.run.has_force)
+    steady = tuple(b for b in with_force if b.run.current != "varies")
+    say("reading forces")
+    peaks = tuple(p for b in steady for d in DIRECTIONS if (p := peak_point(b, d)) is not None)
+    forces = standard_forces(data.runs, steady, settings.speeds, models)
+    static = tuple(slowest([s for b in steady if (s := static_force(b)) is not None]))
+    switching, refused = _switching(data.runs)
+    softest_last = sorted((s for s in static if s.creep), key=lambda s: s.friction, reverse=True)
+    known = {s.specimen: s.gas for s in softest_last}
+    drifts = tuple(d for b in steady for way in DIRECTIONS if (d := drift_of(b, way)) is not None)
+    found = Characterisation(
+        settings, data, blocks, peaks, forces, static, tuple(loop_of(b) for b in steady), ratios_of(forces, known),
+        spreads_of(forces), tuple(switching), drifts, histograms_of(data.runs, {id(b.run) for b in blocks}),
+        checks_of(forces, tolerance, settings.sign) if tolerance else (), specimen_spreads(forces), (), notes, models,
+        "" if damper is None else str(damper.metadata.get("label", damper.name)))
+    from dataclasses import replace
+
+    return replace(found, missing=missing_of(found, refused))
+
+
+def _switching(runs: Sequence[Run]) -> tuple[list[Switching], tuple[str, ...]]:
+    rows: list[Switching] = []
+    reasons: list[str] = []
+    for run in runs:
+        if run.current == "varies":
+            found, why = switching_of(run)
+            rows += found
+            reasons += [f"{run.name}: {why}"] if why else []
+    return rows, tuple(reasons)
+
+
+def _simulated(data: Runs, damper: Damper | None) -> tuple[dict[int, np.ndarray], tuple[str, ...]]:
+    """The model's free run along every run it can follow, in tension positive, and what to say of it."""
+    if damper is None:
+        return {}, ()
+    import warnings
+
+    models: dict[int, np.ndarray] = {}
+    notes = []
+    for run in data.runs:
+        try:
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                made = damper.simulate(run.record)
+        except InputError as error:
+            notes.append(f"{damper.name} does not run along '{run.name}': {error.what}")
+            continue
+        notes += [str(w.message) for w in caught]
+        force = np.array(made.output[:, 0])
+        if np.isfinite(force).all():
+            models[id(run)] = damper.polarity * force
+        else:
+            notes.append(f"{damper.name} diverges along '{run.name}'")
+    if not models:
+        raise InputError(f"the model '{damper.name}' runs along none of these records", why="; ".join(notes[:2]),
+                         mend="give the channels that it reads")
+    return models, tuple(dict.fromkeys(notes))

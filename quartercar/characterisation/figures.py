@@ -1,0 +1,366 @@
+"""Figures of a dynamometer's page; each answers one question and stays readable on a phone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lpvid.plot.style import CYCLE, FAINT, INK, MUTED, PURPLE, SCALE, VERMILION, look, panels
+from quartercar.characterisation.cycles import Block
+from quartercar.characterisation.points import DIRECTIONS, peak_point
+from quartercar.characterisation.wording import amps, shortened, speed_said
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from quartercar.characterisation.characterisation import Characterisation
+
+WIDTH, HEIGHT, FONT = 7.4, 4.1, 11.0
+"""inches and points: at 390 px wide the text is still 5 px high"""
+MOST_CURVES = 8
+"""Tests drawn in one axes; of more, those spread evenly over the peak speed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A figure with its file name and caption."""
+
+    name: str
+    figure: Figure
+    caption: str
+
+
+def figures_of(found: Characterisation) -> tuple[Drawn, ...]:
+    """Every figure for which the records hold something, in the order of the page."""
+    import matplotlib as mpl
+
+    with look(), mpl.rc_context({"font.size": FONT, "axes.labelsize": FONT, "axes.titlesize": FONT,
+                                 "xtick.labelsize": FONT - 1, "ytick.labelsize": FONT - 1,
+                                 "legend.fontsize": FONT - 1.5, "lines.linewidth": 1.5}):
+        made = [peak_velocity(found), continuous_velocity(found), displacement_loops(found), by_current(found),
+                static_line(found), stiffness(found), switching(found), drift(found), histogram(found),
+                specimens(found)]
+    return tuple(m for m in made if m is not None)
+
+
+def _chart(rows: int = 1, height: float = HEIGHT, sharex: bool = False) -> tuple[Figure, Any]:
+    figure, axes = panels(rows, 1, height=height, width=WIDTH, sharex=sharex)
+    return figure, axes[:, 0] if rows > 1 else axes[0, 0]
+
+
+def _colours(found: Characterisation) -> dict:
+    """A colour for every (specimen, current): by current along a map, or by specimen where there is one current."""
+    import matplotlib as mpl
+
+    keys = list(dict.fromkeys((b.run.specimen, b.run.level) for b in _steady(found)))
+    keys.sort(key=lambda k: (k[0], -np.inf if k[1] is None else k[1]))
+    levels = found.data.levels
+    if len(levels) < 2:
+        return {k: CYCLE[n % len(CYCLE)] for n, k in enumerate(keys)}
+    shade = {level: mpl.colormaps[SCALE](0.9 * n / (len(levels) - 1)) for n, level in enumerate(levels)}
+    return {k: MUTED if k[1] is None else shade.get(k[1], MUTED) for k in keys}
+
+
+def _label(found: Characterisation, key: tuple) -> str:
+    parts = [shortened(key[0]), "" if key[1] is None else amps(key[1], found.data.current_unit)]
+    return " ".join(p for p in parts if p) or "measured"
+
+
+def _legend(ax: Axes) -> None:
+    handles, labels = ax.get_legend_handles_labels()
+    if handles:
+        unique = dict(zip(labels, handles, strict=True))
+        ax.legend(unique.values(), unique.keys(), loc="upper left", bbox_to_anchor=(0.0, -0.19), ncols=_columns(unique),
+                  borderaxespad=0.0, handlelength=1.4, columnspacing=1.2)
+
+
+def _columns(labels: Iterable[str]) -> int:
+    """Columns of a legend that the width holds: about 75 characters with their handles."""
+    return int(np.clip(75 // (6 + max(map(len, labels))), 1, 4))
+
+
+def _zero(ax: Axes) -> None:
+    ax.axhline(0, color=INK, linewidth=0.7, zorder=1)
+
+
+def _spread_over(blocks: Sequence[Block], most: int = MOST_CURVES) -> list[Block]:
+    ordered = sorted(blocks, key=lambda b: b.peak)
+    if len(ordered) <= most:
+        return ordered
+    return [ordered[k] for k in np.unique(np.linspace(0, len(ordered) - 1, most).round().astype(int))]
+
+
+def _steady(found: Characterisation) -> list[Block]:
+    return [b for b in found.blocks if b.run.has_force and b.run.current != "varies"]
+
+
+def peak_velocity(found: Characterisation) -> Drawn | None:
+    """PVP: force at mid stroke over the peak speed."""
+    if not found.peaks:
+        return None
+    sign, colours = found.settings.sign, _colours(found)
+    figure, ax = _chart()
+    for key in colours:
+        for direction in DIRECTIONS:
+            own = sorted((p for p in found.peaks if (p.block.run.specimen, p.block.run.level, p.direction) ==
+                          (*key, direction)), key=lambda p: p.speed)
+            ax.errorbar([1e3 * p.speed for p in own], [sign * p.force for p in own],
+                        yerr=[2 * np.nan_to_num(p.std) for p in own], color=colours[key], marker="o", markersize=4.5,
+                        linewidth=1.0, capsize=2.5, label=_label(found, key))
+            model = [(p.speed, m.force) for p in own if id(p.block.run) in found.models
+                     and (m := peak_point(p.block, direction, found.models[id(p.block.run)])) is not None]
+            if model:
+                ax.plot([1e3 * v for v, _ in model], [sign * f for _, f in model], "x", color=VERMILION, markersize=7,
+                        markeredgewidth=1.6, label=found.model, zorder=5)
+    _zero(ax)
+    ax.set_xlim(0, 1.06e3 * max(p.speed for p in found.peaks))
+    ax.set_xlabel("peak speed [mm/s]")
+    ax.set_ylabel("force [N]")
+    ax.set_title(f"Peak velocity, rebound {found.settings.rebound}")
+    _legend(ax)
+    return Drawn("peak_velocity", figure, "Peak-velocity plot: force at mid stroke (central 10 %), mean over the "
+                 "settled cycles with two standard errors, over the speed there; one point per test and direction.")
+
+
+def _one_per_key(found: Characterisation) -> tuple[list[Block], str]:
+    """The fastest test of every specimen and current; with only one of these, tests of all speeds."""
+    steady = _steady(found)
+    keys = list(dict.fromkeys((b.run.specimen, b.run.level) for b in steady))
+    if len(keys) > 1:
+        return [max((b for b in steady if (b.run.specimen, b.run.level) == k), key=lambda b: b.peak) for k in keys], \
+            "the fastest test of each"
+    return _spread_over(steady), "every test" if len(steady) <= MOST_CURVES else f"{MOST_CURVES} of {len(steady)} tests"
+
+
+def continuous_velocity(found: Characterisation) -> Drawn | None:
+    """CVP: force over velocity along the last complete cycle."""
+    return _last_cycles(found, "continuous_velocity", "velocity [mm/s]", lambda c: 1e3 * c.velocity,
+                        "Continuous velocity", "Continuous-velocity plot: force over velocity")
+
+
+def displacement_loops(found: Characterisation) -> Drawn | None:
+    """Force over displacement along the last complete cycle."""
+    return _last_cycles(found, "force_displacement", "displacement from mid stroke [mm]",
+                        lambda c: 1e3 * (c.displacement - c.centre), "Force-displacement loops",
+                        "Force over displacement")
+
+
+def _last_cycles(found: Characterisation, name: str, across: str, pick: Any, title: str, said: str) -> Drawn | None:
+    chosen, which = _one_per_key(found)
+    if not chosen:
+        return None
+    several = len({(b.run.specimen, b.run.level) for b in chosen}) > 1
+    sign, colours = found.settings.sign, _colours(found)
+    figure, ax = _chart()
+    for n, block in enumerate(chosen):
+        key = (block.run.specimen, block.run.level)
+        label = f"{_label(found, key)}, {speed_said(block.peak)}" if several else block.label
+        c = block.last
+        x, force = pick(c), sign * block.run.force[c.span]
+        colour = colours[key] if several else CYCLE[n % len(CYCLE)]
+        ax.plot(np.append(x, x[0]), np.append(force, force[0]), color=colour, label=label)
+        if id(block.run) in found.models:
+            model = sign * found.models[id(block.run)][c.span]
+            ax.plot(x, model, "--", color=VERMILION, linewidth=1.1, label=found.model)
+    _zero(ax)
+    ax.axvline(0, color=INK, linewidth=0.7, zorder=1)
+    ax.set_xlabel(across)
+    ax.set_ylabel("force [N]")
+    ax.set_title(title)
+    _legend(ax)
+    return Drawn(name, figure, f"{said}, last complete cycle of {which}.")
+
+
+def by_current(found: Characterisation) -> Drawn | None:
+    """(F − F_soft)/(F_hard − F_soft) over the current."""
+    if len({s.current for s in found.spreads}) < 3:
+        return None
+    figure, ax = _chart()
+    speeds = list(dict.fromkeys(s.speed for s in found.spreads))
+    shown = [speeds[k] for k in np.unique(np.linspace(0, len(speeds) - 1, min(3, len(speeds))).round().astype(int))]
+    specimen = found.spreads[0].specimen
+    for n, speed in enumerate(shown):
+        for direction, mark in ((1, "o-"), (-1, "s--")):
+            own = [s for s in found.spreads if (s.specimen, s.direction, s.speed) == (specimen, direction, speed)]
+            ax.errorbar([s.current for s in own], [100 * s.share for s in own], yerr=[200 * s.share_std for s in own],
+                        fmt=mark, color=CYCLE[n % len(CYCLE)], markersize=4.5, capsize=2.5,
+                        label=f"{speed:g} m/s {DIRECTIONS[direction]}")
+    low, high = ax.get_xlim()
+    ends = [min(s.current for s in found.spreads), max(s.current for s in found.spreads)]
+    ax.plot(ends, [0, 100], color=MUTED, linewidth=1.0, linestyle=":", label="straight line")
+    ax.set_xlim(low, high)
+    ax.set_xlabel(f"current [{found.data.current_unit}]")
+    ax.set_ylabel("place between soft and hard [%]")
+    ax.set_title("Spread over the current")
+    _legend(ax)
+    of = f" of {specimen}" if specimen else ""
+    return Drawn("by_current", figure, f"(F − F_soft)/(F_hard − F_soft){of} at standard speeds, with two standard "
+                 "errors; off the dotted line the setting is not linear in the current.")
+
+
+def static_line(found: Characterisation) -> Drawn | None:
+    """The slowest test over displacement, with the mean of its two directions."""
+    if not found.static:
+        return None
+    slow = min(found.static, key=lambda s: s.speed)
+    block = next(b for b in _steady(found) if (b.run.name, b.label) == (slow.record, slow.test))
+    sign, c = found.settings.sign, block.last
+    x = 1e3 * (c.displacement - c.centre)
+    figure, ax = _chart()
+    ax.plot(x, sign * block.run.force[c.span], color=CYCLE[0], label=f"{slow.test} ({speed_said(slow.speed)})")
+    reach = np.array([x.min(), x.max()])
+    ax.plot(reach, sign * (-slow.gas + slow.rate * 1e-3 * reach), color=VERMILION, linestyle="--",
+            label="mean of both directions")
+    _zero(ax)
+    ax.set_xlabel("displacement from mid stroke [mm]")
+    ax.set_ylabel("force [N]")
+    ax.set_title("Gas force and friction" + ("" if slow.creep else ": not a creep test"))
+    _legend(ax)
+    return Drawn("static", figure, "The slowest test: the mean of both directions is the gas spring, half their "
+                 "difference the friction" + ("." if slow.creep else ", here with the damping at this speed in it."))
+
+
+def stiffness(found: Characterisation) -> Drawn | None:
+    """Dynamic and elastic stiffness and loss angle over frequency."""
+    rows = [x for x in found.loops if x.loss_angle is not None]
+    if len({round(x.frequency, 2) for x in rows}) < 2:
+        return None
+    colours = _colours(found)
+    figure, axes = _chart(2, 2.7, sharex=True)
+    for key in colours:
+        own = sorted((x for x in rows if (x.specimen, x.current) == key), key=lambda x: x.frequency)
+        f = [x.frequency for x in own]
+        axes[0].plot(f, [1e-3 * (x.dynamic_stiffness or 0) for x in own], "o", color=colours[key], markersize=5,
+                     label=_label(found, key))
+        axes[0].plot(f, [1e-3 * (x.elastic_stiffness or 0) for x in own], "o", color=colours[key], markersize=5,
+                     fillstyle="none")
+        axes[1].plot(f, [np.degrees(x.loss_angle or 0) for x in own], "o", color=colours[key], markersize=5,
+                     label=_label(found, key))
+    axes[0].set_ylabel("stiffness [N/mm]")
+    axes[0].set_title("Dynamic (full) and elastic (open) stiffness")
+    axes[1].axhline(90, color=MUTED, linewidth=0.9, linestyle=":")
+    axes[1].set_ylabel("loss angle [°]")
+    axes[1].set_xlabel("frequency [Hz]")
+    axes[1].set_xscale("log")
+    axes[1].xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes[1].xaxis.set_minor_formatter(lambda value, _: "")
+    frequencies = np.unique([x.frequency for x in rows])
+    kept = [frequencies[0]]
+    kept += [f for f in frequencies[1:] if f > 1.25 * kept[0]]
+    axes[1].set_xticks([f for k, f in enumerate(kept) if k == 0 or f > 1.25 * kept[k - 1]])
+    axes[1].xaxis.set_major_formatter(lambda value, _: f"{value:.2g}")
+    _legend(axes[1])
+    return Drawn("stiffness", figure, "Complex stiffness F₁/x₁ of the fundamental by frequency; amplitudes differ "
+                 "between tests (table). 90° is a damper without elasticity.")
+
+
+def switching(found: Characterisation) -> Drawn | None:
+    """Mean response to a step of the current."""
+    if not found.switching:
+        return None
+    figure, ax = _chart()
+    unit = found.data.current_unit
+    longest = 3.0 * max(s.time for s in found.switching)
+    for n, s in enumerate(found.switching[:MOST_CURVES]):
+        keep = (s.times > -0.15 * longest) & (s.times < longest)
+        colour = CYCLE[n % len(CYCLE)]
+        ax.plot(1e3 * s.times[keep], 100 * s.response[keep], color=colour,
+                label=f"{amps(s.low, unit)} → {amps(s.high, unit)}, {DIRECTIONS[s.direction]}: {1e3 * s.time:.3g} ms")
+        ax.plot(1e3 * s.time, 90, "o", color=colour, markersize=6)
+    for level in (0, 90, 100):
+        ax.axhline(level, color=MUTED if level == 90 else FAINT, linewidth=0.9, linestyle=":" if level == 90 else "-")
+    ax.axvline(0, color=MUTED, linewidth=0.9, linestyle=":")
+    ax.set_xlabel("time since 10 % of the current's step [ms]")
+    ax.set_ylabel("force, share of its step [%]")
+    ax.set_title("Switching")
+    ax.legend(loc="upper left", bbox_to_anchor=(0.0, -0.19), ncols=1, borderaxespad=0.0)
+    return Drawn("switching", figure, "Force after a step of the current at steady speed, mean over like steps; the "
+                 "dot is at 90 %.")
+
+
+def drift(found: Characterisation) -> Drawn | None:
+    """Force at mid stroke cycle by cycle of the longest block."""
+    if not found.drifts:
+        return None
+    longest = max(found.drifts, key=lambda d: d.cycles)
+    block = next(b for b in _steady(found) if (b.run.name, b.label) == (longest.record, longest.test))
+    figure, ax = _chart()
+    for n, direction in enumerate(DIRECTIONS):
+        point = peak_point(block, direction)
+        if point is not None:
+            mean = float(np.mean(point.by_cycle[1:]))
+            ax.plot(np.arange(1, point.by_cycle.size + 1), 100 * (point.by_cycle / mean - 1), "o-", markersize=3,
+                    linewidth=0.8, color=CYCLE[n], label=f"{DIRECTIONS[direction]}, mean {abs(mean):.4g} N")
+    ax.set_xlabel("cycle")
+    ax.set_ylabel("|force| about its mean [%]")
+    ax.set_title("Drift over the cycles")
+    temperature = block.run.temperature
+    if temperature is not None:
+        other = ax.twinx()
+        means = [float(np.nanmean(temperature[c.span])) - 273.15 for c in block.cycles]
+        other.plot(np.arange(1, len(means) + 1), means, color=PURPLE, linewidth=1.2)
+        other.set_ylabel("temperature [°C]", color=PURPLE)
+        other.grid(visible=False)
+    _legend(ax)
+    return Drawn("drift", figure, f"Force at mid stroke of every cycle of {longest.record}"
+                 + (", and the temperature." if temperature is not None else "; no temperature was recorded."))
+
+
+def histogram(found: Characterisation) -> Drawn | None:
+    """Share of the time by velocity."""
+    if not found.histograms:
+        return None
+    figure, ax = _chart()
+    for n, h in enumerate(found.histograms[:MOST_CURVES]):
+        ax.stairs(100 * h.share, 1e3 * h.edges, color=CYCLE[n % len(CYCLE)], linewidth=1.4,
+                  fill=len(found.histograms) == 1, alpha=0.75 if len(found.histograms) == 1 else 1.0, label=h.record)
+    ax.axvline(0, color=INK, linewidth=0.7)
+    ax.set_xlabel("velocity [mm/s], rebound right")
+    ax.set_ylabel("share of the time [%]")
+    ax.set_title("Velocity histogram")
+    _legend(ax)
+    return Drawn("velocity_histogram", figure, "Share of the time in classes of 10 mm/s.")
+
+
+def specimens(found: Characterisation) -> Drawn | None:
+    """Every specimen's force against the mean, with the band where there is one."""
+    if not found.specimens and not found.checks:
+        return None
+    sign = found.settings.sign
+    means = {(s.current, s.direction, s.speed): sign * s.mean for s in found.specimens}
+    bands = {(c.force.current, c.force.direction, c.force.speed): (c.lower, c.upper, c.nominal) for c in found.checks}
+    keys = [k for k in dict.fromkeys((f.current, f.direction, f.speed) for f in found.given)
+            if k in means or k in bands]
+    if not keys:
+        return None
+    centre = {k: bands[k][2] if k in bands and bands[k][2] is not None else means.get(k) for k in keys}
+    keys = [k for k in keys if centre[k]]
+    figure, ax = _chart(height=max(HEIGHT, 1.2 + 0.24 * len(keys)))
+    names = list(found.data.specimens)
+    for place, k in enumerate(keys):
+        middle = centre[k] or 1.0
+        if k in bands:
+            low, high = sorted(100 * (b / middle - 1) for b in bands[k][:2])
+            ax.barh(place, high - low, left=low, height=0.7, color=FAINT, zorder=1)
+        for f in found.given:
+            if (f.current, f.direction, f.speed) == k:
+                n = names.index(f.specimen)
+                ax.plot(100 * (sign * (f.force or 0.0) / middle - 1), place, "o", markersize=4.5,
+                        color=CYCLE[n % len(CYCLE)], label=shortened(f.specimen) or "measured",
+                        zorder=3)
+    said = [f"{amps(c, found.data.current_unit)} " * (c is not None) + f"{DIRECTIONS[d]} {v:g} m/s" for c, d, v in keys]
+    ax.set_yticks(range(len(keys)), said, fontsize=FONT - 3)
+    ax.invert_yaxis()
+    ax.axvline(0, color=INK, linewidth=0.7)
+    ax.set_xlabel("force about its nominal or mean [%]")
+    ax.set_title("Specimens and tolerance")
+    handles, labels = ax.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    ax.legend(unique.values(), unique.keys(), loc="upper left", bbox_to_anchor=(0.0, -0.55 / ax.figure.get_figheight()),
+              ncols=_columns(unique), borderaxespad=0.0)
+    return Drawn("specimens", figure, "Every specimen at every standard speed, against the nominal force or the mean "
+                 "of the specimens; grey is the tolerance band.")

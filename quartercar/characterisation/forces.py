@@ -1,0 +1,192 @@
+"""Forces at standard speeds: for every specimen, current and direction the force, or why there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from quartercar.characterisation.cycles import Block
+from quartercar.characterisation.local_fit import local_fit
+from quartercar.characterisation.points import DIRECTIONS, BranchForce, branch_force, peak_point
+from quartercar.characterisation.runs import Run
+from quartercar.dampers.static_characteristic import SAME_SPEED
+
+SLICES = 20
+"""Stretches of a random record that count as independent for its standard error: enough for a 16 % error of it."""
+LONGEST_STROKE = 0.05
+"""Amplitude [m] of the sine that is proposed; a faster test takes a higher frequency."""
+
+
+@dataclass(frozen=True)
+class StandardForce:
+    """Force at one speed.
+
+    Attributes
+    ----------
+    specimen : str
+    current : float or None
+        Held current; None where it was not recorded.
+    direction : {1, −1}
+    speed : float
+        [m/s].
+    force : float or None
+        Positive in tension [N].
+    std : float or None
+        Standard error, from the spread over cycles [N].
+    hysteresis : float or None
+        Force while the speed rises less that while it falls [N].
+    last : float or None
+        Of the last complete cycle [N].
+    source : str
+        Record and test that it was read from.
+    method : {"sine", "triangle", "periodic", "random", ""}
+    cycles : int
+    why : str
+        Why there is no force; empty where there is one.
+    modelled : float or None
+        The model's force by the same estimator along the same run [N].
+    """
+
+    specimen: str
+    current: float | None
+    direction: int
+    speed: float
+    force: float | None = None
+    std: float | None = None
+    hysteresis: float | None = None
+    last: float | None = None
+    source: str = ""
+    method: str = ""
+    cycles: int = 0
+    why: str = ""
+    modelled: float | None = None
+
+
+Key = tuple[str, float | None]
+"""Specimen and held current (None where it was not recorded)."""
+
+
+def keys_of(runs: Sequence[Run]) -> list[Key]:
+    """Specimens and currents of the runs with a force at one current, in order."""
+    found = dict.fromkeys((r.specimen, r.level) for r in runs if r.has_force and r.current != "varies")
+    return sorted(found, key=lambda k: (k[0], -np.inf if k[1] is None else k[1]))
+
+
+def standard_forces(runs: Sequence[Run], blocks: Sequence[Block], speeds: Sequence[float],
+                    models: Mapping[int, np.ndarray]) -> tuple[StandardForce, ...]:
+    """The table of forces.
+
+    Each is read from the cycles whose peak speed is the least that reaches the speed (within 5 %), and of those from
+    the block with most cycles: there the force is nearest to a steady one. A triangle serves only at its own speed.
+    Where no cycle reaches it, from random motion. A force whose two branches differ by more than half the difference of
+    the two directions is not given: it is elastic or inertial.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+    blocks : sequence of Block
+    speeds : sequence of float
+        [m/s].
+    models : mapping
+        Simulated force along a run, by the run's `id`; may be empty.
+    """
+    rows = []
+    for specimen, level in keys_of(runs):
+        own = [b for b in blocks if (b.run.specimen, b.run.level) == (specimen, level) and b.run.current != "varies"]
+        loose = [r for r in runs if (r.specimen, r.level) == (specimen, level) and r.current != "varies"
+                 and r.has_force and not any(b.run is r for b in own)]
+        for direction in DIRECTIONS:
+            rows += [_force(specimen, level, direction, v, own, loose, models) for v in speeds]
+    return tuple(rows)
+
+
+def _force(specimen: str, level: float | None, direction: int, speed: float, own: Sequence[Block],
+           loose: Sequence[Run], models: Mapping[int, np.ndarray]) -> StandardForce:
+    reaching = sorted((b for b in own if b.peak >= (1 - SAME_SPEED) * speed),
+                      key=lambda b: (round(b.peak / speed / SAME_SPEED), -len(b.cycles)))
+    elastic: BranchForce | None = None
+    for block in reaching:
+        if block.kind == "triangle":
+            row = _from_triangle(block, direction, speed, models)
+            if row is not None:
+                return row
+            continue
+        found = branch_force(block, direction, speed)
+        back = branch_force(block, -direction, speed)
+        if found is None or back is None:
+            continue
+        if abs(found.hysteresis) > 0.5 * abs(found.force - back.force):
+            elastic = elastic or found
+            continue
+        simulated = models.get(id(block.run))
+        model = None if simulated is None else branch_force(block, direction, speed, simulated)
+        return StandardForce(specimen, level, direction, speed, found.force, found.std, found.hysteresis, found.last,
+                             f"{block.run.name}: {block.label}", block.kind, len(block.settled),
+                             modelled=None if model is None else model.force)
+    for run in loose:
+        row = _from_random(run, specimen, level, direction, speed, models)
+        if row is not None:
+            return row
+    return StandardForce(specimen, level, direction, speed, why=_why(own, loose, direction, speed, elastic))
+
+
+def _from_triangle(block: Block, direction: int, speed: float,
+                   models: Mapping[int, np.ndarray]) -> StandardForce | None:
+    """The peak-velocity point of a triangle within 5 % of the speed.
+
+    The difference of speeds counts as an error, by a slope of half the difference of the two directions over the speed.
+    """
+    point, back = peak_point(block, direction), peak_point(block, -direction)
+    if point is None or back is None or abs(point.speed / speed - 1) > SAME_SPEED:
+        return None
+    simulated = models.get(id(block.run))
+    model = None if simulated is None else peak_point(block, direction, simulated)
+    error = float(np.hypot(np.nan_to_num(point.std),
+                           0.5 * (point.force - back.force) * (point.speed / speed - 1)))
+    last = float(point.by_cycle[-1])
+    return StandardForce(block.run.specimen, block.run.level, direction, speed, point.force, error, None, last,
+                         f"{block.run.name}: {block.label}", block.kind, len(block.settled),
+                         modelled=None if model is None else model.force)
+
+
+def _from_random(run: Run, specimen: str, level: float | None, direction: int, speed: float,
+                 models: Mapping[int, np.ndarray]) -> StandardForce | None:
+    """Mean force at a speed over all passages through it, with speeds on both sides of it."""
+    u = direction * run.velocity - speed
+    near = np.abs(u) <= 0.5 * speed
+    if (u[near] > 0).sum() < SLICES or (u[near] < 0).sum() < SLICES:
+        return None
+    group = (np.arange(u.size) * SLICES) // u.size
+    found = local_fit(u[near], run.force[near], group[near], 0.5 * speed)
+    if found is None or found.outside:
+        return None
+    simulated = models.get(id(run))
+    model = None if simulated is None else local_fit(u[near], simulated[near], group[near], 0.5 * speed)
+    return StandardForce(specimen, level, direction, speed, found.value, found.std,
+                         source=f"{run.name}: random motion", method="random",
+                         modelled=None if model is None else model.value)
+
+
+def _why(own: Sequence[Block], loose: Sequence[Run], direction: int, speed: float,
+         elastic: BranchForce | None) -> str:
+    if elastic is not None:
+        return (f"the two branches of {elastic.block.label} differ by {abs(elastic.hysteresis):.3g} N, so that the "
+                f"force is elastic more than damping: {propose_sine(speed)}")
+    peaks = [b.peak for b in own] + [float(np.quantile(np.maximum(direction * r.velocity, 0), 0.999)) for r in loose]
+    fastest = max(peaks, default=0.0)
+    return f"fastest test {1e3 * fastest:.3g} mm/s: {propose_sine(speed)}"
+
+
+def propose_sine(speed: float) -> str:
+    """The test that gives a speed.
+
+    Examples
+    --------
+    >>> propose_sine(0.1)
+    'run a sine of ±20 mm at 0.8 Hz'
+    """
+    frequency = max(speed / (2 * np.pi * LONGEST_STROKE), min(0.8, speed / (2 * np.pi * 0.005)))
+    amplitude = speed / (2 * np.pi * frequency)
+    return f"run a sine of ±{1e3 * amplitude:.2g} mm at {frequency:.2g} Hz"

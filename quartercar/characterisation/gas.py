@@ -1,0 +1,111 @@
+"""Gas force, spring rate and friction: the mean and half the difference of the two directions at one place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from quartercar.characterisation.cycles import Block
+from quartercar.characterisation.settings import CREEP
+
+BINS = 16
+"""places along the stroke at which the two directions are compared"""
+INNER = 0.8
+"""share of the stroke that is used: at its ends the speed is not that of the test"""
+
+
+@dataclass(frozen=True)
+class StaticForce:
+    """One slow test.
+
+    Attributes
+    ----------
+    specimen : str
+    current : float or None
+    record, test : str
+    speed : float
+        Peak speed [m/s].
+    gas, gas_std : float
+        Force outwards at mid stroke, −½(F_out + F_in) [N].
+    rate, rate_std : float
+        Slope of ½(F_out + F_in) over the displacement [N/m].
+    friction, friction_std : float
+        ½(F_out − F_in) at mid stroke [N]; it still holds the damping at this speed.
+    position : float
+        Mid stroke [m].
+    creep : bool
+        Whether the speed is at most 10 mm/s; if not, friction is an upper bound and the gas force holds what the
+        damping of the two directions differs by.
+    """
+
+    specimen: str
+    current: float | None
+    record: str
+    test: str
+    speed: float
+    gas: float
+    gas_std: float
+    rate: float
+    rate_std: float
+    friction: float
+    friction_std: float
+    position: float
+    creep: bool
+
+
+def static_force(block: Block) -> StaticForce | None:
+    """Gas, rate and friction of one block, means over its cycles.
+
+    At each of 16 places in the inner 80 % of the stroke::
+
+        g(x) = ½ (F_out + F_in) = −F_gas + K (x − x_c)        F_f = ½ (F_out − F_in)
+
+    the first as a straight line over x, F_out and F_in the means of the samples there. F_f is taken over the central
+    quarter. None where a direction has no sample in a bin.
+    """
+    rows = [row for c in block.cycles if (row := _cycle(block, c)) is not None]
+    if not rows:
+        return None
+    values = np.array(rows)
+    mean = values.mean(axis=0)
+    std = values[:, :3].std(axis=0, ddof=1) / np.sqrt(len(values)) if len(values) > 1 else values[0, 3:6]
+    place = float(np.mean([c.centre for c in block.cycles]))
+    run = block.run
+    return StaticForce(run.specimen, run.level, run.name, block.label, block.peak, float(-mean[0]), float(std[0]),
+                       float(mean[1]), float(std[1]), float(mean[2]), float(std[2]), place, block.peak <= CREEP)
+
+
+def _cycle(block: Block, cycle) -> tuple[float, ...] | None:
+    """Level, slope, friction, and their standard errors from the line's residual."""
+    off, force = cycle.displacement - cycle.centre, block.run.force[cycle.span]
+    reach = INNER * cycle.amplitude
+    bins = np.minimum(BINS, max(4, off.size // 8))
+    edges = np.linspace(-reach, reach, bins + 1)
+    sides = []
+    for way in (cycle.velocity > 0, cycle.velocity < 0):
+        keep = way & (np.abs(off) < reach)
+        where = np.digitize(off[keep], edges) - 1
+        count = np.bincount(where, minlength=bins)[:bins]
+        if np.any(count == 0):
+            return None
+        sides.append([np.bincount(where, weights=w[keep], minlength=bins)[:bins] / count for w in (off, force)])
+    (x_out, out), (x_in, back) = sides
+    middle, half = 0.5 * (out + back), 0.5 * (out - back)
+    x = 0.5 * (x_out + x_in)
+    slope, level = np.polyfit(x, middle, 1)
+    rest = middle - np.polyval((slope, level), x)
+    error = float(rest.std(ddof=2)) / np.sqrt(bins)
+    central = np.abs(x) <= max(0.25 * cycle.amplitude, float(np.sort(np.abs(x))[1]))
+    return (float(level), float(slope), float(half[central].mean()), error, error / float(x.std()), error)
+
+
+def slowest(found: Sequence[StaticForce]) -> list[StaticForce]:
+    """Of each specimen and current: every creep test, or else the slowest test."""
+    rows: list[StaticForce] = []
+    for key in dict.fromkeys((f.specimen, f.current) for f in found):
+        own = sorted((f for f in found if (f.specimen, f.current) == key), key=lambda f: f.speed)
+        creeping = [f for f in own if f.creep]
+        rows += creeping or own[:1]
+    return rows

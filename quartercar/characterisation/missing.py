@@ -1,0 +1,120 @@
+"""Missing: what the records do not hold, why, and which test gives it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from quartercar.characterisation.forces import propose_sine
+
+if TYPE_CHECKING:
+    from quartercar.characterisation.characterisation import Characterisation
+
+CREEP_TEST = "run a triangle of ±2 mm at 1 mm/s (three cycles), at each current"
+
+
+@dataclass(frozen=True)
+class Missing:
+    """One thing.
+
+    Attributes
+    ----------
+    what : str
+    why : str
+    run : str
+        The test that gives it.
+    """
+
+    what: str
+    why: str
+    run: str
+
+
+def missing_of(found: Characterisation, refused: tuple[str, ...]) -> tuple[Missing, ...]:
+    """All that is not on the page.
+
+    Parameters
+    ----------
+    found : Characterisation
+    refused : tuple of str
+        Why runs with moving current gave no switching time.
+    """
+    rows = [*_forces(found), *_static(found), *_loops(found), *_currents(found), *_switching(found, refused)]
+    if not found.histograms:
+        rows.append(Missing("velocity histogram", "all records are periodic",
+                            "record a drive, or play a road on the rig, for 30 s or more"))
+    if not any(d.per_kelvin is not None for d in found.drifts):
+        have = any(r.temperature is not None for r in found.data.runs)
+        why = "the temperature does not rise by more than its scatter in any block of five cycles" if have else (
+            "no channel 'temperature'")
+        rows.append(Missing("temperature coefficient", why, "record the wall temperature over 100 cycles of one sine" if
+                            have else "record the wall temperature beside the force (--role temperature=CHANNEL)"))
+    return tuple(rows)
+
+
+def _forces(found: Characterisation) -> list[Missing]:
+    if not found.forces:
+        return [Missing("forces at standard speeds", "the current moves in all records with a force",
+                        f"{propose_sine(found.settings.speeds[-1])} at a constant current")]
+    rows = []
+    lacking = [f for f in found.forces if f.force is None]
+    whole = {v: sum(f.speed == v for f in found.forces) for v in found.settings.speeds}
+    short = {v: [f for f in lacking if f.speed == v] for v in found.settings.speeds}
+    never = [v for v in found.settings.speeds if short[v] and len(short[v]) == whole[v]
+             and all(f.why.startswith("fastest") for f in short[v])]
+    if never:
+        tests = "; ".join(f"{v:g} m/s: {propose_sine(v).removeprefix('run a sine of ')}" for v in never)
+        rows.append(Missing(f"forces at {', '.join(f'{v:g}' for v in never)} m/s", "no test is as fast: the "
+                            f"{short[never[0]][0].why.partition(':')[0]}", f"run sines: {tests}"))
+    for speed in found.settings.speeds:
+        if speed in never or not short[speed]:
+            continue
+        own, which = short[speed], ""
+        if len(own) < whole[speed]:
+            which = f" ({len(own)} of {whole[speed]} directions and currents)"
+        why, _, run = own[0].why.partition(": ")
+        rows.append(Missing(f"force at {speed:g} m/s{which}", why, run))
+    return rows
+
+
+def _static(found: Characterisation) -> list[Missing]:
+    if any(s.creep for s in found.static):
+        return []
+    slow = min((s.speed for s in found.static), default=None)
+    why = "no record of constant current and constant speed below 10 mm/s"
+    if slow is not None:
+        why += f"; the slowest reaches {1e3 * slow:.3g} mm/s, whose half difference is an upper bound of the friction"
+    return [Missing("gas force, spring rate and friction at creep", why, CREEP_TEST)]
+
+
+def _loops(found: Characterisation) -> list[Missing]:
+    frequencies = {round(loop.frequency, 2) for loop in found.loops if loop.loss_angle is not None}
+    if not frequencies:
+        return [Missing("loss angle, dynamic and elastic stiffness", "no sine of three or more like cycles at constant "
+                        "current", "run sines of one amplitude, e.g. ±5 mm at 1, 2, 5 and 10 Hz, five cycles each")]
+    if len(frequencies) == 1:
+        return [Missing("hysteresis over frequency", f"one frequency only, {frequencies.pop():g} Hz",
+                        "run the same amplitude at two more frequencies")]
+    return []
+
+
+def _currents(found: Characterisation) -> list[Missing]:
+    if found.spreads:
+        return []
+    kinds = {r.current for r in found.data.runs}
+    if kinds == {"none"}:
+        why, run = "no channel 'current'", "record the current (--role current=CHANNEL); none for a passive damper"
+    elif len(found.data.levels) < 2:
+        why = f"{len(found.data.levels)} constant current" + ("" if len(found.data.levels) == 1 else "s")
+        run = "run the same sines at three or more constant currents, from soft to hard"
+    else:
+        why, run = "no speed that two currents reach", "run the same sine at every current"
+    return [Missing("spread and linearity over the current", why, run)]
+
+
+def _switching(found: Characterisation, refused: tuple[str, ...]) -> list[Missing]:
+    if found.switching:
+        return []
+    why = refused[0] if refused else "the current does not step in any record"
+    return [Missing("switching time", why, "run a triangle of ±20 mm at 0.1 m/s, step the current between soft and "
+                    "hard once per stroke, hold each level for 100 ms or more, and record at 5 kHz or more")]

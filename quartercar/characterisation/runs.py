@@ -1,0 +1,277 @@
+"""Runs: from records as read to uniform, finite pieces of one current kind each, in the damper's own sense."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.record import Record
+from quartercar.characterisation.settings import CharacteriseSettings
+from quartercar.dampers.drive import UNITS
+from quartercar.dampers.facts import DISTINCT
+from quartercar.dampers.polarity import common_polarity
+from quartercar.dampers.preparing import SHORTEST
+
+NOISE = 8.0
+"""standard deviations that noise spans from end to end: 4 to either side, exceeded once in 16,000 samples"""
+LONGEST = 1.0
+"""stroke [m] above which a displacement is probably in another unit than its header says"""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One uniform, finite piece of a record.
+
+    Attributes
+    ----------
+    record : Record
+        At the working rate, with displacement and velocity, force and current where they were measured.
+    raw : Record
+        The same piece at the rate of the measurement.
+    specimen : str
+    level : float or None
+        Current that is held throughout; None where it varies or is not recorded.
+    current : {"constant", "varies", "none"}
+    integrated : bool
+        Whether the displacement is the integral of the velocity.
+    polarity : {1, −1}
+    """
+
+    record: Record
+    raw: Record
+    specimen: str
+    level: float | None
+    current: str
+    integrated: bool
+    polarity: int
+
+    @property
+    def name(self) -> str:
+        """Of the record."""
+        return self.record.name
+
+    @property
+    def period(self) -> float:
+        """Sampling period [s]."""
+        assert self.record.sample_time is not None
+        return self.record.sample_time
+
+    @property
+    def has_force(self) -> bool:
+        """Whether a force was measured."""
+        return self.record.has("force")
+
+    @property
+    def displacement(self) -> np.ndarray:
+        """(n,) [m], positive in extension."""
+        return self.record["displacement"]
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """(n,) [m/s], positive in extension."""
+        return self.record["velocity"]
+
+    @property
+    def force(self) -> np.ndarray:
+        """(n,) [N], positive in tension, whatever the sense of the measurement."""
+        return self.polarity * self.record["force"]
+
+    @property
+    def temperature(self) -> np.ndarray | None:
+        """(n,) [K], NaN where missing; None where it was not measured."""
+        if not self.record.has("temperature"):
+            return None
+        values = self.record["temperature"]
+        return values if np.isfinite(values).any() else None
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """All runs of a data set.
+
+    Attributes
+    ----------
+    runs : tuple of Run
+    levels : tuple of float
+        Distinct held currents, rising.
+    current_unit : str
+    polarity : {1, −1}
+        −1 where the force is measured against the velocity in all records.
+    notes, caveats : tuple of str
+        What was derived, resampled or left out; what must not be missed.
+    """
+
+    runs: tuple[Run, ...]
+    levels: tuple[float, ...]
+    current_unit: str
+    polarity: int
+    notes: tuple[str, ...]
+    caveats: tuple[str, ...]
+
+    @property
+    def specimens(self) -> tuple[str, ...]:
+        """Names in the order of the files."""
+        return tuple(dict.fromkeys(r.specimen for r in self.runs))
+
+
+def runs_of(records: Sequence[Record], settings: CharacteriseSettings) -> Runs:
+    """Cut, resample and sort records.
+
+    Raises
+    ------
+    InputError
+        No records, no motion, no force in any record, wrong units, nothing that moves, pieces too short, polarities
+        that differ.
+    """
+    if not records:
+        raise InputError("no records to characterise")
+    _need_channels(records)
+    from lpvid.condition.preparing import losses, with_current
+
+    standing, notes = with_current(list(records))
+    pieces: list[tuple[Record, Record, str, bool]] = []
+    done: list[str] = []
+    for record in standing:
+        found, said = _pieces(record, settings)
+        pieces += found
+        done += list(dict.fromkeys(said))
+    if not pieces:
+        raise InputError("no record is long enough to characterise", got=", ".join(
+            f"'{r.name}': {r.n_samples} samples" for r in records[:4]), why=f"a piece without missing samples needs "
+            f"{SHORTEST}", mend="record at least one whole cycle")
+    moving = [p for p in pieces if np.ptp(p[0]["displacement"]) > 0]
+    if not moving:
+        raise InputError("nothing moves in these records", got="a constant displacement throughout",
+                         mend="check the sensor, or leave these files out")
+    with_force = [p[0] for p in moving if p[0].has("force")]
+    sense = common_polarity(with_force) if with_force else 1
+    current = _kinds([p[0] for p in moving])
+    runs = tuple(Run(a, b, name, level, kind, integrated, sense or 1)
+                 for (a, b, name, integrated), (kind, level) in zip(moving, current, strict=True))
+    unit = next((r.record.unit("current") or "1" for r in runs if r.record.has("current")), "A")
+    levels = tuple(sorted({r.level for r in runs if r.level is not None}))
+    lost = losses([p[0] for p in moving])
+    counted = tuple(n if done.count(n) == len(records) else f"{n} in {done.count(n)} of {len(records)} records"
+                    for n in dict.fromkeys(done))
+    return Runs(runs, levels, unit, sense or 1, (*dict.fromkeys(notes), *counted, *lost), _caveats(runs, sense))
+
+
+def _need_channels(records: Sequence[Record]) -> None:
+    for r in records:
+        for role, wanted in (*UNITS.items(), ("temperature", "K")):
+            if r.has(role) and role != "current" and r.unit(role) not in (wanted, "") and r.channel(role).unit_known:
+                raise InputError(f"record '{r.name}': {role} has a wrong unit", got=r.unit(role),
+                                 why=f"{wanted} expected", mend="correct the unit in the header")
+        if not (r.has("displacement") or r.has("velocity")):
+            raise InputError(f"record '{r.name}' has neither displacement nor velocity", got=", ".join(r.channels),
+                             mend="--role displacement=CHANNEL or --role velocity=CHANNEL")
+    if not any(r.has("force") for r in records):
+        raise InputError("no record has a force", got=", ".join(records[0].channels), mend="--role force=CHANNEL")
+
+
+def _pieces(record: Record, settings: CharacteriseSettings) -> tuple[list[tuple[Record, Record, str, bool]],
+                                                                     tuple[str, ...]]:
+    """(working piece, raw piece, specimen, integrated) of one record, and what was done."""
+    from lpvid.condition import segments
+    from lpvid.condition.preparing import decimation, with_motion
+    from lpvid.condition.resampling import resample
+
+    notes: tuple[str, ...] = ()
+    record, notes = _without_delays(record, settings, notes)
+    channels = [c for c in ("displacement", "velocity", "force", "current") if record.has(c)]
+    rate, why = (settings.sample_rate, ()) if settings.sample_rate else decimation([record])
+    if settings.raw:
+        rate, why = None, ()
+    specimen = settings.specimen_of(record.name)
+    found = []
+    for raw in segments([record], channels, minimum=SHORTEST):
+        piece = resample(raw, rate) if rate else raw
+        integrated = not piece.has("displacement")
+        if integrated:
+            piece = piece.with_channel("displacement", _integral(piece["velocity"], float(piece.sample_time or 1)), "m")
+        (piece,), said = with_motion([piece])
+        notes = (*notes, *said)
+        found.append((piece, raw, specimen, integrated))
+    return found, (*notes, *(w.replace("all records ", "") for w in why))
+
+
+def _integral(velocity: np.ndarray, period: float) -> np.ndarray:
+    """Trapezoidal integral from 0.
+
+    A zero error of the sensor becomes a drift, which cycles are fitted with; the mean is no measure of it where the
+    record does not hold whole cycles.
+    """
+    return np.concatenate([[0.0], np.cumsum(0.5 * period * (velocity[1:] + velocity[:-1]))])
+
+
+def _without_delays(record: Record, settings: CharacteriseSettings,
+                    notes: tuple[str, ...]) -> tuple[Record, tuple[str, ...]]:
+    """Channels earlier by the known delay of their sensors, interpolated linearly; the ends become missing."""
+    for name, delay in settings.delays.items():
+        if delay == 0 or not record.has(name):
+            continue
+        t, values = record.times, record[name]
+        moved = np.interp(t + delay, t, values, left=np.nan, right=np.nan)
+        channel = record.resolve(name)
+        channels = {**record.channels, channel: replace(record.channels[channel], values=moved)}
+        clock = {"sample_time": None} if record.time is not None else {}
+        record = replace(record, channels=channels, **clock)
+        notes = (*notes, f"{name} taken {1e3 * delay:g} ms earlier: the known delay of its sensor")
+    return record, notes
+
+
+def _kinds(pieces: Sequence[Record]) -> list[tuple[str, float | None]]:
+    """("constant", level), ("varies", None) or ("none", None) of each piece; near currents share a level."""
+    having = [(k, r["current"]) for k, r in enumerate(pieces) if r.has("current")]
+    found: list[tuple[str, float | None]] = [("none", None)] * len(pieces)
+    if not having:
+        return found
+    largest = max(float(np.abs(np.median(i)) if np.ptp(i) == 0 else np.abs(i).max()) for _, i in having)
+    noise = [float(np.median(np.abs(np.diff(i)))) / (0.6745 * np.sqrt(2)) for _, i in having]
+    medians: list[tuple[float, int]] = []
+    for (k, i), sigma in zip(having, noise, strict=True):
+        low, high = np.quantile(i, (0.005, 0.995))
+        if high - low <= max(DISTINCT * largest, NOISE * sigma):
+            medians.append((float(np.median(i)), k))
+        else:
+            found[k] = ("varies", None)
+    medians.sort()
+    gap = max([DISTINCT * largest, *noise])
+    groups: list[list[tuple[float, int]]] = []
+    for value, k in medians:
+        if groups and value - groups[-1][-1][0] <= gap:
+            groups[-1].append((value, k))
+        else:
+            groups.append([(value, k)])
+    for group in groups:
+        level = float(np.median([v for v, _ in group]))
+        level = 0.0 if abs(level) <= gap else level
+        for _, k in group:
+            found[k] = ("constant", level)
+    return found
+
+
+def _caveats(runs: Sequence[Run], sense: int) -> tuple[str, ...]:
+    said = []
+    if sense < 0:
+        said.append("The force opposes the velocity in these records (mean F·v < 0): it is read as tension positive. "
+                    "--flip force turns the records.")
+    elif sense == 0:
+        said.append("The polarity of the force is not decided by these records: mean F·v is too close to zero. It is "
+                    "taken as positive in tension.")
+    longest = max((float(np.ptp(r.displacement)), r.name) for r in runs if not r.integrated) if any(
+        not r.integrated for r in runs) else (0.0, "")
+    if longest[0] > LONGEST:
+        said.append(f"Record '{longest[1]}' has a stroke of {longest[0]:.3g} m: is its displacement in mm, with "
+                    "another unit in the header?")
+    if any(r.integrated for r in runs):
+        said.append("Displacement is the integral of the velocity where it was not measured: its zero is not known, so "
+                    "the gas force belongs to the middle of the motion.")
+    without = [r.name for r in runs if not r.has_force]
+    if without:
+        said.append(f"No force in {', '.join(without[:4])}{' and more' if len(without) > 4 else ''}: only the velocity "
+                    "histogram uses it.")
+    return tuple(said)

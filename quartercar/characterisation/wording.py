@@ -1,0 +1,126 @@
+"""Wording: the verdict of a characterisation and its ten lines."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from quartercar.characterisation.points import DIRECTIONS
+
+if TYPE_CHECKING:
+    from quartercar.characterisation.characterisation import Characterisation
+    from quartercar.characterisation.runs import Runs
+
+
+def amps(current: float | None, unit: str) -> str:
+    """A current for a reader.
+
+    Examples
+    --------
+    >>> amps(1.20002, "A"), amps(None, "A")
+    ('1.2 A', '–')
+    """
+    return "–" if current is None else f"{round(current, 3) + 0.0:.3g} {'' if unit == '1' else unit}".strip()
+
+
+def shortened(name: str, most: int = 20) -> str:
+    """A long name with its middle left out.
+
+    Examples
+    --------
+    >>> shortened("t1_3_3_24_24_s5_n100_100psi_with_heat_gun"), shortened("S1")
+    ('t1_3_3_24_…_heat_gun', 'S1')
+    """
+    return name if len(name) <= most else f"{name[: most // 2]}…{name[len(name) - most + most // 2 + 1:]}"
+
+
+def speed_said(speed: float) -> str:
+    """A speed in mm/s, whole from 100 on.
+
+    Examples
+    --------
+    >>> speed_said(1.0499), speed_said(0.0023)
+    ('1050 mm/s', '2.3 mm/s')
+    """
+    mm = 1e3 * speed
+    return f"{mm:.0f} mm/s" if mm >= 100 else f"{mm:.3g} mm/s"
+
+
+def currents_said(data: Runs) -> str:
+    """Which currents were held."""
+    if not data.levels:
+        return "a moving current" if any(r.current == "varies" for r in data.runs) else "no recorded current"
+    if len(data.levels) == 1:
+        return f"{amps(data.levels[0], data.current_unit)}"
+    return (f"{len(data.levels)} currents, {amps(data.levels[0], data.current_unit)} to "
+            f"{amps(data.levels[-1], data.current_unit)}")
+
+
+def verdict(found: Characterisation) -> str:
+    """What was measured, over which range, and whether it is inside its tolerance."""
+    names = dict.fromkeys(r.name for r in found.data.runs)
+    given = found.given
+    count = f"{len(names)} record{'s' if len(names) > 1 else ''}"
+    specimens = len(found.data.specimens)
+    if specimens > 1:
+        count += f" of {specimens} specimens"
+    if not given:
+        text = f"{count}, {currents_said(found.data)}: none of the standard speeds is reached at constant current."
+    else:
+        low, high = min(f.speed for f in given), max(f.speed for f in given)
+        text = (f"{count}, {currents_said(found.data)}: forces at {len({f.speed for f in given})} of "
+                f"{len(found.settings.speeds)} standard speeds, {low:g} to {high:g} m/s." + _key_figures(found))
+    if found.checks:
+        out = sum(c.inside is False for c in found.checks)
+        open_ = sum(c.inside is None for c in found.checks)
+        text += (f" {out} of {len(found.checks)} forces outside the tolerance band" if out else
+                 f" All {len(found.checks) - open_} decided forces inside the tolerance band")
+        text += f", {open_} within two standard errors of a limit." if open_ else "."
+    return text
+
+
+def _key_figures(found: Characterisation) -> str:
+    """Rebound over compression, hard over soft, switching times: each where the records hold it."""
+    unit, said = found.data.current_unit, []
+    top = max((r for r in found.ratios), key=lambda r: r.speed, default=None)
+    if top is not None:
+        said.append(f"rebound over compression {top.ratio:.2f} at {top.speed:g} m/s"
+                    + ("" if top.current is None or len(found.data.levels) < 2 else f" and {amps(top.current, unit)}"))
+    if found.spreads:
+        fastest = max(s.speed for s in found.spreads)
+        own = [abs(f.force) for f in found.given if f.force is not None and f.current is not None
+               and (f.direction, f.speed, f.specimen) == (1, fastest, found.spreads[0].specimen)]
+        if len(own) > 1 and min(own) > 0:
+            said.append(f"hard over soft {max(own) / min(own):.2f} in rebound at {fastest:g} m/s")
+    if found.switching:
+        low, high = min(s.time for s in found.switching), max(s.time for s in found.switching)
+        said.append(f"switching {1e3 * low:.3g} to {1e3 * high:.3g} ms" if len(found.switching) > 1 else
+                    f"switching {1e3 * low:.3g} ms")
+    return f" {'; '.join(said)[0].upper()}{'; '.join(said)[1:]}." if said else ""
+
+
+def summary(found: Characterisation) -> str:
+    """Verdict, key numbers, what is missing."""
+    sign, unit = found.settings.sign, found.data.current_unit
+    lines = [found.verdict]
+    lines += [f"  caveat: {c}" for c in found.data.caveats]
+    for specimen, level in dict.fromkeys((f.specimen, f.current) for f in found.given):
+        parts = []
+        for direction, name in DIRECTIONS.items():
+            own = [f for f in found.given if (f.specimen, f.current, f.direction) == (specimen, level, direction)]
+            if own:
+                top = max(own, key=lambda f: f.speed)
+                parts.append(f"{name} {sign * (top.force or 0.0):.4g} ± {top.std or 0.0:.2g} N at {top.speed:g} m/s")
+        label = " ".join(p for p in (specimen, amps(level, unit) if level is not None else "") if p)
+        lines.append(f"  {label + ': ' if label else ''}{', '.join(parts)}")
+    for s in found.static[:2]:
+        kind = "creep" if s.creep else f"at {1e3 * s.speed:.3g} mm/s, upper bound of friction"
+        lines.append(f"  gas {s.gas:.4g} ± {s.gas_std:.2g} N, rate {1e-3 * s.rate:.3g} N/mm, "
+                     f"friction {s.friction:.4g} N ({kind})")
+    for s in found.switching[:2]:
+        lines.append(f"  switching {amps(s.low, unit)} to {amps(s.high, unit)}, {DIRECTIONS[s.direction]}: "
+                     f"{1e3 * s.time:.3g} ± {1e3 * s.time_std:.2g} ms")
+    lines = lines[:12]
+    lines += [f"  missing: {m.what}: {m.why}; {m.run}" for m in found.missing[:4]]
+    if len(found.missing) > 4:
+        lines.append(f"  and {len(found.missing) - 4} more missing; see the report")
+    return "\n".join(lines)

@@ -1,0 +1,322 @@
+"""What a characterisation reads off the rig's records, against the rig's own law."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import lpvid as lpv
+import quartercar as qc
+from quartercar.characterisation import CharacteriseSettings, Tolerance
+from quartercar.characterisation.cycles import blocks_of, noise_of, series_of
+from quartercar.characterisation.local_fit import local_fit
+from quartercar.characterisation.runs import runs_of
+from quartercar.rig import (
+    Constant,
+    Creep,
+    Experiment,
+    Prbs,
+    Rig,
+    RigDamper,
+    Road,
+    Sensors,
+    Sine,
+    Triangle,
+    effect,
+)
+
+DAMPER = RigDamper()
+
+
+def law(velocity: float, current: float, damper: RigDamper = DAMPER) -> float:
+    """Steady force of the rig's damper at mid stroke [N]: its docstring's equation with w = v."""
+    side = damper.asymmetry if velocity > 0 else 1.0
+    yielding = damper.yield_base + damper.yield_per_current * damper.yield_current * np.tanh(
+        current / damper.yield_current)
+    hydraulic = (damper.viscous + damper.viscous_per_current * current) * velocity
+    return (side * (hydraulic + yielding * np.tanh(velocity / damper.yield_speed)) - damper.gas_preload
+            + damper.friction * np.tanh(velocity / 0.002))
+
+
+def sine(speed: float, currents: tuple[float, ...], duration: float = 8.0, amplitude: float = 0.03) -> Experiment:
+    return Experiment(f"sine-{speed:g}", Sine(amplitude, speed / (2 * np.pi * amplitude)), Constant(currents), duration,
+                      len(currents))
+
+
+@pytest.fixture(scope="module")
+def dyno() -> qc.characterisation.Characterisation:
+    """Sines at four speeds and two currents, creep, all with noise."""
+    rig = Rig(sensors=Sensors(force_noise=0.003), sample_rate=1024.0, oversampling=8)
+    records = [r for v in (0.1, 0.13, 0.3, 0.6) for r in rig.run_all(sine(v, (0.0, 1.2)), 1)]
+    records += rig.run_all(Experiment("creep", Creep(0.002, 0.002), Constant((0.0,)), 16.0), 1)
+    return qc.characterise(records, CharacteriseSettings(speeds=(0.05, 0.1, 0.13, 0.26, 0.3, 0.52, 0.6, 1.05)))
+
+
+def test_forces_at_the_speed_of_a_test_are_those_of_the_law_within_one_newton(dyno):
+    rows = [f for f in dyno.given if f.speed in (0.1, 0.13, 0.3, 0.6)]
+    assert len(rows) == 16
+    for f in rows:
+        assert f.force == pytest.approx(law(f.direction * f.speed, f.current), abs=1.0), f
+    scaled = [(f.force - law(f.direction * f.speed, f.current)) / f.std for f in rows]
+    assert np.sqrt(np.mean(np.square(scaled))) < 2.0  # the standard errors are of the right size
+
+
+def test_a_speed_between_tests_is_read_from_the_next_faster_cycle(dyno):
+    for f in dyno.given:
+        if f.speed in (0.26, 0.52):
+            assert {0.26: "sine-0.3", 0.52: "sine-0.6"}[f.speed] in f.source
+            assert f.force == pytest.approx(law(f.direction * f.speed, f.current), abs=3.0), f
+
+
+def test_what_no_test_reaches_is_missing_with_the_test_to_run(dyno):
+    assert not [f for f in dyno.given if f.speed == 1.05]
+    missing = next(m for m in dyno.missing if "1.05" in m.what)
+    assert "602 mm/s" in missing.why or "600 mm/s" in missing.why
+    assert "±50 mm at 3.3 Hz" in missing.run
+
+
+def test_peak_velocity_points(dyno):
+    for p in dyno.peaks:
+        if p.block.kind == "sine":
+            wanted = law(p.direction * p.speed, p.block.run.level)
+            assert p.force == pytest.approx(wanted, abs=max(1.5, 4 * p.std)), p
+
+
+def test_gas_and_friction_of_the_creep_run(dyno):
+    found = next(s for s in dyno.static if s.creep)
+    assert found.speed == pytest.approx(0.002, rel=0.05)
+    middle = -0.5 * (law(found.speed, 0.0) + law(-found.speed, 0.0))
+    half = 0.5 * (law(found.speed, 0.0) - law(-found.speed, 0.0))
+    assert found.gas == pytest.approx(middle, abs=0.5) and found.friction == pytest.approx(half, abs=0.5)
+    assert found.rate == pytest.approx(DAMPER.gas_stiffness, rel=0.05)
+    assert not any("creep" in m.what for m in dyno.missing)
+
+
+def test_ratio_spread_and_what_gas_takes_away(dyno):
+    ratio = next(r for r in dyno.ratios if r.speed == 0.6 and r.current > 1)
+    out, back = law(0.6, 1.2), law(-0.6, 1.2)
+    assert ratio.ratio == pytest.approx(-out / back, rel=2e-3)
+    gas = next(s for s in dyno.static if s.creep).gas
+    assert ratio.without_gas == pytest.approx((out + gas) / -(back + gas), rel=2e-3)
+    ends = {round(s.current, 1): s for s in dyno.spreads if (s.direction, s.speed) == (1, 0.6)}
+    assert ends[0.0].share == 0 and ends[1.2].share == 1
+
+
+def test_the_place_of_a_middle_current():
+    rig = Rig(sensors=Sensors.perfect(), sample_rate=512.0, oversampling=8)
+    found = qc.characterise(rig.run_all(sine(0.3, (0.0, 0.6, 1.2), 4.0)), CharacteriseSettings(speeds=(0.3,)))
+    middle = next(s for s in found.spreads if s.direction == 1 and 0 < s.share < 1)
+    soft, half, hard = (law(0.3, i) for i in (0.0, 0.6, 1.2))
+    assert middle.share == pytest.approx((half - soft) / (hard - soft), abs=2e-3)
+    assert middle.off_line == pytest.approx(middle.share - 0.5, abs=1e-3)
+
+
+def test_loops_of_a_viscous_damper_and_of_a_maxwell_element():
+    """∮F dx = π c ω X²; K* = i c ω k/(k + i c ω) for a dashpot in series with a spring."""
+    c, k, amplitude, frequency = 1500.0, 4e5, 0.01, 4.0
+    test = Experiment("maxwell", Sine(amplitude, frequency), Constant((0.0,)), 4.0)
+    omega = 2 * np.pi * frequency
+    for stiffness in (np.inf, k):
+        rig = Rig(RigDamper.viscous_only(c, stiffness), Sensors.perfect(), sample_rate=1024.0, oversampling=16)
+        (loop,) = qc.characterise(rig.run(test)).loops
+        wanted = 1j * c * omega if stiffness == np.inf else 1j * c * omega * k / (k + 1j * c * omega)
+        assert loop.dynamic_stiffness == pytest.approx(abs(wanted), rel=2e-3)
+        assert loop.loss_angle == pytest.approx(np.angle(wanted), abs=2e-3)
+        assert loop.elastic_stiffness == pytest.approx(wanted.real, abs=2e-3 * abs(wanted))
+        assert loop.damping == pytest.approx(wanted.imag / omega, rel=2e-3)
+        assert loop.energy == pytest.approx(np.pi * amplitude**2 * wanted.imag, rel=2e-3)
+        assert loop.velocity_area == pytest.approx(np.pi * omega * amplitude**2 * wanted.real,
+                                                   abs=2e-3 * omega * amplitude**2 * abs(wanted))
+
+
+def switching_truth(damper: RigDamper, low: float, high: float, velocity: float) -> float:
+    """t(F = F_0 + 0.9 (F_1 − F_0)) of a damper without compliance whose current follows with one time constant [s]."""
+    tau = damper.rise_time if high > low else damper.fall_time
+    t = np.linspace(0.0, 0.1, 100_001)
+    force = np.array([law(velocity, i, damper) for i in high + (low - high) * np.exp(-t / tau)])
+    share = (force - law(velocity, low, damper)) / (law(velocity, high, damper) - law(velocity, low, damper))
+    return float(np.interp(0.9, share, t))
+
+
+@pytest.fixture(scope="module")
+def stepped() -> list[lpv.Record]:
+    """Steps of the current every 0.12 s while the piston moves at 100 mm/s; a damper without series spring."""
+    rig = Rig(replace(DAMPER, series_stiffness=np.inf), Sensors(), sample_rate=10_000.0, oversampling=2)
+    return [rig.run(Experiment("switch", Triangle(0.03, 0.1 / 0.12, 40.0), Prbs(0.12, 0.0, 2.0, 7), 6.0), 3)]
+
+
+def test_switching_time_within_a_fifth_of_a_millisecond(stepped):
+    found = qc.characterise(stepped)
+    assert len(found.switching) == 4
+    for s in found.switching:
+        wanted = switching_truth(found_damper(), s.low, s.high, s.direction * s.speed)
+        assert s.time == pytest.approx(wanted, abs=2e-4), s
+        assert s.events >= 2 and s.speed == pytest.approx(0.1, rel=0.01)
+        assert s.dip == 0 and s.overshoot < 0.02
+        tau = 0.005 if s.high > s.low else 0.01
+        assert tau < s.settling < 6 * tau
+
+
+def found_damper() -> RigDamper:
+    return replace(DAMPER, series_stiffness=np.inf)
+
+
+def test_a_known_delay_of_the_force_is_taken_off(stepped):
+    late = [r.with_channel("force", np.interp(r.times - 2e-3, r.times, r["force"]), "N") for r in stepped]
+    plain, mended = qc.characterise(late), qc.characterise(late, CharacteriseSettings(delays={"force": 2e-3}))
+    for a, b in zip(plain.switching, mended.switching, strict=True):
+        assert a.time - b.time == pytest.approx(2e-3, abs=1e-4)
+
+
+def test_steps_in_a_moving_speed_are_refused_with_the_reason():
+    rig = Rig(sample_rate=1024.0, oversampling=4)
+    record = rig.run(Experiment("road", Road(), Prbs(0.12, 0.0, 2.0, 7), 6.0), 3)
+    found = qc.characterise(record)
+    assert not found.switching
+    assert "speed is not constant" in next(m for m in found.missing if m.what == "switching time").why
+    assert found.histograms and not found.forces
+
+
+def test_temperature_coefficient_of_a_fading_damper():
+    """Viscous fade exp(−k ΔT): d ln F/dT = −k."""
+    rig = Rig(RigDamper.viscous_only(3000.0), Sensors.perfect(), (effect("viscous-fade", rate=0.02),),
+              sample_rate=256.0, oversampling=8)
+    record = rig.run(Experiment("warm", Sine(0.03, 2.0), Constant((0.0,)), 30.0), truth=True)
+    record = record.with_channel("temperature", 293.15 + record["temperature_true"], "K")
+    found = qc.characterise(record)
+    for d in found.drifts:
+        assert d.warmest - d.coolest > 0.5
+        assert d.per_kelvin == pytest.approx(-0.02, rel=0.05)  # a line through exp(−k ΔT), by its mean
+        assert d.change == pytest.approx(-0.02 * (d.warmest - d.coolest), rel=0.05)
+
+
+def test_histogram_is_that_of_numpy():
+    record = Rig(sample_rate=256.0, oversampling=4).run(Experiment("road", Road(), Constant((0.6,)), 20.0))
+    (h,) = qc.characterise(record).histograms
+    assert h.share.sum() + h.below + h.above == pytest.approx(1.0)
+    v = record["velocity"]
+    assert h.share[25] == pytest.approx(np.mean((v >= 0) & (v < 0.01)), abs=1e-12)
+    assert h.rms == pytest.approx(np.sqrt(np.mean(v**2))) and h.power == pytest.approx(np.mean(v * record["force"]))
+
+
+def test_random_motion_at_one_current_gives_forces_too():
+    record = Rig(sample_rate=512.0, oversampling=8).run(Experiment("road", Road(), Constant((0.0,)), 30.0))
+    found = qc.characterise(record, CharacteriseSettings(speeds=(0.05, 0.1)))
+    for f in found.given:
+        assert f.method == "random"
+        assert f.force == pytest.approx(law(f.direction * f.speed, 0.0), abs=max(4.0, 4 * f.std))
+    assert len(found.given) == 4
+
+
+def test_triangles_count_at_their_own_speed_only():
+    rig = Rig(sensors=Sensors(force_noise=0.002), sample_rate=512.0, oversampling=8)
+    record = rig.run(Experiment("ramp", Triangle(0.012, 0.1 / 0.048, 40.0), Constant((0.0,)), 6.0))
+    found = qc.characterise(record, CharacteriseSettings(speeds=(0.05, 0.1)))
+    assert found.blocks[0].kind == "triangle" and {f.speed for f in found.given} == {0.1}
+    for f in found.given:
+        assert f.force == pytest.approx(law(f.direction * 0.1, 0.0), abs=max(1.0, 3 * f.std))
+        assert f.force == pytest.approx(law(f.direction * found.blocks[0].peak, 0.0), abs=1.0)
+
+
+# -- tolerance and specimens ---------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def three_specimens() -> list[lpv.Record]:
+    records = []
+    for n, share in enumerate((0.95, 1.0, 1.08)):
+        rig = Rig(RigDamper.viscous_only(2000.0 * share), Sensors(0.002), sample_rate=256.0, oversampling=4)
+        records.append(replace(rig.run(sine(0.3, (0.0,), 4.0), n), name=f"S{n}_sine"))
+    return records
+
+
+def test_specimens_spread_and_bands(three_specimens):
+    settings = CharacteriseSettings(speeds=(0.3,), specimen=r"(S\d+)_")
+    found = qc.characterise(three_specimens, settings, tolerance=Tolerance.parse("6.2%+1N"))
+    assert found.data.specimens == ("S0", "S1", "S2")
+    for s in found.specimens:
+        wanted = 2000.0 * 0.3 * np.array([0.95, 1.0, 1.08])
+        assert abs(s.mean) == pytest.approx(wanted.mean(), rel=3e-3)
+        assert s.std == pytest.approx(wanted.std(ddof=1), rel=0.03)
+        assert (s.lowest[0], s.highest[0]) == ("S0", "S2")
+    verdicts = {c.force.specimen: c.inside for c in found.checks}
+    assert verdicts == {"S0": True, "S1": True, "S2": False}  # −5.9, −1.0 and +6.9 % of the mean, band ±6.4 %
+    assert "outside the tolerance band" in found.verdict
+
+
+def test_the_sign_of_rebound_changes_tables_and_bands_alike(three_specimens, tmp_path):
+    from quartercar.characterisation.tables import forces_csv, write_tables
+
+    up = qc.characterise(three_specimens[0], CharacteriseSettings(speeds=(0.3,)))
+    down = qc.characterise(three_specimens[0], CharacteriseSettings(speeds=(0.3,), rebound="negative"))
+    column = [line.split(",")[4] for line in forces_csv(up).splitlines()[1:]]
+    assert [float(c) for c in column] == [-float(line.split(",")[4]) for line in forces_csv(down).splitlines()[1:]]
+    written = write_tables(down, tmp_path)
+    again = qc.characterise(three_specimens[0], CharacteriseSettings(speeds=(0.3,), rebound="negative"),
+                            tolerance=Tolerance.parse("1%", written[0]))
+    assert all(c.inside for c in again.checks) and len(again.checks) == 2
+
+
+# -- pieces --------------------------------------------------------------------------------------------------------
+def test_units_of_the_input_change_nothing():
+    rig = Rig(sample_rate=256.0, oversampling=4)
+    record = rig.run(sine(0.3, (0.0,), 4.0))
+    columns = {"time [ms]": 1e3 * record.times, "displacement [mm]": 1e3 * record["displacement"],
+               "velocity [mm/s]": 1e3 * record["velocity"], "current [mA]": 1e3 * record["current"],
+               "force [kN]": 1e-3 * record["force"]}
+    a, b = qc.characterise(record), qc.characterise(columns)
+    assert len(a.given) == len(b.given) == 10
+    assert [f.force for f in b.given] == pytest.approx([f.force for f in a.given], rel=1e-6)
+
+
+def test_velocity_alone_will_do_and_reversed_polarity_is_stated():
+    record = Rig(sample_rate=512.0, oversampling=4).run(sine(0.3, (0.0,), 6.0))
+    bare = lpv.Record({n: record.channels[n] for n in ("velocity", "force")}, sample_time=record.sample_time)
+    settings = CharacteriseSettings(speeds=(0.3,))
+    whole, found, turned = (qc.characterise(r, settings) for r in (record, bare, record.flip("force")))
+    for a, b, c in zip(whole.forces, found.forces, turned.forces, strict=True):
+        assert b.force == pytest.approx(a.force, abs=3.0) and c.force == pytest.approx(a.force, abs=1e-9)
+    assert any("integral of the velocity" in c for c in found.data.caveats)
+    assert any("opposes the velocity" in c for c in turned.data.caveats)
+
+
+def test_cycles_are_found_under_noise_drift_and_start(rng):
+    t = np.arange(6000) / 500
+    x = 0.01 * np.sin(2 * np.pi * 1.3 * t) * np.clip(t / 2, 0, 1) + 0.003 * np.exp(-t / 3)
+    record = lpv.Record({"displacement": x + 2e-5 * rng.standard_normal(t.size), "force": 50 * np.gradient(x, 0.002)},
+                        sample_time=0.002)
+    (run,) = runs_of([record], CharacteriseSettings()).runs
+    blocks = blocks_of(run)
+    best = max(blocks, key=lambda b: len(b.cycles))
+    assert best.kind == "sine" and len(best.cycles) >= 11
+    assert best.frequency == pytest.approx(1.3, rel=1e-3) and best.amplitude == pytest.approx(0.01, rel=0.01)
+    assert best.peak == pytest.approx(0.01 * 2 * np.pi * 1.3, rel=0.01)
+
+
+def test_random_motion_has_no_cycles():
+    record = Rig(sample_rate=256.0, oversampling=2).run(Experiment("road", Road(), Constant((0.6,)), 30.0), 4)
+    (run,) = runs_of([record], CharacteriseSettings()).runs
+    assert blocks_of(run) == ()
+
+
+def test_series_and_noise_of_known_signals(rng):
+    t = np.arange(500) / 500
+    x = 1.0 + 2.0 * np.cos(2 * np.pi * 2 * t) - 0.5 * np.sin(4 * np.pi * 2 * t) + 0.3 * t
+    c, value, slope = series_of(x, 1 / 500, 0.5, 3)
+    assert c == pytest.approx(np.array([2.0, 0.5j, 0.0]), abs=1e-9) and value == pytest.approx(x)
+    exact = -4 * np.pi * 2 * np.sin(4 * np.pi * t) - 0.5 * 8 * np.pi * np.cos(8 * np.pi * t) + 0.3
+    assert slope == pytest.approx(exact, abs=1e-8)
+    assert noise_of(x + 0.05 * rng.standard_normal(500)) == pytest.approx(0.05, rel=0.15)
+
+
+def test_local_fit_against_its_own_scatter():
+    u = np.linspace(-1, 1, 400)
+    group = np.arange(400) % 8
+    values, errors = [], []
+    for seed in range(60):
+        y = np.tanh(8 * (u + 0.05)) + 0.1 * np.random.default_rng(seed).standard_normal(400)
+        found = local_fit(u, y, group, 1.0)
+        values.append(found.value)
+        errors.append(found.std)
+    assert np.mean(values) == pytest.approx(np.tanh(0.4), abs=0.03)
+    assert np.std(values) == pytest.approx(np.mean(errors), rel=0.6)
