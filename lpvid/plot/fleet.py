@@ -39,7 +39,7 @@ def departures(found: Mapping[str, Mapping[str, Any]], apart: Differing) -> Figu
         ax.semilogx(x[marked], y[marked], "o", color=VERMILION, markersize=5, label="differs")
         for k in np.flatnonzero(marked)[:12]:
             ax.annotate(names[k], (x[k], y[k]), xytext=(5, 0), textcoords="offset points", va="center", fontsize=8)
-                ax.set_xlabel(label("free-run ESR of the fleet's model, training", "1"))
+        ax.set_xlabel(label("free-run ESR of the fleet's model, training", "1"))
         ax.set_yscale("symlog", linthresh=1.0)
         ax.set_ylabel(label("distance from the fleet, typical is about 1", "1"))
         ax.margins(x=0.12)

@@ -51,14 +51,14 @@ def _who(found: FleetResult) -> list[Item]:
         Paragraph("The model of all files that do not differ is compared with each file's own fit of the same "
                   "structure. A file differs where its parameters lie further from the fleet's than noise and the "
                   "spread between the other files explain."),
-        Figure.of(departures(found.errors, found.differing), "Distance of each file from the fleet, over the typical distance, against the free-run "
-                  "ESR of the fleet's model along it, training data. Orange: files that differ.")]
+        Figure.of(departures(found.errors, found.differing), "Distance of each file from the fleet, over the typical "
+                  "one, against the free-run ESR of the fleet's model along it, training data. Orange: files that differ.")]
     rows = tuple((n, *_errors(found.errors.get(n)), number(found.differing.score[n], 3), f"{found.differing.q[n]:.2g}",
                   ", ".join(found.causes.get(n, ())) or "–", f"files/{n}/") for n in found.differing.named)
     if rows:
         items.append(Table(("file", "free-run ESR", "rmse", "mean error", "score", "q", "cause", "its reports"), rows,
-                           "Score: distance from the fleet over the typical one. q: least false discovery rate at which "
-                           "the file is named.", (1, 2, 3, 4, 5)))
+                           "Score: distance from the fleet over the typical one. q: least false discovery rate at "
+                           "which the file is named.", (1, 2, 3, 4, 5)))
     return items
 
 

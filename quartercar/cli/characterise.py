@@ -49,8 +49,6 @@ def characterise(
     Forces at standard speeds, peak- and continuous-velocity plots, loops, gas force and friction, hysteresis, spread
     over the current, switching time, drift, velocity histogram, tolerance bands. What the records do not hold is listed
     with the test that gives it.
-
-    Example: quartercar characterise run*.csv --rebound positive --out page
     """
     from lpvid.cli.data import asked_rate, read_clocked, split_names
     from lpvid.cli.parts import damper_parts
