@@ -52,7 +52,8 @@ def _who(found: FleetResult) -> list[Item]:
                   "structure. A file differs where its parameters lie further from the fleet's than noise and the "
                   "spread between the other files explain."),
         Figure.of(departures(found.errors, found.differing), "Distance of each file from the fleet, over the typical "
-                  "one, against the free-run ESR of the fleet's model along it, training data. Orange: files that differ.")]
+                  "one, against the free-run ESR of the fleet's model along it, training data. Orange: files that "
+                  "differ.")]
     rows = tuple((n, *_errors(found.errors.get(n)), number(found.differing.score[n], 3), f"{found.differing.q[n]:.2g}",
                   ", ".join(found.causes.get(n, ())) or "–", f"files/{n}/") for n in found.differing.named)
     if rows:
