@@ -1,4 +1,4 @@
-"""Milliseconds that one run, one derivative and one refit of every effect cost around a baseline.
+"""Milliseconds of CPU that one run, one derivative and one refit of every effect cost around a baseline.
 
     python tests/benchmarks/effect_times.py [--record rig|race|random] [--baseline linear] [--samples N]
                                             [--only backlash,…] [--beside asymmetry,…]
@@ -96,9 +96,9 @@ def cost(problem: Problem, composition: Composition, start: np.ndarray) -> tuple
 
 
 def _seconds(job: Callable[[], object]) -> float:
-    begun = time.perf_counter()
+    begun = time.process_time()
     job()
-    return time.perf_counter() - begun
+    return time.process_time() - begun
 
 
 def _records(kind: str, samples: int) -> list[Record]:
