@@ -23,6 +23,9 @@ FLAT = 0.75
 """share of the samples within four such widths that lie within one: ½ under a parabola, 1 on a flat top; between"""
 ENOUGH = 32
 """samples within four widths from which the two are told apart: ½ has a standard error of .09"""
+PASSED = 1 / 3
+"""share of the noise elsewhere that a flat top may hold: an amplifier at its end passes none, a force that has levelled
+off by itself has all of it"""
 
 
 def rests(view: View) -> Iterator[Finding]:
@@ -39,16 +42,15 @@ def rests(view: View) -> Iterator[Finding]:
         return
     first, share = at * view.period, length / found[0].size
     where = "from the start" if at == 0 else "to the end" if at + length == found[0].size else f"from {first:.4g} s on"
-    evidence = (f"{length} samples in a row ({100 * share:.3g} %, {length * view.period:.3g} s {where}) rest on exactly "
-                f"{found[0][at]:.5g} {view.record.unit(name)}")
+    evidence = (f"{length} samples in a row ({100 * share:.3g} %, {length * view.period:.3g} s {where}) rest on "
+                f"exactly {found[0][at] + 0.0:.5g} {view.record.unit(name)}")
     moved = None if view.force is None else _moved(found[1], at, length)
     if moved is not None and moved[0] > moved[1]:
         yield Finding("displacement-rests", view.name, name, "warning",
-                      f"{evidence}, while the force moves by {moved[0]:.3g} {view.record.unit(str(view.force))}: the end "
-                      "of the sensor's scale", "leave these samples out, or shift the sensor's zero", share)
+                      f"{evidence}, while the force moves by {moved[0]:.3g} {view.record.unit(str(view.force))}: the "
+                      "end of the sensor's scale", "leave these samples out, or shift the sensor's zero", share)
         return
-    still = "" if moved is None else f", and the force moves by no more than {moved[1]:.3g} " \
-                                     f"{view.record.unit(str(view.force))}"
+    still = "" if moved is None else f", and the force moves by {moved[0]:.3g} {view.record.unit(str(view.force))} only"
     yield Finding("displacement-rests", view.name, name, "note",
                   f"{evidence}{still}: the motion stands still", "leave these samples out: they hold no motion", share)
 
@@ -74,7 +76,7 @@ def _moved(force: np.ndarray, at: int, length: int) -> tuple[float, float]:
 
 
 def flat_peaks(view: View) -> Iterator[Finding]:
-    """A force of which many samples lie within a hair of its largest value, noise or not: it is clipped there."""
+    """A force of which many samples lie within a hair of its largest value, without the noise that it has elsewhere."""
     name = view.force
     if name is None or not view.moves(name) or view.few_levels(name):
         return
@@ -100,6 +102,15 @@ def _flat(x: np.ndarray) -> tuple[int, int, float] | None:
         return None  # exactly on one value: `values.clipped`
     for share in HAIRS:
         near, wide = int(np.sum(below <= share * span)), int(np.sum(below <= 4 * share * span))
-        if wide >= ENOUGH and near > FLAT * wide:
+        if wide >= ENOUGH and near > FLAT * wide and _quiet(x, below <= share * span):
             return near, wide - near, share * span
     return None
+
+
+def _quiet(x: np.ndarray, inside: np.ndarray) -> bool:
+    """Whether second differences within marked stretches are small beside those outside of them."""
+    rough = np.abs(np.diff(x, 2))
+    within = inside[2:] & inside[1:-1] & inside[:-2]
+    outside = ~(inside[2:] | inside[1:-1] | inside[:-2])
+    return bool(within.any() and outside.any()
+                and np.median(rough[within]) < PASSED * float(np.median(rough[outside])))

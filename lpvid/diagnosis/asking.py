@@ -123,7 +123,7 @@ def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = Non
         if parameters is not None:
             raise InputError("parameters belong to a baseline that is given by name", got=AUTO,
                              mend="name the baseline, or leave them out")
-        found, note = automatic(prepared.training)
+        found, note = automatic(prepared.training, progress)
         prepared = replace(prepared, notes=(note, *prepared.notes))
     else:
         found = _baseline(given, prepared.training, parameters)

@@ -23,6 +23,8 @@ TAKEN_UP = 5.0
 """force over which play is taken up [N]"""
 TAKEN = 20.0 * TAKEN_UP
 """force from which it is, to the last digit [N]"""
+SIGN = np.tanh(np.linspace(0.0, TAKEN / TAKEN_UP, 2049))
+"""tanh(F/TAKEN_UP) evenly from 0 to TAKEN, straight in between: concave, as it is, and within 1e-5"""
 AIR = 1 - (1 - np.linspace(0.0, 1.0, 513)) ** (1 / 1.3)
 """1 − (1 + |F|/F_p)^(−1/1.3) over |F|/(|F| + F_p), evenly from 0 to 1"""
 
@@ -271,7 +273,9 @@ def _within(start, rise, w, cell, target, h, element):
     if rise > 0.0:
         inverse = cell / rise
         right = target - h * (w + (element[5] - start) * inverse)
-        force = element[5] + math.copysign(_carried(abs(right), element[0] + h * inverse, element), right)
+        ends = start - element[5], start + rise - element[5]
+        least = min(abs(ends[0]), abs(ends[1])) if ends[0] * ends[1] > 0.0 else 0.0
+        force = element[5] + math.copysign(_carried(abs(right), element[0] + h * inverse, least, element), right)
         if force >= element[4]:
             return (force - start) / rise
         start = element[4]
@@ -279,18 +283,14 @@ def _within(start, rise, w, cell, target, h, element):
 
 
 @njit(error_model="numpy", fastmath={"contract"})
-def _carried(right, stiff, element):
-    """Force F ≥ 0 beyond that at rest with stiff F + D(F) = right, D of play and air.
+def _carried(right, stiff, least, element):
+    """Force F ≥ 0 beyond that at rest with stiff F + D(F) = right, D of play and air; it is `least` at least.
 
     The left side rises and is concave, so that Newton's rule from below comes up to the root without passing it. Below
     lie the tangent at no force and the line of what has given way altogether.
     """
-    soft = 0.0
-    if element[3] > 0.0:
-        soft += element[3] / TAKEN_UP
-    if element[1] > 0.0:
-        soft += element[1] * (AIR[1] - AIR[0]) * (AIR.size - 1) / element[2]
-    force = max(right / (stiff + soft), (right - element[3] - element[1]) / stiff)
+    soft = _given(0.0, element)[1]
+    force = max(right / (stiff + soft), (right - element[3] - element[1]) / stiff, least)
     for _ in range(100):
         d, soft = _given(force, element)
         move = (right - d - stiff * force) / (stiff + soft)
@@ -347,9 +347,14 @@ def _given(size, element):
     """Deflection of play and air under a force of a size, and its slope."""
     d = slope = 0.0
     if element[3] > 0.0:
-        t = math.tanh(size / TAKEN_UP) if size < TAKEN else 1.0
-        d += element[3] * t
-        slope += element[3] * (1.0 - t * t) / TAKEN_UP
+        place = size / TAKEN * (SIGN.size - 1)
+        if place < SIGN.size - 1:
+            node = int(place)
+            rise = SIGN[node + 1] - SIGN[node]
+            d += element[3] * (SIGN[node] + (place - node) * rise)
+            slope += element[3] * rise * (SIGN.size - 1) / TAKEN
+        else:
+            d += element[3]
     if element[1] > 0.0:
         whole = size + element[2]
         place = size / whole * (AIR.size - 1)

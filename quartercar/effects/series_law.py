@@ -178,9 +178,9 @@ def few(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     weights = np.column_stack(parts)
     if not largest > NONE:  # a law that is zero everywhere is one, too
         return np.array(picks), np.zeros_like(weights)
-    from scipy.linalg import solve_triangular
-
-    shapes = solve_triangular(weights[picks].T, weights.T).T
+    lower, shapes = weights[picks], weights
+    for k in range(len(picks) - 1, -1, -1):  # shapes @ lower = weights; few columns, for which BLAS starts threads
+        shapes[:, k] = (weights[:, k] - shapes[:, k + 1:] @ lower[k + 1:, k]) / lower[k, k]
     shapes[picks] = np.eye(len(picks))
     return np.array(picks), shapes
 
