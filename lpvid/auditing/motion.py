@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.auditing.findings import Finding
-from lpvid.auditing.view import View, bandwidth
+from lpvid.auditing.view import View
 from lpvid.condition import delay
+from lpvid.condition.bandwidth import bandwidth
 from lpvid.condition.resampling import interpolate
 
 _STENCIL = -np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])

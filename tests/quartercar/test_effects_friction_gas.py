@@ -8,7 +8,12 @@ from effect_signals import composed, guo, nothing, road_like
 from scipy.integrate import solve_ivp
 
 from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.evidence.engine import problem_of
+from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.signals import Signals
+from lpvid.record import Record
+from quartercar.baselines.damper import DamperBaseline
+from quartercar.dampers.linear import Linear
 from quartercar.effects.friction_gas import NIL, REVERSAL, CoulombFriction, GasPreload, GasStiffness, StribeckFriction
 
 STROKE = 0.02
@@ -102,6 +107,19 @@ class TestPresliding:
         got = composed(CoulombFriction(), [1.0, deflection, REVERSAL], Signals(self.PERIOD, {"velocity": v}, 0 * t), nothing)
         assert np.sqrt(np.mean((got - exact) ** 2)) < 0.006
 
+    def test_the_reversal_is_as_sharp_as_the_data_say(self) -> None:
+        """A friction that turns within 0.1 mm/s, of a motion that is slow there: fitted from the usual 2 mm/s."""
+        t = np.arange(0.0, 20.0, 0.004)
+        v = 0.02 * np.sin(0.9 * t) + 0.01 * np.sin(2.3 * t)
+        force = 400 * v + 20 * np.tanh(v / 1e-4) + 0.3 * np.random.default_rng(0).normal(size=t.size)
+        record = Record({"velocity": v, "force": force}, sample_time=0.004, units={"velocity": "m/s", "force": "N"})
+        baseline = DamperBaseline(Linear(spring=False)).fit([record])
+        problem = problem_of([record], baseline)
+        composition = Composition(baseline, (CoulombFriction(),))
+        found = refit(problem, composition, np.concatenate([baseline.vector, [20.0, 0.0, REVERSAL]]))
+        assert found.vector[-1] < 4e-4 and found.vector[-3] == pytest.approx(20.0, abs=0.2)
+        assert found.cost < 1.05 * 0.3**2 * problem.n_samples
+
     @pytest.mark.parametrize("period", [1e-5, PERIOD])
     def test_vanishes_without_a_deflection(self, period: float) -> None:
         """However few samples lie within a reversal: a fit that starts from none could not leave it otherwise."""
@@ -128,5 +146,5 @@ class TestPresliding:
         vector[composition.places[0]] = 60.0, 0.0, REVERSAL
         at = s.output - (s.output - composition.predict(s, vector))
         assert np.any(at != composition.predict(s, vector))
-        *_, of_force, of_deflection = composition.sensitivities(s, vector, at=at).T
+        *_, of_force, of_deflection, _ = composition.sensitivities(s, vector, at=at).T
         assert np.std(of_force) > 0.1 and not of_deflection.any()
