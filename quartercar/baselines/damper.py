@@ -109,8 +109,8 @@ def _drive(s: Signals) -> Drive:
 
 
 def _made(s: Signals) -> Drive:
-    still = None if s.has("displacement") and s.has("current") else np.zeros(s.n_samples)
-    return Drive(s.sample_time, s["velocity"], s.channels.get("displacement", still), s.channels.get("current", still),
+    zeros = np.zeros(s.n_samples)
+    return Drive(s.sample_time, s["velocity"], s.channels.get("displacement", zeros), s.channels.get("current", zeros),
                  s.output, _rate(s))
 
 

@@ -43,7 +43,7 @@ class CoulombFriction(ParallelForce):
     title: ClassVar[str] = "dry friction"
     equation: ClassVar[str] = "F += F_c z, d dz/d|x| = tanh(v/eps) - z; z = tanh(v/eps) for d = 0"
     reference: ClassVar[str] = "equation sheet 3.1; Dahl 1968"
-    added_later: ClassVar[tuple[str, ...]] = ("reversal_speed",)
+    added_later: ClassVar[tuple[str, ...]] = ("turning_speed",)
     experiment: ClassVar[str] = "a triangle below 2 mm/s at constant current: half the difference of the two directions"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
     partners: ClassVar[tuple[str, ...]] = ("series-compliance", "backlash")
@@ -53,7 +53,7 @@ class CoulombFriction(ParallelForce):
         return (EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,)),
                 EffectParameter("deflection", "m", "d, over which it builds up after a reversal", 0.0, (0.0, 3e-4),
                                 (0.0, 0.05), (0.0, 2e-5, 1e-4)),
-                EffectParameter("reversal_speed", "m/s", "eps, over which the sign of the velocity turns", REVERSAL,
+                EffectParameter("turning_speed", "m/s", "eps, over which the sign of the velocity turns", REVERSAL,
                                 (1e-5, 0.01), (1e-6, 0.1), (REVERSAL,)))
 
     def is_static(self, values: np.ndarray) -> bool:

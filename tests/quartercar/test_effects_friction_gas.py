@@ -31,7 +31,8 @@ def test_half_the_difference_is_friction_and_half_the_sum_is_gas() -> None:
     friction, preload, stiffness = 45.0, 180.0, 500.0
     s = creep()
     force = np.sum([composed(e, v, s, nothing) for e, v in
-                    ((CoulombFriction(), [friction, 0.0, REVERSAL]), (GasPreload(), [preload]), (GasStiffness(), [stiffness]))],
+                    ((CoulombFriction(), [friction, 0.0, REVERSAL]), (GasPreload(), [preload]),
+                     (GasStiffness(), [stiffness]))],
                    axis=0)
     out, back = force[:4001], force[4001:][::-1]
     np.testing.assert_allclose((out - back) / 2, friction * np.tanh(0.02 / REVERSAL), rtol=1e-12)
@@ -45,7 +46,8 @@ def test_friction_dissipates_four_times_force_and_stroke_at_any_frequency(freque
     t = np.linspace(0, 1 / frequency, 20001)
     w = 2 * np.pi * frequency
     x, v = STROKE * np.sin(w * t), STROKE * w * np.cos(w * t)
-    force = composed(CoulombFriction(), [60.0, 0.0, REVERSAL], Signals(t[1], {"displacement": x, "velocity": v}, 0 * t), nothing)
+    s = Signals(t[1], {"displacement": x, "velocity": v}, 0 * t)
+    force = composed(CoulombFriction(), [60.0, 0.0, REVERSAL], s, nothing)
     rounding = (REVERSAL / (STROKE * w)) ** 2
     assert np.trapezoid(force * v, t) == pytest.approx(4 * 60.0 * STROKE, rel=max(rounding, 1e-3))
 
@@ -104,7 +106,8 @@ class TestPresliding:
 
         exact = solve_ivp(slope, (t[0], t[-1]), [np.tanh(v[0] / REVERSAL)], "Radau", t, rtol=1e-7, atol=1e-8,
                           max_step=self.PERIOD / 4).y[0]
-        got = composed(CoulombFriction(), [1.0, deflection, REVERSAL], Signals(self.PERIOD, {"velocity": v}, 0 * t), nothing)
+        s = Signals(self.PERIOD, {"velocity": v}, 0 * t)
+        got = composed(CoulombFriction(), [1.0, deflection, REVERSAL], s, nothing)
         assert np.sqrt(np.mean((got - exact) ** 2)) < 0.006
 
     def test_the_reversal_is_as_sharp_as_the_data_say(self) -> None:
@@ -125,7 +128,8 @@ class TestPresliding:
         """However few samples lie within a reversal: a fit that starts from none could not leave it otherwise."""
         t, v = self.motion(period)
         s = Signals(period, {"velocity": v}, 0 * t)
-        sharp, *soft = (composed(CoulombFriction(), [50.0, d, REVERSAL], s, nothing) for d in (0.0, 1.1 * NIL, 0.9 * NIL))
+        sharp, *soft = (composed(CoulombFriction(), [50.0, d, REVERSAL], s, nothing)
+                        for d in (0.0, 1.1 * NIL, 0.9 * NIL))
         assert np.sqrt(np.mean((sharp - soft[0]) ** 2)) < 0.03 * 50
         np.testing.assert_array_equal(soft[1], sharp)
 
