@@ -36,6 +36,9 @@ class Baseline(ABC):
     solved sample by sample"""
     adaptive: bool = False
     """whether it chooses its own steps, so that differences of it are noise and only `sensitivities` counts"""
+    forward: bool = False
+    """whether `sensitivities` follows the run forwards, along any signals, for less than one more run for each
+    coefficient"""
     polarity: int = 1
     """−1 where the records' output has the other sign than the simulation's: `signals` turns it"""
     schedule: tuple[str, ...] = ()

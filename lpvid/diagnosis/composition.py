@@ -167,28 +167,33 @@ class Composition:
                 step = STEP * self.scales[j]
                 moves[j] = vector.copy()
                 moves[j][j] += step if vector[j] + step <= high[j] else -step
-        near = {} if self.baseline.adaptive else self._near(vector, moves)
+        near = {} if self.baseline.adaptive else self._near(signals, vector, moves)
+        along = self.baseline.adaptive or self.baseline.forward
         for column, j in sorted(enumerate(wanted), key=lambda t: t[1] < self.own):  # the effects' while all is at hand
             if j not in moves:
                 continue
             moved = moves[j]
-            if self.baseline.adaptive and j < self.own:
+            if j in near:
+                there = near[j](signals)
+            elif along and j < self.own:
                 there = self.core(vector, self._tangent(signals, vector, moved, j))(signals)
             else:
-                there = near[j](signals) if j in near else self.predict(signals, moved)
+                there = self.predict(signals, moved)
             change = there - here
             if np.abs(change).max() > rounding:  # else a step would follow the last digits to the end of the range
                 out[:, column] = change / (moved[j] - vector[j])
         return out
 
-    def _near(self, vector: np.ndarray, moves: Mapping[int, np.ndarray]) -> dict[int, Core]:
+    def _near(self, signals: Signals, vector: np.ndarray, moves: Mapping[int, np.ndarray]) -> dict[int, Core]:
         """Simulations with one parameter moved of those inside a series element, to first order along one run of it.
 
         The effects around the element are composed with it as with any other core.
         """
-        def inner(at: np.ndarray, count: int) -> Core:
+        def inner(at: np.ndarray, count: int, j: int | None = None) -> Core:
             at = self._carried(at)
-            core = self._around(self._base(at), at, 0, count, True)
+            base = self._base(at) if j is None or not self.baseline.forward or j >= self.own else \
+                self._tangent(signals, vector, at, j)
+            core = self._around(base, at, 0, count, True)
             return core.core if isinstance(core, Remembered) else core
 
         def whole(core: Core, at: np.ndarray, count: int) -> Core:
@@ -202,19 +207,22 @@ class Composition:
             here = inner(vector, count)
             if isinstance(here, Linearised):
                 inside = [j for j in moves if j < self.places[count - 1].stop]
-                near = here.near([inner(moves[j], count) for j in inside])
+                near = here.near([inner(moves[j], count, j) for j in inside])
                 return {j: whole(core, moves[j], count) for j, core in zip(inside, near, strict=True)}
         return {}
 
     def _tangent(self, signals: Signals, vector: np.ndarray, moved: np.ndarray, j: int) -> Core:
-        """The baseline with one parameter moved: along its derivative on these signals, run anew on any others."""
+        """The baseline with one parameter moved: along its derivative on these signals, run anew where it is only asked.
+
+        Of one that chooses its own steps, on any others.
+        """
         own = slice(0, self.own)
         core = Remembered(self.baseline.core(vector[own]), (self.baseline, (), vector[own].tobytes()))
         slopes = Remembered(lambda s: self.baseline.sensitivities(s, vector[own]),
                             (self.baseline, "sensitivities", vector[own].tobytes()))
 
         def run(s: Signals) -> np.ndarray:
-            if s is not signals:
+            if s is not signals and (not self.baseline.forward or s.record is not None):
                 return self.baseline.core(moved[own])(s)
             return core(s) + (moved[j] - vector[j]) * slopes(s)[:, j]
 
