@@ -212,18 +212,15 @@ class Composition:
         return {}
 
     def _tangent(self, signals: Signals, vector: np.ndarray, moved: np.ndarray, j: int) -> Core:
-        """The baseline with one parameter moved: along its derivative on these signals, run anew where it is only asked.
-
-        Of one that chooses its own steps, on any others.
-        """
-        own = slice(0, self.own)
-        core = Remembered(self.baseline.core(vector[own]), (self.baseline, (), vector[own].tobytes()))
-        slopes = Remembered(lambda s: self.baseline.sensitivities(s, vector[own]),
-                            (self.baseline, "sensitivities", vector[own].tobytes()))
+        """The baseline with one parameter moved: along its derivative on these signals, run anew on any others."""
+        own = vector[: self.own]
+        core = Remembered(lambda s: self.baseline.core(own)(s), (self.baseline, (), own.tobytes()))
+        slopes = Remembered(lambda s: np.asfortranarray(self.baseline.sensitivities(s, own)),
+                            (self.baseline, "sensitivities", own.tobytes()))
 
         def run(s: Signals) -> np.ndarray:
-            if s is not signals and (not self.baseline.forward or s.record is not None):
-                return self.baseline.core(moved[own])(s)
+            if s is not signals:
+                return self.baseline.core(moved[: self.own])(s)
             return core(s) + (moved[j] - vector[j]) * slopes(s)[:, j]
 
         return run

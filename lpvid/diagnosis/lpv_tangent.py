@@ -17,7 +17,7 @@ def free_run_sensitivities(model: LPVTransferFunction, s: Signals, output: np.nd
                            places: Sequence[tuple[str, np.ndarray]]) -> np.ndarray | None:
     """Derivatives of a free run in coefficients of a, b and c; None where the basis is not that of one sample.
 
-    With y(k) = −Σ_i a_i(k) y(k−i) + Σ_j b_j(k) u(k−j) + Σ_j c_j(k), a_i(k) = Σ_m a_im φ_m(k), one recursion serves all::
+    With y(k) = −Σ_i a_i(k) y(k−i) + Σ_j b_j(k) u(k−j) + Σ_j c_j(k), a_i(k) = Σ_m a_im φ_m(k), one recursion does::
 
         ∂y/∂θ(k) = f_θ(k) − Σ_i a_i(k) ∂y/∂θ(k−i),   f = −φ_m y(k−i), φ_m u(k−j) or φ_m
 
@@ -52,12 +52,11 @@ def free_run_sensitivities(model: LPVTransferFunction, s: Signals, output: np.nd
     entries = [(name, int(k)) for name, free in places for k in free]
     z = np.zeros((len(entries), history + n - start))
     for row, (name, k) in zip(z[:, history:], entries, strict=True):
-        i, *_, m = np.unravel_index(k, getattr(model, name).shape)
+        i, *between, m = (int(n) for n in np.unravel_index(k, getattr(model, name).shape))
         if name == "a":
             row[:] = -of(phi[m], lag * (i + 1)) * of(output, i + 1)
         elif name == "b":
-            q = np.unravel_index(k, model.b.shape)[2]
-            row[:] = of(phi[m], lag * i) * of(u[q], i)
+            row[:] = of(phi[m], lag * i) * of(u[between[-1]], i)
         else:
             row[:] = of(phi[m], i)
     weights = np.stack([model.a[i, 0, 0] @ of(phi, lag * (i + 1)) for i in range(model.na)]) if model.na else \
