@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from lpvid.auditing import clock, coherence, excitation, force, motion, naming, spectrum, values
+from lpvid.auditing import clock, coherence, excitation, force, gains, motion, naming, resting, spectrum, values
 from lpvid.auditing.findings import Audit, Finding, ordered
 from lpvid.auditing.view import View, view
 from lpvid.condition.tables import as_records
@@ -17,7 +17,7 @@ RECORD_CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
     clock.short, clock.jitter, clock.rounded_stamps, clock.gaps, clock.disorder,
     values.missing, values.unusable, values.units, values.constant, values.clipped, values.quantised,
     values.duplicates,
-    motion.velocity_against_displacement,
+    motion.velocity_against_displacement, resting.rests, resting.flat_peaks,
     force.polarity, force.offset, force.drift,
     excitation.repeated, spectrum.moving_average, naming.nominal,
 )
@@ -25,7 +25,7 @@ RECORD_CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
 
 DATA_SET_CHECKS: tuple[Callable[[Sequence[View]], Iterator[Finding]], ...] = (
     clock.mixed_rates, spectrum.noise, spectrum.oversampled, force.mixed_polarity, force.offset_between,
-    excitation.scheduling, excitation.same_excitation,
+    excitation.scheduling, excitation.same_excitation, gains.motion_gain_varies, gains.force_gain_varies,
 )
 """Checks of all records together."""
 

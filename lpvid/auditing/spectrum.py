@@ -7,10 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from lpvid.auditing.findings import Finding
-from lpvid.auditing.view import View, band, bandwidth
+from lpvid.auditing.view import View
+from lpvid.condition.bandwidth import SPARE, band, bandwidth
 
-_SPARE = 4.0
-"""sampling rate that a bandwidth deserves, as a multiple of it."""
 _BROADBAND = 6.0
 """signal over floor [dB] below which a flat floor cannot be told from a broadband signal."""
 
@@ -65,7 +64,7 @@ def oversampled(views: Sequence[View]) -> Iterator[Finding]:
                 widest, channel = filled, name
     if not rates or not widest:
         return
-    ratio = int(min(rates) / (_SPARE * widest))
+    ratio = int(min(rates) / (SPARE * widest))
     if ratio >= 4:
         rate = min(rates) / ratio
         yield Finding("oversampled", "" if len(views) > 1 else views[0].name, channel, "note",

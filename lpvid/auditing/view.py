@@ -10,11 +10,10 @@ from itertools import pairwise
 import numpy as np
 
 from lpvid.condition import differentiate
+from lpvid.condition.bandwidth import LONGEST
 from lpvid.condition.resampling import true_runs
 from lpvid.record import Channel, Record
 
-LONGEST = 200_000
-"""samples that checks of motion and spectrum look at, at most."""
 _LEVELS = 32
 _SCHEDULING_UNITS = ("A", "V", "K")
 
@@ -153,28 +152,6 @@ def distinct(values: np.ndarray, stop: int) -> int:
     if np.unique(values[: 40 * stop]).size > stop:
         return stop + 1
     return int(np.unique(values).size)
-
-
-def band(values: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """(frequency [Hz], power spectral density) by Welch's method, mean removed."""
-    from scipy.signal import welch
-
-    size = min(4096, max(values.size // 4, 32))
-    frequency, power = welch(values - values.mean(), 1 / period, nperseg=size)
-    return frequency, power
-
-
-def bandwidth(values: np.ndarray, period: float, share: float = 0.99, slope: bool = False) -> float:
-    """Frequency [Hz] below which `share` of the power lies; with `slope`, of the derivative's, less twice the noise
-    floor seen in the top fifth of the band, which differentiating would blow up."""
-    frequency, power = band(values, period)
-    if slope:
-        floor = float(np.median(power[-max(power.size // 5, 1):]))
-        power = np.maximum(power - 2 * floor, 0.0) * frequency**2
-    total = np.cumsum(power)
-    if not total[-1] > 0:
-        return float(frequency[-1])
-    return float(frequency[min(int(np.searchsorted(total, share * total[-1])), frequency.size - 1)])
 
 
 def resting_levels(values: np.ndarray, low: float, high: float) -> int:

@@ -69,7 +69,7 @@ def diagnose(
         training, kept, clockless = read_parts_clocked(data, held_out, roles=role, flip=flip, sample_rate=rate)
         training, kept = ([_with_parts(r, start if is_model else None, named) for r in p] for p in (training, kept))
         question = pose(training, start, split_names(catalogue) or None, kept, parameters=parameters,
-                        sample_rate=common_rate(training) if raw else None if clockless else rate)
+                        sample_rate=common_rate(training) if raw else None if clockless else rate, progress=say)
         found = answer(question, DiagnosisSettings(seed=seed), say, engine)
         say("the same causes in an LPV model")
         lpv = _lpv_extension(found, question)

@@ -22,7 +22,8 @@ SampleRate = Annotated[float | None, typer.Option("--sample-rate", metavar="HZ",
                                                   "anti-aliased; or the rate of files without a time column.")]
 SampleRateOrRaw = Annotated[str | None, typer.Option("--sample-rate", metavar="HZ|raw", help="Resample to this rate, "
                                                      "anti-aliased; or the rate of files without a time column. Left "
-                                                     "out: data above 1024 Hz are decimated to about 500 Hz; raw "
+                                                     "out: data above 1024 Hz are decimated to about 500 Hz or four "
+                                                     "times their bandwidth; raw "
                                                      "keeps them.")]
 Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results and report.html.",
                                           show_default=False)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from lpvid.condition.bandwidth import SPARE, widest_band
 from lpvid.condition.differentiation import with_velocity
 from lpvid.condition.segmentation import RATE_TOLERANCE, segments
 from lpvid.errors import InputError
@@ -12,7 +13,7 @@ from lpvid.record import Record
 FASTEST = 1024.0
 """common rate [Hz] above which records are decimated: dampers have little above 100 Hz, and fits take longer."""
 WANTED = 500.0
-"""rate [Hz] that the decimation aims at."""
+"""rate [Hz] that the decimation aims at, where `SPARE` times the bandwidth is less."""
 STAND_IN = "voltage"
 """channel that stands for the current where there is none."""
 _LOSSES = ("cut into", "dropped", "record '", "sign of")
@@ -62,6 +63,9 @@ def common_rate(records: Sequence[Record]) -> float | None:
 def decimation(records: Sequence[Record]) -> tuple[float | None, tuple[str, ...]]:
     """Rate to resample to [Hz] where all records share one that is too fast, and what to say of it.
 
+    By a whole number, to about `WANTED`, but never to less than `SPARE` times the bandwidth of what moves: an
+    anti-alias filter would take away what the records were made to show.
+
     Examples
     --------
     >>> decimation([Record({"x": [0.0] * 10}, sample_time=1 / 2000)])[0]
@@ -70,11 +74,15 @@ def decimation(records: Sequence[Record]) -> tuple[float | None, tuple[str, ...]
     rate = common_rate(records)
     if rate is None:
         return None, ()
-    factor = round(rate / WANTED)
-    if rate <= FASTEST or factor < 2:
+    if rate <= FASTEST:
         return None, ()
+    widest = widest_band(records)
+    factor = min(round(rate / WANTED), int(rate / (SPARE * widest)) if widest > 0 else round(rate / WANTED))
+    if factor < 2:
+        return None, ()
+    why = f"; 99 % of what moves lies below {widest:.3g} Hz" if factor < round(rate / WANTED) else ""
     return rate / factor, (f"all records decimated by {factor} from {rate:.6g} Hz to {rate / factor:.6g} Hz "
-                           "(anti-aliased); --sample-rate HZ chooses another rate",)
+                           f"(anti-aliased{why}); --sample-rate HZ chooses another rate",)
 
 
 def one_clock(cut: Sequence[list[Record]], channels: Sequence[str]) -> list[list[Record]]:

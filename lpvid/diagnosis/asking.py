@@ -47,6 +47,8 @@ class Question:
     catalogue : tuple of Effect
     raw : tuple of Record
         As read, for the audit.
+    settled : bool
+        Whether the baseline has been fitted to these records already.
     """
 
     prepared: Prepared
@@ -54,6 +56,7 @@ class Question:
     fitted: bool
     catalogue: tuple[Effect, ...]
     raw: tuple[Record, ...]
+    settled: bool = False
 
 
 def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
@@ -95,13 +98,14 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
     InputError
         No such baseline or catalogue, missing channels, too little data.
     """
-    question = pose(records, baseline, catalogue, held_out, parameters=parameters, sample_rate=sample_rate)
+    question = pose(records, baseline, catalogue, held_out, parameters=parameters, sample_rate=sample_rate,
+                    progress=progress)
     return answer(question, settings, progress, engine)
 
 
 def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
          held_out: Record | Sequence[Record] | None = None, *, parameters: Any = None,
-         sample_rate: float | None = None) -> Question:
+         sample_rate: float | None = None, progress: Progress | None = None) -> Question:
     """Resolve names, read the model, prepare the records; arguments as for `diagnose`."""
     training, kept = _listed(records), _listed(held_out)
     effects = _catalogue(catalogue)
@@ -123,12 +127,12 @@ def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = Non
         if parameters is not None:
             raise InputError("parameters belong to a baseline that is given by name", got=AUTO,
                              mend="name the baseline, or leave them out")
-        found, note = automatic(prepared.training)
+        found, note = automatic(prepared.training, progress or (lambda text: None))
         prepared = replace(prepared, notes=(note, *prepared.notes))
     else:
         found = _baseline(given, prepared.training, parameters)
     fitted = parameters is not None or not isinstance(given, (str, Baseline))
-    return Question(prepared, found, fitted, effects, (*training, *kept))
+    return Question(prepared, found, fitted, effects, (*training, *kept), given == AUTO)
 
 
 def answer(question: Question, settings: DiagnosisSettings | None = None,
@@ -159,7 +163,7 @@ def answer(question: Question, settings: DiagnosisSettings | None = None,
                      "wrong parameter is not taken for a cause" if baseline.vector.size else
                      "the baseline's parameters were given and stay as they are")
     try:
-        if settings.fit_baseline and not question.fitted:
+        if settings.fit_baseline and not question.fitted and not question.settled:
             told(f"fitting {baseline.name}")
             baseline = baseline.fit(prepared.training)
         found = run(prepared.training, baseline, question.catalogue, prepared.held_out,

@@ -36,10 +36,17 @@ class Baseline(ABC):
     solved sample by sample"""
     adaptive: bool = False
     """whether it chooses its own steps, so that differences of it are noise and only `sensitivities` counts"""
+    forward: bool = False
+    """whether `sensitivities` follows the run forwards, along any signals, for less than one more run for each
+    coefficient"""
     polarity: int = 1
     """−1 where the records' output has the other sign than the simulation's: `signals` turns it"""
     schedule: tuple[str, ...] = ()
     """roles that schedule it, in the sense of an LPV model"""
+
+    apart: tuple[str, ...] = ()
+    """names of coefficients whose force, zero where they are, stands beside the law: an inertia, which neither passes
+    what is in series with the damper nor its valves"""
 
     @property
     @abstractmethod

@@ -69,6 +69,7 @@ class LpvBaseline(Baseline):
     output_unit: str = field(init=False)
     static: bool = field(init=False)
     schedule: tuple[str, ...] = field(init=False)
+    forward: bool = field(init=False)
 
     def __post_init__(self) -> None:
         if len(self.model.outputs) != 1 or self.model.sample_time is None:
@@ -78,7 +79,8 @@ class LpvBaseline(Baseline):
         output = self.model.outputs[0]
         known = -1 if self.model.metadata.get("polarity") == "reversed" else 1
         values = {"output": output.name, "output_unit": output.unit, "static": False,
-                  "schedule": tuple(self.model.box.names), "polarity": self.polarity or known}
+                  "schedule": tuple(self.model.box.names), "polarity": self.polarity or known,
+                  "forward": isinstance(self.model, LPVTransferFunction) and self.model.basis.lags == (0, 0)}
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
@@ -201,12 +203,27 @@ class LpvBaseline(Baseline):
 
     def sensitivities(self, signals: Signals, vector: np.ndarray) -> np.ndarray:
         here = self.core(vector)(signals)
-        out = np.empty((signals.n_samples, vector.size))
-        for j, coefficient in enumerate(self.coefficients):
+        out, exact = np.empty((signals.n_samples, vector.size)), self._forwards(signals, vector, here)
+        known = 0 if exact is None else exact.shape[1]
+        if exact is not None:
+            out[:, :known] = exact
+        for j, coefficient in list(enumerate(self.coefficients))[known:]:
             moved = np.array(vector)
             moved[j] += STEP * coefficient.scale
             out[:, j] = (self.core(moved)(signals) - here) / (moved[j] - vector[j])
         return np.nan_to_num(out, nan=0.0, posinf=0.0, neginf=0.0)
+
+    def _forwards(self, signals: Signals, vector: np.ndarray, here: np.ndarray) -> np.ndarray | None:
+        """(n, k) derivative in the coefficients of a transfer function, which stand first; None for other models."""
+        from lpvid.diagnosis.lpv_tangent import free_run_sensitivities
+
+        if not self.forward or not np.isfinite(here).all() or not np.isfinite(vector).all():
+            return None
+        found = {n: signals[n] + (self.zero.get(n, 0.0) if self.sense == "records" else 0.0) for n in self.channels
+                 if n != self.output}
+        slopes = free_run_sensitivities(self._model(vector), signals.replace(**found),  # type: ignore[arg-type]
+                                        self.turn * here, self.places)
+        return None if slopes is None else self.turn * slopes
 
     def starts(self, signals: Sequence[Signals]) -> list[np.ndarray]:
         return []

@@ -36,8 +36,8 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record], catalogue: S
             needed: Sequence[str] = (), sample_rate: float | None = None) -> Prepared:
     """Derive a velocity, let a voltage stand for a current, bring all to one rate, cut at gaps and NaN.
 
-    A common rate above 1024 Hz is decimated to about 500 Hz. A role that only some records have, or whose channel
-    cannot be used, is left out unless the baseline needs it.
+    A common rate above 1024 Hz is decimated (`condition.preparing.decimation`). A role that only some records have, or
+    whose channel cannot be used, is left out unless the baseline needs it.
 
     Parameters
     ----------

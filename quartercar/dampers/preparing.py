@@ -46,7 +46,7 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record] = (),
     """Find the roles, derive what is missing, bring all records to one rate and look at their polarity.
 
     A velocity that was not measured is derived from displacement. Where no record has a current, a voltage stands for
-    it. A common rate above 1024 Hz is decimated by the whole number that comes nearest to 500 Hz.
+    it. A common rate above 1024 Hz is decimated (`lpvid.condition.preparing.decimation`).
 
     Parameters
     ----------

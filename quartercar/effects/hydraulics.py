@@ -18,6 +18,9 @@ UNIT_SPEED = 0.1
 """speed at which the exponent of the viscous share leaves the force as it is [m/s]"""
 DRY = 0.02
 """share of the top speed up to which the force of a law counts as dry friction"""
+DRY_EXPONENT = 0.3
+"""exponent below which a power of the speed doubles over a decade at most, which no record tells from friction: the
+lower end of what is plausible of a restriction"""
 ALL_OF_IT = 0.05
 """by how much the share that passes a valve may differ from 1 and be all of it"""
 
@@ -193,6 +196,10 @@ class InputNonlinearity(HydraulicEffect):
         v = s["velocity"]
         ratio = np.maximum(np.abs(v), 1e-9) / UNIT_SPEED
         return viscous_slope(s, core, baseline) * v * (ratio ** (float(values[0]) - 1.0) - 1.0)
+
+    def comes_to(self, values: np.ndarray) -> tuple[str, ...]:
+        """|v|^n sgn v of a small n is dry friction with another reversal: one group with it."""
+        return ("coulomb-friction",) if float(values[0]) < DRY_EXPONENT else ()
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("v|v| as a further input", regressors=("velocity|velocity|",))

@@ -8,7 +8,12 @@ from effect_signals import composed, guo, nothing, road_like
 from scipy.integrate import solve_ivp
 
 from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.evidence.engine import problem_of
+from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.signals import Signals
+from lpvid.record import Record
+from quartercar.baselines.damper import DamperBaseline
+from quartercar.dampers.linear import Linear
 from quartercar.effects.friction_gas import NIL, REVERSAL, CoulombFriction, GasPreload, GasStiffness, StribeckFriction
 
 STROKE = 0.02
@@ -26,7 +31,8 @@ def test_half_the_difference_is_friction_and_half_the_sum_is_gas() -> None:
     friction, preload, stiffness = 45.0, 180.0, 500.0
     s = creep()
     force = np.sum([composed(e, v, s, nothing) for e, v in
-                    ((CoulombFriction(), [friction, 0.0]), (GasPreload(), [preload]), (GasStiffness(), [stiffness]))],
+                    ((CoulombFriction(), [friction, 0.0, REVERSAL]), (GasPreload(), [preload]),
+                     (GasStiffness(), [stiffness]))],
                    axis=0)
     out, back = force[:4001], force[4001:][::-1]
     np.testing.assert_allclose((out - back) / 2, friction * np.tanh(0.02 / REVERSAL), rtol=1e-12)
@@ -40,7 +46,8 @@ def test_friction_dissipates_four_times_force_and_stroke_at_any_frequency(freque
     t = np.linspace(0, 1 / frequency, 20001)
     w = 2 * np.pi * frequency
     x, v = STROKE * np.sin(w * t), STROKE * w * np.cos(w * t)
-    force = composed(CoulombFriction(), [60.0, 0.0], Signals(t[1], {"displacement": x, "velocity": v}, 0 * t), nothing)
+    s = Signals(t[1], {"displacement": x, "velocity": v}, 0 * t)
+    force = composed(CoulombFriction(), [60.0, 0.0, REVERSAL], s, nothing)
     rounding = (REVERSAL / (STROKE * w)) ** 2
     assert np.trapezoid(force * v, t) == pytest.approx(4 * 60.0 * STROKE, rel=max(rounding, 1e-3))
 
@@ -99,15 +106,30 @@ class TestPresliding:
 
         exact = solve_ivp(slope, (t[0], t[-1]), [np.tanh(v[0] / REVERSAL)], "Radau", t, rtol=1e-7, atol=1e-8,
                           max_step=self.PERIOD / 4).y[0]
-        got = composed(CoulombFriction(), [1.0, deflection], Signals(self.PERIOD, {"velocity": v}, 0 * t), nothing)
+        s = Signals(self.PERIOD, {"velocity": v}, 0 * t)
+        got = composed(CoulombFriction(), [1.0, deflection, REVERSAL], s, nothing)
         assert np.sqrt(np.mean((got - exact) ** 2)) < 0.006
+
+    def test_the_reversal_is_as_sharp_as_the_data_say(self) -> None:
+        """A friction that turns within 0.1 mm/s, of a motion that is slow there: fitted from the usual 2 mm/s."""
+        t = np.arange(0.0, 20.0, 0.004)
+        v = 0.02 * np.sin(0.9 * t) + 0.01 * np.sin(2.3 * t)
+        force = 400 * v + 20 * np.tanh(v / 1e-4) + 0.3 * np.random.default_rng(0).normal(size=t.size)
+        record = Record({"velocity": v, "force": force}, sample_time=0.004, units={"velocity": "m/s", "force": "N"})
+        baseline = DamperBaseline(Linear(spring=False)).fit([record])
+        problem = problem_of([record], baseline)
+        composition = Composition(baseline, (CoulombFriction(),))
+        found = refit(problem, composition, np.concatenate([baseline.vector, [20.0, 0.0, REVERSAL]]))
+        assert found.vector[-1] < 4e-4 and found.vector[-3] == pytest.approx(20.0, abs=0.2)
+        assert found.cost < 1.05 * 0.3**2 * problem.n_samples
 
     @pytest.mark.parametrize("period", [1e-5, PERIOD])
     def test_vanishes_without_a_deflection(self, period: float) -> None:
         """However few samples lie within a reversal: a fit that starts from none could not leave it otherwise."""
         t, v = self.motion(period)
         s = Signals(period, {"velocity": v}, 0 * t)
-        sharp, *soft = (composed(CoulombFriction(), [50.0, d], s, nothing) for d in (0.0, 1.1 * NIL, 0.9 * NIL))
+        sharp, *soft = (composed(CoulombFriction(), [50.0, d, REVERSAL], s, nothing)
+                        for d in (0.0, 1.1 * NIL, 0.9 * NIL))
         assert np.sqrt(np.mean((sharp - soft[0]) ** 2)) < 0.03 * 50
         np.testing.assert_array_equal(soft[1], sharp)
 
@@ -115,9 +137,9 @@ class TestPresliding:
         """Amplitudes well below the deflection: force in proportion to the displacement, F_c/d."""
         t = np.arange(0.0, 1.0, 1e-4)
         v = 6e-5 * np.cos(60 * t)  # of an amplitude of 1 µm
-        got = composed(CoulombFriction(), [60.0, 2e-4], Signals(1e-4, {"velocity": v}, 0 * t), nothing)
-        assert not CoulombFriction().is_static(np.array([60.0, 2e-4]))
-        assert CoulombFriction().is_static(np.array([60.0, 0.0]))
+        got = composed(CoulombFriction(), [60.0, 2e-4, REVERSAL], Signals(1e-4, {"velocity": v}, 0 * t), nothing)
+        assert not CoulombFriction().is_static(np.array([60.0, 2e-4, REVERSAL]))
+        assert CoulombFriction().is_static(np.array([60.0, 0.0, REVERSAL]))
         assert np.ptp(got) < 0.02 * 60
 
     def test_of_a_deflection_that_is_none_no_fit_follows_the_rounding(self) -> None:
@@ -125,8 +147,8 @@ class TestPresliding:
         s = road_like(4, 2000)
         composition = Composition(guo(), (CoulombFriction(),))
         vector = composition.neutral
-        vector[composition.places[0]] = 60.0, 0.0
+        vector[composition.places[0]] = 60.0, 0.0, REVERSAL
         at = s.output - (s.output - composition.predict(s, vector))
         assert np.any(at != composition.predict(s, vector))
-        *_, of_force, of_deflection = composition.sensitivities(s, vector, at=at).T
+        *_, of_force, of_deflection, _ = composition.sensitivities(s, vector, at=at).T
         assert np.std(of_force) > 0.1 and not of_deflection.any()

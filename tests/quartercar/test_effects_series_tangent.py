@@ -16,7 +16,7 @@ from quartercar.effects.series import Elements, InSeries
 
 TABLE = by_name(CATALOGUE)
 VALUES = {"series-compliance": [6e-7], "backlash": [3e-4], "entrained-air": [3e-4, 500.0], "cavitation": [1 / 400],
-          "coil-lag": [0.008], "displacement-delay": [0.003, 0.2], "coulomb-friction": [30.0, 0.0],
+          "coil-lag": [0.008], "displacement-delay": [0.003, 0.2], "coulomb-friction": [30.0, 0.0, 2e-3],
           "quadratic-loss": [2000.0], "asymmetry": [0.2], "valve-dynamics": [0.4, 40.0, 0.2],
           "thermal-fade": [5e-5, 60.0], "force-offset": [10.0]}
 ELEMENTS = ("series-compliance", "backlash", "entrained-air", "cavitation")
