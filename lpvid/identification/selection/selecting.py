@@ -12,8 +12,10 @@ from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.identification import Identification, identify
 from lpvid.identification.arx import ARX
+from lpvid.identification.selection.competing import compete
 from lpvid.identification.selection.free_run import make_folds, unstable_share
 from lpvid.identification.selection.result import Selection
+from lpvid.identification.selection.rounds import Round
 from lpvid.identification.selection.search import Progress, Search
 from lpvid.identification.structure import Structure
 from lpvid.record import Record
@@ -26,7 +28,9 @@ PLACES = 14
 
 def select(records: Record | Sequence[Record], candidates: Iterable[Structure], *, sample_rate: float | None = None,
            folds: int = 5, outside: float = 0.0, then: Callable[[ARX], Iterable[Structure]] | None = None,
-           held_out: Record | Sequence[Record] | None = None, progress: Progress | None = None) -> Selection:
+           rounds: Callable[[Search], Iterable[Round]] | None = None,
+           held_out: Record | Sequence[Record] | None = None, progress: Progress | None = None,
+           budget: float | None = None) -> Selection:
     """Choose a structure by what it does in free run on training data it was not fitted to.
 
     ARX candidates are screened by BIC and AICc from nested QR factors, on the same equations. Those on a short list
@@ -50,10 +54,16 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     then : callable, optional
         Further structures to try, given the ARX of least free-run error with its basis bound and its stages fitted,
         e.g. the output-error structure of the same orders.
+    rounds : callable, optional
+        Further structures round by round, given the search with all its trials. Rounds that are marked as further are
+        entered only while the fit is more than half a point below what the noise leaves possible.
     held_out : Record or sequence of Record, optional
         Data that have no say in the choice; the final model's figures on them are reported.
     progress : callable, optional
         Called with steps done, steps in sight, and what is being done.
+    budget : float, optional
+        Time for the search [s]: no further fit is begun after it, once there is a candidate to take. The refit of the
+        choice comes on top.
 
     Returns
     -------
@@ -70,6 +80,8 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     if not listed or not structures:
         raise InputError("nothing to select from", got=f"{len(listed)} records and {len(structures)} candidates")
     _checks.count(folds, "folds", at_least=2)
+    if budget is not None:
+        _checks.positive(budget, "the budget of a search", "s")
     if len({s.output for s in structures if isinstance(s, ARX)}) > 1:
         raise InputError("candidates must share their outputs to be compared")
     channels = tuple(dict.fromkeys(c for s in structures for c in s.channels))
@@ -83,7 +95,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
         if len(sample) < len(pieces) or sample[0].n_samples < pieces[0].n_samples:
             notes.append(f"candidates compared on {sum(r.n_samples for r in sample)} of "
                          f"{sum(r.n_samples for r in pieces)} samples; the final fit uses all")
-        search = Search(sample, parts, outside, PLACES, progress)
+        search = Search(sample, parts, outside, PLACES, progress, budget)
         complete = True
         try:
             search.screen(structures)
@@ -91,6 +103,8 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
             leader = search.leader()
             if then is not None and leader is not None:
                 search.try_others(then(leader))
+            if rounds is not None:
+                notes += compete(search, rounds(search), pieces)
         except KeyboardInterrupt:
             if not search.screened and not search.others:
                 raise
@@ -109,6 +123,10 @@ def _concluded(search: Search, pieces: Sequence[Record], held_out: Record | Sequ
         mend = "allow a share outside with outside=…, or try other" if "frozen" in reasons[0] else "try other"
         raise InputError(f"none of {len(table)} candidates survives", got="; ".join(reasons[:2]),
                          mend=f"{mend} orders, bases or longer records")
+    if search.late():
+        left = sum("time was up" in row.reason for row in table)
+        notes.append(f"the search ended at its budget of {search.budget:.4g} s"
+                     + (f" with {left} candidates unfinished" if left else "") + ": a longer one may find better")
     final: Identification | None = None
     chosen = tested[0] if tested else 0
     try:
