@@ -34,8 +34,9 @@ class InputCoherence:
     share : (m,) array
         Share of each input's power that the others do not explain, Σ S_ii (1 − γ_i²)/Σ S_ii.
     floor : (m,) array
-        Share of each input's power that white noise of its own may have: as many times the lower quartile over the
-        frequencies of the power that the others do not explain. What is white there may be its sensor.
+        Share of each input's power that white noise of its own may have: that of the median over the
+        frequencies of the power that the others do not explain. What is white there may be its sensor; what an input
+        does by itself in less than half of the band is not counted.
     ratio : complex
         Last input over the first, at the frequency where the first is strongest.
     strongest : float
@@ -101,7 +102,7 @@ def input_coherence(views: Sequence[View], names: Sequence[str]) -> InputCoheren
     top = int(np.argmax(power[:, 0]))
     frequency = np.arange(1, size // 2 + 1) / (size * runs[0][1])
     alone, total_power = power * own, power.sum(axis=0)
-    floor = len(alone) * np.quantile(alone, 0.25, axis=0) / total_power
+    floor = len(alone) * np.median(alone, axis=0) / total_power
     return InputCoherence(tuple(names), frequency, (1.0 - own).T, alone.sum(axis=0) / total_power, floor,
                           complex(spectra[top, -1, 0] / power[top, 0]), float(frequency[top]))
 

@@ -19,9 +19,9 @@ more (empirical Bayes, E β² = p + e):
 
     e = s²/(μ − ν),     p = max(m σ_y²/d, β² − e),     w = p/(p + c e),     β ← w β
 
-    var β = (1 − w)² p + w² min(e, p + β²)
+    var β = max((1 − w)² p + w² min(e, p + β²), (1 − w) p)
 
-With c = 1 and the first of the two this is the posterior; c is the largest value up to 1 at which Σ (1 − w)² β² μ, by
+The last is the posterior, for c = 1; c is the largest value up to 1 at which Σ (1 − w)² β² μ, by
 which the mean square error on these data rises, stays within `NO_WORSE` of it: the fit is not given away for a prior.
 Every scale is a power of the data; directions with μ above 1/(2·`INFLATION`) stay as they are.
 """
@@ -192,7 +192,8 @@ def _split(found: Identification, records: Sequence[Record], coherence: InputCoh
     error, inputs = fault / known, len(model.inputs)
     power = np.maximum(inputs / max(int(np.sum(error > inputs)), 1), shown - error)
     weight = _weights(power, error, shown * mu, fault)
-    variance = (1 - weight) ** 2 * power + weight**2 * np.minimum(error, power + shown)
+    bounded = np.minimum(error, power + shown)
+    variance = np.maximum((1 - weight) ** 2 * power + weight**2 * bounded, (1 - weight) * power)
     return Split(places, metric, v, weight, variance)
 
 

@@ -21,7 +21,7 @@ LOW_ORDERS = (1, 2, 3, 4)
 has poles wherever the noise is on the output, so that its best order says little of the output error's."""
 MOST_LAGS = 10
 """highest order tried."""
-STEPS = ((1, 1, 0), (-1, -1, 0), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
+STEPS = ((0, 0, 1), (0, 0, -1), (-1, -1, 0), (1, 1, 0), (0, -1, 0), (0, 1, 0))
 """changes of output lags, input lags and first input lag that lead to a neighbour."""
 SEGMENTS = 10
 """hat functions of the output, for a quasi-LPV structure."""
@@ -64,7 +64,6 @@ def rounds(search: Search, damper: bool) -> Iterator[Round]:
     if leader is None:
         return
     yield Round("output error at several orders", _first(leader))
-    yield Round("output error around its best", _around(search))
     yield Round("state space by subspace", _subspaces(leader))
     yield Round("state space by prediction error, refined instruments", _refined(search, leader))
     if not leader.basis.names and damper:
@@ -104,8 +103,6 @@ def _around(search: Search) -> tuple[Structure, ...]:
     assert isinstance(best, OutputError)
     nb, nk = best.arx.width, best.arx.delay
     near = [(best.na + i, tuple(b + j for b in nb), tuple(k + d for k in nk)) for i, j, d in STEPS]
-    for i in range(len(nb) if len(nb) > 1 else 0):
-        near += [(best.na, (*nb[:i], nb[i] + d, *nb[i + 1:]), nk) for d in (1, -1)]
     all_terms = best.affine == best.na + 1 and best.affine > 1
     return tuple(replace(best, na=a, nb=b, nk=k, affine=a + 1 if all_terms else best.affine) for a, b, k in near
                  if 1 <= a <= MOST_LAGS and min(b) >= 1 and min(k) >= 0)
