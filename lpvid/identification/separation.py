@@ -29,7 +29,7 @@ Every scale is a power of the data; directions with μ above 1/(2·`INFLATION`) 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
@@ -46,6 +46,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.simulation import simulate
+from lpvid.validation import figures as validation_figures
 
 SAMPLES = 30_000
 """samples from which the information is taken, the head of every record."""
@@ -55,8 +56,9 @@ NO_WORSE = 0.02
 """share by which the mean square error may rise: 1 % of what the fit lacks to 100 %."""
 TINY = 1e-15
 """information below which a direction counts as unseen: rounding of the largest, which is 1 to m."""
-SEEN = 1e-12
-"""eigenvalues of one input's own information below this share of the largest are rounding."""
+SEEN = 1e-7
+"""singular values of one input's own contributions below this share of the largest are left out: the runs that they
+come from are exact to about 1e-12, and the split must hold on their squares."""
 
 
 def coherence_of(records: Sequence[Record], names: Sequence[str]) -> InputCoherence | None:
@@ -91,11 +93,14 @@ def separated(found: Identification, records: Sequence[Record]) -> Identificatio
             f"explained by {others} in these data")
     marked = {"inputs": names, "explained": (1 - coherence.share).tolist(), "regularised": False}
     with single_thread():
-        split = _split(found, shorten(records, SAMPLES, 20 * (found.model.start + 5)), coherence)
+        sample = shorten(records, SAMPLES, 20 * (found.model.start + 5))
+        split = _split(found, sample, coherence)
     if split is None:
         return _noted(found, marked, f"{said}; this kind of model is not regularised: what it gives each input is not "
                                      "determined, and its standard errors do not show that")
     new = split.apply(found)
+    if not _mean_square(new, sample) <= (1 + 2 * NO_WORSE) * _mean_square(found, sample):
+        new = replace(split, weight=np.ones_like(split.weight)).apply(found)  # rounding rules: the variance alone
     lost = f"{split.undetermined:.1f} of {split.size} input coefficients are not determined by them"
     return _noted(new, {**marked, "regularised": True, "undetermined": split.undetermined},
                   f"{said}: {lost}; there the estimate is drawn to the least contributions that explain the output, "
@@ -116,6 +121,12 @@ def spoken_for(found: Identification, held_out: Record | Sequence[Record] | None
                                 "figures do not speak for independent inputs"))
 
 
+def _mean_square(found: Identification, records: Sequence[Record]) -> float:
+    """Of the free-run errors, outputs in equal standing; infinite where a run diverges."""
+    figures = validation_figures(found.model, records, "training").overall.free_run.esr
+    return np.inf if figures is None else float(figures)
+
+
 def _noted(found: Identification, marked: dict, note: str) -> Identification:
     model = found.model.replace(metadata={**found.model.metadata, "coherent_inputs": marked})
     return found.replace(model=model, notes=(*found.notes, note))
@@ -129,17 +140,15 @@ class Split:
     ----------
     places : (k,) int array
         Where the input coefficients stand among all parameters.
-    metric : (k, k) array
-        G.
-    directions : (k, d) array
-        v, with vᵀ G v = 1.
+    directions, duals : (k, d) arrays
+        v, with vᵀ G v = 1; and G v, so that β = (G v)ᵀ b.
     weight, variance : (d,) arrays
         w, and the variance of β.
     """
 
     places: np.ndarray
-    metric: np.ndarray
     directions: np.ndarray
+    duals: np.ndarray
     weight: np.ndarray
     variance: np.ndarray
 
@@ -156,7 +165,7 @@ class Split:
     def apply(self, found: Identification) -> Identification:
         """Shrunk coefficients and their covariance."""
         whole = np.eye(found.parameters.size)
-        inner = np.eye(self.size) - (self.directions * (1 - self.weight)) @ self.directions.T @ self.metric
+        inner = np.eye(self.size) - (self.directions * (1 - self.weight)) @ self.duals.T
         whole[np.ix_(self.places, self.places)] = inner
         covariance = whole @ found.covariance @ whole.T
         open_part = (self.directions * self.variance) @ self.directions.T
@@ -176,25 +185,26 @@ def _split(found: Identification, records: Sequence[Record], coherence: InputCoh
     places = np.flatnonzero(owner >= 0)
     if not 0 < len(places) <= MOST:
         return None
-    information, fault = _information(found, records, places)
-    sensors, _ = _information(found, [_noise(r, coherence) for r in records], places)
-    if information is None or sensors is None:
+    root, fault = _root(found, records, places)
+    sensors, _ = _root(found, [_noise(r, coherence) for r in records], places)
+    if root is None or sensors is None:
         return None
     owner = owner[places]
-    metric = np.where(owner[:, None] == owner[None, :], information, 0.0)
-    white = _whitener(metric, owner, len(model.inputs))
-    values, vectors = np.linalg.eigh(white.T @ information @ white)
-    chosen = values <= 1 / (2 * INFLATION)
-    v, mu = white @ vectors[:, chosen], np.maximum(values[chosen], 0.0)
-    alone = np.where(owner[:, None] == owner[None, :], sensors, 0.0)
-    known = np.maximum(mu - np.einsum("kd,kl,ld->d", v, alone, v), TINY)
-    shown = (v.T @ metric @ found.layout.read(model)[places]) ** 2
+    frame, dual = _frames(root, owner, len(model.inputs))
+    _, values, vectors = np.linalg.svd(root @ frame)
+    values = np.append(values, np.zeros(len(vectors) - len(values)))
+    chosen = values**2 <= 1 / (2 * INFLATION)
+    mu, turned = values[chosen] ** 2, vectors[chosen].T
+    v, g = frame @ turned, dual @ turned
+    noise = sum(np.sum((sensors[:, owner == i] @ v[owner == i]) ** 2, axis=0) for i in range(len(model.inputs)))
+    known = np.maximum(mu - noise, TINY)
+    shown = (g.T @ found.layout.read(model)[places]) ** 2
     error, inputs = fault / known, len(model.inputs)
     power = np.maximum(inputs / max(int(np.sum(error > inputs)), 1), shown - error)
     weight = _weights(power, error, shown * mu, fault)
     bounded = np.minimum(error, power + shown)
     variance = np.maximum((1 - weight) ** 2 * power + weight**2 * bounded, (1 - weight) * power)
-    return Split(places, metric, v, weight, variance)
+    return Split(places, v, g, weight, variance)
 
 
 def _noise(record: Record, coherence: InputCoherence) -> Record:
@@ -229,9 +239,8 @@ def _owners(found: Identification) -> np.ndarray | None:
     return owner
 
 
-def _information(found: Identification, records: Sequence[Record],
-                 places: np.ndarray) -> tuple[np.ndarray | None, float]:
-    """XᵀX/N, and the power of the free-run residual; outputs in units of their spread."""
+def _root(found: Identification, records: Sequence[Record], places: np.ndarray) -> tuple[np.ndarray | None, float]:
+    """R with RᵀR = XᵀX/N, and the power of the free-run residual; outputs in units of their spread."""
     model, layout = found.model, found.layout
     names = [s.name for s in model.outputs]
     centred = np.vstack([y - y.mean(axis=0) for y in (r.matrix(names) for r in records)])
@@ -239,18 +248,17 @@ def _information(found: Identification, records: Sequence[Record],
     silent = _silent(model)
     others = layout.read(model)
     others[_driven(found)] = 0.0
-    total, squares, rows = np.zeros((len(places),) * 2), 0.0, 0
+    root, squares, rows = np.zeros((0, len(places))), 0.0, 0
     for record in records:
         run = simulate(model, record)
         columns = [simulate(layout.fill(silent, _with(others, place)), record, "zero") for place in places]
         if run.diverged_at is not None or any(c.diverged_at is not None for c in columns):
             return None, 0.0
-        first = model.start
-        x = np.array([(c.output / unit)[first:].ravel() for c in columns])
-        squares += float(np.sum((((record.matrix(names) - run.output) / unit)[first:]) ** 2))
-        total += x @ x.T
-        rows += x.shape[1]
-    return total / rows, squares / rows
+        x = np.column_stack([(c.output / unit)[model.start:].ravel() for c in columns])
+        squares += float(np.sum((((record.matrix(names) - run.output) / unit)[model.start:]) ** 2))
+        root = np.asarray(np.linalg.qr(np.vstack([root, x]), mode="r"))
+        rows += len(x)
+    return root / np.sqrt(rows), squares / rows
 
 
 def _driven(found: Identification) -> np.ndarray:
@@ -281,15 +289,21 @@ def _with(others: np.ndarray, place: int) -> np.ndarray:
     return theta
 
 
-def _whitener(metric: np.ndarray, owner: np.ndarray, inputs: int) -> np.ndarray:
-    """T with Tᵀ G T = 1, input by input; what an input's own motion does not excite is left out."""
-    columns = []
+def _frames(root: np.ndarray, owner: np.ndarray, inputs: int) -> tuple[np.ndarray, np.ndarray]:
+    """T with Tᵀ G T = 1, and G T, input by input; what an input's own motion does not excite is left out.
+
+    From the singular values of each block of R: G itself would square their ratio.
+    """
+    frames, duals = [], []
     for i in range(inputs):
         mine = np.flatnonzero(owner == i)
-        scale = np.sqrt(np.maximum(np.diag(metric)[mine], 1e-300))
-        values, vectors = np.linalg.eigh(metric[np.ix_(mine, mine)] / np.outer(scale, scale))
-        kept = values > SEEN * max(float(values[-1]), 1e-300) if values.size else values > 0
-        block = np.zeros((len(owner), int(kept.sum())))
-        block[mine] = vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]
-        columns.append(block)
-    return np.hstack(columns)
+        block = root[:, mine]
+        scale = np.maximum(np.linalg.norm(block, axis=0), 1e-300)
+        _, values, vectors = np.linalg.svd(block / scale, full_matrices=False)
+        kept = values > SEEN * values.max(initial=0.0)
+        for out, columns in ((frames, vectors[kept].T / values[kept] / scale[:, None]),
+                             (duals, vectors[kept].T * values[kept] * scale[:, None])):
+            whole = np.zeros((len(owner), int(kept.sum())))
+            whole[mine] = columns
+            out.append(whole)
+    return np.hstack(frames), np.hstack(duals)

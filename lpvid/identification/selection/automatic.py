@@ -50,7 +50,7 @@ def auto(records: Record | Sequence[Record], input: str | Sequence[str], output:
     candidates = automatic_candidates(listed, input, output, scheduling)
     damper = _is_damper(listed, _checks.names(input, "input"), _checks.names(output, "output"))
     return select(listed, candidates, sample_rate=sample_rate, folds=folds, held_out=held_out,
-                  rounds=lambda search: rounds(search, damper), progress=progress, budget=budget)
+                  rounds=lambda search: rounds(search, damper, bool(scheduling)), progress=progress, budget=budget)
 
 
 def automatic_candidates(records: Sequence[Record], input: str | Sequence[str], output: str | Sequence[str],

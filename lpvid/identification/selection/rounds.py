@@ -50,7 +50,7 @@ class Round:
     further: bool = False
 
 
-def rounds(search: Search, damper: bool) -> Iterator[Round]:
+def rounds(search: Search, damper: bool, scheduled: bool) -> Iterator[Round]:
     """What to try after the screening, cheap before dear.
 
     Parameters
@@ -59,6 +59,8 @@ def rounds(search: Search, damper: bool) -> Iterator[Round]:
         Its trials are read anew before every round.
     damper : bool
         Whether the one input is a velocity and the one output a force.
+    scheduled : bool
+        Whether there are measured scheduling variables.
     """
     leader = search.leader()
     if leader is None:
@@ -66,10 +68,10 @@ def rounds(search: Search, damper: bool) -> Iterator[Round]:
     yield Round("output error at several orders", _first(leader))
     yield Round("state space by subspace", _subspaces(leader))
     yield Round("state space by prediction error, refined instruments", _refined(search, leader))
-    if not leader.basis.names and damper:
+    if damper and not scheduled:
         yield Round("scheduled on its own output", _own_force(leader))
     yield Round("more orders and terms", _richer(search, leader), True)
-    yield Round("scheduled on its own output", _own_output(leader, damper), True)
+    yield Round("scheduled on its own output", _own_output(leader, damper, scheduled), True)
     for _ in range(2):
         yield Round("around the best", _around(search), True)
     yield Round("state space by prediction error at other orders", _more_states(search), True)
@@ -168,13 +170,13 @@ def _own_force(leader: ARX) -> tuple[Structure, ...]:
                  for nb in INPUT_LAGS for trial in TRIALS for odd in (0.0, NEARLY_ODD))
 
 
-def _own_output(leader: ARX, damper: bool) -> tuple[Structure, ...]:
+def _own_output(leader: ARX, damper: bool, scheduled: bool) -> tuple[Structure, ...]:
     """Structures scheduled on their own output beside the measured variables, where there is one output."""
     if len(leader.output) > 1 or leader.basis.lags != (0, 0):
         return ()
-    name, external = leader.output[0], Polynomial(leader.basis.names, degree=1 if leader.basis.names else 0)
+    name, external = leader.output[0], Polynomial(leader.basis.names, degree=1) if scheduled else Polynomial()
     out: list[Structure] = []
-    if damper and leader.basis.names:
+    if damper and scheduled:
         named = leader.schedule_filter
         out += [QuasiLPV(nb=nb, input=leader.input, output=leader.output, basis=Spline(name, 6, 1), on="trial",
                          external=external, schedule_filter=named) for nb in INPUT_LAGS]
