@@ -81,9 +81,9 @@ def by_hand(case: Case) -> Iterator[tuple[str, Structure]]:
             shared = {**common, "na": n, "nb": n, "nk": nk, "basis": basis, "affine": terms}
             for stage in stages:
                 yield "arx", lpv.ARX(**shared, **stage, lagged=affine is None)
-                if nk == 1 or n in (2, 4):
+                if nk == 1 - case.is_damper and (not stage or n in (2, 4)):
                     yield "oe", lpv.OutputError(**shared, **stage, lagged=affine is None)
-        if n != 3:
+        if n in (2, 4):
             yield "riv", lpv.RefinedIV(**common, na=n, nb=n, nk=1, basis=basis, affine=terms, lagged=affine is None)
             yield "pem-ss", lpv.StateSpaceError(order=n, **common, basis=basis, affine=True, direct=case.is_damper)
     yield "subspace", lpv.Subspace(**common, basis=basis, affine=True, direct=case.is_damper)

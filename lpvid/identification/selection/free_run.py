@@ -13,6 +13,7 @@ from lpvid.condition import folds, leaks, repetition_period
 from lpvid.errors import InputError, NumericalError
 from lpvid.identification.arx import ARX, scheduling_box
 from lpvid.identification.structure import Structure
+from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.simulation import Model, simulate
@@ -165,7 +166,9 @@ def _run(model: Model, held: Sequence[Record]) -> tuple[bool, float, float]:
     """Divergence, squared error and power over the held-out pieces, outputs in equal standing.
 
     A block begins in motion. What ran before it is estimated over its beginning: from its first samples alone, the
-    noise in them would be judged beside the model wherever a mode decays slowly.
+    noise in them would be judged beside the model wherever a mode decays slowly. The squared error over n samples of q
+    outputs is divided by 1 − d/(n q) for the d initial values that were fitted to it, lest models with a longer past
+    gain by it.
     """
     errors, powers = np.zeros(model.n_outputs), np.zeros(model.n_outputs)
     for record in held:
@@ -175,10 +178,17 @@ def _run(model: Model, held: Sequence[Record]) -> tuple[bool, float, float]:
         if run.diverged_at is not None:
             return True, 0.0, 0.0
         y = record.matrix([s.name for s in model.outputs])[model.start:]
-        errors += np.sum((y - run.output[model.start:]) ** 2, axis=0)
+        errors += np.sum((y - run.output[model.start:]) ** 2, axis=0) / max(1 - _memory(model) / y.size, 0.1)
         powers += np.sum((y - y.mean(axis=0)) ** 2, axis=0)
     scale = np.maximum(powers, 1e-300)
     return False, float(np.sum(errors / scale * powers.sum()) / len(powers)), float(powers.sum())
+
+
+def _memory(model: Model) -> int:
+    """Values that hold what ran before a record."""
+    if isinstance(model, LPVTransferFunction):
+        return model.na * model.n_outputs
+    return model.order if isinstance(model, LPVStateSpace) else model.memory
 
 
 def unstable_share(model: Model, records: Sequence[Record]) -> float:

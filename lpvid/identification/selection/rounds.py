@@ -27,6 +27,8 @@ SEGMENTS = 10
 """hat functions of the output, for a quasi-LPV structure."""
 NEARLY_ODD = 900.0
 """samples that a damper's departure from y(−u) = −y(u) must be worth, in the candidates that expect symmetry."""
+STATES_TRIED = 2
+"""orders of the best output errors at which a state space is estimated."""
 INPUT_LAGS = (4, 10)
 """input lags of a quasi-LPV structure without output lags, whose memory they are."""
 TRIALS = (1, 3)
@@ -98,11 +100,9 @@ def _first(leader: ARX) -> tuple[Structure, ...]:
 
 def _around(search: Search) -> tuple[Structure, ...]:
     """Output-error structures that differ from the best of them by one lag, in one place."""
-    found = search.best_among(OutputError)
-    if found is None:
+    best = search.simplest(OutputError)
+    if not isinstance(best, OutputError):
         return ()
-    best = found[0]
-    assert isinstance(best, OutputError)
     nb, nk = best.arx.width, best.arx.delay
     near = [(best.na + i, tuple(b + j for b in nb), tuple(k + d for k in nk)) for i, j, d in STEPS]
     all_terms = best.affine == best.na + 1 and best.affine > 1
@@ -120,15 +120,22 @@ def _subspaces(leader: ARX) -> tuple[Structure, ...]:
 
 def _refined(search: Search, leader: ARX) -> tuple[Structure, ...]:
     """State space at the order of the best output error, and instruments at its orders."""
-    found = search.best_among(OutputError)
-    if found is None:
+    best = search.simplest(OutputError)
+    if not isinstance(best, OutputError):
         return ()
-    best = found[0]
-    assert isinstance(best, OutputError)
-    out: list[Structure] = [] if _staged(leader) or leader.basis.lags != (0, 0) else [_states(best, best.na)]
+    out: list[Structure] = []
+    if not _staged(leader) and leader.basis.lags == (0, 0):
+        lags = [s.na for s, _ in search.ranked_among(OutputError) if isinstance(s, OutputError)]
+        orders = list(dict.fromkeys(n for n in (best.na, *lags) if n <= _most_states(best)))
+        out += [_states(best, n) for n in orders[:STATES_TRIED]]
     shared = {n: getattr(best, n) for n in ("na", "nb", "nk", "input", "output", "basis", "affine", "lagged", "stage",
                                             "schedule_filter")}
     return (*out, RefinedIV(**shared, noise="output"))
+
+
+def _most_states(structure: OutputError | StateSpaceError) -> int:
+    """States that a subspace estimate, where the search begins, can tell at its default future."""
+    return Subspace.future * len(structure.output) * structure.basis.size
 
 
 def _states(best: OutputError, order: int) -> StateSpaceError:
@@ -138,21 +145,18 @@ def _states(best: OutputError, order: int) -> StateSpaceError:
 
 def _more_states(search: Search) -> tuple[Structure, ...]:
     """One state less and more than the best prediction-error estimate has."""
-    found = search.best_among(StateSpaceError)
-    if found is None:
+    best = search.simplest(StateSpaceError)
+    if not isinstance(best, StateSpaceError) or best.order is None:
         return ()
-    best = found[0]
-    assert isinstance(best, StateSpaceError) and best.order is not None
-    return tuple(replace(best, order=n) for n in (best.order - 1, best.order + 1, best.order + 2) if n >= 1)
+    return tuple(replace(best, order=n) for n in (best.order - 1, best.order + 1, best.order + 2)
+                 if 1 <= n <= _most_states(best))
 
 
 def _richer(search: Search, leader: ARX) -> tuple[Structure, ...]:
     """More lags, affine terms of the other kind, lagged or not, a richer basis."""
-    found = search.best_among(OutputError)
-    if found is None:
+    best = search.simplest(OutputError)
+    if not isinstance(best, OutputError):
         return ()
-    best = found[0]
-    assert isinstance(best, OutputError)
     out: list[Structure] = [output_error(_of_order(best.arx, n)) for n in (best.na + 2, best.na + 4) if n <= MOST_LAGS]
     if best.basis.names:
         out.append(replace(best, lagged=not best.lagged))

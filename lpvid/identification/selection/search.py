@@ -71,7 +71,7 @@ class Search:
         for structure in structures:
             if any(structure == known for known, _ in self.others):
                 continue
-            self._tell(len(self.trials) + len(self.others), f"cross-validating {describe(structure)}")
+            self._tell(len(self.trials) + len(self.others), f"cross-validating in free run {describe(structure)}")
             best = self.best
             trial = cross_validate(structure, self.parts, self.records, self.limit, None if best is None else best[1],
                                    self.late)
@@ -93,10 +93,16 @@ class Search:
         good = [(s, t) for s, t in tried if not t.failure]
         return min(good, key=lambda row: row[1].mean) if good else None
 
-    def best_among(self, kind: type | tuple[type, ...]) -> tuple[Structure, Trial] | None:
-        """The same among structures of a kind that no factor screens."""
+    def simplest(self, kind: type) -> Structure | None:
+        """Of a kind that no factor screens, the one of fewest parameters within `TOLERATED` of its least error."""
+        good = self.ranked_among(kind)
+        near = [(s, t) for s, t in good if t.mean <= (1 + TOLERATED) * good[0][1].mean]
+        return min(near, key=lambda row: (row[1].n_parameters or 0, row[1].mean))[0] if near else None
+
+    def ranked_among(self, kind: type) -> list[tuple[Structure, Trial]]:
+        """Structures of a kind that no factor screens with their trials, least error first."""
         good = [(s, t) for s, t in self.others if not t.failure and isinstance(s, kind)]
-        return min(good, key=lambda row: row[1].mean) if good else None
+        return sorted(good, key=lambda row: row[1].mean)
 
     def leader(self) -> ARX | None:
         """The screened ARX of least free-run error, with its basis bound and its stages fitted."""
@@ -115,7 +121,7 @@ class Search:
 
     def _try(self, index: int) -> None:
         if index not in self.trials and not self.late():
-            self._tell(len(self.trials), f"cross-validating {describe(self.screened[index].asked)}")
+            self._tell(len(self.trials), f"cross-validating in free run {describe(self.screened[index].asked)}")
             self.trials[index] = cross_validate(self.screened[index].structure, self.parts, self.records)
 
     def say(self, text: str, *, line: bool = False) -> None:

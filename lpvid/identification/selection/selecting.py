@@ -156,6 +156,10 @@ def _concluded(search: Search, pieces: Sequence[Record], held_out: Record | Sequ
             final = identify(pieces, ranked[chosen][0])
     except KeyboardInterrupt:
         complete = False
+    if tested and chosen != tested[0]:
+        first, best = tested[0], table[chosen]
+        table[first] = replace(table[first], reason=table[first].reason.replace("chosen", "first by that"))
+        table[chosen] = replace(best, reason=f"chosen: least free-run error from measured samples too; {best.reason}")
     if final is not None and held_out is not None:
         final = _with_held_out(final, held_out)
     table.insert(0, table.pop(chosen))
