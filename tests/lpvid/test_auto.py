@@ -19,7 +19,7 @@ A = [1.0, -1.86, 0.92]
 """a slow, lightly damped mode."""
 
 
-def lightly_damped(seed: int, n: int = 1500, noise: float = 0.1, hidden: float = 0.0) -> Record:
+def lightly_damped(seed: int, n: int = 1000, noise: float = 0.1, hidden: float = 0.0) -> Record:
     """Output noise, as a sensor makes it: least squares of one step is badly biased. `hidden` is a sine not logged."""
     rng = np.random.default_rng(seed)
     u = rng.normal(size=n)
@@ -33,6 +33,7 @@ def chosen() -> lpv.Selection:
     return auto(lightly_damped(0), "u", "y", held_out=lightly_damped(1))
 
 
+@pytest.mark.slow
 def test_output_error_wins_where_the_noise_is_on_the_output(chosen) -> None:
     """Oracle: the noise itself, 10 % of the noise-free output."""
     possible = 100 * (1 - 0.1 / np.hypot(1, 0.1))
@@ -44,14 +45,16 @@ def test_output_error_wins_where_the_noise_is_on_the_output(chosen) -> None:
     assert not any("points below" in n for n in chosen.notes)
 
 
+@pytest.mark.slow
 def test_what_the_noise_leaves_is_asked_before_looking_further(chosen) -> None:
     """This close to the ceiling no quasi-LPV structure is tried."""
     assert not any(isinstance(row.structure, lpv.QuasiLPV) for row in chosen.table)
 
 
+@pytest.mark.slow
 def test_staying_below_the_ceiling_is_reported() -> None:
     """A sine that is not logged can be predicted a step ahead from the output, but not run freely."""
-    found = auto(lightly_damped(2, hidden=0.5), "u", "y")
+    found = auto(lightly_damped(2, hidden=0.5), "u", "y", budget=60.0)
     assert any(isinstance(row.structure, lpv.QuasiLPV) for row in found.table)
     note = next(n for n in found.notes if "points below what the noise leaves possible" in n)
     assert float(note.split("stays ")[1].split(" ")[0]) > 10
@@ -80,6 +83,7 @@ def test_the_time_is_bounded_and_something_is_returned() -> None:
     assert any("ended at its budget" in n for n in found.notes)
 
 
+@pytest.mark.slow
 def test_an_interruption_in_a_round_keeps_the_best() -> None:
     def stop(done: int, total: int, text: str) -> None:
         if "RefinedIV" in text.split(";")[0]:
@@ -90,6 +94,7 @@ def test_an_interruption_in_a_round_keeps_the_best() -> None:
     assert isinstance(found.best, lpv.OutputError | lpv.StateSpaceError)
 
 
+@pytest.mark.slow
 def test_progress_names_the_best_so_far() -> None:
     heard: list[str] = []
     auto(lightly_damped(6, n=900), "u", "y", progress=lambda done, total, text: heard.append(text), budget=20.0)

@@ -14,11 +14,11 @@ from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.identification import Identification, identify
 from lpvid.identification.arx import ARX
-from lpvid.identification.selection.competing import compete
+from lpvid.identification.selection.competing import NEAR, compete
 from lpvid.identification.selection.free_run import make_folds, unstable_share
 from lpvid.identification.selection.result import Selection
-from lpvid.identification.selection.rounds import Round
-from lpvid.identification.selection.search import TOLERATED, Progress, Search
+from lpvid.identification.selection.rounds import Round, in_full
+from lpvid.identification.selection.search import Progress, Search
 from lpvid.identification.structure import Structure
 from lpvid.record import Record
 
@@ -119,7 +119,8 @@ def _concluded(search: Search, pieces: Sequence[Record], held_out: Record | Sequ
     """The first in the ranking whose refit on all data keeps its poles inside and does not diverge.
 
     Its free run on all training data begins at measured samples, as every reported figure does; a structure that
-    amplifies their noise, and so runs worse there than in cross-validation, counts with the worse of the two.
+    amplifies their noise, and so runs worse there than in cross-validation, counts with the worse of the two: one that
+    does better by more than `NEAR` takes its place.
     """
     ranked = search.ranked()
     table = [row for _, row in ranked]
@@ -134,23 +135,23 @@ def _concluded(search: Search, pieces: Sequence[Record], held_out: Record | Sequ
         notes.append(f"the search ended at its budget of {search.budget:.4g} s"
                      + (f" with {left} candidates unfinished" if left else "") + ": a longer one may find better")
     final: Identification | None = None
-    chosen, least = tested[0] if tested else 0, np.inf
+    chosen, highest = tested[0] if tested else 0, -np.inf
     try:
         for i in tested:
-            expected = table[i].esr
+            expected = table[i].fit_percent
             assert expected is not None
-            if (1 + TOLERATED) * expected >= least:
+            if expected < highest + NEAR:
                 break
-            found, fault = _refit(search, ranked[i][0], pieces)
+            found, fault = _refit(search, in_full(ranked[i][0]), pieces)
             if fault:
                 table[i] = replace(table[i], reason=f"refitted on all training data: {fault}")
                 continue
-            esr = max(expected, _training_esr(found))
-            if esr > (1 + TOLERATED) * expected:
-                table[i] = replace(table[i], reason=f"{table[i].reason}; from measured samples its free-run ESR on "
-                                                    f"training data is {esr:.4g}")
-            if (1 + TOLERATED) * esr < least:
-                final, chosen, least = found, i, esr
+            fit = min(expected, -np.inf if found.fit is None else found.fit)
+            if fit < expected - NEAR:
+                table[i] = replace(table[i], reason=f"{table[i].reason}; from measured samples its free-run fit on "
+                                                    f"training data is {fit:.1f} %")
+            if fit > highest:
+                final, chosen, highest = found, i, fit
         if final is None and tested:
             notes.append("no refit on all training data keeps its frozen poles inside: the first choice stands")
             final = identify(pieces, ranked[chosen][0])
@@ -163,6 +164,7 @@ def _concluded(search: Search, pieces: Sequence[Record], held_out: Record | Sequ
     if final is not None and held_out is not None:
         final = _with_held_out(final, held_out)
     table.insert(0, table.pop(chosen))
+    table[0] = replace(table[0], structure=in_full(table[0].structure))
     return Selection(table[0].structure, tuple(table), final, complete, folds, tuple(notes))
 
 
@@ -184,11 +186,6 @@ def _fault(search: Search, found: Identification, pieces: Sequence[Record]) -> s
     if share > search.limit:
         return f"frozen pole outside at {100 * share:.2g} % of training samples"
     return "diverges in free run" if found.fit is None else ""
-
-
-def _training_esr(found: Identification) -> float:
-    esr = None if found.training is None else found.training.overall.free_run.esr
-    return np.inf if esr is None else float(esr)
 
 
 def _with_held_out(found: Identification, held_out: Record | Sequence[Record]) -> Identification:
