@@ -47,6 +47,7 @@ from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.simulation import simulate
 from lpvid.validation import figures as validation_figures
+from lpvid.validation.coherent import independence_remark
 
 SAMPLES = 30_000
 """samples from which the information is taken, the head of every record."""
@@ -109,16 +110,8 @@ def separated(found: Identification, records: Sequence[Record]) -> Identificatio
 
 def spoken_for(found: Identification, held_out: Record | Sequence[Record] | None) -> Identification:
     """A remark where held-out inputs are as coherent as those of the fit, so that their figures test the sum alone."""
-    if "coherent_inputs" not in found.model.metadata or held_out is None:
-        return found
-    names = [s.name for s in found.model.inputs]
-    coherence = coherence_of(as_records(held_out), names)
-    if coherence is None:
-        return found.replace(notes=(*found.notes, "the held-out inputs move independently: the held-out figures speak "
-                                                  "for each of them"))
-    return found.replace(notes=(*found.notes, "the held-out inputs move together as well "
-                                f"({100 * (1 - coherence.share.min()):.4g} % explained by the others): the held-out "
-                                "figures do not speak for independent inputs"))
+    said = None if held_out is None else independence_remark(found.model, as_records(held_out), "held-out")
+    return found if said is None else found.replace(notes=(*found.notes, said))
 
 
 def _mean_square(found: Identification, records: Sequence[Record]) -> float:

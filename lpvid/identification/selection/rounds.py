@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.identification.arx import ARX
 from lpvid.identification.output_error import OutputError
@@ -199,7 +200,8 @@ def _own_output(leader: ARX, damper: bool, scheduled: bool) -> tuple[Structure, 
     """Structures scheduled on their own output beside the measured variables, where there is one output."""
     if len(leader.output) > 1 or leader.basis.lags != (0, 0):
         return ()
-    name, external = leader.output[0], Polynomial(leader.basis.names, degree=1) if scheduled else Polynomial()
+    name = _checks.names(leader.output, "output")[0]
+    external = Polynomial(leader.basis.names, degree=1) if scheduled else Polynomial()
     out: list[Structure] = []
     if damper and scheduled:
         named = leader.schedule_filter
