@@ -37,5 +37,5 @@ def independence_remark(model: Any, records: Sequence[Record], label: str) -> st
     if coherence.separable:
         return f"the {label} inputs move independently: the {label} figures speak for each of them"
     share = 100 * float(1 - np.min(coherence.share))
-    return (f"the {label} inputs move together as in training ({share:.4g} % explained by the others): the {label} figures "
-            "do not speak for independent inputs")
+    return (f"the {label} inputs move together as in training ({share:.4g} % explained by the others): the {label} "
+            "figures do not speak for independent inputs")
