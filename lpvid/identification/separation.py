@@ -137,6 +137,8 @@ class Split:
         v, with vᵀ G v = 1; and G v, so that β = (G v)ᵀ b.
     weight, variance : (d,) arrays
         w, and the variance of β.
+    open : (d,) array
+        How far the prior decides, e/(p + e): 1 where the data say nothing.
     """
 
     places: np.ndarray
@@ -144,6 +146,7 @@ class Split:
     duals: np.ndarray
     weight: np.ndarray
     variance: np.ndarray
+    open: np.ndarray
 
     @property
     def size(self) -> int:
@@ -152,8 +155,8 @@ class Split:
 
     @property
     def undetermined(self) -> float:
-        """Number of directions that the prior decides, Σ (1 − w)."""
-        return float(np.sum(1 - self.weight))
+        """Number of directions that the prior decides, Σ e/(p + e)."""
+        return float(np.sum(self.open))
 
     def apply(self, found: Identification) -> Identification:
         """Shrunk coefficients and their covariance."""
@@ -197,7 +200,7 @@ def _split(found: Identification, records: Sequence[Record], coherence: InputCoh
     weight = _weights(power, error, shown * mu, fault)
     bounded = np.minimum(error, power + shown)
     variance = np.maximum((1 - weight) ** 2 * power + weight**2 * bounded, (1 - weight) * power)
-    return Split(places, v, g, weight, variance)
+    return Split(places, v, g, weight, variance, error / (power + error))
 
 
 def _noise(record: Record, coherence: InputCoherence) -> Record:
