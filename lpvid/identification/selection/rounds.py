@@ -140,7 +140,10 @@ def _subspaces(leader: ARX) -> tuple[Structure, ...]:
 
 
 def _refined(search: Search, leader: ARX) -> tuple[Structure, ...]:
-    """State space at the order of the best output error, and instruments at its orders."""
+    """State space at the order of the best output error, and instruments at its orders, or the highest of the low ones.
+
+    A search with instruments takes many times longer at high orders.
+    """
     best = search.simplest(OutputError)
     if not isinstance(best, OutputError):
         return ()
@@ -149,6 +152,8 @@ def _refined(search: Search, leader: ARX) -> tuple[Structure, ...]:
         lags = [s.na for s, _ in search.ranked_among(OutputError) if isinstance(s, OutputError)]
         orders = list(dict.fromkeys(n for n in (best.na, *lags) if n <= _most_states(best)))
         out += [_states(best, n) for n in orders[:STATES_TRIED]]
+    if best.na > max(LOW_ORDERS):
+        best = output_error(_of_order(best.arx, max(LOW_ORDERS)))
     shared = {n: getattr(best, n) for n in ("na", "nb", "nk", "input", "output", "basis", "affine", "lagged", "stage",
                                             "schedule_filter")}
     return (*out, RefinedIV(**shared, noise="output"))
