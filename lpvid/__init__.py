@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     from lpvid.identification.recursive import Recursive
     from lpvid.identification.refined_iv import RefinedIV
     from lpvid.identification.ridge import Ridge
-    from lpvid.identification.selection import Candidates, Selection, select
+    from lpvid.identification.selection import Candidates, Selection, auto, select
     from lpvid.identification.sparsity import sparsify
     from lpvid.identification.state_space_error import StateSpaceError
     from lpvid.identification.streaming import identify_stream
@@ -151,7 +151,7 @@ _EXPORTS = {
     "lpvid.identification.recursive": ("Recursive",),
     "lpvid.identification.refined_iv": ("RefinedIV",),
     "lpvid.identification.ridge": ("Ridge",),
-    "lpvid.identification.selection": ("Candidates", "Selection", "select"),
+    "lpvid.identification.selection": ("Candidates", "Selection", "auto", "select"),
     "lpvid.identification.sparsity": ("sparsify",),
     "lpvid.identification.state_space_error": ("StateSpaceError",),
     "lpvid.identification.streaming": ("identify_stream",),
@@ -204,7 +204,7 @@ __all__ = [
     "Product", "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain",
     "Scheduling", "Selection", "Shifted", "Signal", "Simulation", "Spline", "StabilityCertificate", "Stacked",
     "StateFeedback", "StateSpaceError", "Subspace", "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin",
-    "Validation", "Verification", "ZeroOrderHold", "anti_windup", "append", "audit", "back_calculation",
+    "Validation", "Verification", "ZeroOrderHold", "anti_windup", "append", "audit", "auto", "back_calculation",
     "balanced_realization", "certified_share", "certify_gain", "certify_passivity", "certify_region",
     "certify_stability", "certify_switching", "close_loop", "compare_models", "connect", "control_system",
     "critical_scheduling", "decay_rate", "diagnose", "discretise", "export_c", "export_control", "export_csv",

@@ -10,6 +10,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
+from lpvid.initial_state import estimate_state
 from lpvid.model.adaptable import Adaptable, acting
 from lpvid.model.designed import warn_outside
 from lpvid.model.lft import LFTModel
@@ -80,7 +81,8 @@ def simulate(model: Model | Adaptable, record: Record, initial: str | np.ndarray
         Uniform record at the model's rate with the model's inputs and scheduling (and outputs for "measured").
     initial : {"measured", "zero", "estimate"} or array
         Where to start. "measured": a transfer function from its first ``model.start`` measured samples, a state space
-        from the state that fits the measured output best over the record's beginning. "zero": zero past and state.
+        from the state that fits the measured output best over the record's beginning, weighed against what its state
+        can be (`lpvid.initial_state`). "zero": zero past and state.
         "estimate": the past or state that fits the measured output best (least squares over the record's beginning,
         in which the free run is linear). An array gives the past outputs (start, n_outputs), or the state (n,).
 
@@ -165,7 +167,7 @@ def predict(model: Model | Adaptable, record: Record, horizon: int = 1) -> Simul
     if model.observer_gain is None:
         free = _simulate_ss(model, u, p, y, "measured")
         return _finish(model, free.output, free.start, horizon, free.diverged_at, "measured (no noise model)")
-    x0 = _estimate_state(model, phi, u, y, model.start)
+    x0 = estimate_state(model, phi, u, y, model.start, _limit(model, u, _scale(y)), weighed=False)
     _kernels.predict_ss(model.A, model.B, model.C, model.D, model.state_offset, model.output_offset,
                         model.observer_gain, phi, u, x0, y, horizon, out)
     return _finish(model, out, model.start, horizon, _first_beyond(out, _limit(model, u, _scale(y))), "observer")
@@ -285,7 +287,7 @@ def _simulate_ss(model: LPVStateSpace, u: np.ndarray, p: np.ndarray, y: np.ndarr
         raise _too_short(model, len(y))
     else:
         length = model.start if measured else max(20 * model.order, FIT_SAMPLES)
-        x0, said = _estimate_state(model, phi, u, y, length), "estimated state"
+        x0, said = estimate_state(model, phi, u, y, length, _limit(model, u, _scale(y))), "estimated state"
     out = np.zeros((len(u), model.n_outputs))
     diverged = _run_ss(model, phi, u, x0, out, _scale(y))
     return _finish(model, out, model.start if measured else 0, None, diverged, said)
@@ -298,23 +300,6 @@ def _run_ss(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, x0: np.ndarray
     code = _kernels.free_run_ss(model.A, model.B, model.C, model.D, model.state_offset, model.output_offset, phi, u,
                                 np.ascontiguousarray(x0), out, _limit(model, u, scale, x0))
     return None if code < 0 else int(code)
-
-
-def _estimate_state(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, y: np.ndarray, length: int) -> np.ndarray:
-    """State that fits the first `length` outputs best: the free run is affine in it."""
-    if not model.order:
-        return np.zeros(0)
-    length = min(len(y), length)
-    forced = np.zeros((length, model.n_outputs))
-    _run_ss(model, phi[:length], u[:length], np.zeros(model.order), forced, _scale(y))
-    influence, state = [], np.eye(model.order)
-    for k in range(length):
-        influence.append(np.tensordot(phi[k], model.C, axes=1) @ state)
-        state = np.tensordot(phi[k], model.A, axes=1) @ state
-        if not np.abs(state).max() < DIVERGED:  # what follows would say nothing about the start
-            break
-    rows = len(influence)
-    return np.linalg.lstsq(np.vstack(influence), (y[:rows] - forced[:rows]).ravel(), rcond=1e-10)[0]
 
 
 # -- noise models ----------------------------------------------------------------------------------------------------

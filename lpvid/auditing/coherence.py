@@ -33,6 +33,10 @@ class InputCoherence:
         inputs (Bendat & Piersol 2010, 7.3).
     share : (m,) array
         Share of each input's power that the others do not explain, Σ S_ii (1 − γ_i²)/Σ S_ii.
+    floor : (m,) array
+        Share of each input's power that white noise of its own may have: that of the median over the
+        frequencies of the power that the others do not explain. What is white there may be its sensor; what an input
+        does by itself in less than half of the band is not counted.
     ratio : complex
         Last input over the first, at the frequency where the first is strongest.
     strongest : float
@@ -43,6 +47,7 @@ class InputCoherence:
     frequency: np.ndarray
     coherence: np.ndarray
     share: np.ndarray
+    floor: np.ndarray
     ratio: complex
     strongest: float
 
@@ -96,7 +101,9 @@ def input_coherence(views: Sequence[View], names: Sequence[str]) -> InputCoheren
     own = np.clip(1.0 / np.maximum(np.einsum("fii->fi", inverse).real, 1.0), 0.0, 1.0)
     top = int(np.argmax(power[:, 0]))
     frequency = np.arange(1, size // 2 + 1) / (size * runs[0][1])
-    return InputCoherence(tuple(names), frequency, (1.0 - own).T, (power * own).sum(axis=0) / power.sum(axis=0),
+    alone, total_power = power * own, power.sum(axis=0)
+    floor = len(alone) * np.median(alone, axis=0) / total_power
+    return InputCoherence(tuple(names), frequency, (1.0 - own).T, alone.sum(axis=0) / total_power, floor,
                           complex(spectra[top, -1, 0] / power[top, 0]), float(frequency[top]))
 
 

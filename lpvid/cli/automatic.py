@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from lpvid.cli.structures import Request
     from lpvid.identification import Identification
     from lpvid.identification.selection import Ceiling, Selection
+    from lpvid.identification.structure import Structure
 
 SHOWN = 8
 """Rows of the ranking that are printed."""
@@ -46,6 +47,8 @@ class Choice:
     @property
     def says(self) -> str:
         """The ceiling beside the fit, in one sentence."""
+        from lpvid.identification.selection.competing import NEAR
+
         if self.ceiling is None:
             return f"No noise ceiling: {self.why_not}."
         fitted = self.selection.identification
@@ -54,7 +57,11 @@ class Choice:
             return f"Noise {self.ceiling}."
         percent = self.held_out_percent if self.held_out_percent is not None else self.ceiling.fit_percent
         fit = judged.overall.free_run.fit_percent
-        beyond = "" if fit <= percent + 0.5 else ", which this model surpasses: ARX models are too poor to tell it here"
+        beyond = ""
+        if fit > percent + NEAR:
+            beyond = ", which this model surpasses: ARX models are too poor to estimate it here"
+        elif fit < percent - NEAR:
+            beyond = f": the fit stays {percent - fit:.1f} points below"
         return (f"Free-run fit {fit:.1f} % on {judged.label} data; what the noise leaves possible there is about "
                 f"{percent:.1f} %{beyond}. On training data: {self.ceiling}.")
 
@@ -71,7 +78,7 @@ class Choice:
 
 
 def choose(request: Request, training: Sequence[Record], held_out: Sequence[Record],
-           say: Callable[[str], None]) -> tuple[Choice, Identification]:
+           say: Callable[[str], None], budget: float | None = None) -> tuple[Choice, Identification]:
     """Choose a structure on the training data alone.
 
     Parameters
@@ -80,7 +87,9 @@ def choose(request: Request, training: Sequence[Record], held_out: Sequence[Reco
     training, held_out : sequence of Record
         The held-out records have no say: only their figures are reported.
     say : callable
-        Told what is being done.
+        Receives what is being done, with the best so far.
+    budget : float, optional
+        Time for the search [s].
 
     Returns
     -------
@@ -91,15 +100,22 @@ def choose(request: Request, training: Sequence[Record], held_out: Sequence[Reco
     KeyboardInterrupt
         Interrupted before there was a model.
     """
+    import sys
+
     from lpvid.identification.selection import auto
+    from lpvid.identification.selection.search import ROUND_DONE
+
+    def progress(done: int, total: int, text: str) -> None:
+        if text.startswith(ROUND_DONE):
+            print(f"{text.removeprefix(ROUND_DONE)} ({done} cross-validated)", file=sys.stderr)
+        else:
+            say(f"{text} ({done} done)")
 
     found = auto(training, request.input, request.output, request.schedule, sample_rate=request.sample_rate,
-                 held_out=held_out or None, progress=lambda done, total, text: say(f"{text} ({done} done)"))
+                 held_out=held_out or None, progress=progress, budget=budget)
     if found.identification is None:
         raise KeyboardInterrupt
     if not found.complete:
-        import sys
-
         print("interrupted: what was ranked so far is kept; the result says that it is not complete", file=sys.stderr)
     say("estimating the noise")
     try:
@@ -109,16 +125,25 @@ def choose(request: Request, training: Sequence[Record], held_out: Sequence[Reco
     return Choice(found, ceiling, percent), found.identification
 
 
+def _plain(found: Selection) -> Structure:
+    """The choice, or the best of the structures in the ranking whose orders an ARX has."""
+    from lpvid.identification.arx import ARX
+    from lpvid.identification.prediction_error import PredictionError
+
+    listed = [found.best, *(row.structure for row in found.table)]
+    return next((s for s in listed if isinstance(s, ARX | PredictionError)), found.best)
+
+
 def _ceiling(request: Request, found: Selection, training: Sequence[Record],
              held_out: Sequence[Record]) -> tuple[Ceiling, float | None]:
     from lpvid.condition import segments, with_velocity
     from lpvid.identification.selection import noise_ceiling
 
     assert found.identification is not None
-    ceiling = noise_ceiling(training, found.best, sample_rate=request.sample_rate)
+    ceiling = noise_ceiling(training, _plain(found), sample_rate=request.sample_rate)
     if not held_out:
         return ceiling, None
-    channels, model = found.best.channels, found.identification.model
+    channels, model = _plain(found).channels, found.identification.model
     kept = [with_velocity(r) for r in held_out] if "velocity" in channels else list(held_out)
     pieces = segments(kept, channels, sample_rate=1 / model.sample_time if request.sample_rate else None,
                       minimum=model.start + 2)

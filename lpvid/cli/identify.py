@@ -65,6 +65,8 @@ def identify(
                                            "(scheduled on their own output); recursive.")] = "arx",
     auto: Annotated[bool, typer.Option("--auto", help="Choose the structure by its free run in cross-validation on the "
                                        "training data.")] = False,
+    budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Time for the search of "
+                                                 "--auto (300); the fit of its choice comes on top.")] = None,
     na: Annotated[int | None, typer.Option("--na", min=0, help="Output lags (4; quasi: 0).")] = None,
     nb: Annotated[str | None, typer.Option("--nb", metavar="N[,N…]", help="Input lags, one number or one per input "
                                            "(4).")] = None,
@@ -157,7 +159,7 @@ def identify(
                "balanced": balanced or None}
     request = Request(split_names(input) or ("velocity",), split_names(output) or ("force",), split_names(schedule),
                       structure, {n: v for n, v in written.items() if v is not None}, rate, auto,
-                      None if form is None else form.value, refit, refit_form)
+                      None if form is None else form.value, refit, refit_form, budget)
     with working("reading") as say:
         request.check()
         records, kept = read_parts(data, held_out, roles=role, flip=flip, sample_rate=rate)

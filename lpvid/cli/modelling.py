@@ -172,6 +172,7 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
     Outcome
     """
     from lpvid.auditing import audit
+    from lpvid.cli.structures import BUDGET
     from lpvid.condition import segments, with_velocity
     from lpvid.identification import identify
     from lpvid.model.transfer_function import LPVTransferFunction
@@ -182,7 +183,7 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
                          mend="add --hold-out 1/3, or leave --refit out")
     choice, notes = None, ()
     if request.automatic:
-        choice, found = choose(request, training, held_out, say)
+        choice, found = choose(request, training, held_out, say, request.budget or BUDGET)
         structure: Structure = choice.selection.best
     else:
         structure, notes = _settled(request, training, say)

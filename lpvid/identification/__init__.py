@@ -12,6 +12,7 @@ from lpvid.errors import InputError
 from lpvid.familiar import heads, ranges, roles, usual_range
 from lpvid.identification.result import Identification
 from lpvid.identification.sandwich import residual_memory
+from lpvid.identification.separation import separated, spoken_for
 from lpvid.identification.structure import Structure
 from lpvid.model.hull import Hull
 from lpvid.record import Record
@@ -71,13 +72,16 @@ def identify(records: Record | Sequence[Record], structure: Structure, *, sample
                       remedy="a lower order")
     found = _remember(structure.estimate(pieces), pieces, listed[0])
     notes = tuple(dict.fromkeys((*(n for r in pieces for n in r.notes), *found.notes)))
-    training = figures(found.model, pieces, "training")
+    found = _coloured(found.replace(training=figures(found.model, pieces, "training"), notes=notes), pieces)
+    apart = separated(found, pieces)
+    if apart is not found:
+        found = apart.replace(training=figures(apart.model, pieces, "training"))
     kept = None if held_out is None else validate(found.model, held_out, label="held-out")
     if found.unconstrained is not None:
         before = figures(found.unconstrained, pieces, "training")
         late = () if held_out is None else (validate(found.unconstrained, held_out, label="held-out"),)
         found = found.replace(unconstrained_figures=(before, *late))
-    return _coloured(found.replace(training=training, held_out=kept, notes=notes), pieces)
+    return found.replace(held_out=kept) if kept is None else spoken_for(found.replace(held_out=kept), held_out)
 
 
 def _coloured(found: Identification, pieces: Sequence[Record]) -> Identification:

@@ -11,7 +11,7 @@ from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.errors import InputError
 from lpvid.identification.layout import Layout
-from lpvid.identification.regression import Columns, Factor, RegressionData, Solution, factorize
+from lpvid.identification.regression import SINGULAR, Columns, Factor, RegressionData, Solution, factorize
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.ridge import Ridge
 from lpvid.identification.sandwich import sandwich_covariance
@@ -218,7 +218,7 @@ class ARX(Structure):
         return factorize(records, self._data(box, start))
 
     def coloured_covariance(self, records: Sequence[Record], found: Identification, memory: int) -> np.ndarray | None:
-        if self.ridge:
+        if self.ridge or found.scaled_condition > 1 / SINGULAR:
             return None
         data = self._data(found.model.box, None)
         theta = found.parameters.reshape(len(self.output), -1).T
@@ -237,10 +237,14 @@ class ARX(Structure):
         names = [n.split(":")[-1] for n in layout.names(model)[: factor.columns]]
         with single_thread():
             if not isinstance(self.ridge, Ridge):
-                return self._package(records, model, layout, factor, factor.solve(self.ridge, names))
+                return self._package(records, model, layout, factor, factor.solve(self.ridge, names, self._spare()))
             solution, strength = self.ridge.solve(factor, self.places(), self.basis)
         found = self._package(records, model, layout, factor, solution)
         return found.replace(notes=(*found.notes, f"{self.ridge.describe()}: strength {strength:.3g}"))
+
+    def _spare(self) -> np.ndarray | None:
+        """Columns of the inputs, where there are several: `separation` says what coherent ones leave open."""
+        return self.places()[:, 0] == 1 if len(self.input) > 1 and self.stage is None else None
 
     def _empty_model(self, record: Record, box: Scheduling, width: int) -> LPVTransferFunction:
         ny, m = len(self.output), self.basis.size

@@ -73,7 +73,7 @@ class Factor:
     rows: int
     columns: int
 
-    def solve(self, ridge: float, names: Sequence[str]) -> Solution:
+    def solve(self, ridge: float, names: Sequence[str], spare: np.ndarray | None = None) -> Solution:
         """Least squares, with `ridge` times the squared parameters in unit-column scaling added to the cost.
 
         Parameters
@@ -81,7 +81,10 @@ class Factor:
         ridge : float
             0 for plain least squares; relative to a regressor column's own energy.
         names : sequence of str
-            Parameter names, for the message when some cannot be told apart.
+            Parameter names, for the message when some are dependent.
+        spare : (columns,) bool array, optional
+            Columns that may depend on one another: the estimate of least norm, in unit-column scaling, is taken where
+            nothing else does.
         """
         from scipy.linalg import solve_triangular
 
@@ -95,7 +98,10 @@ class Factor:
         singular = np.linalg.svd(r11 / scale, compute_uv=False)
         condition = np.linalg.cond(r11)
         if singular[-1] < SINGULAR * singular[0] and ridge == 0:
-            _, _, vt = np.linalg.svd(r11 / scale)
+            _, values, vt = np.linalg.svd(r11 / scale)
+            null = vt[values < SINGULAR * values[0]]
+            if spare is not None and np.sum(null[:, ~spare] ** 2) < np.sqrt(SINGULAR):
+                return self._least_norm(scale, singular)
             weight = np.abs(vt[-1])
             mixed = [names[int(i)] for i in np.argsort(-weight)[:4] if weight[i] > 0.05 * weight.max()]
             raise InputError("these data cannot tell some parameters apart",
@@ -113,6 +119,17 @@ class Factor:
         residual = np.vstack([r12 - r11 @ theta, r22])
         noise = residual.T @ residual / max(self.rows - k, 1)
         return Solution(theta, np.kron(noise, gram), noise, float(condition), float(singular[0] / singular[-1]))
+
+    def _least_norm(self, scale: np.ndarray, singular: np.ndarray) -> Solution:
+        """The least squares of least norm; no variance along what these equations do not hold."""
+        k = self.columns
+        inverse = np.linalg.pinv(self.r[:k, :k] / scale, rcond=SINGULAR)
+        theta = (inverse @ self.r[:k, k:]) / scale[:, None]
+        residual = np.vstack([self.r[:k, k:] - self.r[:k, :k] @ theta, self.r[k:, k:]])
+        noise = residual.T @ residual / max(self.rows - k, 1)
+        gram = inverse @ inverse.T / np.outer(scale, scale)
+        ratio = float(singular[0] / singular[-1]) if singular[-1] > 0 else np.inf
+        return Solution(theta, np.kron(noise, gram), noise, ratio, ratio)
 
 
 @dataclass(frozen=True, eq=False)

@@ -71,7 +71,7 @@ class StateSpaceError(Structure):
     Parameters
     ----------
     order : int or None
-        States; None takes the order that `Subspace` reads off its singular values.
+        States; None takes the order that `Subspace` finds by its free run out of fold.
     input, output : str or sequence of str
         Channel (or role) names; any number of each.
     basis : Basis

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,7 +23,9 @@ from lpvid.identification.state_space_result import (
 )
 from lpvid.identification.state_space_search import Search, SearchData, bounded, evaluate, triangle
 from lpvid.identification.structure import Structure
+from lpvid.identification.subspace_order import FOLDS, free_run_errors
 from lpvid.identification.subspace_words import KernelWords, Trace, Words, WrittenWords, number_of_words
+from lpvid.model.state_space import LPVStateSpace
 from lpvid.record import Record
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 
@@ -37,6 +39,8 @@ MAX_SAMPLES = 60_000
 """samples used; more are thinned out to evenly spread pieces."""
 MAX_ORDER = 12
 """highest order that is chosen automatically."""
+NO_WORSE = 0.02
+"""share by which the ESR out of fold of a lower order may exceed the least: 1 % of what the fit lacks to 100 %."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +61,8 @@ class Subspace(Structure):
     Parameters
     ----------
     order : int or None
-        States; None takes it from the largest gap between successive singular values.
+        States; None takes the lowest whose free run on blocks that were not fitted is within 2 % of the least ESR (from
+        the largest gap between successive singular values where the records are too short for blocks).
     past : int or None
         Samples that the state is estimated from; None for as many as keep the words within what is written out.
     future : int
@@ -158,14 +163,11 @@ class Subspace(Structure):
         singular, basis = _principal(predicted)
         equations = sum(t.y[self._back:].size for t in traces)
         known = [n for n in range(1, min(self._most - 1, MAX_ORDER) + 1) if 2 * self._parameters(n) <= equations]
-        order = self.order or _order_by_gap(singular, max(known, default=1))
+        order, how = self._order(records, singular, known)
         states = [g @ basis[:, :order] for g in predicted]
         listed = ", ".join(f"{s:.3g}" for s in singular[: max(order + 3, 6)])
-        notes += [said, f"singular values {listed}; order {order} "
-                        + ("as asked" if self.order else "from the largest gap")]
-        model = self._matrices(records, box, traces, states, scales)
-        data = SearchData.of(records, model)
-        safe, shrunk = bounded(model, data)
+        notes += [said, f"singular values {listed}; order {order} {how}"]
+        model, data, safe, shrunk = self._bounded(records, box, traces, states, scales)
         if safe is not model:
             notes.append("the estimated observer diverges on these data: "
                          + ("its gain was set to zero" if shrunk == 1 else f"the state matrix was shrunk by {shrunk}"))
@@ -175,6 +177,43 @@ class Subspace(Structure):
         notes.append("standard errors are those of an efficient estimate at this point: a lower bound")
         end = Search(safe, evaluate(safe, data), data, 0, "not begun")
         return package(replace(self, order=order), end, layout, records, notes)
+
+    def _bounded(self, records: Sequence[Record], box: Scheduling, traces: Sequence[Trace],
+                 states: Sequence[np.ndarray], scales: tuple[np.ndarray, np.ndarray]):
+        """The matrices for these states, the data as they see them, and the nearest bounded model."""
+        model = self._matrices(records, box, traces, states, scales)
+        data = SearchData.of(records, model)
+        return model, data, *bounded(model, data)
+
+    # -- the order ----------------------------------------------------------------------------------------------
+    def _order(self, records: Sequence[Record], singular: np.ndarray, known: Sequence[int]) -> tuple[int, str]:
+        """The order, and how it was found: asked for, by the free run out of fold, or by the singular values."""
+        if self.order:
+            return self.order, "as asked"
+        if len(known) < 2:
+            return max(known, default=1), "the only one that these data can carry"
+        errors = free_run_errors(self, records, known)
+        if not errors:
+            return _order_by_gap(singular, max(known, default=1)), "from the largest gap (too short for folds)"
+        least = min(errors.values())
+        order = min(n for n, esr in errors.items() if esr <= (1 + NO_WORSE) * least)
+        listed = ", ".join(f"{n}: {esr:.3g}" for n, esr in sorted(errors.items()))
+        return order, f"by its free run out of {FOLDS} folds of these data (ESR by order {listed})"
+
+    def by_order(self, records: Sequence[Record], orders: Sequence[int]) -> Iterator[tuple[int, LPVStateSpace | None]]:
+        """Order and estimate for several orders from one regression; None where there is none."""
+        box = scheduling_box(records, self.basis, check_basis=False)
+        traces, scales = self._traces(records, box)
+        words, _ = self._words(traces)
+        letter = np.mean(np.vstack([t.phi for t in traces]), axis=0)
+        predicted = [words.rows(t, letter, self._ahead) for t in traces]
+        directions = _principal(predicted)[1]
+        for order in orders:
+            states = [g @ directions[:, :order] for g in predicted]
+            try:
+                yield order, self._bounded(records, box, traces, states, scales)[2]
+            except np.linalg.LinAlgError:
+                yield order, None
 
     # -- the regression -----------------------------------------------------------------------------------------
     def _traces(self, records: Sequence[Record], box: Scheduling) -> tuple[list[Trace], tuple[np.ndarray, np.ndarray]]:

@@ -21,8 +21,8 @@ BEYOND = 3.0
 
 
 def frequency_bands(bands: Sequence[Band], responses: Sequence[np.ndarray], said: Sequence[str],
-                    quantity: str) -> Figure:
-    """Magnitude of frozen frequency responses with their bands, first output over first input.
+                    quantity: str, input: int = 0) -> Figure:
+    """Magnitude of frozen frequency responses with their bands, first output over one input.
 
     Parameters
     ----------
@@ -34,6 +34,8 @@ def frequency_bands(bands: Sequence[Band], responses: Sequence[np.ndarray], said
         The scheduling values in words.
     quantity : str
         What the magnitude is, with its unit.
+    input : int
+        Place of the input.
 
     Returns
     -------
@@ -43,11 +45,12 @@ def frequency_bands(bands: Sequence[Band], responses: Sequence[np.ndarray], said
         figure, axes = panels(1, height=3.2)
         ax = axes[0, 0]
         for band, response, words, colour in zip(bands, responses, said, CYCLE, strict=False):
-            ax.fill_between(band.axis, band.low[:, 0, 0], band.high[:, 0, 0], color=colour, alpha=0.25, linewidth=0)
-            ax.plot(band.axis, np.abs(response)[:, 0, 0], color=colour, linewidth=1.3, label=words)
+            ax.fill_between(band.axis, band.low[:, 0, input], band.high[:, 0, input], color=colour, alpha=0.25,
+                            linewidth=0)
+            ax.plot(band.axis, np.abs(response)[:, 0, input], color=colour, linewidth=1.3, label=words)
         ax.set_xscale("log")
         ax.set_yscale("log")
-        shown = np.concatenate([np.abs(r)[:, 0, 0] for r in responses])
+        shown = np.concatenate([np.abs(r)[:, 0, input] for r in responses])
         shown = shown[np.isfinite(shown) & (shown > 0)]
         if shown.size:  # a band may reach far beyond, where some draws have a pole on the unit circle
             ax.set_ylim(float(shown.min()) / BEYOND, float(shown.max()) * BEYOND)

@@ -53,7 +53,7 @@ def sureness(found: Identification, shown: Sequence[Comparison], seed: int = 0) 
                                        f"({_kind(found)}); pointwise. They show how sure the estimate is within its "
                                        "structure, not what the structure lacks.")]
         if not isinstance(found.model, SelfScheduled):
-            items.append(_frequency(found, drawn, shown))
+            items += _frequency(found, drawn, shown)
         items.append(_free_run(drawn, shown[0]))
     return (Section("How sure the model is", tuple(items)),)
 
@@ -63,7 +63,8 @@ def _kind(found: Identification) -> str:
     return "sandwich form for a coloured residual" if coloured else found.covariance_kind
 
 
-def _frequency(found: Identification, drawn: list, shown: Sequence[Comparison]) -> Figure:
+def _frequency(found: Identification, drawn: list, shown: Sequence[Comparison]) -> list[Item]:
+    """One figure for every input."""
     model = found.model
     rate = 1 / model.sample_time
     longest = max(c.record.n_samples for c in shown)
@@ -71,13 +72,17 @@ def _frequency(found: Identification, drawn: list, shown: Sequence[Comparison]) 
     places, said = scheduling_values(found, shown)
     bands = [frequency_band(drawn, at, hertz, LEVEL) for at in places]
     responses = [frequency_response(model, at, hertz) for at in places]
-    first, last = model.inputs[0], model.outputs[0]
-    quotient = f"{last.unit or '1'}/({first.unit or '1'})"
-    what = f"|{last.name}/{first.name}| [{quotient}]"
+    last = model.outputs[0]
     stage = " It is that of the linear part, behind the input stage." if model.input_stage is not None else ""
     held = ", the scheduling held at values that occur in the data" if model.box.names else ""
-    return Figure.of(plot.frequency_bands(bands, responses, said, what),
-                     f"Frequency response with its {LEVEL:.0%} band{held}.{stage}")
+    apart = "" if not found.model.metadata.get("coherent_inputs") else (
+        " The inputs move together in the training data: the band holds what these leave open of each.")
+    items: list[Item] = []
+    for i, first in enumerate(model.inputs):
+        what = f"|{last.name}/{first.name}| [{last.unit or '1'}/({first.unit or '1'})]"
+        items.append(Figure.of(plot.frequency_bands(bands, responses, said, what, i),
+                               f"Frequency response to {first.name} with its {LEVEL:.0%} band{held}.{stage}{apart}"))
+    return items
 
 
 def scheduling_values(found: Identification,

@@ -17,6 +17,8 @@ from lpvid.report.stability import locus_items
 from lpvid.validation import Validation
 
 MOST_PARAMETERS = 200
+TOGETHER = ("inputs move together", "the held-out inputs move together")
+"""how remarks on inputs begin that are a caveat of every figure."""
 LEAK = "the held-out figures test less than they seem to"
 """How a note ends that says the held-out excitation has been seen in training."""
 
@@ -72,7 +74,7 @@ def _caveats(found: Identification) -> tuple[str, ...]:
     lines = []
     if found.held_out is None:
         lines.append("All figures are on training data: nothing was held out, so they say little about other data.")
-    lines += [f"{n[:1].upper()}{n[1:]}." for n in found.notes if n.endswith(LEAK)]
+    lines += [f"{n[:1].upper()}{n[1:]}." for n in found.notes if n.endswith(LEAK) or n.startswith(TOGETHER)]
     judged = found.held_out or found.training
     if judged is not None and any(not t.passed and t.name == "whiteness" for t in judged.residual_tests):
         lines.append(_coloured(found))

@@ -23,6 +23,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.simulation import Model, predict, simulate
+from lpvid.validation.coherent import independence_remark
 from lpvid.validation.figures import Figures, Pair, Pool, RecordFigures
 from lpvid.validation.regimes import Regime, Stretch, regimes
 from lpvid.validation.residuals import Instrument, ResidualTest, residual_of, residual_tests
@@ -203,7 +204,8 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record], *, sa
     if seen and label == "held-out":
         label = "training" if len(seen) == len(pieces) else "partly training"
         notes += (f"not held-out: {', '.join(seen[:4])} begins with samples that the model was fitted to",)
-    return figures(model, pieces, label, notes, horizons)
+    said = independence_remark(model, pieces, label) if label != "training" else None
+    return figures(model, pieces, label, notes if said is None else (*notes, said), horizons)
 
 
 def figures(model: Model, pieces: Sequence[Record], label: str, notes: tuple[str, ...] = (),

@@ -15,7 +15,7 @@ from lpvid.identification.arx import ARX
 from lpvid.identification.output_error import OutputError
 from lpvid.identification.refined_iv import RefinedIV
 from lpvid.identification.selection import Candidates, select
-from lpvid.identification.selection.automatic import output_error_of
+from lpvid.identification.selection.rounds import output_error as of_orders
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.scheduling import Polynomial, Scheduling
@@ -152,7 +152,7 @@ def selected(system: RandomSystem):
     """Orders unknown: a small grid, and the output-error structure of the best."""
     grid = Candidates("u1", "y1", system.names, na=(1, 2, 3, 4, 5, 6), nk=(1,), degree=(1,), affine=("none",),
                       lagged=(False,))
-    return select(system.training, grid, then=output_error_of).identification.model
+    return select(system.training, grid, then=lambda arx: [of_orders(arx)] if arx.na else []).identification.model
 
 
 def time_invariant(system: RandomSystem):

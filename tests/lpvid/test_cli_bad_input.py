@@ -88,6 +88,7 @@ BAD_DATA: dict[str, tuple[str, str | bytes, tuple[str, ...], tuple[str, ...]]] =
     "an order of a bj": ("a.csv", table(), ("--structure", "bj", "--order", "2"), ("--order", "--nc")),
     "a shape that rls cannot fit": ("a.csv", table(), ("--structure", "recursive", "--shape", "tanh"), ("--shape",)),
     "auto with orders": ("a.csv", table(), ("--auto", "--degree", "2"), ("--auto", "--nk", "--degree")),
+    "a budget without auto": ("a.csv", table(), ("--budget", "10"), ("--budget", "--auto")),
     "auto with a structure": ("a.csv", table(), ("--auto", "--structure", "oe"), ("--auto", "--structure")),
     "a delay of two states": ("a.csv", table(), ("--structure", "pem-ss", "--nk", "2"), ("--nk 2", "order")),
     "a form of a state space": ("a.csv", table(), ("--structure", "coprime", "--form", "observable"), ("--form",)),

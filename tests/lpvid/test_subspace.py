@@ -81,7 +81,7 @@ def test_two_by_two_close_to_the_system(rng: np.random.Generator) -> None:
     assert found.model.order == 3 and found.held_out is not None
     fit = found.held_out.overall.one_step.fit_percent
     assert fit is not None and fit > system.best_fit(fresh) - 3
-    assert any("singular values" in note and "largest gap" in note for note in found.notes)
+    assert any("singular values" in note and "by its free run out of 4 folds" in note for note in found.notes)
 
 
 def test_observer_gain_predicts_coloured_noise(rng: np.random.Generator) -> None:

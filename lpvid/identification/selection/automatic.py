@@ -7,11 +7,9 @@ from collections.abc import Sequence
 from lpvid import _checks
 from lpvid.condition import with_velocity
 from lpvid.condition.tables import as_records
-from lpvid.identification.arx import ARX
-from lpvid.identification.output_error import OutputError
-from lpvid.identification.quasi_lpv import QuasiLPV
 from lpvid.identification.selection.candidates import Candidates
 from lpvid.identification.selection.result import Selection
+from lpvid.identification.selection.rounds import rounds
 from lpvid.identification.selection.search import Progress
 from lpvid.identification.selection.selecting import select
 from lpvid.identification.structure import Structure
@@ -21,18 +19,19 @@ from lpvid.scheduling import Spline
 SEGMENTS = (4, 6)
 """segments of a basis in the velocity, for a damper without a scheduling variable."""
 
-NEARLY_ODD = 900.0
-"""samples that a damper's departure from y(−u) = −y(u) must be worth, in the candidates that expect symmetry."""
-
 
 def auto(records: Record | Sequence[Record], input: str | Sequence[str], output: str | Sequence[str],
          scheduling: str | Sequence[str] = (), *, sample_rate: float | None = None, folds: int = 5,
-         held_out: Record | Sequence[Record] | None = None, progress: Progress | None = None) -> Selection:
+         held_out: Record | Sequence[Record] | None = None, progress: Progress | None = None,
+         budget: float | None = None) -> Selection:
     """Choose a structure for these channels from candidates that fit their kind.
 
-    A damper (one input in m/s, output in N) gets input stages and, with a scheduling variable, a scheduling filter;
-    without one its coefficients may depend on the velocity, or on its own simulated force (`QuasiLPV`). Everything
-    else gets the full range of affine terms. The output-error structure of the best orders competes with the grid.
+    ARX structures are screened first. A damper (one input in m/s, output in N) gets input stages and, with a scheduling
+    variable, a scheduling filter; without one its coefficients may depend on the velocity, or on its own simulated
+    force (`QuasiLPV`). Everything else gets the full range of affine terms. Output error at several orders, subspace,
+    prediction-error state space and refined instruments then compete with the best of the grid, and while the best is
+    more than half a point below what the noise leaves possible, richer structures do (`rounds`). All are compared by
+    their free run on blocks of the training data that they were not fitted to: the held-out data have no say.
 
     Parameters
     ----------
@@ -40,7 +39,7 @@ def auto(records: Record | Sequence[Record], input: str | Sequence[str], output:
         Training data.
     input, output, scheduling : str or sequence of str
         Channel names; no scheduling makes the model time-invariant.
-    sample_rate, folds, held_out, progress
+    sample_rate, folds, held_out, progress, budget
         As for `select`.
 
     Returns
@@ -49,14 +48,9 @@ def auto(records: Record | Sequence[Record], input: str | Sequence[str], output:
     """
     listed = as_records(records)
     candidates = automatic_candidates(listed, input, output, scheduling)
-    return select(listed, candidates, sample_rate=sample_rate, folds=folds,
-                  then=output_error_of, held_out=held_out, progress=progress)
-
-
-def output_error_of(arx: ARX) -> list[Structure]:
-    """The output-error structure of an ARX's orders."""
-    return [OutputError(arx.na, arx.nb, arx.nk, arx.input, arx.output, arx.basis, arx.affine, arx.lagged, arx.stage,
-                        arx.schedule_filter)] if arx.na and arx.weight is None else []
+    damper = _is_damper(listed, _checks.names(input, "input"), _checks.names(output, "output"))
+    return select(listed, candidates, sample_rate=sample_rate, folds=folds, held_out=held_out,
+                  rounds=lambda search: rounds(search, damper, bool(scheduling)), progress=progress, budget=budget)
 
 
 def automatic_candidates(records: Sequence[Record], input: str | Sequence[str], output: str | Sequence[str],
@@ -64,16 +58,15 @@ def automatic_candidates(records: Sequence[Record], input: str | Sequence[str], 
     """The candidates that `auto` searches."""
     inputs, outputs = _checks.names(input, "input"), _checks.names(output, "output")
     variables = _checks.names(scheduling, "scheduling") if scheduling else ()
-    record = with_velocity(records[0]) if "velocity" in inputs else records[0]
-    damper = len(inputs) == len(outputs) == 1 and record.unit(inputs[0]) == "m/s" and record.unit(outputs[0]) == "N"
-    if not damper:
+    if not _is_damper(records, inputs, outputs):
         return list(Candidates(inputs, outputs, variables, na=(1, 2, 3, 4, 5, 6), nk=(0, 1, 2), degree=(1, 2)))
-    own: list[Structure] = []
-    if not variables:
-        own = [QuasiLPV(nb=nb, input=inputs, output=outputs, basis=Spline(outputs[0], 10, 1), on="trial", trial=trial,
-                        oddness=odd) for nb in (4, 10) for trial in (1, 3) for odd in (0.0, NEARLY_ODD)]
-    grid = Candidates(inputs, outputs, variables, na=(1, 2, 3, 4, 5, 6), nk=(0, 1), degree=(1, 2),
-                      affine=("none", "one"), stage=(None, "tanh", "three-zone"),
-                      schedule_filter=(None, "rise-fall") if variables else (None,),
-                      bases=() if variables else tuple(Spline(inputs[0], n, 1) for n in SEGMENTS))
-    return [*grid, *own]
+    return list(Candidates(inputs, outputs, variables, na=(1, 2, 3, 4, 5, 6), nk=(0, 1), degree=(1, 2),
+                           affine=("none", "one"), stage=(None, "tanh", "three-zone"),
+                           schedule_filter=(None, "rise-fall") if variables else (None,),
+                           bases=() if variables else tuple(Spline(inputs[0], n, 1) for n in SEGMENTS)))
+
+
+def _is_damper(records: Sequence[Record], inputs: Sequence[str], outputs: Sequence[str]) -> bool:
+    """Whether the one input is a velocity and the one output a force."""
+    record = with_velocity(records[0]) if "velocity" in inputs else records[0]
+    return len(inputs) == len(outputs) == 1 and record.unit(inputs[0]) == "m/s" and record.unit(outputs[0]) == "N"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,7 @@ from lpvid.condition import folds, leaks, repetition_period
 from lpvid.errors import InputError, NumericalError
 from lpvid.identification.arx import ARX, scheduling_box
 from lpvid.identification.structure import Structure
+from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.simulation import Model, simulate
@@ -39,12 +40,15 @@ class Trial:
         Of the last fold's estimate.
     outside : float or None
         Largest share of a fold's training samples with a frozen pole outside, where it was looked at.
+    power : float
+        Mean power of a fold, the unit of `esr`.
     """
 
     esr: np.ndarray
     failure: str = ""
     n_parameters: int | None = None
     outside: float | None = None
+    power: float = 0.0
 
     @property
     def mean(self) -> float:
@@ -94,17 +98,41 @@ def make_folds(records: Sequence[Record], count: int, start: int, channel: str) 
 
 
 def cross_validate(structure: Structure, parts: Sequence[Fold], all_records: Sequence[Record],
-                   limit: float = 1.0) -> Trial:
+                   limit: float = 1.0, bar: Trial | None = None, late: Callable[[], bool] = lambda: False) -> Trial:
     """Fit on every fold's training part, run freely on its held-out part.
 
     An ARX without ridge keeps the normalisation and the stages it comes with; every other structure is estimated anew,
     and fails where more than `limit` of a fold's training samples have a frozen pole outside.
+
+    Parameters
+    ----------
+    structure : Structure
+    parts : sequence of Fold
+    all_records : sequence of Record
+        What the folds were made of.
+    limit : float
+    bar : Trial, optional
+        The best trial so far: this one is left as soon as its error in the folds done exceeds that of the bar in all of
+        them. Squared errors only add up, so that nothing which could win is lost. The folds hardest for the bar come
+        first.
+    late : callable
+        Whether the time is up; asked before every fold.
+
+    Returns
+    -------
+    Trial
     """
     error, power = np.zeros(len(parts)), np.zeros(len(parts))
+    known = bar is not None and not bar.failure
+    sequence = np.argsort(-bar.esr, kind="stable") if bar is not None and known else np.arange(len(parts))
+    most = float(bar.esr.sum()) * bar.power if bar is not None and known else np.inf
     fixed = isinstance(structure, ARX) and not _open(structure)
     box = scheduling_box(all_records, structure.basis, check_basis=False) if isinstance(structure, ARX) else None
     size, outside = None, None
-    for i, (training, held) in enumerate(parts):
+    for done, i in enumerate(sequence.tolist(), start=1):
+        training, held = parts[i]
+        if late():
+            return Trial(error, f"the time was up before fold {done} of {len(parts)}", size, outside)
         try:
             if fixed and isinstance(structure, ARX) and box is not None:
                 found = structure.regress(training, box)
@@ -121,9 +149,13 @@ def cross_validate(structure: Structure, parts: Sequence[Fold], all_records: Seq
         diverged, error[i], power[i] = _run(found.model, held)
         if diverged:
             return Trial(error, f"diverges in fold {i + 1}", size, outside)
+        if error.sum() > most and done < len(parts):
+            more = np.sqrt(error.sum() / most)
+            why = f"left after {done} of {len(parts)} folds, its error there {more:.3g} times that of the best in all"
+            return Trial(error, why, size, outside)
     if not power.mean() > 0:
         return Trial(error, "the held-out output does not move")
-    return Trial(error / power.mean(), "", size, outside)
+    return Trial(error / power.mean(), "", size, outside, float(power.mean()))
 
 
 def _open(structure: ARX) -> bool:
@@ -131,19 +163,32 @@ def _open(structure: ARX) -> bool:
 
 
 def _run(model: Model, held: Sequence[Record]) -> tuple[bool, float, float]:
-    """Divergence, squared error and power over the held-out pieces, outputs in equal standing."""
+    """Divergence, squared error and power over the held-out pieces, outputs in equal standing.
+
+    A block begins in motion. What ran before it is estimated over its beginning: from its first samples alone, the
+    noise in them would be judged beside the model wherever a mode decays slowly. The squared error over n samples of q
+    outputs is divided by 1 − d/(n q) for the d initial values that were fitted to it, lest models with a longer past
+    gain by it.
+    """
     errors, powers = np.zeros(model.n_outputs), np.zeros(model.n_outputs)
     for record in held:
         if record.n_samples <= model.start + 1:
             continue
-        run = simulate(model, record)
+        run = simulate(model, record, "estimate")
         if run.diverged_at is not None:
             return True, 0.0, 0.0
-        y = record.matrix([s.name for s in model.outputs])[run.start:]
-        errors += np.sum((y - run.output[run.start:]) ** 2, axis=0)
+        y = record.matrix([s.name for s in model.outputs])[model.start:]
+        errors += np.sum((y - run.output[model.start:]) ** 2, axis=0) / max(1 - _memory(model) / y.size, 0.1)
         powers += np.sum((y - y.mean(axis=0)) ** 2, axis=0)
     scale = np.maximum(powers, 1e-300)
     return False, float(np.sum(errors / scale * powers.sum()) / len(powers)), float(powers.sum())
+
+
+def _memory(model: Model) -> int:
+    """Values that hold what ran before a record."""
+    if isinstance(model, LPVTransferFunction):
+        return model.na * model.n_outputs
+    return model.order if isinstance(model, LPVStateSpace) else model.memory
 
 
 def unstable_share(model: Model, records: Sequence[Record]) -> float:

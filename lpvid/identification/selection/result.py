@@ -10,9 +10,12 @@ from lpvid._shown import Shown
 from lpvid.identification.arx import ARX
 from lpvid.identification.prediction_error import PredictionError
 from lpvid.identification.quasi_lpv import QuasiLPV
+from lpvid.identification.refined_iv import RefinedIV
 from lpvid.identification.result import Identification
 from lpvid.identification.sparsity import SparseARX
+from lpvid.identification.state_space_error import StateSpaceError
 from lpvid.identification.structure import Structure
+from lpvid.identification.subspace import Subspace
 from lpvid.model.input_stage import InputStage
 from lpvid.model.scheduling_stage import SchedulingStage
 from lpvid.scheduling import Basis, Spline
@@ -20,6 +23,14 @@ from lpvid.scheduling import Basis, Spline
 
 def describe(structure: Structure) -> str:
     """A structure in a few words."""
+    if isinstance(structure, RefinedIV):
+        shared = {n: getattr(structure, n) for n in ("na", "nb", "nk", "input", "output", "basis", "affine", "lagged",
+                                                     "stage", "schedule_filter")}
+        return "RefinedIV" + describe(ARX(**shared)).removeprefix("ARX")
+    if isinstance(structure, Subspace | StateSpaceError):
+        order = "of its own order" if structure.order is None else f"order {structure.order}"
+        parts = (" direct" if structure.direct else "") + (" affine" if structure.affine else "")
+        return f"{type(structure).__name__} {order} {_words(structure.basis)}{parts}"
     if isinstance(structure, SparseARX | PredictionError):
         return type(structure).__name__ + describe(structure.arx).removeprefix("ARX")
     if isinstance(structure, QuasiLPV):

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from time import monotonic
 
 import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.identification.arx import ARX
 from lpvid.identification.selection.free_run import Fold, Trial, cross_validate, spread, unstable_share
-from lpvid.identification.selection.result import Row
+from lpvid.identification.selection.result import Row, describe
 from lpvid.identification.selection.screening import Refused, Screened, screen
 from lpvid.identification.structure import Structure
 from lpvid.record import Record
@@ -19,8 +20,12 @@ BY_BIC, BY_AICC = 6, 3
 """places on the short list by either criterion; the rest goes to variety."""
 ROUNDS = 3
 """times the neighbours of the best are tried."""
-TOLERATED = 0.1
-"""share of the least ESR that one standard error may not exceed when a simpler structure is preferred."""
+TOLERATED = 0.02
+"""share of the least ESR that one standard error may not exceed when a simpler structure is preferred: 1 % of what the
+fit lacks to 100 %, so that simplicity never costs the half point within which a choice should be of the best."""
+
+ROUND_DONE = "• "
+"""how a line of progress begins that ends a round."""
 
 Progress = Callable[[int, int, str], None]
 
@@ -29,8 +34,9 @@ class Search:
     """State of a search that may be interrupted at any time."""
 
     def __init__(self, records: Sequence[Record], parts: Sequence[Fold], limit: float, places: int,
-                 progress: Progress | None) -> None:
+                 progress: Progress | None, budget: float | None = None) -> None:
         self.records, self.parts, self.limit, self.places, self.progress = records, parts, limit, places, progress
+        self.begun, self.budget = monotonic(), budget
         self.screened: list[Screened] = []
         self.refused: list[Row] = []
         self.direct: list[Structure] = []
@@ -55,17 +61,48 @@ class Search:
         """The short list, other structures, then the neighbours of the best."""
         for index in self._short_list():
             self._try(index)
-        self.try_others(self.direct)
         for _ in range(ROUNDS):
             for index in self._neighbours():
                 self._try(index)
+        self.try_others(self.direct)
 
     def try_others(self, structures: Iterable[Structure]) -> None:
-        """Structures that no factor can screen."""
+        """Structures that no factor can screen, those tried before left out; each is left once it cannot win."""
         for structure in structures:
-            self._tell(len(self.trials) + len(self.others), f"cross-validating {type(structure).__name__}")
-            trial = cross_validate(structure, self.parts, self.records, self.limit)
+            if any(structure == known for known, _ in self.others):
+                continue
+            self._tell(len(self.trials) + len(self.others), f"cross-validating in free run {describe(structure)}")
+            best = self.best
+            trial = cross_validate(structure, self.parts, self.records, self.limit, None if best is None else best[1],
+                                   self.late)
             self.others.append((structure, trial))
+
+    def late(self) -> bool:
+        """Whether the time for the search is up; never before there is a candidate that could be taken."""
+        return self.budget is not None and self.seconds > self.budget and self.best is not None
+
+    @property
+    def seconds(self) -> float:
+        """Time since the search began [s]."""
+        return monotonic() - self.begun
+
+    @property
+    def best(self) -> tuple[Structure, Trial] | None:
+        """Structure and trial of least free-run error so far."""
+        tried = [*((self.screened[i].asked, t) for i, t in self.trials.items()), *self.others]
+        good = [(s, t) for s, t in tried if not t.failure]
+        return min(good, key=lambda row: row[1].mean) if good else None
+
+    def simplest(self, kind: type) -> Structure | None:
+        """Of a kind that no factor screens, the one of fewest parameters within `TOLERATED` of its least error."""
+        good = self.ranked_among(kind)
+        near = [(s, t) for s, t in good if t.mean <= (1 + TOLERATED) * good[0][1].mean]
+        return min(near, key=lambda row: (row[1].n_parameters or 0, row[1].mean))[0] if near else None
+
+    def ranked_among(self, kind: type) -> list[tuple[Structure, Trial]]:
+        """Structures of a kind that no factor screens with their trials, least error first."""
+        good = [(s, t) for s, t in self.others if not t.failure and isinstance(s, kind)]
+        return sorted(good, key=lambda row: row[1].mean)
 
     def leader(self) -> ARX | None:
         """The screened ARX of least free-run error, with its basis bound and its stages fitted."""
@@ -83,13 +120,19 @@ class Search:
         return self.outside[index] <= self.limit
 
     def _try(self, index: int) -> None:
-        if index not in self.trials:
-            self._tell(len(self.trials), "cross-validating in free run")
+        if index not in self.trials and not self.late():
+            self._tell(len(self.trials), f"cross-validating in free run {describe(self.screened[index].asked)}")
             self.trials[index] = cross_validate(self.screened[index].structure, self.parts, self.records)
+
+    def say(self, text: str, *, line: bool = False) -> None:
+        """Progress in words; a line ends a round and may be kept."""
+        self._tell(len(self.trials) + len(self.others), (ROUND_DONE if line else "") + text)
 
     def _tell(self, done: int, text: str) -> None:
         if self.progress is not None:
-            self.progress(done, self.places + len(self.direct), text)
+            best = self.best
+            so_far = "" if best is None else f"; best so far {describe(best[0])}, {fit_percent(best[1]):.1f} %"
+            self.progress(done, self.places + len(self.direct), text + so_far)
 
     # -- who is tried -------------------------------------------------------------------------------------------
     def _short_list(self) -> list[int]:
@@ -154,6 +197,11 @@ class Search:
                 reason = f"BIC {self.screened[i].bic - self.screened[0].bic:.4g} above the least: not cross-validated"
             rows.append((self.screened[i].asked, self._row(i, reason)))
         return rows
+
+
+def fit_percent(trial: Trial) -> float:
+    """Free-run fit [%] of a cross-validation."""
+    return float(100 * (1 - np.sqrt(trial.mean)))
 
 
 def _traits(structure: ARX) -> set[tuple]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.condition import segments, with_velocity
@@ -12,8 +14,10 @@ from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.identification import Identification, identify
 from lpvid.identification.arx import ARX
+from lpvid.identification.selection.competing import NEAR, compete
 from lpvid.identification.selection.free_run import make_folds, unstable_share
 from lpvid.identification.selection.result import Selection
+from lpvid.identification.selection.rounds import Round, in_full
 from lpvid.identification.selection.search import Progress, Search
 from lpvid.identification.structure import Structure
 from lpvid.record import Record
@@ -26,7 +30,9 @@ PLACES = 14
 
 def select(records: Record | Sequence[Record], candidates: Iterable[Structure], *, sample_rate: float | None = None,
            folds: int = 5, outside: float = 0.0, then: Callable[[ARX], Iterable[Structure]] | None = None,
-           held_out: Record | Sequence[Record] | None = None, progress: Progress | None = None) -> Selection:
+           rounds: Callable[[Search], Iterable[Round]] | None = None,
+           held_out: Record | Sequence[Record] | None = None, progress: Progress | None = None,
+           budget: float | None = None) -> Selection:
     """Choose a structure by what it does in free run on training data it was not fitted to.
 
     ARX candidates are screened by BIC and AICc from nested QR factors, on the same equations. Those on a short list
@@ -50,10 +56,16 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     then : callable, optional
         Further structures to try, given the ARX of least free-run error with its basis bound and its stages fitted,
         e.g. the output-error structure of the same orders.
+    rounds : callable, optional
+        Further structures round by round, given the search with all its trials. Rounds that are marked as further are
+        entered only while the fit is more than half a point below what the noise leaves possible.
     held_out : Record or sequence of Record, optional
         Data that have no say in the choice; the final model's figures on them are reported.
     progress : callable, optional
         Called with steps done, steps in sight, and what is being done.
+    budget : float, optional
+        Time for the search [s]: no further fit is begun after it, once there is a candidate to take. The refit of the
+        choice comes on top.
 
     Returns
     -------
@@ -70,6 +82,8 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     if not listed or not structures:
         raise InputError("nothing to select from", got=f"{len(listed)} records and {len(structures)} candidates")
     _checks.count(folds, "folds", at_least=2)
+    if budget is not None:
+        _checks.positive(budget, "the budget of a search", "s")
     if len({s.output for s in structures if isinstance(s, ARX)}) > 1:
         raise InputError("candidates must share their outputs to be compared")
     channels = tuple(dict.fromkeys(c for s in structures for c in s.channels))
@@ -83,7 +97,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
         if len(sample) < len(pieces) or sample[0].n_samples < pieces[0].n_samples:
             notes.append(f"candidates compared on {sum(r.n_samples for r in sample)} of "
                          f"{sum(r.n_samples for r in pieces)} samples; the final fit uses all")
-        search = Search(sample, parts, outside, PLACES, progress)
+        search = Search(sample, parts, outside, PLACES, progress, budget)
         complete = True
         try:
             search.screen(structures)
@@ -91,6 +105,8 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
             leader = search.leader()
             if then is not None and leader is not None:
                 search.try_others(then(leader))
+            if rounds is not None:
+                notes += compete(search, rounds(search), pieces)
         except KeyboardInterrupt:
             if not search.screened and not search.others:
                 raise
@@ -100,7 +116,12 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
 
 def _concluded(search: Search, pieces: Sequence[Record], held_out: Record | Sequence[Record] | None, folds: int,
                complete: bool, notes: list[str]) -> Selection:
-    """The first in the ranking whose refit on all data keeps its poles inside and does not diverge."""
+    """The first in the ranking whose refit on all data keeps its poles inside and does not diverge.
+
+    Its free run on all training data begins at measured samples, as every reported figure does; a structure that
+    amplifies their noise, and so runs worse there than in cross-validation, counts with the worse of the two: one that
+    does better by more than `NEAR` takes its place.
+    """
     ranked = search.ranked()
     table = [row for _, row in ranked]
     tested = [i for i, row in enumerate(table) if row.esr is not None]
@@ -109,23 +130,41 @@ def _concluded(search: Search, pieces: Sequence[Record], held_out: Record | Sequ
         mend = "allow a share outside with outside=…, or try other" if "frozen" in reasons[0] else "try other"
         raise InputError(f"none of {len(table)} candidates survives", got="; ".join(reasons[:2]),
                          mend=f"{mend} orders, bases or longer records")
+    if search.late():
+        left = sum("time was up" in row.reason for row in table)
+        notes.append(f"the search ended at its budget of {search.budget:.4g} s"
+                     + (f" with {left} candidates unfinished" if left else "") + ": a longer one may find better")
     final: Identification | None = None
-    chosen = tested[0] if tested else 0
+    chosen, highest = tested[0] if tested else 0, -np.inf
     try:
         for i in tested:
-            found, fault = _refit(search, ranked[i][0], pieces)
-            if not fault:
-                final, chosen = found, i
+            expected = table[i].fit_percent
+            assert expected is not None
+            if expected < highest + NEAR:
                 break
-            table[i] = replace(table[i], reason=f"refitted on all training data: {fault}")
+            found, fault = _refit(search, in_full(ranked[i][0]), pieces)
+            if fault:
+                table[i] = replace(table[i], reason=f"refitted on all training data: {fault}")
+                continue
+            fit = min(expected, -np.inf if found.fit is None else found.fit)
+            if fit < expected - NEAR:
+                table[i] = replace(table[i], reason=f"{table[i].reason}; from measured samples its free-run fit on "
+                                                    f"training data is {fit:.1f} %")
+            if fit > highest:
+                final, chosen, highest = found, i, fit
         if final is None and tested:
             notes.append("no refit on all training data keeps its frozen poles inside: the first choice stands")
             final = identify(pieces, ranked[chosen][0])
     except KeyboardInterrupt:
         complete = False
+    if tested and chosen != tested[0]:
+        first, best = tested[0], table[chosen]
+        table[first] = replace(table[first], reason=table[first].reason.replace("chosen", "first by that"))
+        table[chosen] = replace(best, reason=f"chosen: least free-run error from measured samples too; {best.reason}")
     if final is not None and held_out is not None:
         final = _with_held_out(final, held_out)
     table.insert(0, table.pop(chosen))
+    table[0] = replace(table[0], structure=in_full(table[0].structure))
     return Selection(table[0].structure, tuple(table), final, complete, folds, tuple(notes))
 
 
@@ -150,9 +189,10 @@ def _fault(search: Search, found: Identification, pieces: Sequence[Record]) -> s
 
 
 def _with_held_out(found: Identification, held_out: Record | Sequence[Record]) -> Identification:
+    from lpvid.identification.separation import spoken_for
     from lpvid.validation import validate
 
-    return found.replace(held_out=validate(found.model, held_out, label="held-out"))
+    return spoken_for(found.replace(held_out=validate(found.model, held_out, label="held-out")), held_out)
 
 
 def _excitation(structure: Structure) -> str:

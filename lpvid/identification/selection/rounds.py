@@ -1,0 +1,226 @@
+"""Structures that compete with the screened ARX, round after round, each built on those before."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.identification.arx import ARX
+from lpvid.identification.output_error import OutputError
+from lpvid.identification.quasi_lpv import QuasiLPV
+from lpvid.identification.refined_iv import RefinedIV
+from lpvid.identification.selection.search import Search
+from lpvid.identification.state_space_error import StateSpaceError
+from lpvid.identification.structure import Structure
+from lpvid.identification.subspace import Subspace
+from lpvid.scheduling import Polynomial, Spline
+
+LOW_ORDERS = (1, 2, 3, 4)
+"""orders at which the output error starts beside those of the best ARX: least squares needs more lags than the system
+has poles wherever the noise is on the output, so that its best order says little of the output error's."""
+MOST_LAGS = 10
+"""highest order tried."""
+STEPS = ((0, 0, 1), (0, 0, -1), (-1, -1, 0), (1, 1, 0), (0, -1, 0), (0, 1, 0))
+"""changes of output lags, input lags and first input lag that lead to a neighbour."""
+SEGMENTS = 10
+"""hat functions of the output, for a quasi-LPV structure."""
+NEARLY_ODD = 900.0
+"""samples that a damper's departure from y(−u) = −y(u) must be worth, in the candidates that expect symmetry."""
+HASTY: Mapping[str, Any] = {"starts": 1, "tolerance": 1e-4, "max_iterations": 40}
+"""settings of an output-error search that only serves a comparison: on the measured quarter car it takes a third of the
+time, and its free-run error out of fold is within a quarter of that of the whole search at orders 2 to 8."""
+IN_FULL = 2
+"""output errors that are compared again after the whole search."""
+STATES_TRIED = 2
+"""orders of the best output errors at which a state space is estimated."""
+INPUT_LAGS = (4, 10)
+"""input lags of a quasi-LPV structure without output lags, whose memory they are."""
+TRIALS = (1, 3)
+"""lags in its trial variable."""
+
+
+@dataclass(frozen=True)
+class Round:
+    """Structures to be tried together.
+
+    Attributes
+    ----------
+    name : str
+    structures : tuple of Structure
+    further : bool
+        Whether they are only worth trying while the fit is far below what the noise leaves possible.
+    """
+
+    name: str
+    structures: tuple[Structure, ...]
+    further: bool = False
+
+
+def rounds(search: Search, damper: bool, scheduled: bool) -> Iterator[Round]:
+    """What to try after the screening, cheap before dear.
+
+    Parameters
+    ----------
+    search : Search
+        Its trials are read anew before every round.
+    damper : bool
+        Whether the one input is a velocity and the one output a force.
+    scheduled : bool
+        Whether there are measured scheduling variables.
+    """
+    leader = search.leader()
+    if leader is None:
+        return
+    yield Round("output error at several orders", _first(leader))
+    yield Round("state space by subspace", _subspaces(leader))
+    yield Round("state space by prediction error, refined instruments", _refined(search, leader))
+    if damper and not scheduled:
+        yield Round("scheduled on its own output", _own_force(leader))
+    yield Round("more orders and terms", _richer(search, leader), True)
+    yield Round("scheduled on its own output", _own_output(leader, damper, scheduled), True)
+    for _ in range(2):
+        yield Round("around the best", _around(search), True)
+    yield Round("state space by prediction error at other orders", _more_states(search), True)
+    leading = [s for s, _ in search.ranked_among(OutputError)[:IN_FULL]]
+    yield Round("the best output errors in full", tuple(in_full(s) for s in leading))
+
+
+def hasty(structure: OutputError) -> OutputError:
+    """The same with a short search, to be compared with others."""
+    return replace(structure, **HASTY)
+
+
+def in_full(structure: Structure) -> Structure:
+    """The same with the whole search, to be reported."""
+    if not isinstance(structure, OutputError):
+        return structure
+    return replace(structure, **{n: getattr(OutputError, n) for n in HASTY})
+
+
+def output_error(arx: ARX) -> OutputError:
+    """The output-error structure of an ARX's orders."""
+    return OutputError(arx.na, arx.nb, arx.nk, arx.input, arx.output, arx.basis, arx.affine, arx.lagged, arx.stage,
+                       arx.schedule_filter)
+
+
+def _of_order(arx: ARX, order: int) -> ARX:
+    """As many output lags and input lags, the affine terms in kind."""
+    nb = tuple(max(order + 1 - k, 1) if k < 2 else order for k in arx.delay)
+    return replace(arx, na=order, nb=nb, affine=arx.affine if arx.affine < 2 else order + 1)
+
+
+def _first(leader: ARX) -> tuple[Structure, ...]:
+    """The leader's orders, and low ones."""
+    orders = [leader] if leader.na else []
+    orders += [_of_order(leader, n) for n in LOW_ORDERS]
+    return tuple(dict.fromkeys(hasty(output_error(s)) for s in orders))
+
+
+def _around(search: Search) -> tuple[Structure, ...]:
+    """Output-error structures that differ from the best of them by one lag, in one place."""
+    best = search.simplest(OutputError)
+    if not isinstance(best, OutputError):
+        return ()
+    nb, nk = best.arx.width, best.arx.delay
+    near = [(best.na + i, tuple(b + j for b in nb), tuple(k + d for k in nk)) for i, j, d in STEPS]
+    all_terms = best.affine == best.na + 1 and best.affine > 1
+    return tuple(replace(best, na=a, nb=b, nk=k, affine=a + 1 if all_terms else best.affine) for a, b, k in near
+                 if 1 <= a <= MOST_LAGS and min(b) >= 1 and min(k) >= 0)
+
+
+def _subspaces(leader: ARX) -> tuple[Structure, ...]:
+    """A subspace estimate that finds its order by itself."""
+    if leader.basis.lags != (0, 0) or _staged(leader):
+        return ()
+    return (Subspace(input=leader.input, output=leader.output, basis=leader.basis, direct=0 in leader.delay,
+                     affine=leader.affine > 0),)
+
+
+def _refined(search: Search, leader: ARX) -> tuple[Structure, ...]:
+    """State space at the order of the best output error, and instruments at its orders, or the highest of the low ones.
+
+    A search with instruments takes many times longer at high orders.
+    """
+    best = search.simplest(OutputError)
+    if not isinstance(best, OutputError):
+        return ()
+    out: list[Structure] = []
+    if not _staged(leader) and leader.basis.lags == (0, 0):
+        lags = [s.na for s, _ in search.ranked_among(OutputError) if isinstance(s, OutputError)]
+        orders = list(dict.fromkeys(n for n in (best.na, *lags) if n <= _most_states(best)))
+        out += [_states(best, n) for n in orders[:STATES_TRIED]]
+    if best.na > max(LOW_ORDERS):
+        best = output_error(_of_order(best.arx, max(LOW_ORDERS)))
+    shared = {n: getattr(best, n) for n in ("na", "nb", "nk", "input", "output", "basis", "affine", "lagged", "stage",
+                                            "schedule_filter")}
+    return (*out, RefinedIV(**shared, noise="output"))
+
+
+def _most_states(structure: OutputError | StateSpaceError) -> int:
+    """States that a subspace estimate, where the search begins, can tell at its default future."""
+    return Subspace.future * len(structure.output) * structure.basis.size
+
+
+def _states(best: OutputError, order: int) -> StateSpaceError:
+    return StateSpaceError(order=order, input=best.input, output=best.output, basis=best.basis,
+                           direct=0 in best.arx.delay, affine=best.affine > 0)
+
+
+def _more_states(search: Search) -> tuple[Structure, ...]:
+    """One state less and more than the best prediction-error estimate has."""
+    best = search.simplest(StateSpaceError)
+    if not isinstance(best, StateSpaceError) or best.order is None:
+        return ()
+    return tuple(replace(best, order=n) for n in (best.order - 1, best.order + 1, best.order + 2)
+                 if 1 <= n <= _most_states(best))
+
+
+def _richer(search: Search, leader: ARX) -> tuple[Structure, ...]:
+    """More lags, affine terms of the other kind, lagged or not, a richer basis."""
+    best = search.simplest(OutputError)
+    if not isinstance(best, OutputError):
+        return ()
+    orders = [n for n in (best.na + 2, best.na + 4) if n <= MOST_LAGS]
+    out: list[Structure] = [hasty(output_error(_of_order(best.arx, n))) for n in orders]
+    if best.basis.names:
+        out.append(replace(best, lagged=not best.lagged))
+        out += [replace(best, affine=n) for n in (0, 1, best.na + 1) if n != best.affine]
+        names = best.basis.names
+        out += [replace(best, basis=Polynomial(names, degree=d)) for d in (2, 3)]
+    return tuple(out)
+
+
+def _own_force(leader: ARX) -> tuple[Structure, ...]:
+    """A damper without a measured scheduling variable: scheduled on its own force."""
+    name = leader.output[0]
+    return tuple(QuasiLPV(nb=nb, input=leader.input, output=leader.output, basis=Spline(name, SEGMENTS, 1), on="trial",
+                          trial=trial, oddness=odd)
+                 for nb in INPUT_LAGS for trial in TRIALS for odd in (0.0, NEARLY_ODD))
+
+
+def _own_output(leader: ARX, damper: bool, scheduled: bool) -> tuple[Structure, ...]:
+    """Structures scheduled on their own output beside the measured variables, where there is one output."""
+    if len(leader.output) > 1 or leader.basis.lags != (0, 0):
+        return ()
+    name = _checks.names(leader.output, "output")[0]
+    external = Polynomial(leader.basis.names, degree=1) if scheduled else Polynomial()
+    out: list[Structure] = []
+    if damper and scheduled:
+        named = leader.schedule_filter
+        out += [QuasiLPV(nb=nb, input=leader.input, output=leader.output, basis=Spline(name, 6, 1), on="trial",
+                         external=external, schedule_filter=named) for nb in INPUT_LAGS]
+    if not damper:
+        for order in (2, 3, 4):
+            try:
+                out.append(QuasiLPV(na=order, nb=order, nk=leader.delay, input=leader.input, output=leader.output,
+                                    basis=Polynomial((name,), degree=2), on="output", external=external))
+            except InputError:
+                continue
+    return tuple(out)
+
+
+def _staged(leader: ARX) -> bool:
+    return leader.stage is not None or leader.schedule_filter is not None

@@ -1,0 +1,145 @@
+"""`auto`: structures compete in rounds; what is left early could not win; the time is bounded; the gap is reported."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import lpvid as lpv
+from lpvid.condition import folds
+from lpvid.identification.selection import auto
+from lpvid.identification.selection.competing import NEAR
+from lpvid.identification.selection.free_run import cross_validate, make_folds
+from lpvid.identification.selection.rounds import output_error
+from lpvid.identification.subspace_order import FOLDS, GAP, free_run_errors
+from lpvid.record import Record
+
+A = [1.0, -1.86, 0.92]
+"""a slow, lightly damped mode."""
+
+
+def lightly_damped(seed: int, n: int = 1000, noise: float = 0.1, hidden: float = 0.0) -> Record:
+    """Output noise, as a sensor makes it: least squares of one step is badly biased. `hidden` is a sine not logged."""
+    rng = np.random.default_rng(seed)
+    u = rng.normal(size=n)
+    x = lfilter([0, 0.4, 0.2], A, u)
+    y = x + noise * x.std() * rng.normal(size=n) + hidden * x.std() * np.sin(0.05 * np.arange(n))
+    return Record({"u": u, "y": y}, sample_time=0.01, name=f"run {seed}")
+
+
+@pytest.fixture(scope="module")
+def chosen() -> lpv.Selection:
+    return auto(lightly_damped(0), "u", "y", held_out=lightly_damped(1))
+
+
+@pytest.mark.slow
+def test_output_error_wins_where_the_noise_is_on_the_output(chosen) -> None:
+    """Oracle: the noise itself, 10 % of the noise-free output."""
+    possible = 100 * (1 - 0.1 / np.hypot(1, 0.1))
+    assert chosen.identification.held_out.overall.free_run.fit_percent > possible - NEAR
+    kinds = {type(row.structure).__name__ for row in chosen.table if row.esr is not None or "left after" in row.reason}
+    assert {"ARX", "OutputError", "Subspace", "StateSpaceError", "RefinedIV"} <= kinds
+    best_arx = max(r.fit_percent for r in chosen.table if isinstance(r.structure, lpv.ARX) and r.esr is not None)
+    assert chosen.table[0].fit_percent > best_arx
+    assert not any("points below" in n for n in chosen.notes)
+
+
+@pytest.mark.slow
+def test_what_the_noise_leaves_is_asked_before_looking_further(chosen) -> None:
+    """This close to the ceiling no quasi-LPV structure is tried."""
+    assert not any(isinstance(row.structure, lpv.QuasiLPV) for row in chosen.table)
+
+
+@pytest.mark.slow
+def test_staying_below_the_ceiling_is_reported() -> None:
+    """A sine that is not logged can be predicted a step ahead from the output, but not run freely."""
+    found = auto(lightly_damped(2, hidden=0.5), "u", "y", budget=60.0)
+    assert any(isinstance(row.structure, lpv.QuasiLPV) for row in found.table)
+    note = next(n for n in found.notes if "points below what the noise leaves possible" in n)
+    assert float(note.split("stays ")[1].split(" ")[0]) > 10
+
+
+def test_a_candidate_is_left_only_when_it_cannot_win() -> None:
+    record = lightly_damped(3)
+    parts, _ = make_folds([record], 5, 8, "u")
+    good = lpv.OutputError(na=2, nb=2, nk=1, input="u", output="y")
+    bar = cross_validate(good, parts, [record])
+    assert not bar.failure
+    again = cross_validate(good, parts, [record], bar=bar)
+    np.testing.assert_allclose(again.esr, bar.esr)
+    poor = lpv.OutputError(na=1, nb=1, nk=1, input="u", output="y")
+    left = cross_validate(poor, parts, [record], bar=bar)
+    assert left.failure.startswith("left after")
+    whole = cross_validate(poor, parts, [record])
+    assert whole.mean > bar.mean
+    assert left.esr.sum() > bar.esr.sum() * bar.power * 0.999  # squared errors of the folds done
+
+
+def test_the_time_is_bounded_and_something_is_returned() -> None:
+    found = auto(lightly_damped(4), "u", "y", budget=1e-3)
+    assert found.identification is not None and found.complete
+    assert sum(row.esr is not None for row in found.table) == 1
+    assert any("ended at its budget" in n for n in found.notes)
+
+
+@pytest.mark.slow
+def test_an_interruption_in_a_round_keeps_the_best() -> None:
+    def stop(done: int, total: int, text: str) -> None:
+        if "RefinedIV" in text.split(";")[0]:
+            raise KeyboardInterrupt
+
+    found = auto(lightly_damped(5), "u", "y", progress=stop)
+    assert not found.complete and found.identification is not None
+    assert isinstance(found.best, lpv.OutputError | lpv.StateSpaceError)
+
+
+@pytest.mark.slow
+def test_progress_names_the_best_so_far() -> None:
+    heard: list[str] = []
+    auto(lightly_damped(6, n=900), "u", "y", progress=lambda done, total, text: heard.append(text), budget=20.0)
+    assert any("best so far OutputError" in t and "%" in t for t in heard)
+    assert any(t.startswith("• round 'output error at several orders' done") for t in heard)
+
+
+def test_orders_of_an_output_error_are_those_of_the_arx() -> None:
+    arx = lpv.ARX(na=3, nb=2, nk=1, input="u", output="y", affine=1)
+    assert output_error(arx).arx == arx
+
+
+# -- order of a subspace estimate ------------------------------------------------------------------------------------
+def third_order(seed: int, n: int = 2500) -> Record:
+    rng = np.random.default_rng(seed)
+    u = rng.normal(size=n)
+    x = lfilter([0, 1.0, 0.3], A, u) + lfilter([0, 2.0], [1, 0.7], u)
+    return Record({"u": u, "y": x + 0.1 * x.std() * rng.normal(size=n)}, sample_time=0.01)
+
+
+def test_subspace_errors_by_order_are_those_of_separate_fits() -> None:
+    """Oracle: each order fitted on each fold by its own call."""
+    record = third_order(0)
+    structure = lpv.Subspace(input="u", output="y")
+    found = free_run_errors(structure, [record], (1, 2, 3))
+    parts = folds([record], FOLDS, GAP * structure.start * 0.01)
+    for order in (1, 2, 3):
+        error = power = 0.0
+        for training, held in parts:
+            model = lpv.Subspace(order=order, past=structure.past, input="u", output="y").estimate(
+                [r for r in training if r.n_samples > 3 * structure.start]).model
+            for r in held:
+                error += float(np.sum((r["y"] - lpv.simulate(model, r, "estimate").output[:, 0]) ** 2))
+                power += float(np.sum((r["y"] - r["y"].mean()) ** 2))
+        assert found[order] == pytest.approx(error / power, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_subspace_finds_an_order_that_runs_freely(seed: int) -> None:
+    found = lpv.identify(third_order(seed), lpv.Subspace(input="u", output="y"), held_out=third_order(seed + 10))
+    assert found.model.order == 3
+    assert found.held_out.overall.free_run.fit_percent > 88
+    assert any("by its free run out of 4 folds" in n for n in found.notes)
+
+
+def test_subspace_on_a_record_too_short_for_folds_takes_the_gap() -> None:
+    found = lpv.identify(third_order(0).slice(0, 60), lpv.Subspace(input="u", output="y", past=6))
+    assert any("from the largest gap" in n or "as asked" in n for n in found.notes)
