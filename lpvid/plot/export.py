@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import io
+import re
 from typing import TYPE_CHECKING
 
 from lpvid.plot.style import look
@@ -11,12 +13,62 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+PLACES = 2
+"""Decimals of a coordinate [1/72 inch]: a hundredth of a point is finer than any screen or printer."""
+CLOUD_DPI = 130
+"""Resolution of dense clouds within an SVG [1/inch]: at the width of a page one pixel of a usual screen is 1/96 inch."""
+COLOURS = 48
+"""Colours of a cloud's pixels: a few inks in a few densities."""
+_PLACED = re.compile(rb' (d|x|y|points)="([^"]*)"')
+_LONG = re.compile(rb"-?\d+\.\d{3,}")
+_PIXELS = re.compile(rb'"data:image/png;base64,([^"]*)"')
+_IDLE = re.compile(rb"<metadata>.*?</metadata>|<!--.*?-->|<!DOCTYPE[^>]*>", re.DOTALL)
+
+
 def svg(figure: Figure) -> bytes:
     """The figure as SVG: lines as lines, dense clouds as embedded pixels; the same figure gives the same bytes."""
     buffer = io.BytesIO()
     with look():
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": "lpvid"})
-    return buffer.getvalue()
+        figure.savefig(buffer, format="svg", dpi=CLOUD_DPI, metadata={"Date": None, "Creator": "lpvid"})
+    return shortened(buffer.getvalue())
+
+
+def shortened(drawing: bytes) -> bytes:
+    """The same SVG with coordinates of `PLACES` decimals, clouds of `COLOURS` colours, and nothing that draws nothing.
+
+    Examples
+    --------
+    >>> shortened(b'<g id="a">\\n <!-- b -->\\n <path d="M 1.23456 -0.001\\nL 2 3.5 "/>\\n</g>')
+    b'<g><path d="M1.23 0L2 3.5"/></g>'
+    """
+    drawing = _PIXELS.sub(_fewer_colours, _PLACED.sub(_short_attribute, _IDLE.sub(b"", drawing)))
+    drawing = re.sub(rb'<g id="[^"]*"', b"<g", drawing)  # groups are never referred to: clips, marks, glyphs are
+    return re.sub(rb">\s+<", b"><", drawing).strip()
+
+
+def _short_attribute(found: re.Match[bytes]) -> bytes:
+    name, value = found.groups()
+    value = b" ".join(_LONG.sub(_coordinate, value).split())
+    if name == b"d":
+        value = re.sub(rb" ?([A-Za-z]) ?", rb"\1", value)
+    return b' %s="%s"' % (name, value)
+
+
+def _coordinate(found: re.Match[bytes]) -> bytes:
+    text = f"{float(found.group()):.{PLACES}f}".rstrip("0").rstrip(".")
+    return b"0" if text in ("-0", "") else text.encode("ascii")
+
+
+def _fewer_colours(found: re.Match[bytes]) -> bytes:
+    """An embedded picture with a palette, where that is smaller."""
+    from PIL import Image
+
+    given = base64.b64decode(found.group(1))
+    buffer = io.BytesIO()
+    with Image.open(io.BytesIO(given)) as picture:
+        picture.convert("RGBA").quantize(COLOURS, method=Image.Quantize.FASTOCTREE).save(buffer, "PNG", optimize=True)
+    best = min(given, buffer.getvalue(), key=len)
+    return b'"data:image/png;base64,%s"' % base64.b64encode(best)
 
 
 def png(figure: Figure) -> bytes:

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from lpvid import plot
+from lpvid.model.adaptable import acting
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.plot import Comparison
 from lpvid.record import Record
+from lpvid.report.courses import overlay_traces
 from lpvid.report.figures import comparisons, grade
-from lpvid.report.page import Figure, Item, Mark, Notes, Page, Section, Table, number
+from lpvid.report.page import Item, Mark, Notes, Page, Section, Table, number
+from lpvid.report.responses import overlaid_figures, scheduling_places
 from lpvid.simulation import Model
 from lpvid.validation.comparing import ModelComparison
 
@@ -76,5 +81,23 @@ def _overlays(found: ModelComparison, records: Sequence[Record],
         return []
     left = len(found.models) - len(shown)
     more = f" The {left} models with larger errors are left out." if left > 0 else ""
-    return [Figure.of(plot.overlay(shown), f"Free runs along {worst.name}, {best.label}, measured: the record on which "
-                      f"the best model is worst. Below, its worst stretch.{more}")]
+    return [overlay_traces(shown, f"Free runs along {worst.name}, {best.label}, and their errors: the record on which "
+                           f"the best model is worst; shaded, its worst stretch.{more}"), *_responses(found, shown)]
+
+
+def _responses(found: ModelComparison, shown: Sequence[tuple[str, Comparison]]) -> list[Item]:
+    """Bode plots and step responses of those that are linear and have the same signals as the best of them."""
+    runs, kept = dict(shown), {}
+    for m in found.models[:DRAWN]:
+        model = m.model if m.name not in runs else acting(m.model, runs[m.name].record.time_base.period)
+        if isinstance(model, (LPVTransferFunction, LPVStateSpace)) and m.name in runs:
+            first = next(iter(kept.values()), model)
+            same = [s.name for s in model.filter_inputs] == [s.name for s in first.filter_inputs]
+            if same and model.sample_time is not None:
+                kept[m.name] = model
+    if not kept:
+        return []
+    places = {n: (p := scheduling_places(m.box, [runs[n]])[0])[len(p) // 2] for n, m in kept.items()}
+    longest = max(runs[n].record.n_samples for n in kept)
+    held = ", the scheduling held at its median" if any(m.box.names for m in kept.values()) else ""
+    return overlaid_figures(kept, places, held, longest)

@@ -1,0 +1,139 @@
+"""From a page to HTML: one file, styles, figures and scripts inside, nothing fetched from anywhere."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+from lpvid.report.glossary import TERMS, split_terms, term_of
+from lpvid.report.origin import shown_names
+from lpvid.report.page import OUT, Page, Step
+from lpvid.report.traces import Traces, pack
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+HEAVIEST = 1_450_000
+"""Bytes that a page may weigh (issue: 1.5 MB), with some left for what is put around it."""
+LEAST = 150_000
+"""Bytes that the time traces of a page have in any case."""
+
+
+def render(page: Page) -> str:
+    """HTML of a page: styles and figures inside, no reference to anything outside.
+
+    The samples of its time traces get what the rest of the page leaves of `HEAVIEST`.
+
+    Parameters
+    ----------
+    page : Page
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> html = render(Page("Audit", "Nothing found.", "good"))
+    >>> "<h1>Audit</h1>" in html, "http" in html
+    (True, False)
+    """
+    from jinja2 import Environment, StrictUndefined
+
+    words = _Glossed()
+    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
+    environment.filters.update(explain=words.explain, cell=words.cell)
+    template = environment.from_string(_file("page.html"))
+    figures = [item for section in page.sections for item in section.items if isinstance(item, Traces)]
+    scripts = _scripts() if figures else ()
+    folder = "" if page.origin is None else page.origin.folder
+    given: dict[str, Any] = {
+        "page": page, "version": _version(), "style": _style(bool(figures)), "ids": _ids(page),
+        "steps": [_step(s, folder) for s in page.steps], "terms": words.used,
+        "sources": [] if page.origin is None else shown_names(page.origin.sources)}
+    html = template.render(**given, scripts=(), packed=[""] * len(figures)) + "\n"
+    if not figures:
+        return html
+    room = HEAVIEST - len(html.encode("utf-8")) - sum(len(s.encode("utf-8")) for s in scripts)
+    words.used.clear()
+    words.focusable.clear()
+    return template.render(**given, scripts=_safe(scripts), packed=_safe(pack(figures, max(room, LEAST)))) + "\n"
+
+
+class _Glossed:
+    """Marks terms of the glossary, and keeps which ones a page uses."""
+
+    def __init__(self) -> None:
+        self.used: dict[str, str] = {}
+        self.focusable: set[str] = set()
+
+    def explain(self, text: str) -> Markup:
+        """A text with its terms explained on hover; a term's first place on the page can be reached by keyboard."""
+        from markupsafe import Markup, escape
+
+        return Markup("").join(self._marked(words, term) if term else escape(words) for words, term
+                               in split_terms(str(text)))
+
+    def cell(self, text: str) -> Markup:
+        """A cell, explained where it is one term and nothing else."""
+        from markupsafe import escape
+
+        term = term_of(str(text))
+        return self._marked(text, term) if term else escape(text)
+
+    def _marked(self, words: str, term: str) -> Markup:
+        from markupsafe import Markup
+
+        self.used[term] = TERMS[term]
+        first = term not in self.focusable
+        self.focusable.add(term)
+        return Markup('<abbr title="{}"{}>{}</abbr>').format(TERMS[term], Markup(' tabindex="0"') if first else "",
+                                                             words)
+
+
+def _step(step: Step, folder: str) -> Step:
+    named = folder.rstrip("/") if folder else OUT
+    return Step(step.text, re.sub(rf"\b{OUT}\b", lambda _: named, step.command))
+
+
+def _ids(page: Page) -> list[str]:
+    """An address for every section."""
+    found: list[str] = []
+    for section in page.sections:
+        word = re.sub(r"[^a-z0-9]+", "-", section.title.lower()).strip("-") or "section"
+        name, count = word, 1
+        while name in found:
+            count += 1
+            name = f"{word}-{count}"
+        found.append(name)
+    return found
+
+
+def _style(traces: bool) -> Markup:
+    from markupsafe import Markup
+
+    return Markup(_file("page.css") + (_file("vendor", "uPlot.min.css") if traces else ""))
+
+
+def _scripts() -> tuple[str, ...]:
+    return _file("vendor", "uPlot.iife.min.js"), _file("traces.js")
+
+
+def _safe(texts: Iterable[str]) -> list[Markup]:
+    """Texts that stand in the page as they are: our own scripts, and JSON without "<"."""
+    from markupsafe import Markup
+
+    return [Markup(t) for t in texts]
+
+
+def _file(*parts: str) -> str:
+    from importlib.resources import files
+
+    return files("lpvid.report").joinpath(*parts).read_text(encoding="utf-8")
+
+
+def _version() -> str:
+    from lpvid import __version__
+
+    return __version__
