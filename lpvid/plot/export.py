@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 PLACES = 2
 """Decimals of a coordinate [1/72 inch]: a hundredth of a point is finer than any screen or printer."""
 CLOUD_DPI = 130
-"""Resolution of dense clouds within an SVG [1/inch]: at the width of a page one pixel of a usual screen is 1/96 inch."""
+"""Resolution of dense clouds within an SVG [1/inch]: a pixel of a usual screen is 1/96 inch."""
 COLOURS = 48
 """Colours of a cloud's pixels: a few inks in a few densities."""
 _PLACED = re.compile(rb' (d|x|y|points)="([^"]*)"')

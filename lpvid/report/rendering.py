@@ -117,7 +117,9 @@ def _style(traces: bool) -> Markup:
 
 
 def _scripts() -> tuple[str, ...]:
-    return _file("vendor", "uPlot.iife.min.js"), _file("traces.js")
+    """uPlot under its licence, which every copy carries, and our own script that uses it."""
+    code = _file("vendor", "uPlot.iife.min.js")
+    return f"/*! uPlot\n{_file('vendor', 'LICENSE')}*/\n{code.partition('*/')[2].lstrip()}", _file("traces.js")
 
 
 def _safe(texts: Iterable[str]) -> list[Markup]:
