@@ -25,8 +25,8 @@ def design_figures(found: Design | IdentifiedDesign, rides: tuple[Ride, Ride] | 
                   Drawn("sensitivity", plot.sensitivity(found), "Sensitivity: gain from the road with control over "
                         "that of the car without; below one control helps, above one it costs."),
                   Drawn("actuator", plot.actuator_use(found, rides[0]), "Use of the actuator over the bump: the "
-                        "damper's force within what its lowest and highest command give at constant velocity, and how long each "
-                        "current is held; dashed, the limits of the command."),
+                        "damper's force within what its lowest and highest command give at constant velocity, and how "
+                        "long each current is held; dashed, the limits of the command."),
                   Drawn("bump", plot.bump(rides), f"The nonlinear car over {rides[0].road}, with sensors, observer, "
                         "inverse damper model and coil in the loop.")]
     return tuple(drawn)

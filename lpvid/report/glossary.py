@@ -64,8 +64,11 @@ TERMS: Mapping[str, str] = {
 _BY_LOWER = {term.lower(): term for term in TERMS}
 _ALIASES = {"free-run": "free run", "free runs": "free run", "certificates": "certificate",
             "standard errors": "standard error", "singular value": "singular values"}
-_FOUND = re.compile(r"(?<![\w/|^-])(" + "|".join(
-    re.escape(t) for t in sorted({*TERMS, *_ALIASES}, key=len, reverse=True)) + r")(?![\w|-])", re.IGNORECASE)
+_FIGURE = r"(?<=free-run )fit|fit(?= \[%\]| -?\d|, )"
+"""The figure "fit", as a fit to data is something else."""
+_FOUND = re.compile(r"(?<![\w/|^-])(" + "|".join([_FIGURE, *(
+    re.escape(t) for t in sorted({*TERMS, *_ALIASES} - {"fit"}, key=len, reverse=True))]) + r")(?![\w|-])",
+    re.IGNORECASE)
 
 
 def term_of(text: str) -> str:

@@ -43,7 +43,7 @@ def render(page: Page) -> str:
 
     words = _Glossed()
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
-    environment.filters.update(explain=words.explain, cell=words.cell)
+    environment.filters.update(explain=words.explain, cell=words.cell, command=_command)
     template = environment.from_string(_file("page.html"))
     figures = [item for section in page.sections for item in section.items if isinstance(item, Traces)]
     scripts = _scripts() if figures else ()
@@ -90,6 +90,13 @@ class _Glossed:
         self.focusable.add(term)
         return Markup('<abbr title="{}"{}>{}</abbr>').format(TERMS[term], Markup(' tabindex="0"') if first else "",
                                                              words)
+
+
+def _command(line: str) -> Markup:
+    """A command line whose words are never broken, so that no option loses its dashes."""
+    from markupsafe import Markup
+
+    return Markup(" ").join(Markup("<span>{}</span>").format(word) for word in line.split(" "))
 
 
 def _step(step: Step, folder: str) -> Step:
