@@ -21,6 +21,7 @@ COLOURS = 48
 """Colours of a cloud's pixels: a few inks in a few densities."""
 _PLACED = re.compile(rb' (d|x|y|points)="([^"]*)"')
 _LONG = re.compile(rb"-?\d+\.\d{3,}")
+_MOVED = re.compile(rb"translate\(([^)]*)\)")
 _PIXELS = re.compile(rb'"data:image/png;base64,([^"]*)"')
 _IDLE = re.compile(rb"<metadata>.*?</metadata>|<!--.*?-->|<!DOCTYPE[^>]*>", re.DOTALL)
 
@@ -43,7 +44,22 @@ def shortened(drawing: bytes) -> bytes:
     """
     drawing = _PIXELS.sub(_fewer_colours, _PLACED.sub(_short_attribute, _IDLE.sub(b"", drawing)))
     drawing = re.sub(rb'<g id="[^"]*"', b"<g", drawing)  # groups are never referred to: clips, marks, glyphs are
-    return re.sub(rb">\s+<", b"><", drawing).strip()
+    drawing = _MOVED.sub(lambda m: b"translate(%s)" % _LONG.sub(_coordinate, m.group(1)), drawing)
+    return re.sub(rb">\s+<", b"><", _short_names(_plain_ticks(drawing))).strip()
+
+
+def _plain_ticks(drawing: bytes) -> bytes:
+    """Tick marks without a style of their own at each place: a line has no area to fill, its stroke is in its mark."""
+    for name in re.findall(rb'<path id="([^"]*)" d="M[^LzCQ"]*L[^LzCQ"]*"', drawing):
+        drawing = re.sub(rb'(<use xlink:href="#%s"[^>]*?) style="[^"]*"' % re.escape(name), rb"\1", drawing)
+    return drawing
+
+
+def _short_names(drawing: bytes) -> bytes:
+    """Marks, glyphs and clips under short names."""
+    short = {name: b"a%d" % k for k, name in enumerate(dict.fromkeys(re.findall(rb' id="([^"]*)"', drawing)))}
+    drawing = re.sub(rb' id="([^"]*)"', lambda m: b' id="%s"' % short[m.group(1)], drawing)
+    return re.sub(rb'#([^")]+)(?=[")])', lambda m: b"#" + short.get(m.group(1), m.group(1)), drawing)
 
 
 def _short_attribute(found: re.Match[bytes]) -> bytes:

@@ -59,7 +59,8 @@ def residuals(shown: Sequence[Comparison], lags: int = 40, inputs: Sequence[str]
 
 
 def _histogram(ax: Axes, values: np.ndarray, unit: str) -> None:
-    centre, spread = float(values.mean()), float(values.std()) or 1.0
+    centre = float(values.mean())
+    spread = max(float(values.std()), 1e-9 * float(np.abs(values).max())) or 1.0  # a constant has no histogram
     edges = np.linspace(centre - 4 * spread, centre + 4 * spread, 41)
     ax.hist(values, bins=edges.tolist(), density=True, color=BLUE, alpha=0.55)
     x = 0.5 * (edges[1:] + edges[:-1])

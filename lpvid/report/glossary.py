@@ -44,7 +44,7 @@ TERMS: Mapping[str, str] = {
     "BIC": "Bayesian information criterion: badness of fit with a charge for every parameter; less is better",
     "ΔBIC": "difference of the Bayesian information criterion: how much a cause gains beyond what its parameters cost",
     "p-value": "probability of a figure at least as large where nothing is there; small means that something is",
-    "passive": "gives back no more energy than it has taken",
+    "passivity": "giving back no more energy than was taken",
     "singular values": "gains of a system with several inputs and outputs at one frequency, from the largest to the "
                        "smallest",
     "sensitivity": "from a disturbance to the signal that control is to keep small; 1 is no control",

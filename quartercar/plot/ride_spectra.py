@@ -35,7 +35,8 @@ def spectra(runs: Sequence[tuple[str, CarRun]], settle: float = 0.0) -> Figure |
     """Densities and gains of body acceleration, tyre force and stroke, and third-octave bands of comfort.
 
     Densities S_yy by Welch's method (Hann, half overlapping); gains |S_ry|/S_rr from the elevation r of the road, the
-    best linear description of the nonlinear car on this road (Pintelon & Schoukens 2012, 3.4). Third-octave bands of
+    best linear description of the nonlinear car on this road (Pintelon & Schoukens 2012, 3.4); below 1 Hz the window
+    leaks, as a road has most of its power there. Third-octave bands of
     the W_k-weighted acceleration: the square root of ∫|W_k|² S_aa over each (ISO 2631-1, 5.4 and annex A); the sum of
     their squares is the square of the weighted rms.
 

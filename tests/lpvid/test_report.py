@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -86,8 +87,11 @@ def test_self_contained(pages, command):
     html = render(pages[command])
     assert outside_references(html) == []
     assert "<link" not in html and not re.search(r"<script[^>]*src", html)
-    for data in re.findall(r"base64,([A-Za-z0-9+/=]+)", html):
-        inside = base64.b64decode(data).decode("utf-8")
+    drawings = re.findall(r'src="data:image/svg\+xml;charset=utf-8,([^"]+)"', html)
+    assert len(drawings) == html.count("<img ")
+    for data in drawings:
+        inside = unquote(data)
+        assert inside.startswith("<?xml") and inside.endswith("</svg>")
         assert outside_references(inside.replace("xlink:href", "href")) == []
     assert html.count("<img ") + html.count('<figure class="traces"') >= 1 and 'alt=""' not in html
     assert len(html.encode("utf-8")) <= 1_500_000
