@@ -11,7 +11,7 @@ from lpvid.plot import Comparison
 from lpvid.record import Record
 from lpvid.report.courses import overlay_traces
 from lpvid.report.figures import comparisons, grade
-from lpvid.report.page import Item, Mark, Notes, Page, Section, Table, number
+from lpvid.report.page import Item, Mark, Notes, Page, Section, Step, Table, number
 from lpvid.report.responses import overlaid_figures, scheduling_places
 from lpvid.simulation import Model
 from lpvid.validation.comparing import ModelComparison
@@ -43,7 +43,10 @@ def compare_page(found: ModelComparison, records: Sequence[Record],
         sections.append(Section("Left out", (Notes(tuple(f"{n}: {why}" for n, why in found.refused.items())),)))
     facts = (("models", str(len(found.models))), ("records", str(len(best.found.records))), ("best", best.name),
              (f"its free-run ESR, {best.found.label}", number(best.found.overall.free_run.esr)))
-    return Page("Models compared", found.verdict, grade(best.found.overall.free_run.esr), facts, (), tuple(sections))
+    return Page("Models compared", found.verdict, grade(best.found.overall.free_run.esr), facts, (), tuple(sections),
+                (Step("Look at the best one alone: where it is wrong, and what is left in its residuals.",
+                      f"lpvid validate {best.name}.json DATA --out checked"),
+                 Step("See how far it is stable.", f"lpvid stability {best.name}.json --out stability")))
 
 
 def _overall(found: ModelComparison) -> Table:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import base64
 import re
 from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lpvid.report.glossary import TERMS, split_terms, term_of
-from lpvid.report.origin import shown_names
+from lpvid.report.origin import Origin, shown_names
 from lpvid.report.page import OUT, Page, Step
 from lpvid.report.traces import Traces, pack
 
@@ -49,10 +50,9 @@ def render(page: Page) -> str:
     template = environment.from_string(_file("page.html"))
     figures = [item for section in page.sections for item in section.items if isinstance(item, Traces)]
     scripts = _scripts() if figures else ()
-    folder = "" if page.origin is None else page.origin.folder
     given: dict[str, Any] = {
         "page": page, "version": _version(), "style": _style(bool(figures)), "ids": _ids(page),
-        "steps": [_step(s, folder) for s in page.steps], "terms": words.used,
+        "steps": [_step(s, page.origin) for s in page.steps], "terms": words.used,
         "sources": [] if page.origin is None else shown_names(page.origin.sources)}
     html = template.render(**given, scripts=(), packed=[""] * len(figures)) + "\n"
     if not figures:
@@ -115,9 +115,16 @@ def _command(line: str) -> Markup:
     return Markup(" ").join(Markup("<span>{}</span>").format(word) for word in line.split(" "))
 
 
-def _step(step: Step, folder: str) -> Step:
-    named = folder.rstrip("/") if folder else OUT
-    return Step(step.text, re.sub(rf"\b{OUT}\b", lambda _: named, step.command))
+def _step(step: Step, origin: Origin | None) -> Step:
+    """The step with the folder of the results in place of `OUT`, and the files that were read under their own paths."""
+    if origin is None:
+        return step
+    names = [Path(s.name).name for s in origin.sources]
+    paths = {n: s.name for n, s in zip(names, origin.sources, strict=True) if names.count(n) == 1}
+    if origin.folder:
+        paths[OUT] = origin.folder.rstrip("/")
+    parts = (word.partition("/") for word in step.command.split(" "))
+    return Step(step.text, " ".join(paths.get(first, first) + slash + rest for first, slash, rest in parts))
 
 
 def _ids(page: Page) -> list[str]:

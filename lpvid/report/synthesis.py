@@ -129,7 +129,7 @@ def modes(poles: np.ndarray, sample_time: float | None) -> list[str]:
     s = np.asarray(poles, dtype=complex)
     if sample_time is not None:
         s = np.log(np.where(np.abs(s) > 1e-12, s, 1e-12)) / sample_time
-    s = s[s.imag >= -1e-9 * np.abs(s)]
+    s = s[np.imag(s) >= -1e-9 * np.abs(s)]
     listed = []
     for pole in sorted(s, key=abs):
         size = abs(pole)

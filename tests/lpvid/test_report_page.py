@@ -50,7 +50,7 @@ def whole_page(*items, origin: Origin | None = None) -> Page:
     return Page("A page", "The free run has an ESR of 0.01 on held-out data.", "good", (("free-run ESR", "0.01"),),
                 ("Nothing was held out.",), (Section("Figures", (table,)), Section("Over time", items),
                                              Section("Figures", (Paragraph("Again."),))),
-                (Step("Try it elsewhere.", "lpvid validate OUT/model.json NEW.csv"),), origin)
+                (Step("Try it elsewhere.", "lpvid validate OUT/model.json only.json NEW.csv"),), origin)
 
 
 # -- packing ----------------------------------------------------------------------------------------------------------
@@ -127,7 +127,8 @@ def test_names_cannot_close_the_script():
 def test_contents_steps_origin_and_terms(tmp_path):
     when = datetime(2031, 2, 3, 4, 5, tzinfo=UTC)
     origin = Origin("lpvid identify run.csv --out res", when, (Source("a/run.csv", "0123456789ab"),
-                                                               Source("b/run.csv", "ba9876543210")),
+                                                               Source("b/run.csv", "ba9876543210"),
+                                                               Source("deep/only.json", "0" * 12)),
                     ("model.json", "other.bin"), "res")
     html = render(whole_page(Notes(("nothing",)), origin=origin))
     ids = re.findall(r'<section id="([^"]+)"', html)
@@ -135,6 +136,7 @@ def test_contents_steps_origin_and_terms(tmp_path):
     assert re.findall(r'<a href="#([^"]+)"', html) == ids
     assert "3 February 2031, 04:05 UTC" in html and html.index("3 February") < html.index("<section")
     assert '<span>res/model.json</span>' in html  # OUT stands for the folder of the results
+    assert '<span>deep/only.json</span>' in html  # and a file that was read for its path
     for text in ("a/run.csv</td><td class=\"hash\">0123456789ab", "b/run.csv</td>",
                  '<a href="model.json">model.json</a>', '<a href="other.bin">'):
         assert text in html
