@@ -80,6 +80,7 @@ def test_the_report_opens_in_a_browser(written):
         pytest.skip("no browser here")
     page = written[0] / "report.html"
     done = subprocess.run([browser, "--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=5000",
+                           "--window-size=1200,9000",
                            "--dump-dom", page.as_uri()],
                           capture_output=True, text=True, timeout=120, check=False)
     assert "Ride comparison" in done.stdout and done.stdout.count("<figure>") == 1
