@@ -55,7 +55,7 @@ def comparison_figures(found: Comparison) -> tuple[Drawn, ...]:
     """The figures of a comparison, as in chapter 6 of the thesis (Díaz Salas 2011)."""
     best = found.best.name
     excerpt = plot.livelier(found.data.held_out).name
-    drawn = [Drawn("ranking", plot.ranking(found), "Free-run ESR of every model on held-out data (bars) and on "
+    drawn = [Drawn("ranking", plot.ranking(found), "Free-run ESR of every model on held-out data (dots) and on "
                    "training data (marks).")]
     by_experiment = plot.experiments_by_model(found)
     if by_experiment is not None:
@@ -99,8 +99,9 @@ def comparison_page(found: Comparison, figures: Sequence[Drawn]) -> Page:
     sections = [Section("Ranking", (_ranking(found), drawn["ranking"]))]
     if by_experiment:
         sections.append(Section("By experiment", tuple(by_experiment)))
-    sections += [Section("Force over time", (drawn["force_time"],)),
-                 Section("Force over velocity", (drawn["force_velocity"], _quadrants(found))),
+    law = [drawn["law"]] if "law" in drawn else []
+    sections += [Section("Force over time", (force_traces(found),)),
+                 Section("Force over velocity", (*law, drawn["force_velocity"], _quadrants(found))),
                  Section("Parameters", tuple(_parameters(found)))]
     energy = [drawn[f.name] for f in figures if f.name.startswith("passivity_")]
     if energy:
