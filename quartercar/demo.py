@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid.record import Record
-from lpvid.report import Figure, Item, Notes, Page, Paragraph, Section, Table, number
+from lpvid.report import OUT, Figure, Item, Notes, Page, Paragraph, Section, Step, Table, number
 
 if TYPE_CHECKING:
     from lpvid.auditing import Audit
@@ -208,7 +208,8 @@ def _worst_test(figures: Sequence[ExperimentFigures]) -> str:
     if not known:
         return ""
     worst = max(known, key=lambda e: e.esr or 0.0)
-    return f"; the worst experiment here is {worst.name} ({worst.says}), {worst.esr:.4f}"
+    return (f"; the worst experiment here is {worst.name} ({worst.says}), {worst.esr:.4f}"
+            f"{'' if worst.worst is None else f', and {worst.worst:.4f} on its worst record'}")
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
@@ -272,7 +273,15 @@ def demo_page(demo: Demo, shown: Sequence[Comparison]) -> Page:
                                     *(str(f) for f in demo.audit.findings[:12]))))))
     return Page("From rig records to an LPV damper model", demo.verdict,
                 "good" if (demo.mean_esr or 1.0) < TARGET else "warn", _facts(demo),
-                (*model.caveats[:1], *stability.caveats), sections)
+                (*model.caveats[:1], *stability.caveats), sections, _STEPS)
+
+
+_STEPS = (
+    Step("Fit a model to your own records; nothing else is needed.",
+         "lpvid identify DATA --input velocity --output force --schedule current --hold-out 1/3 --out model"),
+    Step("Or fit the dampers of the literature and rank them.", "quartercar fit DATA --out fit"),
+    Step("Look at the model of this demo from all sides.", f"lpvid stability {OUT}/model.json --out stability"),
+    Step("Put it into a car of your own.", f"quartercar ride --damper {OUT}/model.json --out ride"))
 
 
 def experiments_table(figures: Sequence[ExperimentFigures]) -> Table:
@@ -312,23 +321,51 @@ def _experiments_figure(demo: Demo) -> list[Item]:
 
 def _run_figures(shown: Sequence[Comparison]) -> list[Item]:
     from lpvid import plot
+    from lpvid.report.courses import free_run_traces
     from quartercar import plot as damper_plot
 
     items: list[Item] = []
-    for prefix, says in (("test-1-", "increasing current steps"), ("test-3-", "random current")):
-        for c in [c for c in shown if c.record.name.startswith(prefix)][:1]:
-            items.append(Figure.of(plot.free_run(c, ("current",)), f"Held-out road of the virtual rig, {says}: the "
-                                   "whole record, and the stretch with the largest error."))
+    for name, says in _SAYS.items():
+        of_test = [c for c in shown if c.record.name.startswith(f"{name}-")]
+        if of_test:
+            worst = max(of_test, key=run_esr)
+            items.append(free_run_traces(worst, ("current", "velocity"), f"{name} ({says}): the whole of "
+                                         f"{worst.record.name}, of {len(of_test)} held-out records the one with the "
+                                         f"largest free-run ESR, {run_esr(worst):.4f}; shaded, the stretch with the "
+                                         "largest error."))
     for prefix, says in (("test-7-", "multisine"), ("test-8-", "triangle")):
-        loops = damper_plot.loops_by_current([c for c in shown if c.record.name.startswith(prefix)])
+        chosen = [c for c in shown if c.record.name.startswith(prefix)]
+        loops = damper_plot.loops_by_current(chosen)
         if loops is not None:
-            items.append(Figure.of(loops, f"Force-velocity loops of the {says} at four constant currents, held-out."))
+            items.append(Figure.of(loops, f"Force-velocity loops of the {says} at four constant currents, held-out. "
+                                   + _width(chosen)))
     driven = [c for c in shown if c.record.name.startswith(("test-1-", "test-2-", "test-3-"))]
     for drawn, says in ((plot.loops(driven, ("velocity", "displacement")), "Force over velocity and displacement"),
-                        (plot.residuals(driven), "One-step residuals")):
+                        (plot.residuals(driven, inputs=("velocity",)), "One-step residuals")):
         if drawn is not None:
             items.append(Figure.of(drawn, f"{says}, held-out roads with moving current."))
     return items
+
+
+def run_esr(c: Comparison) -> float:
+    """Free-run ESR of one record; infinite where the run diverged."""
+    error = c.error[c.free_run.start:]
+    if not np.isfinite(error).all():
+        return float("inf")
+    return float(np.sum(error**2) / np.sum((c.measured[c.free_run.start:] - c.measured[c.free_run.start:].mean())**2))
+
+
+def _width(shown: Sequence[Comparison]) -> str:
+    """What an ESR looks like in a loop: the rms error as a share of the force's own spread."""
+    known = [(np.sum(e**2), np.sum((y - y.mean())**2), e.size) for c in shown
+             if np.isfinite(e := c.error[c.free_run.start:]).all() and (y := c.measured[c.free_run.start:]).size]
+    if not known:
+        return ""
+    error, power, count = (float(sum(k[i] for k in known)) for i in range(3))
+    return (f"Their pooled ESR is {error / power:.4f}: an rms error of √{error / power:.4f} = "
+            f"{100 * np.sqrt(error / power):.0f} % of the force's standard deviation, {np.sqrt(error / count):.0f} N. "
+            "That is the gap between the loops: small in the sum of squares, and still to be seen, where the measured "
+            "loop has its width from the spring in series and the model's from a lag.")
 
 
 def run_demo(seed: int = 0, say: Callable[[str], None] = lambda text: None,

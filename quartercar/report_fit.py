@@ -6,19 +6,40 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from lpvid.plot import passivity
-from lpvid.report import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number
+from lpvid.report import (
+    OUT,
+    Curve,
+    Figure,
+    Item,
+    Mark,
+    Notes,
+    Page,
+    Panel,
+    Paragraph,
+    Section,
+    Step,
+    Table,
+    Traces,
+    number,
+)
+from lpvid.report.courses import OTHERS, channel_panels
 from lpvid.report.figures import grade
 from lpvid.report.page import percent
 from quartercar import plot
 from quartercar.dampers.compared import FLAGS, Compared, Comparison, energy_lines
 from quartercar.dampers.sampled_passivity import margin_of
+from quartercar.plot.comparing import DRAWN, free_run_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
 
 GRAVE = ("reversed polarity", "the polarity", "no channel 'current'")
 """Beginnings of notes that stand at the head of the page."""
+FANS = 3
+"""Models whose law is drawn by current, the best ones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +55,7 @@ def comparison_figures(found: Comparison) -> tuple[Drawn, ...]:
     """The figures of a comparison, as in chapter 6 of the thesis (Díaz Salas 2011)."""
     best = found.best.name
     excerpt = plot.livelier(found.data.held_out).name
-    drawn = [Drawn("ranking", plot.ranking(found), "Free-run ESR of every model on held-out data (bars) and on "
+    drawn = [Drawn("ranking", plot.ranking(found), "Free-run ESR of every model on held-out data (dots) and on "
                    "training data (marks).")]
     by_experiment = plot.experiments_by_model(found)
     if by_experiment is not None:
@@ -45,6 +66,12 @@ def comparison_figures(found: Comparison) -> tuple[Drawn, ...]:
                     f"an excerpt of {excerpt}, held-out; below, what each model leaves."),
               Drawn("force_velocity", plot.force_over_velocity(found), "Force over velocity on held-out data, measured "
                     f"and {best} in free run{by_current}")]
+    fan = [r for r in found.rows if r.held_out.total.esr is not None][:FANS]
+    if fan:
+        drawn.insert(3, Drawn("law", plot.force_velocity_fan(fan, found.data.held_out, found.data.polarity), "The "
+                     "fitted law by current: force at constant velocity once everything has settled, and what was "
+                     "measured, held-out, in the colour of its current. Width of the measured cloud about its curve is "
+                     "hysteresis, gas force and error."))
     for row in found.rows:
         margin = margin_of(row.damper)
         if margin is not None:
@@ -72,8 +99,9 @@ def comparison_page(found: Comparison, figures: Sequence[Drawn]) -> Page:
     sections = [Section("Ranking", (_ranking(found), drawn["ranking"]))]
     if by_experiment:
         sections.append(Section("By experiment", tuple(by_experiment)))
-    sections += [Section("Force over time", (drawn["force_time"],)),
-                 Section("Force over velocity", (drawn["force_velocity"], _quadrants(found))),
+    law = [drawn["law"]] if "law" in drawn else []
+    sections += [Section("Force over time", (force_traces(found),)),
+                 Section("Force over velocity", (*law, drawn["force_velocity"], _quadrants(found))),
                  Section("Parameters", tuple(_parameters(found)))]
     energy = [drawn[f.name] for f in figures if f.name.startswith("passivity_")]
     if energy:
@@ -84,7 +112,39 @@ def comparison_page(found: Comparison, figures: Sequence[Drawn]) -> Page:
         sections.append(Section("Not fitted", (Table(("model", "why"), rows, "Models that these data do not allow."),)))
     sections.append(Section("Data and remarks", tuple(_remarks(found))))
     return Page("Damper models compared", found.verdict, grade(found.best.held_out.total.esr), _facts(found),
-                _caveats(found), tuple(sections))
+                _caveats(found), tuple(sections), _steps(found))
+
+
+def force_traces(found: Comparison) -> Traces:
+    """Measured force and the best models' free runs over a whole held-out record, their errors, motion and current."""
+    record = plot.livelier(found.data.held_out)
+    rows = [r for r in found.rows if r.held_out.total.esr is not None][:DRAWN] or list(found.rows[:1])
+    runs = {r.name: free_run_of(r, record) for r in rows}
+    t, force, wide = record.times, record["force"], float(np.ptp(record["force"]))
+    limits = (float(force.min()) - wide, float(force.max()) + wide)
+    roles = dict(zip(runs, OTHERS[1:], strict=False))
+    panels = [Panel("force [N]", (Curve("measured", t, force), *(Curve(n, t, y, roles[n]) for n, y in runs.items())),
+                    limits, 260),
+              Panel("error [N]", tuple(Curve(n, t, force - y, roles[n]) for n, y in runs.items()), (-wide, wide), 130),
+              *channel_panels(record, ("velocity", "current"))]
+    return Traces(tuple(panels), f"Measured force of {record.name}, held-out, with the free runs of the best models "
+                  "and their errors.", f"Measured and simulated force of {record.name}")
+
+
+def _steps(found: Comparison) -> tuple[Step, ...]:
+    name = found.best.damper.name
+    steps = []
+    if found.best.fit is not None:
+        steps = [Step("Put the best model into a car and compare control laws.",
+                      f"quartercar ride --damper {OUT}/{name}.json --out ride"),
+                 Step("Ask what it still gets wrong, and which cause explains that.",
+                      f"lpvid diagnose DATA --baseline {OUT}/{name}.json --out diagnosis"),
+                 Step("Take it along: C, FMU, MATLAB, tables.",
+                      f"lpvid export {OUT}/{name}.json --to c --out exported")]
+    if found.best.flags:
+        steps.insert(0, Step(f"{found.best.name} is flagged ({', '.join(found.best.flags)}): see the remarks before "
+                             "you use it."))
+    return tuple(steps)
 
 
 def _facts(found: Comparison) -> tuple[tuple[str, str], ...]:
@@ -141,10 +201,39 @@ def _parameters(found: Comparison) -> list[Item]:
 def _parameter_table(row: Compared, caption: str, folded: str) -> Table:
     says = {p.name: p.says for p in row.damper.parameters}
     held = () if row.fit is None else row.fit.at_bounds
-    rows = tuple((p["name"] + (" (at its bound)" if p["name"] in held else ""), number(p["value"], 5),
-                  number(p["std"], 2), p["unit"] or "1", says[p["name"]]) for p in row.parameters)
+    rows = tuple((says[p["name"]] + (" (at its bound)" if p["name"] in held else ""), p["name"],
+                  with_error(p["value"], p["std"]), p["unit"] or "1", _share(p["value"], p["std"]))
+                 for p in row.parameters)
     marks: tuple[Mark, ...] = tuple("warn" if p["name"] in held else "plain" for p in row.parameters)
-    return Table(("parameter", "value", "std. error", "unit", "what it is"), rows, caption, (1, 2), marks, folded)
+    return Table(("what it is", "name", "value ± std. error", "unit", "± %"), rows, caption, (2, 4), marks, folded)
+
+
+def with_error(value: float, std: float | None) -> str:
+    """A value with as many digits as its standard error allows, that with two; powers of ten in common.
+
+    Examples
+    --------
+    >>> with_error(1234.567, 12.3), with_error(0.000123456, 0.0000021), with_error(5.0, None), with_error(2e6, 3e4)
+    ('1235 ± 12', '(1.235 ± 0.021)·10⁻⁴', '5', '(2.000 ± 0.030)·10⁶')
+    """
+    if not np.isfinite(value):
+        return "–"
+    power = int(np.floor(np.log10(abs(value)))) if value else 0
+    scale = 0 if -3 <= power < 5 else power
+    if std is None or not np.isfinite(std) or not std > 0:
+        return f"{value:.5g}" if not scale else f"{value / 10.0**scale:.4g}·10{_raised(scale)}"
+    least = int(np.floor(np.log10(std / 10.0**scale)))
+    digits = min(max(1 - least, 0), 6)
+    shown = f"{value / 10.0**scale:.{digits}f} ± {std / 10.0**scale:.{digits}f}"
+    return shown if not scale else f"({shown})·10{_raised(scale)}"
+
+
+def _raised(power: int) -> str:
+    return str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def _share(value: float, std: float | None) -> str:
+    return "–" if std is None or not value or not np.isfinite(std) else number(100 * std / abs(value), 2)
 
 
 def _remarks(found: Comparison) -> list[Item]:

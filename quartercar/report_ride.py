@@ -6,26 +6,44 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lpvid.report import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number
+from lpvid.report import OUT, Figure, Item, Mark, Notes, Page, Paragraph, Section, Step, Table, Traces, number
+from lpvid.report.courses import signal_traces
 from lpvid.report.page import percent
+from quartercar.criteria import comfort_classes
 from quartercar.plot import riding as plot
+from quartercar.plot.ride_spectra import sensitive_band, spectra
 from quartercar.report_bound import bound_items, bound_row
 from quartercar.report_fit import Drawn
 from quartercar.ride_bound import Bound
 from quartercar.ride_comparison import Interval, RideComparison, Row
+from quartercar.ride_roads import LEAD
 from quartercar.tuning import Tuned
+
+CRITERIA = {"comfort": ("comfort", "m/s²", 1.0), "tyre_load": ("tyre load, rms", "N", 1.0),
+            "stroke": ("stroke, rms", "mm", 1e3)}
+SIGNALS = {"body_acceleration": ("body", "m/s²", 1.0), "tyre_load": ("tyre load", "kN", 1e-3),
+           "suspension_deflection": ("stroke", "mm", 1e3), "current": ("current", "", 1.0)}
 
 
 def ride_figures(found: RideComparison, bounds: Sequence[Bound] = ()) -> tuple[Drawn, ...]:
     """The figures of a comparison of rides, with the bounds marked."""
     seeds = "one seed" if len(found.seeds) == 1 else f"{len(found.seeds)} seeds, bars: 95 % intervals, paired by seed"
     marked = ("" if not bounds else " Stars: best current found for the known road, at the objective and at "
-              "either end (comfort at the reference's tyre load, tyre load at its comfort).")
+              "either end (comfort at the reference's tyre load, tyre load at its comfort); no law can "
+              "reach them, for none can know the road.")
     drawn = [Drawn("pareto", plot.trade_offs(found, bounds), "Weighted acceleration against tyre load and against "
                    f"stroke, as a difference to {found.reference} on the same roads and noise; {seeds}; dashed: laws "
                    f"that no other beats in both. Down and left is better; a law more than {plot.FRAME:g} % above the "
-                   f"best is outside the frame, and in the table.{marked}")]
+                   "best is named at the edge of the frame. Hollow: the damper's model gave energy that it never had, "
+                   f"so that no real damper gets there.{marked}")]
     for k, road in enumerate(found.roads, start=1):
+        averaged = spectra([(r.name, r.rides[0].run) for r in found.on(road)], LEAD)
+        if averaged is not None:
+            drawn.append(Drawn(f"spectra_{k}", averaged, f"{road}, first seed: power spectral density of body "
+                               "acceleration, tyre force and stroke; below, how the road's elevation comes through "
+                               "(the best linear description on this road); last, the weighted acceleration by third "
+                               "octave and the weighting itself. Shaded: where ISO 2631-1 weighs most, "
+                               f"{sensitive_band()[0]:.1f} to {sensitive_band()[1]:.1f} Hz."))
         drawn.append(Drawn(f"time_{k}", plot.over_time(found, road), f"The liveliest {plot.EXCERPT:g} s of {road}, "
                            "first seed."))
     return tuple(drawn)
@@ -52,16 +70,61 @@ def ride_page(found: RideComparison, figures: Sequence[Drawn], tuned: Mapping[st
     Page
     """
     drawn = {f.name: Figure.of(f.figure, f.caption) for f in figures}
-    sections = [Section("What each law trades", (drawn["pareto"],))]
+    sections = [Section("Winners", (_winners(found),)), Section("What each law trades", (drawn["pareto"],))]
     if bounds:
         sections.append(Section("What the damper could have reached", bound_items(bounds)))
     for k, road in enumerate(found.roads, start=1):
-        sections.append(Section(road, (_figures(found, road, bounds), _against(found, road), drawn[f"time_{k}"])))
+        averaged = [drawn[f"spectra_{k}"]] if f"spectra_{k}" in drawn else []
+        sections.append(Section(road, (_figures(found, road, bounds), _against(found, road), ride_traces(found, road),
+                                       *averaged)))
     sections += [Section("Energy and passivity", _energy(found)), Section("Laws", tuple(_laws(found, tuned or {})))]
     if found.notes:
         sections.append(Section("Remarks", (Notes(found.notes),)))
     shown = (*facts, ("laws", str(len(found.names))), ("seeds", str(len(found.seeds))))
-    return Page("Ride comparison", found.verdict, "plain", tuple(shown), _caveats(found), tuple(sections))
+    return Page("Ride comparison", found.verdict, "plain", tuple(shown), _caveats(found), tuple(sections),
+                _steps(found, bool(bounds), bool(tuned)))
+
+
+def _winners(found: RideComparison) -> Table:
+    """Road by road and criterion by criterion: the best law, its figure, and who cannot be told from it."""
+    rows = []
+    for road in found.roads:
+        reference = found.row(found.reference, road)
+        for name, (said, unit, scale) in CRITERIA.items():
+            best, near = found.leaders(road, name)
+            gap = "–" if best is reference else _share(best.against(reference, name))
+            feels = ", ".join(comfort_classes(best.interval(name).mean)) if name == "comfort" else "–"
+            rows.append((road, said, best.name, f"{told(best.interval(name), scale)} {unit}", gap,
+                         ", ".join(near) or "–", feels))
+    columns = ("road", "criterion", "best law", "its mean", f"against {found.reference}",
+               "not distinguishable from it", "likely reaction (ISO 2631-1, annex C)")
+    return Table(columns, tuple(rows), "Means over the seeds ± half of the 95 % interval; not distinguishable: paired "
+                 "by seed, the 95 % interval of the difference holds zero.", (3, 4))
+
+
+def ride_traces(found: RideComparison, road: str) -> Traces:
+    """Body acceleration, tyre load, stroke and current of a few laws over the whole ride of the first seed."""
+    rows = plot.shown_laws(found, road)
+    time = rows[0].rides[0].run.time
+    own = rows[0].rides[0].run.units["current"]
+    panels = {f"{said} [{unit or own}]": {r.name: scale * r.rides[0].run[signal] for r in rows}
+              for signal, (said, unit, scale) in SIGNALS.items()}
+    return signal_traces(time, panels, f"{road}, seed {rows[0].rides[0].seed}: the whole ride under the reference, the "
+                         "passive car and the most comfortable law.")
+
+
+def _steps(found: RideComparison, bounded: bool, tuned: bool) -> tuple[Step, ...]:
+    steps = []
+    if len(found.seeds) < 5:
+        steps.append(Step("More roads and noises make the intervals narrower: add --seeds 10."))
+    if not tuned:
+        steps.append(Step("The laws have their default parameters: tune them before you judge them, with --tune 40."))
+    if not bounded:
+        steps.append(Step("See what this damper could have reached at best on these roads: add --bound."))
+    best = found.leaders(found.roads[0], "comfort")[0].name
+    steps.append(Step("Take a law to a control unit.", f"quartercar export --controller {OUT}/{best}.json --to c "
+                      "--out exported"))
+    return tuple(steps)
 
 
 def told(interval: Interval, scale: float = 1.0, digits: int = 4) -> str:

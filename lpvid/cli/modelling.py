@@ -116,7 +116,7 @@ class Outcome:
         if not results.kept:
             return
         from lpvid.export.serialise import save
-        from lpvid.report.bands import sureness
+        from lpvid.report.bands import response_section, sureness
         from lpvid.report.figures import comparisons
         from lpvid.report.forms import form_section
         from lpvid.report.identification import identification_page
@@ -138,7 +138,10 @@ class Outcome:
             results.json("form.json", refit.to_dict())
             chosen = (*chosen, form_section(refit))
         say("bands")
-        sure = sureness(self.found, shown)
+        others = {"unconstrained": self.found.unconstrained, "refitted to all data":
+                  None if self.refitted is None else self.refitted.model}
+        sure = (*response_section(self.found, shown, others={n: m for n, m in others.items() if m is not None}),
+                *sureness(self.found, shown))
         say("drawing")
         more = (*sure, *passivity_section(self.refitted or self.found), *chosen)
         results.report(identification_page(self.found, shown, self.gaps, self.audit, more))

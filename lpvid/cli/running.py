@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import typer
 
+from lpvid.cli.invocation import Invocation
 from lpvid.errors import InputError, LpvError
 
 if TYPE_CHECKING:
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 RUNNING: ContextVar[str] = ContextVar("RUNNING", default="")
 """The command that runs, such as "lpvid identify"."""
+ASKED: ContextVar[Invocation | None] = ContextVar("ASKED", default=None)
+"""How the command that runs was called, for the foot of its report."""
 P = ParamSpec("P")
 T = TypeVar("T")
 SHORTFALL = 3
@@ -60,6 +63,7 @@ def command(function: Callable[P, T]) -> Callable[P, T]:
     @functools.wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> T:
         RUNNING.set(f"{function.__module__.partition('.')[0]} {function.__name__}")
+        ASKED.set(Invocation(RUNNING.get(), function, kwargs))
         try:
             return function(*args, **kwargs)
         except LpvError as error:
@@ -203,10 +207,18 @@ class Results:
         self.add(name, lambda path: path.write_bytes(content))
 
     def report(self, page: Page) -> None:
-        """report.html."""
+        """report.html, with date, command, files read and the files beside it."""
+        from dataclasses import replace
+
         from lpvid.report import render
 
-        self.bytes("report.html", render(page).encode("utf-8"))
+        def written(path: Path) -> None:
+            called = ASKED.get()
+            names = tuple(name for name, _ in self._writers if name != "report.html")
+            origin = None if called is None else called.origin(self.folder, names)
+            path.write_bytes(render(replace(page, origin=page.origin or origin)).encode("utf-8"))
+
+        self.add("report.html", written)
 
     def write(self) -> list[Path]:
         """Write all files to a hidden folder beside or inside, then move them into place.

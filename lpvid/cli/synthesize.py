@@ -13,6 +13,7 @@ from lpvid.cli.running import SHORTFALL, Results, command, conclude, solvers_unh
 from lpvid.errors import InputError
 
 if TYPE_CHECKING:
+    from lpvid.model.state_space import LPVStateSpace
     from lpvid.synthesis.generalized_plant import GeneralizedPlant
     from lpvid.synthesis.synthesizing import Design
 
@@ -50,7 +51,7 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
     from lpvid.synthesis.synthesizing import synthesize as solve
 
     results = Results(out)
-    loaded, settings, title = _read(plant, design)
+    loaded, settings, title, weights = _read(plant, design)
     with working("solving the matrix inequalities") as say, solvers_unheard():
         result = solve(loaded, settings)
         data: dict[str, Any] = {"schema": "lpvid/synthesis/1", **result.to_dict(), "plant": str(plant),
@@ -67,7 +68,7 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
                     results.without(f"{name}.json")
                 else:
                     results.add(f"{name}.json", lambda path, part=part: save(part, path))
-            results.report(synthesis_page(result, loaded, title))
+            results.report(synthesis_page(result, loaded, title, weights))
     conclude(results, data, repr(result), json)
     if result.verdict != "solved":
         raise typer.Exit(SHORTFALL)
@@ -113,11 +114,12 @@ def verify(certificate: Annotated[Path, typer.Argument(metavar="CERTIFICATE", he
         raise typer.Exit(SHORTFALL)
 
 
-def _read(plant: Path, design: Path | None) -> tuple[GeneralizedPlant, Design, str]:
-    """Plant and design of the files, with every fault named by its file."""
+def _read(plant: Path, design: Path | None) -> tuple[GeneralizedPlant, Design, str,
+                                                              dict[str, LPVStateSpace | float]]:
+    """Plant and design of the files, with every fault named by its file; a title, and the performance weights."""
     from lpvid.export.serialise import load
     from lpvid.synthesis.design_file import design_of
-    from lpvid.synthesis.plant_file import plant_of
+    from lpvid.synthesis.plant_file import output_weights, plant_of
     from lpvid.synthesis.toml_tables import read_toml, table_of, within
 
     table = read_toml(plant)
@@ -127,4 +129,4 @@ def _read(plant: Path, design: Path | None) -> tuple[GeneralizedPlant, Design, s
     loaded = within(str(plant), lambda: plant_of(table, plant.parent, load))
     place = f"{plant} [design]" if design is None else str(design)
     settings = within(place, lambda: design_of(table_of(asked, "the design"), loaded))
-    return loaded, settings, str(table.get("name") or plant.stem)
+    return loaded, settings, str(table.get("name") or plant.stem), output_weights(table, loaded)

@@ -1,4 +1,4 @@
-"""A model beside the measurement: free run over time, loops, residuals."""
+"""A model beside the measurement: free run over time, loops."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def free_run(shown: Comparison, scheduling: Sequence[str] = ()) -> Figure:
     """
     names = list(scheduling)[:2]
     t, y, run, error = shown.record.times, shown.measured, shown.free_run.output[:, 0], shown.error
-    window = _worst(error)
+    window = worst_stretch(error)
     with look():
         figure, axes = panels(2 + len(names), heights=[1.9, 2.5, *([0.95] * len(names))])
         ax = axes[0, 0]
@@ -129,7 +129,7 @@ def free_run(shown: Comparison, scheduling: Sequence[str] = ()) -> Figure:
         ax.set_title(f"{shown.record.name} ({shown.label})")
         legend_above(ax)
         ax.set_ylabel(label(shown.output, shown.unit))
-        ax.set_ylim(*_limits(y, run, 0.1))
+        ax.set_ylim(*limits_of(y, run, 0.1))
         ax.margins(x=0.005)
         _close_up(axes[1, 0], shown, window)
         for axis, name in zip(axes[2:, 0], names, strict=True):
@@ -151,7 +151,7 @@ def _close_up(ax: Axes, shown: Comparison, window: slice) -> None:
     legend_above(ax)
     ax.set_ylabel(label(shown.output, shown.unit))
     both = np.concatenate([shown.measured[window], shown.error[window]])
-    ax.set_ylim(*_limits(both, shown.free_run.output[window, 0], 0.12))
+    ax.set_ylim(*limits_of(both, shown.free_run.output[window, 0], 0.12))
     ax.set_xlim(float(t[0]), float(t[-1]))
 
 
@@ -168,7 +168,7 @@ def overlay(shown: Sequence[tuple[str, Comparison]]) -> Figure:
     matplotlib.figure.Figure
     """
     first = shown[0][1]
-    t, window = first.record.times, _worst(first.error)
+    t, window = first.record.times, worst_stretch(first.error)
     ends = float(t[window.start]), float(t[window.stop - 1])
     with look():
         figure, axes = panels(2, heights=[1.9, 2.7])
@@ -184,7 +184,7 @@ def overlay(shown: Sequence[tuple[str, Comparison]]) -> Figure:
                 drawn.append(run)
                 ax.plot(*thinned(own[inside], run), color=CYCLE[(k + 1) % len(CYCLE)], linewidth=1.1 if close else 0.6,
                         label=name)
-            ax.set_ylim(*_limits(first.measured[keep], np.concatenate(drawn), 0.1))
+            ax.set_ylim(*limits_of(first.measured[keep], np.concatenate(drawn), 0.1))
             ax.set_ylabel(label(first.output, first.unit))
             ax.margins(x=0.005)
         axes[0, 0].axvspan(*ends, color=BLUE, alpha=0.10, linewidth=0)
@@ -226,7 +226,7 @@ def loops(shown: Sequence[Comparison], against: Sequence[str]) -> Figure | None:
             ax.set_ylabel(label(shown[0].output, shown[0].unit))
             ax.axhline(0, color=INK, linewidth=0.5)
             ax.axvline(0, color=INK, linewidth=0.5)
-            ax.set_ylim(*_limits(np.concatenate([c.measured for c in shown]),
+            ax.set_ylim(*limits_of(np.concatenate([c.measured for c in shown]),
                                  np.concatenate([c.free_run.output[:, 0] for c in shown]), 0.1))
             legend_above(ax, 2)
             for handle in ax.get_legend().legend_handles:  # type: ignore[union-attr]
@@ -235,68 +235,7 @@ def loops(shown: Sequence[Comparison], against: Sequence[str]) -> Figure | None:
     return figure
 
 
-def residuals(shown: Sequence[Comparison], lags: int = 40) -> Figure | None:
-    """One-step residuals: over time, as a histogram, their autocorrelation with the 99 % band of white noise.
-
-    Parameters
-    ----------
-    shown : sequence of Comparison
-        The first is drawn over time, all count in the other panels.
-    lags : int
-
-    Returns
-    -------
-    matplotlib.figure.Figure or None
-        None when there is nothing finite.
-    """
-    usable = [c for c in shown if c.innovation.size > 4 and np.isfinite(c.innovation).all()]
-    if not usable:
-        return None
-    pooled = np.concatenate([c.innovation for c in usable])
-    first = usable[0]
-    with look():
-        figure, axes = panels(1, 3, height=2.5)
-        over_time, histogram, correlation = axes[0]
-        over_time.plot(*thinned(first.record.times[first.one_step.start:], first.innovation, 1500), color=BLUE,
-                       linewidth=0.6)
-        over_time.set_title(f"one step ahead, {first.record.name}")
-        over_time.set_xlabel("time [s]")
-        over_time.set_ylabel(label("residual", first.unit))
-        _histogram(histogram, pooled, first.unit)
-        _autocorrelation(correlation, usable, min(lags, min(c.innovation.size for c in usable) - 2))
-    return figure
-
-
-def _histogram(ax: Axes, values: np.ndarray, unit: str) -> None:
-    centre, spread = float(values.mean()), float(values.std()) or 1.0
-    edges = np.linspace(centre - 4 * spread, centre + 4 * spread, 41)
-    ax.hist(values, bins=edges.tolist(), density=True, color=BLUE, alpha=0.55)
-    x = 0.5 * (edges[1:] + edges[:-1])
-    ax.plot(x, np.exp(-0.5 * ((x - centre) / spread) ** 2) / (spread * np.sqrt(2 * np.pi)), color=INK, linewidth=1.0)
-    ax.set_title("histogram and normal law")
-    ax.set_xlabel(label("residual", unit))
-    ax.set_ylabel(f"density [1/{unit}]" if unit else "density [1]")
-
-
-def _autocorrelation(ax: Axes, shown: Sequence[Comparison], lags: int) -> None:
-    products = np.zeros(lags + 1)
-    for c in shown:
-        e = c.innovation - c.innovation.mean()
-        products += [float(e[: e.size - k] @ e[k:]) for k in range(lags + 1)]
-    count = sum(c.innovation.size for c in shown)
-    ratio = products / (products[0] or 1.0)
-    band = 2.576 / np.sqrt(count)
-    ax.axhspan(-band, band, color=BLUE, alpha=0.15, linewidth=0)
-    ax.vlines(np.arange(1, lags + 1), 0, ratio[1:], color=BLUE, linewidth=1.4)
-    ax.axhline(0, color=INK, linewidth=0.5)
-    reach = max(1.25 * float(np.abs(ratio[1:]).max(initial=0.0)), 4 * band)
-    ax.set_ylim(-reach, reach)
-    ax.set_title("autocorrelation, 99 % band")
-    ax.set_xlabel("lag [samples]")
-    ax.set_ylabel("correlation [1]")
-
-
-def _limits(measured: np.ndarray, model: np.ndarray, margin: float) -> tuple[float, float]:
+def limits_of(measured: np.ndarray, model: np.ndarray, margin: float) -> tuple[float, float]:
     """Limits that show both signals whole; a model that leaves the measured range by more than its width, as one that
     diverges, is cut off there, so that the measurement stays readable."""
     low, high = robust_limits(measured, margin)
@@ -308,7 +247,7 @@ def _limits(measured: np.ndarray, model: np.ndarray, margin: float) -> tuple[flo
     return min(low, float(inside.min())), max(high, float(inside.max()))
 
 
-def _worst(error: np.ndarray) -> slice:
+def worst_stretch(error: np.ndarray) -> slice:
     """The window of `WINDOW` samples with the largest mean square error; the first one when the run diverged."""
     size = min(WINDOW, error.size)
     squares = np.where(np.isfinite(error), error, 0.0) ** 2

@@ -11,6 +11,9 @@ from lpvid.analysis.pole_locus import PoleLocus
 from lpvid.analysis.uncertainty import PoleBand
 from lpvid.plot.style import BLUE, INK, MUTED, SCALE, VERMILION, label, look, panels
 
+CROWD = 400
+"""Poles of a locus above which they are drawn as pixels: a mark of its own for each would fill the page."""
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -64,7 +67,7 @@ def poles(values: np.ndarray, discrete: bool = True) -> Figure:
 def _background(ax: Axes, discrete: bool) -> None:
     if discrete:
         angle = np.linspace(0, 2 * np.pi, 361)
-        ax.plot(np.cos(angle), np.sin(angle), color=INK, linewidth=0.9)
+        ax.plot(np.cos(angle), np.sin(angle), color=INK, linewidth=0.9, label="stability limit: the unit circle")
         ax.set_aspect("equal", adjustable="datalim")
     ax.axhline(0, color=MUTED, linewidth=0.5)
     ax.axvline(0, color=MUTED, linewidth=0.5)
@@ -76,12 +79,16 @@ def _plane(figure: Figure, ax: Axes, found: PoleLocus, band: PoleBand | None) ->
     _background(ax, found.is_discrete)
     if band is not None and band.cloud.size:
         cloud = band.cloud[:, :: max(1, band.cloud.shape[1] // 25)].ravel()
-        ax.plot(np.real(cloud), np.imag(cloud), ".", color=MUTED, alpha=0.18, markersize=2.0, rasterized=True)
+        ax.plot(np.real(cloud), np.imag(cloud), ".", color=MUTED, alpha=0.18, markersize=2.0, rasterized=True,
+                label=f"poles of {band.draws} models drawn from the covariance")
     colours = np.repeat(found.p[:, None], found.poles.shape[1], axis=1)
     drawn = ax.scatter(np.real(found.poles).ravel(), np.imag(found.poles).ravel(), c=colours.ravel(), s=9, cmap=SCALE,
-                       zorder=3, linewidths=0)
+                       zorder=3, linewidths=0, rasterized=found.poles.size > CROWD, label="poles of this model")
     figure.colorbar(drawn, ax=ax, label=label(found.variable, found.unit), fraction=0.046, pad=0.03)
     ax.set_title("Frozen poles")
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=1, borderaxespad=0.0, markerscale=2)
+    for handle in ax.get_legend().legend_handles:  # type: ignore[union-attr]
+        handle.set_alpha(1.0)  # type: ignore[union-attr]
 
 
 def _margin(ax: Axes, found: PoleLocus, band: PoleBand | None, critical: CriticalScheduling | None) -> None:

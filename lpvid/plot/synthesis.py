@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lpvid.model.state_space import LPVStateSpace
-from lpvid.plot.style import BLUE, CYCLE, INK, MUTED, SCALE, VERMILION, look, panels
+from lpvid.plot.style import BLUE, CYCLE, INK, MUTED, SCALE, VERMILION, label, look, panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,13 +37,14 @@ def frozen_gains(loop: LPVStateSpace, level: float | None = None) -> Figure:
 
     points, frequencies = _line(loop), _frequencies(loop)
     values = np.array([_singular_values(loop, p, frequencies) for p in points])
+    hertz = frequencies / (2 * np.pi)
     with look():
         figure, axes = panels(1, 2, height=3.6)
         left, right = axes[0]
         shades = colormaps[SCALE](np.linspace(0.1, 0.9, len(points)))
         for k, p in enumerate(points):
             name = f"{loop.box.names[0]} = {p[0]:.4g}" if loop.box.names else "closed loop"
-            left.loglog(frequencies, values[k, :, 0], color=shades[k], linewidth=1.4, label=name)
+            left.loglog(hertz, values[k, :, 0], color=shades[k], linewidth=1.4, label=name)
         left.set_title("Largest singular value, frozen")
         if loop.box.names:
             right.plot(points[:, 0], values[:, :, 0].max(axis=1), "o-", color=BLUE, markersize=4)
@@ -51,15 +53,63 @@ def frozen_gains(loop: LPVStateSpace, level: float | None = None) -> Figure:
             right.set_title("Peak over frequency")
         else:
             for i in range(values.shape[2]):
-                right.loglog(frequencies, np.maximum(values[0, :, i], 1e-300), color=CYCLE[i % len(CYCLE)])
-            right.set_xlabel("frequency [rad/s]")
+                right.loglog(hertz, np.maximum(values[0, :, i], 1e-300), color=CYCLE[i % len(CYCLE)],
+                             label=f"σ{i + 1}")
+            right.set_xlabel(label("frequency", "Hz"))
             right.set_title("Singular values")
         for ax in (left, right) if loop.box.names else (left,):
             if level is not None:
                 ax.axhline(level, color=VERMILION, linestyle="--", linewidth=1.2, label="verified bound")
-        left.set_xlabel("frequency [rad/s]")
-        left.set_ylabel("gain")
+        left.set_xlabel(label("frequency", "Hz"))
+        for ax in (left, right):
+            ax.set_ylabel(label("gain", "1"))
         left.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=2, borderaxespad=0.0)
+    return figure
+
+
+def weighted_channels(loop: LPVStateSpace, weights: Mapping[str, LPVStateSpace | float], level: float) -> Figure:
+    """Gain of each performance signal before its weight, against what the weight and the verified bound allow.
+
+    The loop holds the weights: z_i = W_i(s) e_i, so that ‖z‖ ≤ γ‖w‖ bounds every frozen channel by
+    |e_i(jω)/w| ≤ γ/|W_i(jω)| (Skogestad & Postlethwaite 2005, 2.8.2). The curve is the norm of the channel's row
+    divided by |W_i|; it may touch the inverse weight times γ, and cross it nowhere.
+
+    Parameters
+    ----------
+    loop : LPVStateSpace
+        From disturbances to weighted performance signals.
+    weights : mapping of str to LPVStateSpace or float
+        By performance signal; time-invariant, one input and one output each, or a plain factor.
+    level : float
+        The verified bound γ.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    from matplotlib import colormaps
+
+    points, frequencies = _line(loop), _frequencies(loop)
+    hertz = frequencies / (2 * np.pi)
+    names = [s.name for s in loop.outputs]
+    shown = [n for n in names if n in weights][:6]
+    rows = [(p, np.linalg.norm(_responses(loop, p, frequencies), axis=2)) for p in points]
+    with look():
+        figure, axes = panels(-(-len(shown) // 3), min(3, len(shown)), height=2.7)
+        shades = colormaps[SCALE](np.linspace(0.1, 0.9, len(points)))
+        for ax, name in zip(axes.ravel(), shown, strict=False):
+            weight = np.maximum(_weight_gain(weights[name], frequencies), 1e-300)
+            for (_, gains), shade in zip(rows, shades, strict=True):
+                ax.loglog(hertz, gains[:, names.index(name)] / weight, color=shade, linewidth=1.2)
+            ax.loglog(hertz, level / weight, color=VERMILION, linestyle="--", linewidth=1.3,
+                      label="verified bound over the weight")
+            ax.set_title(name)
+            ax.set_xlabel(label("frequency", "Hz"))
+            ax.set_ylabel(label("gain before the weight", "1"))
+        for ax in axes.ravel()[len(shown):]:
+            ax.set_visible(False)
+        handles, said = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, said, loc="outside lower center")
     return figure
 
 
@@ -85,6 +135,12 @@ def step_responses(loop: LPVStateSpace) -> Figure:
         for ax in axes.ravel():
             ax.axhline(0, color=MUTED, linewidth=0.5)
     return figure
+
+
+def _weight_gain(weight: LPVStateSpace | float, frequencies: np.ndarray) -> np.ndarray:
+    if isinstance(weight, LPVStateSpace):
+        return np.abs(_responses(weight, np.zeros(0), frequencies))[:, 0, 0]
+    return np.full(frequencies.size, abs(float(weight)))
 
 
 def _line(loop: LPVStateSpace) -> np.ndarray:
@@ -121,10 +177,15 @@ def _times(loop: LPVStateSpace) -> np.ndarray:
 
 
 def _singular_values(loop: LPVStateSpace, p: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+    return np.linalg.svd(_responses(loop, p, frequencies), compute_uv=False)
+
+
+def _responses(loop: LPVStateSpace, p: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+    """(n, n_outputs, n_inputs) frozen response at frequencies [rad/s]."""
     a, b, c, d = loop.frozen(p)
     z = 1j * frequencies if loop.sample_time is None else np.exp(1j * frequencies * loop.sample_time)
     resolvent = np.linalg.solve(z[:, None, None] * np.eye(len(a)) - a, np.broadcast_to(b, (len(z), *b.shape)))
-    return np.linalg.svd(c @ resolvent + d, compute_uv=False)
+    return c @ resolvent + d
 
 
 def _steps(loop: LPVStateSpace, p: np.ndarray, time: np.ndarray) -> np.ndarray:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
-from lpvid.report.page import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number, render
+from lpvid.report.origin import Origin
+from lpvid.report.page import OUT, Figure, Item, Mark, Notes, Page, Paragraph, Section, Step, Table, number
+from lpvid.report.rendering import render
+from lpvid.report.traces import Curve, Panel, Traces
 
-__all__ = ["Figure", "Item", "Mark", "Notes", "Page", "Paragraph", "Section", "Table", "number", "render"]
+__all__ = ["OUT", "Curve", "Figure", "Item", "Mark", "Notes", "Origin", "Page", "Panel", "Paragraph", "Section", "Step",
+           "Table", "Traces", "number", "render"]

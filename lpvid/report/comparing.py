@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from lpvid import plot
+from lpvid.model.adaptable import acting
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.plot import Comparison
 from lpvid.record import Record
+from lpvid.report.courses import overlay_traces
 from lpvid.report.figures import comparisons, grade
-from lpvid.report.page import Figure, Item, Mark, Notes, Page, Section, Table, number
+from lpvid.report.page import Item, Mark, Notes, Page, Section, Step, Table, number
+from lpvid.report.responses import overlaid_figures, scheduling_places
 from lpvid.simulation import Model
 from lpvid.validation.comparing import ModelComparison
 
@@ -38,7 +43,10 @@ def compare_page(found: ModelComparison, records: Sequence[Record],
         sections.append(Section("Left out", (Notes(tuple(f"{n}: {why}" for n, why in found.refused.items())),)))
     facts = (("models", str(len(found.models))), ("records", str(len(best.found.records))), ("best", best.name),
              (f"its free-run ESR, {best.found.label}", number(best.found.overall.free_run.esr)))
-    return Page("Models compared", found.verdict, grade(best.found.overall.free_run.esr), facts, (), tuple(sections))
+    return Page("Models compared", found.verdict, grade(best.found.overall.free_run.esr), facts, (), tuple(sections),
+                (Step("Look at the best one alone: where it is wrong, and what is left in its residuals.",
+                      f"lpvid validate {best.name}.json DATA --out checked"),
+                 Step("See how far it is stable.", f"lpvid stability {best.name}.json --out stability")))
 
 
 def _overall(found: ModelComparison) -> Table:
@@ -76,5 +84,23 @@ def _overlays(found: ModelComparison, records: Sequence[Record],
         return []
     left = len(found.models) - len(shown)
     more = f" The {left} models with larger errors are left out." if left > 0 else ""
-    return [Figure.of(plot.overlay(shown), f"Free runs along {worst.name}, {best.label}, measured: the record on which "
-                      f"the best model is worst. Below, its worst stretch.{more}")]
+    return [overlay_traces(shown, f"Free runs along {worst.name}, {best.label}, and their errors: the record on which "
+                           f"the best model is worst; shaded, its worst stretch.{more}"), *_responses(found, shown)]
+
+
+def _responses(found: ModelComparison, shown: Sequence[tuple[str, Comparison]]) -> list[Item]:
+    """Bode plots and step responses of those that are linear and have the same signals as the best of them."""
+    runs, kept = dict(shown), {}
+    for m in found.models[:DRAWN]:
+        model = m.model if m.name not in runs else acting(m.model, runs[m.name].record.time_base.period)
+        if isinstance(model, (LPVTransferFunction, LPVStateSpace)) and m.name in runs:
+            first = next(iter(kept.values()), model)
+            same = [s.name for s in model.filter_inputs] == [s.name for s in first.filter_inputs]
+            if same and model.sample_time is not None:
+                kept[m.name] = model
+    if not kept:
+        return []
+    places = {n: (p := scheduling_places(m.box, [runs[n]])[0])[len(p) // 2] for n, m in kept.items()}
+    longest = max(runs[n].record.n_samples for n in kept)
+    held = ", the scheduling held at its median" if any(m.box.names for m in kept.values()) else ""
+    return overlaid_figures(kept, places, held, longest)

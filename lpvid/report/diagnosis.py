@@ -10,12 +10,17 @@ from lpvid.diagnosis.asking import Question
 from lpvid.diagnosis.diagnosis import Cause, Diagnosis, Estimated, Weights
 from lpvid.diagnosis.lpv_extension import LpvExtension
 from lpvid.plot import diagnosis as draw
+from lpvid.plot.style import label
+from lpvid.report.courses import signal_traces
 from lpvid.report.inspection import findings_table
-from lpvid.report.page import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number, percent
+from lpvid.report.page import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, Traces, number, percent
+from lpvid.validation.residuals import probability
 
 NORMAL = 1.96
 """standard errors on either side of a 95 % interval"""
 SIGNIFICANT = 0.05
+TINY = float(np.finfo(float).tiny)
+"""p-values below underflow."""
 _MARKS: dict[str, Mark] = {"explained": "good", "nothing-to-explain": "good", "partly-explained": "warn",
                            "cannot-tell": "warn", "unexplained": "bad"}
 _SAYS = {"explained": "Explained", "nothing-to-explain": "Nothing to explain", "partly-explained": "Partly explained",
@@ -169,10 +174,21 @@ def _cause_row(c: Cause) -> list[tuple[str, ...]]:
         interval = "a choice" if p.choice is not None else "at a bound" if p.std is None else \
             f"{number(p.value - NORMAL * p.std)} … {number(p.value + NORMAL * p.std)}"
         head = (c.name,) if k == 0 else ("",)
-        tail = (number(c.p_value, 2), number(c.delta_bic, 3), f"{c.held_out_gain:.1f} %", percent(c.share_alone),
+        tail = (p_text(c.p_value), number(c.delta_bic, 3), f"{c.held_out_gain:.1f} %", percent(c.share_alone),
                 percent(c.share_given_others)) if k == 0 else ("",) * 5
         rows.append((*head, p.name, p.choice or number(p.value, 4, p.unit), interval, *tail))
     return rows
+
+
+def p_text(p: float | None) -> str:
+    """A p-value; below what double precision resolves a bound, never 0.
+
+    Examples
+    --------
+    >>> p_text(0.0), p_text(0.0123), p_text(None)
+    ('< 2.2e-308', '0.012', '–')
+    """
+    return "–" if p is None else probability(p).removeprefix("p ") if p < TINY else number(p, 2)
 
 
 def _plain(p: Estimated) -> str:
@@ -214,8 +230,19 @@ def _gain(found: Diagnosis, shown: Sequence[draw.BeforeAfter], lpv: LpvExtension
     drawn = draw.loops(shown, True)
     if drawn is not None:
         items.append(Figure.of(drawn, "Measured and simulated output over velocity, before and after."))
-    items.append(Figure.of(draw.close_up(shown, True), "The stretch in which the baseline is most wrong."))
+    items.append(before_after_traces(shown))
     return items
+
+
+def before_after_traces(shown: Sequence[draw.BeforeAfter]) -> Traces:
+    """Measured output, baseline and extended model over the record on which the baseline is most wrong."""
+    worst = max(shown, key=lambda s: float(np.nanmean((s.measured - s.before) ** 2)))
+    unit = worst.unit or "1"
+    runs = {"measured": worst.measured, "baseline": worst.before, "extended model": worst.after}
+    errors = {n: worst.measured - runs[n] for n in ("baseline", "extended model")}
+    moving = {label(n, draw.ROLES_UNITS[n]): {n: v} for n, v in worst.channels.items() if n in ("velocity", "current")}
+    return signal_traces(worst.times, {f"{worst.output} [{unit}]": runs, f"error [{unit}]": errors, **moving},
+                         f"{worst.name}, {worst.label}: the record on which the baseline is most wrong, free run.")
 
 
 def _lpv_table(lpv: LpvExtension) -> Table:
@@ -251,7 +278,7 @@ def _suspects(found: Diagnosis) -> list[Item]:
     items: list[Item] = [Figure.of(drawn, "Every candidate by itself. Not needed: it follows the error as well, but "
                                    "nothing is left for it once the named causes are in."),
                          Table(("candidate", "likelihood ratio", "p", "smallest detectable strength", "what became of "
-                                "it"), tuple((n, number(r, 4), number(found.evidence[n]["p_value"], 2),
+                                "it"), tuple((n, number(r, 4), p_text(found.evidence[n]["p_value"]),
                                               number(found.evidence[n]["smallest_detectable"], 3), f)
                                              for n, r, f in sorted(rows, key=lambda r: -r[1])), "", (1, 2, 3),
                                folded="All candidates in numbers")]

@@ -9,6 +9,7 @@ import numpy as np
 from lpvid import plot
 from lpvid.plot import Comparison
 from lpvid.record import Record
+from lpvid.report.courses import free_run_traces
 from lpvid.report.page import Figure, Item, Mark, Table, number, percent
 from lpvid.simulation import Model
 from lpvid.validation import Validation
@@ -64,10 +65,10 @@ def overall_table(found: Sequence[Validation]) -> Table:
         for f in (v.overall.free_run, v.overall.one_step, *v.k_steps):
             diverged = "" if f.diverged_at is None else f"diverged at sample {f.diverged_at}"
             rows.append((v.label, f.kind, number(f.esr), number(f.fit_percent), number(f.rmse, 4, f.rmse_unit),
-                         f"{f.n_samples:,}", diverged or "–"))
+                         number(f.mean_error, 3, f.rmse_unit), f"{f.n_samples:,}", diverged or "–"))
             marks.append(grade(f.esr) if f.kind == "free-run" else "plain")
-    return Table(("data", "run", "ESR [1]", "fit [%]", "rmse", "samples", "remark"), tuple(rows),
-                 "Pooled over records, each about its own mean.", (2, 3, 4, 5), tuple(marks))
+    return Table(("data", "run", "ESR [1]", "fit [%]", "rmse", "mean error", "samples", "remark"), tuple(rows),
+                 "Pooled over records, each about its own mean.", (2, 3, 4, 5, 6), tuple(marks))
 
 
 def records_table(found: Validation) -> Table:
@@ -76,13 +77,14 @@ def records_table(found: Validation) -> Table:
     for r in found.records:
         diverged = "" if r.free_run.diverged_at is None else f" (diverged at {r.free_run.diverged_at})"
         rows.append((r.name + diverged, f"{r.n_samples:,}", number(r.free_run.esr), number(r.free_run.fit_percent),
-                     number(r.free_run.rmse, 4, r.free_run.rmse_unit), number(r.one_step.esr),
+                     number(r.free_run.rmse, 4, r.free_run.rmse_unit),
+                     number(r.free_run.mean_error, 3, r.free_run.rmse_unit), number(r.one_step.esr),
                      percent(r.extrapolation_share)))
         marks.append(grade(r.free_run.esr))
-    columns = ("record", "samples", "free-run ESR", "free-run fit [%]", "free-run rmse", "one-step ESR",
-               "outside training range")
+    columns = ("record", "samples", "free-run ESR", "free-run fit [%]", "free-run rmse", "mean error",
+               "one-step ESR", "outside training range")
     folded = f"{len(rows)} records, {found.label}" if len(rows) > OPEN_ROWS.get(found.label, 8) else ""
-    return Table(columns, tuple(rows), f"Record by record, {found.label}.", (1, 2, 3, 4, 5, 6), tuple(marks), folded)
+    return Table(columns, tuple(rows), f"Record by record, {found.label}.", (1, 2, 3, 4, 5, 6, 7), tuple(marks), folded)
 
 
 def tests_table(found: Validation) -> Table | None:
@@ -109,8 +111,8 @@ def regimes_table(found: Validation) -> Table | None:
                  "the share of the data is that of the measured power.", (1, 2, 3), marks)
 
 
-def run_figures(shown: Sequence[Comparison], scheduling: Sequence[str]) -> list[Item]:
-    """Free run of the worst and of the middling record, loops, residuals."""
+def run_figures(shown: Sequence[Comparison], signals: Sequence[str]) -> list[Item]:
+    """Free run of the worst and of the middling record, with signals over the same time, then the loops."""
     if not shown:
         return []
     by_error = sorted(shown, key=_relative_error, reverse=True)
@@ -120,16 +122,28 @@ def run_figures(shown: Sequence[Comparison], scheduling: Sequence[str]) -> list[
     for place, i in enumerate(chosen):
         c = by_error[i]
         which = f"{c.record.name}, {c.label}" if len(shown) == 1 else f"{c.record.name}, {c.label}: {said[place]}"
-        items.append(Figure.of(plot.free_run(c, scheduling), f"Free run of {which}. Above the whole record, below the "
-                               "stretch with the largest error."))
+        items.append(free_run_traces(c, signals, f"Free run of {which}; shaded, the stretch with the largest error."))
     loops = plot.loops(shown, LOOP_CHANNELS)
     if loops is not None:
         items.append(Figure.of(loops, f"Loops of measured and free-run output, {shown[0].label} data."))
-    residuals = plot.residuals(by_error)
-    if residuals is not None:
-        items.append(Figure.of(residuals, f"One-step residuals, {shown[0].label} data. Bars outside the band are what "
-                               "the model leaves unused."))
     return items
+
+
+def residual_items(shown: Sequence[Comparison], found: Sequence[Validation], inputs: Sequence[str]) -> list[Item]:
+    """Tests on the one-step residuals of every data set, and their histogram and correlations on the data shown."""
+    items: list[Item] = [t for v in found if (t := tests_table(v)) is not None]
+    drawn = plot.residuals(shown, inputs=inputs)
+    if drawn is not None:
+        items.append(Figure.of(drawn, f"One-step residuals, {shown[0].label} data: histogram about their own mean, "
+                               "correlation with themselves and with the inputs. Bars outside the limits are what the "
+                               "model leaves unused; at negative lags the input follows the residual, as under "
+                               "feedback."))
+    return items
+
+
+def driving(model: Model) -> tuple[str, ...]:
+    """Scheduling variables, then inputs: what is drawn below a free run."""
+    return tuple(dict.fromkeys((*model.box.names, *(s.name for s in model.inputs))))
 
 
 def _relative_error(c: Comparison) -> float:

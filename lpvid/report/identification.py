@@ -9,10 +9,18 @@ from lpvid.identification.result import Identification
 from lpvid.model.quasi import SelfScheduled
 from lpvid.plot import Comparison
 from lpvid.report import validation
-from lpvid.report.figures import grade, overall_table, records_table, regimes_table, run_figures, tests_table
+from lpvid.report.figures import (
+    driving,
+    grade,
+    overall_table,
+    records_table,
+    regimes_table,
+    residual_items,
+    run_figures,
+)
 from lpvid.report.forms import FormGap, forms_table
 from lpvid.report.inspection import findings_table
-from lpvid.report.page import Item, Notes, Page, Paragraph, Section, Table, number
+from lpvid.report.page import OUT, Item, Notes, Page, Paragraph, Section, Step, Table, number
 from lpvid.report.stability import locus_items
 from lpvid.validation import Validation
 
@@ -46,12 +54,11 @@ def identification_page(found: Identification, shown: Sequence[Comparison], gaps
     model, figures = found.model, [v for v in (found.held_out, found.training) if v is not None]
     best = figures[0]
     tables: list[Item] = [overall_table(figures), *(records_table(v) for v in figures)]
-    tests = [t for v in figures if (t := tests_table(v)) is not None]
     regimes = regimes_table(best)
     sections = [Section("Figures", tuple(tables)),
                 Section("Where the error lies", () if regimes is None else (regimes,)),
-                Section("Measured and simulated", tuple(run_figures(shown, model.box.names))),
-                Section("What is left in the residuals", tuple(tests)),
+                Section("Measured and simulated", tuple(run_figures(shown, driving(model)))),
+                Section("What is left in the residuals", tuple(residual_items(shown, figures, _inputs(found)))),
                 Section("Frozen poles", tuple(locus_items(model))),
                 *more,
                 Section("State-space forms", (Paragraph("What each form costs on these data, against the transfer "
@@ -60,7 +67,33 @@ def identification_page(found: Identification, shown: Sequence[Comparison], gaps
                 Section("Audit of the data", (Paragraph(f"{audit.verdict}."), findings_table(audit)))]
     return Page(f"Identified model of {', '.join(s.name for s in model.outputs)}", validation.verdict(best),
                 grade(best.overall.free_run.esr), _facts(found, best), _caveats(found),
-                tuple(s for s in sections if s.items and s.items != (Notes(()),)))
+                tuple(s for s in sections if s.items and s.items != (Notes(()),)), _steps(found, best))
+
+
+def _inputs(found: Identification) -> list[str]:
+    return [s.name for s in found.model.inputs]
+
+
+def _steps(found: Identification, best: Validation) -> tuple[Step, ...]:
+    """What follows from the figures: a better structure, then other data, then stability and causes."""
+    steps = []
+    failed = {t.name for t in best.residual_tests if not t.passed}
+    if found.held_out is None:
+        steps.append(Step("Keep data out of the fit: only then do the figures say what the model is worth elsewhere. "
+                          "Add --hold-out 1/3, or name other files with --held-out."))
+    if grade(best.overall.free_run.esr) != "good":
+        steps.append(Step("The free run misses much of the output: let structures compete with --auto, or try "
+                          "--structure oe, which fits the free run itself."))
+    elif "independence" in failed:
+        steps.append(Step("The residual still follows the input: more input lags (--nb), a higher --degree or a shaped "
+                          "input (--shape) may use it."))
+    steps += [Step("Try the model on data of another day or another excitation.",
+                   f"lpvid validate {OUT}/model.json NEW.csv --out checked"),
+              Step("See how far it is stable while the scheduling moves." if found.model.box.names else
+                   "See its poles and how sure they are.", f"lpvid stability {OUT}/model.json --out stability"),
+              Step("Use it elsewhere: C, FMU, MATLAB, python-control.", f"lpvid export {OUT}/model.json --to c "
+                   "--out exported")]
+    return tuple(steps)
 
 
 def _facts(found: Identification, best: Validation) -> tuple[tuple[str, str], ...]:

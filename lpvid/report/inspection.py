@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from lpvid import plot
 from lpvid.auditing import Audit
 from lpvid.auditing.view import view
+from lpvid.plot.audit import MOST_CHANNELS, MOST_RECORDS
 from lpvid.record import Record
-from lpvid.report.page import Figure, Item, Mark, Page, Section, Table, listing, number
+from lpvid.report.courses import record_traces
+from lpvid.report.page import Figure, Item, Mark, Page, Paragraph, Section, Step, Table, listing, number
 
-SHOWN_RECORDS = 3
-"""Records drawn over time."""
+MOST_DRAWN = 60
+"""Records drawn over time; more would leave too few points for each within the size of a page."""
 SHOWN_ALIKE = 2
 """Findings of one kind that are spelled out."""
 _MARKS: dict[str, Mark] = {"fault": "bad", "warning": "warn", "note": "plain"}
@@ -38,7 +40,16 @@ def inspection_page(audit: Audit, records: Sequence[Record], channels: Sequence[
     sections = (Section("Findings", (findings_table(audit),)), Section("Records", (_records_table(records),)),
                 Section("What was measured", tuple(_figures(records, channels))))
     return Page(f"Audit of {listing(audit.names, 4)}", f"{audit.verdict[:1].upper()}{audit.verdict[1:]}.", mark, facts,
-                ("Nothing in the data was changed, and nothing was flipped or interpolated.",), sections)
+                ("Nothing in the data was changed, and nothing was flipped or interpolated.",), sections, _steps(audit))
+
+
+def _steps(audit: Audit) -> tuple[Step, ...]:
+    """The gravest mends, then a model."""
+    grave = [f for f in audit.findings if f.severity != "note" and f.mend]
+    mends = dict.fromkeys(f"{f.mend[:1].upper()}{f.mend[1:].rstrip('.')}." for f in grave)
+    return (*(Step(m) for m in list(mends)[:3]),
+            Step("Fit a model, with data kept out of the fit to judge it on.",
+                 "lpvid identify DATA --input VELOCITY --output FORCE --schedule CURRENT --hold-out 1/3 --out model"))
 
 
 def findings_table(audit: Audit) -> Item:
@@ -82,16 +93,44 @@ def _rates(records: Sequence[Record]) -> str:
 
 def _figures(records: Sequence[Record], channels: Sequence[str]) -> list[Item]:
     items: list[Item] = []
-    for record in [r for r in records if r.n_samples > 1 and not r.time_base.invalid][:SHOWN_RECORDS]:
+    usable = [r for r in records if r.n_samples > 1 and not r.time_base.invalid]
+    for record in usable[:MOST_DRAWN]:
         named = [c for c in channels if record.has(c)] or list(record.channels)
-        items.append(Figure.of(plot.channel_traces(record, named),
-                               f"{record.name}: the channels over time, as read."))
+        items.append(record_traces(record, named, f"{record.name}: the channels over time, as read."))
+    left = _left_out(records, usable)
+    if left:
+        items.append(Paragraph(left, strong=True))
     named = list(dict.fromkeys(c for r in records for c in (channels or r.channels)))
     spectra = plot.spectra(records, named)
     if spectra is not None:
-        items.append(Figure.of(spectra, "Amplitude spectral density of the longest unbroken stretch (Welch, Hann)."))
+        items.append(Figure.of(spectra, "Amplitude spectral density of the longest unbroken stretch (Welch, Hann)."
+                               + _of(len(records), MOST_RECORDS) + _channels(len(named))))
     strokes = [(v.name, *v.stroke) for v in (view(r, None) for r in records) if v.stroke is not None]
     if strokes:
         items.append(Figure.of(plot.strokes(strokes), "Force over velocity and over displacement, as measured. A "
-                               "passive damper fills the first and third quadrant of the left figure."))
+                               "passive damper fills the first and third quadrant of the left figure."
+                               + _of(len(strokes), MOST_RECORDS)))
     return items
+
+
+def _left_out(records: Sequence[Record], usable: Sequence[Record]) -> str:
+    """What is not drawn over time, and why; empty where everything is."""
+    parts = []
+    if len(usable) > MOST_DRAWN:
+        parts.append(f"{listing([r.name for r in usable[MOST_DRAWN:]], 12)}: only the first {MOST_DRAWN} records are "
+                     "drawn; name fewer files to see these")
+    broken = [r.name for r in records if r.n_samples > 1 and r.time_base.invalid]
+    if broken:
+        parts.append(f"{listing(broken, 12)}: the clock does not rise, so that there is nothing to draw over")
+    short = [r.name for r in records if r.n_samples < 2]
+    if short:
+        parts.append(f"{listing(short, 12)}: fewer than two samples")
+    return f"Not drawn over time: {'; '.join(parts)}." if parts else ""
+
+
+def _of(count: int, shown: int) -> str:
+    return f" The first {shown} of {count} records; the others are left out here." if count > shown else ""
+
+
+def _channels(count: int) -> str:
+    return f" The first {MOST_CHANNELS} of {count} channels." if count > MOST_CHANNELS else ""

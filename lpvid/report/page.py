@@ -1,4 +1,4 @@
-"""A page as nouns: verdict, sections, tables, figures; `render` turns it into HTML."""
+"""A page as nouns: verdict, next steps, sections, tables, figures; `lpvid.report.rendering` turns it into HTML."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar, Literal
+
+from lpvid.report.origin import Origin
+from lpvid.report.traces import Traces
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -62,7 +65,18 @@ class Figure:
         return cls(f"data:image/svg+xml;base64,{data}", caption, alternative or caption)
 
 
-Item = Paragraph | Notes | Table | Figure
+Item = Paragraph | Notes | Table | Figure | Traces
+
+OUT = "OUT"
+"""Stands for the folder of the results in the command of a `Step`."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """Something to do next: why, and the command that does it; `OUT` there becomes the folder of the results."""
+
+    text: str
+    command: str = ""
 
 
 @dataclass(frozen=True)
@@ -90,6 +104,10 @@ class Page:
     caveats : tuple of str
         What the verdict does not cover.
     sections : tuple of Section
+    steps : tuple of Step
+        What to do next.
+    origin : Origin or None
+        How the page came about; the command line fills it in.
     """
 
     title: str
@@ -98,32 +116,8 @@ class Page:
     facts: tuple[tuple[str, str], ...] = ()
     caveats: tuple[str, ...] = ()
     sections: tuple[Section, ...] = field(default_factory=tuple)
-
-
-def render(page: Page) -> str:
-    """HTML of a page: styles and figures inside, no reference to anything outside.
-
-    Parameters
-    ----------
-    page : Page
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
-    >>> html = render(Page("Audit", "Nothing found.", "good"))
-    >>> "<h1>Audit</h1>" in html, "http" in html
-    (True, False)
-    """
-    from importlib.resources import files
-
-    from jinja2 import Environment, StrictUndefined
-
-    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
-    text = files("lpvid.report").joinpath("page.html").read_text(encoding="utf-8")
-    return environment.from_string(text).render(page=page, version=_version()) + "\n"
+    steps: tuple[Step, ...] = ()
+    origin: Origin | None = None
 
 
 def number(value: float | None, digits: int = 4, unit: str = "") -> str:
@@ -159,9 +153,3 @@ def listing(words: Sequence[str], most: int = 6) -> str:
     """Words with commas; a long list ends in how many more there are."""
     shown = ", ".join(words[:most])
     return shown if len(words) <= most else f"{shown} and {len(words) - most} more"
-
-
-def _version() -> str:
-    from lpvid import __version__
-
-    return __version__

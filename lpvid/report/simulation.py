@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from lpvid.plot import Comparison
-from lpvid.report.figures import grade, run_figures
-from lpvid.report.page import Item, Mark, Notes, Page, Paragraph, Section, Table, number, percent
+from lpvid.report.figures import driving, grade, run_figures
+from lpvid.report.page import Item, Mark, Notes, Page, Paragraph, Section, Step, Table, number, percent
 from lpvid.simulation import predict
 from lpvid.validation.free_runs import FreeRuns
 
@@ -24,7 +24,7 @@ def simulation_page(found: FreeRuns, name: str) -> Page:
     """
     sections = [Section("Records", (_table(found),))]
     if found.overall is not None:
-        drawn: list[Item] = run_figures(_shown(found), found.model.box.names)
+        drawn: list[Item] = run_figures(_shown(found), driving(found.model))
         sections.append(Section("Measured and simulated", tuple(drawn)))
     sections.append(Section("The model", (Paragraph(repr(found.model)),)))
     if found.notes:
@@ -35,7 +35,9 @@ def simulation_page(found: FreeRuns, name: str) -> Page:
     esr = None if found.overall is None else found.overall.esr
     facts = (("data", found.label), ("records", str(len(found.runs))), ("free-run ESR", number(esr)))
     return Page(f"Simulation by {name}", verdict(found), "plain" if found.overall is None else grade(esr), facts,
-                tuple(caveats), tuple(sections))
+                tuple(caveats), tuple(sections),
+                (Step("See how good the model is on these data: residuals, regimes, every record.",
+                      f"lpvid validate {name} DATA --out checked"),))
 
 
 def verdict(found: FreeRuns) -> str:

@@ -17,7 +17,20 @@ from lpvid.analysis.stability_certificate import StabilityCertificate
 from lpvid.analysis.uncertainty import PoleBand, StabilityProbability, pole_band, stability_probability
 from lpvid.identification.layout import ParameterCloud
 from lpvid.model.quasi import SelfScheduled
-from lpvid.report.page import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number, percent
+from lpvid.report.page import (
+    OUT,
+    Figure,
+    Item,
+    Mark,
+    Notes,
+    Page,
+    Paragraph,
+    Section,
+    Step,
+    Table,
+    number,
+    percent,
+)
 from lpvid.report.stability_reach import NOTHING, Questions, Reach, reach
 from lpvid.scheduling import Scheduling
 
@@ -165,7 +178,7 @@ def locus_items(model: Model | SelfScheduled, seed: int = 0) -> list[Item]:
         return []  # its poles follow from its own output: see the stability report
     if not model.box.names:
         return [Figure.of(plot.poles(model.frozen_poles([]), model.sample_time is not None), "Poles of the model.")]
-    return [_locus_figure(found, band, None) for found, band in loci(model, _drawn(model, seed))]
+    return [_locus_figure(found, band, None, model.box) for found, band in loci(model, _drawn(model, seed))]
 
 
 def stability_page(study: StabilityStudy, name: str) -> Page:
@@ -181,7 +194,7 @@ def stability_page(study: StabilityStudy, name: str) -> Page:
     -------
     Page
     """
-    figures: list[Item] = [_locus_figure(found, band, study) for found, band in study.loci]
+    figures: list[Item] = [_locus_figure(found, band, study, study.model.box) for found, band in study.loci]
     figures = figures or locus_items(study.model)
     notes = tuple(study.to_dict()["notes"])
     sections = [Section("Frozen poles", (*figures, *([Notes(notes)] if notes else []))),
@@ -193,7 +206,29 @@ def stability_page(study: StabilityStudy, name: str) -> Page:
     if study.reach.items():
         sections.insert(-1, Section("How far it reaches", tuple(study.reach.items())))
     return Page(f"Stability of {name}", study.verdict, study.mark, _facts(study),
-                (WARNING,) if study.model.box.names else (), tuple(sections))
+                (WARNING,) if study.model.box.names else (), tuple(sections),
+                _steps(study, name))
+
+
+def _steps(study: StabilityStudy, name: str) -> tuple[Step, ...]:
+    """What would settle what is open, and what to do with a proof."""
+    if not study.frozen.stable:
+        return (Step("Keep the scheduling out of where the frozen model is unstable, and see whether the rest is "
+                     "stable.", f"lpvid stability {name} --range LOW:HIGH --out narrower"),
+                Step("Fit the free run itself, which an unstable model cannot follow: lpvid identify --structure oe, "
+                     "or --passive for a damper."))
+    if study.certificate.verified:
+        again = f"lpvid verify {OUT}/certificate.json {name}"
+        steps = [Step("Let anyone check the certificate without a solver.", again)]
+        if study.model.box.names:
+            steps.append(Step("See how far it reaches: the largest range and the largest rate.",
+                              f"lpvid stability {name} --largest-range --largest-rate --out reach"))
+        return tuple(steps)
+    return (Step("Say how fast the scheduling moves: a bounded rate is easier to certify.",
+                 f"lpvid stability {name} --rate RATE --out bounded"),
+            Step("Or ask for the largest range that is certified.",
+                 f"lpvid stability {name} --largest-range --out reach"))
+
 
 
 def _facts(study: StabilityStudy) -> tuple[tuple[str, str], ...]:
@@ -241,11 +276,14 @@ def _certificate(study: StabilityStudy) -> list[Item]:
     return items
 
 
-def _locus_figure(found: PoleLocus, band: PoleBand | None, study: StabilityStudy | None) -> Figure:
+def _locus_figure(found: PoleLocus, band: PoleBand | None, study: StabilityStudy | None, box: Scheduling) -> Figure:
     cloud = f"; grey, the poles of {band.draws} models drawn from the parameters' covariance" if band else ""
+    held = ", ".join(f"{n} = {number(v, 4, u)}" for n, v, u in zip(box.names, box.centre.tolist(), box.units,
+                                                                   strict=True) if n != found.variable)
+    others = f" Held meanwhile: {held}, the middle of the range." if held else ""
     return Figure.of(plot.locus(found, band, None if study is None else study.frozen.critical),
                      f"Left: frozen poles over {found.variable}{cloud}. Right: the largest pole modulus over "
-                     "the range.",
+                     f"the range, with the stability limit.{others}",
                      f"Pole locus over {found.variable}")
 
 

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from lpvid.plot.synthesis import frozen_gains, step_responses
-from lpvid.report.page import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number
+from collections.abc import Mapping
+
+import numpy as np
+
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.plot.synthesis import frozen_gains, step_responses, weighted_channels
+from lpvid.report.page import OUT, Figure, Item, Mark, Notes, Page, Paragraph, Section, Step, Table, number
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.result import Synthesis
 
 
-def synthesis_page(result: Synthesis, plant: GeneralizedPlant, name: str) -> Page:
+def synthesis_page(result: Synthesis, plant: GeneralizedPlant, name: str,
+                   weights: Mapping[str, LPVStateSpace | float] | None = None) -> Page:
     """A page about a design.
 
     Parameters
@@ -18,6 +24,8 @@ def synthesis_page(result: Synthesis, plant: GeneralizedPlant, name: str) -> Pag
         With its weights.
     name : str
         What to call the plant.
+    weights : mapping of str to LPVStateSpace or float, optional
+        Of the performance signals, where they are known apart from the plant.
     """
     facts = [("verdict", result.verdict), ("verified gain", number(result.gamma_verified, 5)),
              ("promised by the inequalities", number(result.gamma, 5)),
@@ -26,12 +34,34 @@ def synthesis_page(result: Synthesis, plant: GeneralizedPlant, name: str) -> Pag
         "The bound is shown at the points of a grid only, not between them."]
     sections = [Section("The design", tuple(_design(result, plant)))]
     if result.closed_loop is not None and result.controller is not None:
-        sections = [Section("Closed loop", tuple(_figures(result))), *sections,
+        sections = [Section("Closed loop", tuple(_figures(result, weights or {}))), *sections,
                     Section("The controller", tuple(_controller(result)))]
-    verdict = f"{result.verdict}: {result.why or result.method}."
-    if result.mend:
-        verdict += f" What to do: {result.mend}."
-    return Page(f"Controller for {name}", verdict, _mark(result), tuple(facts), tuple(caveats), tuple(sections))
+    return Page(f"Controller for {name}", verdict(result, plant), _mark(result), tuple(facts), tuple(caveats),
+                tuple(sections), _steps(result))
+
+
+def verdict(result: Synthesis, plant: GeneralizedPlant) -> str:
+    """The verified gain in a sentence, or why there is no controller."""
+    said = f"{result.verdict.capitalize()}: {result.why or result.method}."
+    if result.gamma_verified is not None:
+        where = "on the whole scheduling box" if result.between_grid else "at the points of a grid only"
+        moving = " while the scheduling moves" if plant.box.names else ""
+        said = (f"{result.verdict.capitalize()}: the gain from {', '.join(plant.disturbances)} to "
+                f"{', '.join(plant.performance)}, weighted, is at most {number(result.gamma_verified, 4)}{moving}, "
+                f"verified of the closed loop {where}"
+                + (f"; it reaches {number(result.gamma_lower, 4)}" if result.gamma_lower is not None else "")
+                + f" ({result.method or 'matrix inequalities'}).")
+    return said + (f" What to do: {result.mend}." if result.mend else "")
+
+
+def _steps(result: Synthesis) -> tuple[Step, ...]:
+    if not result.solved:
+        return (Step(f"{result.mend.capitalize()}.") if result.mend else
+                Step("Relax a weight, or bound the rate of the scheduling, and try again."),)
+    return (Step("Let anyone check the certificate without a solver.",
+                 f"lpvid verify {OUT}/certificate.json {OUT}/closed_loop.json"),
+            Step("Take the controller to a control unit, discretised.", f"lpvid export {OUT}/controller.json --to c "
+                 "--out exported"))
 
 
 def _mark(result: Synthesis) -> Mark:
@@ -40,16 +70,22 @@ def _mark(result: Synthesis) -> Mark:
     return "good" if result.verdict == "solved" and result.between_grid else "warn"
 
 
-def _figures(result: Synthesis) -> list[Item]:
+def _figures(result: Synthesis, weights: Mapping[str, LPVStateSpace | float]) -> list[Item]:
     loop = result.closed_loop
     assert loop is not None
     across = "" if not loop.box.names else " One curve for each scheduling point across the range."
+    known = [n for n in weights if n in [s.name for s in loop.outputs]]
     items: list[Item] = [
         Figure.of(frozen_gains(loop, result.gamma_verified), "Gain from the disturbances to the performance signals, "
                   "with the scheduling held still: no frozen curve may exceed the verified bound." + across,
                   "Closed-loop gain over frequency"),
         Figure.of(step_responses(loop), "Responses to a unit step in each disturbance, with the scheduling held still."
                   + across, "Step responses of the closed loop")]
+    if known and result.gamma_verified is not None:
+        items.insert(1, Figure.of(weighted_channels(loop, weights, result.gamma_verified), "Gain to each performance "
+                                  "signal before its weight, the scheduling held still; dashed, the inverse of the "
+                                  "weight times the verified bound, which no curve may cross. Where they touch, this "
+                                  f"signal decides the design.{across}", "Gains against the inverse weights"))
     if result.certificate is not None:
         items.append(Paragraph(str(getattr(result.certificate, "claim", result.certificate)) + ". `lpvid verify "
                                "certificate.json closed_loop.json` re-checks it without a solver."))
@@ -72,11 +108,31 @@ def _design(result: Synthesis, plant: GeneralizedPlant) -> list[Item]:
 def _controller(result: Synthesis) -> list[Item]:
     k = result.controller
     assert k is not None
-    points = k.box.grid(2)[:4]
     rows = []
-    for p in points:
-        poles = k.frozen_poles(p)
+    for p in k.box.grid(2)[:4]:
         where = ", ".join(f"{n} = {v:.4g}" for n, v in zip(k.box.names, p, strict=True)) or "–"
-        listed = ", ".join(f"{x.real:.4g}{x.imag:+.4g}j" if abs(x.imag) > 1e-9 else f"{x.real:.4g}" for x in poles[:8])
-        rows.append((where, listed or "no states"))
-    return [Paragraph(repr(k)), Table(("at", "frozen poles"), tuple(rows), "Poles of the controller itself.")]
+        rows.append((where, "; ".join(modes(k.frozen_poles(p), k.sample_time)) or "no states"))
+    return [Paragraph(repr(k)), Table(("at", "frozen poles: frequency and damping ratio"), tuple(rows),
+                                      "Poles of the controller itself; a pair that swings counts once.")]
+
+
+def modes(poles: np.ndarray, sample_time: float | None) -> list[str]:
+    """Poles as natural frequency [Hz] and damping ratio, slowest first.
+
+    s = −ζω₀ ± jω₀√(1−ζ²), f = ω₀/2π; poles z of discrete time by s = ln(z)/T.
+
+    Examples
+    --------
+    >>> modes(np.array([-1 + 1j, -1 - 1j, -20 * np.pi]), None)
+    ['0.2251 Hz, ζ 0.707', '10 Hz, ζ 1']
+    """
+    s = np.asarray(poles, dtype=complex)
+    if sample_time is not None:
+        s = np.log(np.where(np.abs(s) > 1e-12, s, 1e-12)) / sample_time
+    s = s[np.imag(s) >= -1e-9 * np.abs(s)]
+    listed = []
+    for pole in sorted(s, key=abs):
+        size = abs(pole)
+        ratio = -pole.real / size if size else 1.0
+        listed.append(f"{number(size / (2 * np.pi), 4)} Hz, ζ {number(ratio, 3)}")
+    return listed

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.plot import Comparison
 from lpvid.report.figures import (
+    driving,
+    grade,
     overall_table,
     records_table,
     regimes_table,
+    residual_items,
     run_figures,
-    tests_table,
     verdict_grade,
 )
-from lpvid.report.page import Item, Notes, Page, Paragraph, Section, number, percent
+from lpvid.report.page import Item, Notes, Page, Paragraph, Section, Step, number, percent
+from lpvid.report.responses import drawn_models, frozen_figures, scheduling_places
 from lpvid.simulation import Model
 from lpvid.validation import Validation
 
@@ -33,21 +38,47 @@ def validation_page(found: Validation, model: Model, shown: Sequence[Comparison]
     -------
     Page
     """
-    tests, regimes = tests_table(found), regimes_table(found)
+    regimes = regimes_table(found)
     figures: list[Item] = [overall_table([found]), records_table(found)]
     sections = [Section("Figures", tuple(figures))]
     if regimes is not None:
         sections.append(Section("Where the error lies", (regimes,)))
-    if tests is not None:
-        sections.append(Section("What is left in the residuals", (tests,)))
-    sections.append(Section("Measured and simulated", tuple(run_figures(shown, model.box.names))))
+    sections.append(Section("Measured and simulated", tuple(run_figures(shown, driving(model)))))
+    left = residual_items(shown, [found], [s.name for s in model.inputs])
+    if left:
+        sections.append(Section("What is left in the residuals", tuple(left)))
+    sections += responses(model, shown)
     sections.append(Section("The model", (Paragraph(repr(model)),)))
     if found.notes:
         sections.append(Section("Remarks", (Notes(found.notes),)))
     caveats = [f"{percent(found.extrapolation_share)} of the samples lie outside the scheduling range of the training "
                "data: there the figures are extrapolation."] if found.extrapolation_share > 0 else []
     return Page(f"Validation of {name}", verdict(found), verdict_grade(found), facts(found),
-                tuple(caveats), tuple(sections))
+                tuple(caveats), tuple(sections), _steps(found, name))
+
+
+def responses(model: Model, shown: Sequence[Comparison]) -> list[Section]:
+    """Bode plots and step responses with the bands that the model itself carries; none for other kinds of model."""
+    if not shown or not isinstance(model, (LPVTransferFunction, LPVStateSpace)):
+        return []
+    places, said = scheduling_places(model.box, shown)
+    items = frozen_figures(model, drawn_models(model), places, said, max(c.record.n_samples for c in shown))
+    return [Section("Frequency and step response", tuple(items))]
+
+
+def _steps(found: Validation, name: str) -> tuple[Step, ...]:
+    worst, steps = found.worst, []
+    if found.extrapolation_share > 0:
+        steps.append(Step("Measure, and fit again, where the scheduling leaves the range of the training data."))
+    if worst is not None and grade(worst.free_run.esr) == "bad":
+        steps.append(Step(f"Look at '{worst.name}' first: is it the data, or the model?",
+                          f"lpvid inspect FILE-OF-{worst.name} --out audit"))
+    if grade(found.overall.free_run.esr) != "good":
+        steps.append(Step("Let the diagnosis say what the model lacks.", f"lpvid diagnose DATA --baseline {name} "
+                          "--out diagnosis"))
+    steps.append(Step("Set it beside other models on the same records.", f"lpvid compare {name} OTHER.json DATA "
+                      "--out compared"))
+    return tuple(steps)
 
 
 def verdict(found: Validation) -> str:

@@ -71,6 +71,29 @@ def plant_of(table: Mapping[str, Any], folder: Path, load: Callable[[Path], obje
     return _weighed(plant, table_of(table.get("weights", {}), "weights"))
 
 
+def output_weights(table: Mapping[str, Any], plant: GeneralizedPlant) -> dict[str, LPVStateSpace | float]:
+    """The weights of a plant's performance signals, by signal, as its file has them.
+
+    Parameters
+    ----------
+    table : mapping
+        Of the PLANT file.
+    plant : GeneralizedPlant
+        What `plant_of` made of it.
+
+    Returns
+    -------
+    dict of str to LPVStateSpace or float
+    """
+    found: dict[str, LPVStateSpace | float] = {}
+    for name, value in table_of(table.get("weights", {}), "weights").items():
+        if name in plant.performance:
+            entry = dict(table_of(value, f"weights.{name}"))
+            entry.pop("of", None)
+            found[name] = _weight(entry, name)
+    return found
+
+
 def _needed(table: Mapping[str, Any], key: str, what: str = "the plant") -> Any:
     if key not in table:
         raise InputError(f"{what} lacks '{key}'", mend="lpvid synthesize --template prints an example")

@@ -40,13 +40,13 @@ def rig(plan: PlanFile = None,
             records.append(record)
             say(f"running the rig: {record.name} done")
         from lpvid.auditing import audit
-        from lpvid.report.inspection import inspection_page
+        from quartercar.report_rig import rig_page
 
         for record in records:
             results.add(f"{record.name}.csv", writer(write_csv, record))
         say("auditing and drawing")
         found = audit(records)
-        results.report(inspection_page(found, records))
+        results.report(rig_page(loaded, found, records))
         say("writing")
         data = {"schema": "quartercar/rig/1", "plan": str(plan), "audit": found.verdict,
                 "records": [{"name": r.name, "file": f"{r.name}.csv", "n_samples": r.n_samples,

@@ -1,4 +1,4 @@
-"""Figures of several damper models beside each other: ESR bars, force over time, force over velocity."""
+"""Figures of several damper models beside each other: ESR, force over time, force over velocity."""
 
 from __future__ import annotations
 
@@ -48,7 +48,10 @@ CLOUD = 2500
 
 
 def ranking(found: Comparison) -> Figure:
-    """Held-out free-run ESR of every model as bars on a logarithmic axis, with the training ESR as marks."""
+    """Free-run ESR of every model on a logarithmic axis: held-out as a dot, training as a hollow mark.
+
+    A logarithmic axis has no zero, so that the length of a bar would say nothing: the place of a dot does.
+    """
     rows = [r for r in found.rows if r.held_out.total.esr is not None]
     lost = [r for r in found.rows if r.held_out.total.esr is None]
     names = [*(r.name for r in rows), *(f"{r.name} (diverged)" for r in lost)]
@@ -56,55 +59,50 @@ def ranking(found: Comparison) -> Figure:
     with look():
         figure, axes = panels(1, height=1.0 + 0.27 * len(names))
         ax = axes[0, 0]
-        place = np.arange(len(names))
-        low = 0.5 * _smallest([*held, *trained])
-        ax.barh(place[: len(rows)], np.maximum(held, low) - low, left=low, height=0.68, color=BLUE, alpha=0.85,
-                label="held-out")
+        for i, (late, early) in enumerate(zip(held, trained, strict=True)):
+            if early is not None:
+                ax.plot([early, late], [i, i], color=MUTED, linewidth=0.8, zorder=1)
+            ax.annotate(f"{late:.3g}", (max(v for v in (late, early) if v is not None), i), xytext=(8, 0),
+                        textcoords="offset points", va="center", fontsize=7.5)
+        ax.plot(held, np.arange(len(rows)), "o", color=BLUE, markersize=7, label="held-out", zorder=3)
         known = [(i, t) for i, t in enumerate(trained) if t is not None]
-        ax.plot([t for _, t in known], [i for i, _ in known], "D", color=VERMILION, markersize=4.5, label="training",
-                markeredgecolor="white", markeredgewidth=0.6, linestyle="none")
-        for i, value in enumerate(held):
-            ax.annotate(f"{value:.3g}", (low, i), xytext=(4, 0), textcoords="offset points", va="center", fontsize=7.5,
-                        color="white")
+        ax.plot([t for _, t in known], [i for i, _ in known], "D", color="white", markeredgecolor=VERMILION,
+                markersize=5, label="training", zorder=2)
         ax.set_xscale("log")
-        ax.set_xlim(low, 1.3 * max([*held, *(t for _, t in known), low]))
+        every = [v for v in (*held, *(t for _, t in known)) if v > 0]
+        ax.set_xlim(0.7 * min(every, default=1e-3), 1.8 * max(every, default=1.0))
         ax.set_ylim(len(names) - 0.4, -0.6)
-        ax.set_yticks(place, names)
-        ax.grid(visible=False, axis="y")
+        ax.set_yticks(np.arange(len(names)), names)
         ax.set_xlabel("free-run ESR [1]")
         legend_above(ax, 2)
     return figure
 
 
 def experiments_by_model(found: Comparison) -> Figure | None:
-    """Held-out free-run ESR by experiment, the best models side by side; None where there is one experiment."""
+    """Held-out free-run ESR by experiment, a dot for each of the best models; None where there is one experiment."""
     rows = [r for r in found.rows if r.held_out.total.esr is not None][:SIDE_BY_SIDE]
     names = [name for name, _ in rows[0].held_out.experiments] if rows else []
     if len(names) < 2:
         return None
     values = np.array([[np.nan if run.esr is None else run.esr for _, run in r.held_out.experiments] for r in rows])
-    low = 0.5 * _smallest(list(values.ravel()))
-    width = 0.82 / len(rows)
     tall = max(map(len, names)) > 12
     with look():
         figure, axes = panels(1, height=3.4)
         ax = axes[0, 0]
         for k, (row, colour) in enumerate(zip(rows, CYCLE, strict=False)):
-            at = np.arange(len(names)) + (k - 0.5 * (len(rows) - 1)) * width
-            ax.bar(at, np.nan_to_num(values[k], nan=low) - low, width=0.92 * width, bottom=low, color=colour,
-                   label=row.name)
+            at = np.arange(len(names)) + (k - 0.5 * (len(rows) - 1)) * 0.6 / len(rows)
+            ax.plot(at, values[k], "osD^vP"[k % 6], color=colour, markersize=6, label=row.name)
         ax.set_yscale("log")
-        ax.set_ylim(low, 1.6 * np.nanmax(values))
+        known = values[np.isfinite(values) & (values > 0)]
+        if known.size:
+            ax.set_ylim(0.7 * float(known.min()), 1.5 * float(known.max()))
         ax.set_xticks(np.arange(len(names)), names, rotation=30 if tall else 0, ha="right" if tall else "center")
+        for edge in np.arange(len(names) - 1) + 0.5:
+            ax.axvline(edge, color=MUTED, linewidth=0.4)
         ax.grid(visible=False, axis="x")
         ax.set_ylabel("free-run ESR [1]")
         legend_above(ax, 3)
     return figure
-
-
-def _smallest(values: Sequence[float | None]) -> float:
-    known = [v for v in values if v is not None and np.isfinite(v) and v > 0]
-    return max(min(known, default=1e-3), 1e-12)
 
 
 def force_over_time(found: Comparison) -> Figure:
@@ -112,7 +110,7 @@ def force_over_time(found: Comparison) -> Figure:
     record = livelier(found.data.held_out)
     window = _excerpt(record)
     rows = [r for r in found.rows if r.held_out.total.esr is not None][:DRAWN] or list(found.rows[:1])
-    moving = not _still(record, _span(found.data.held_out))
+    moving = not is_still(record, current_span(found.data.held_out))
     t = record.times[window]
     force = record["force"]
     with look():
@@ -120,7 +118,7 @@ def force_over_time(found: Comparison) -> Figure:
         over, under = axes[0, 0], axes[1, 0]
         over.plot(t, force[window], color=MEASURED, linewidth=1.8, label="measured")
         for row, colour in zip(rows, (VERMILION, BLUE, CYCLE[2]), strict=False):
-            run = _run(row, record)
+            run = free_run_of(row, record)
             over.plot(t, run[window], color=colour, linewidth=1.1, label=row.name)
             under.plot(t, (force - run)[window], color=colour, linewidth=0.9)
         over.set_ylim(*robust_limits(force[window], 0.15))
@@ -141,10 +139,10 @@ def force_over_time(found: Comparison) -> Figure:
 
 def livelier(records: Sequence[Record]) -> Record:
     """The record that shows most: one whose current moves, with few jumps, then the one of the largest force."""
-    span = _span(records)
+    span = current_span(records)
 
     def worth(record: Record) -> tuple[bool, float, float]:
-        if _still(record, span):
+        if is_still(record, span):
             return False, 0.0, float(record["force"].std())
         jumps = float(np.mean(np.abs(np.diff(record["current"])) > NEAR * span))
         return True, -round(jumps, 2), float(record["force"].std())
@@ -152,7 +150,7 @@ def livelier(records: Sequence[Record]) -> Record:
     return max(records, key=worth)
 
 
-def _still(record: Record, span: float) -> bool:
+def is_still(record: Record, span: float) -> bool:
     """Whether the current rests but for its noise; `span` is that of all records."""
     return not record.has("current") or float(np.ptp(record["current"])) <= max(
         NEAR * span, 0.02 * float(np.abs(record["current"]).max()))
@@ -176,11 +174,11 @@ def _excerpt(record: Record) -> slice:
 def force_over_velocity(found: Comparison) -> Figure:
     """Force-velocity loops of the best model over the measured ones, a panel for each of at most four currents."""
     row = found.best
-    span = _span(found.data.held_out)
-    still = [r for r in found.data.held_out if _still(r, span)]
+    span = current_span(found.data.held_out)
+    still = [r for r in found.data.held_out if is_still(r, span)]
     records = still if len(still) > 1 else found.data.held_out  # a switching current leaves transients in every loop
-    runs = [(r, _run(row, r)) for r in records]
-    levels = _levels(records)
+    runs = [(r, free_run_of(row, r)) for r in records]
+    levels = current_levels(records)
     unit = records[0].unit("current") if levels is not None else ""
     with look():
         figure, axes = panels(1, 1 if levels is None else len(levels), height=3.3,
@@ -209,7 +207,7 @@ def force_over_velocity(found: Comparison) -> Figure:
     return figure
 
 
-def _levels(records: Sequence[Record]) -> list[float] | None:
+def current_levels(records: Sequence[Record]) -> list[float] | None:
     """At most four currents on which the records rest for long; None without a current."""
     if not records[0].has("current"):
         return None
@@ -227,7 +225,7 @@ def _levels(records: Sequence[Record]) -> list[float] | None:
     return [float(np.median(current[(current >= edges[b]) & (current <= edges[b + 1])])) for b in shown]
 
 
-def _span(records: Sequence[Record]) -> float:
+def current_span(records: Sequence[Record]) -> float:
     """Range of the current over all records."""
     if not all(r.has("current") for r in records):
         return 0.0
@@ -246,7 +244,7 @@ def _near(runs: Sequence[tuple[Record, np.ndarray]], level: float | None,
     return v, f, m
 
 
-def _run(row: Compared, record: Record) -> np.ndarray:
+def free_run_of(row: Compared, record: Record) -> np.ndarray:
     """(n,) free run in the polarity of the record."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExtrapolationWarning)  # a flag of the row

@@ -47,22 +47,46 @@ def trade_offs(found: RideComparison, bounds: Sequence[Bound] = ()) -> Figure:
 
 def _points(ax: Axes, found: RideComparison, road: str, other: str, bounds: Sequence[Bound]) -> None:
     reference = found.row(found.reference, road)
-    reach = []
+    reach: list[tuple[float, float]] = []
+    points: list[tuple[str, float, float, str]] = []
     for k, row in enumerate(found.on(road)):
         colour, marker = CYCLE[k % len(CYCLE)], MARKERS[(k // len(CYCLE)) % len(MARKERS)]
         (x, wide), (y, tall) = (_percent(row.against(reference, n)) for n in ("comfort", other))
+        unreal = row.passive is False
         ax.errorbar(x, y, tall, wide, fmt=marker, color=colour, markersize=7, label=row.name, elinewidth=0.8,
-                    alpha=0.95, markeredgecolor="white", markeredgewidth=0.6)
+                    alpha=0.95, markeredgecolor=colour if unreal else "white", markeredgewidth=0.6,
+                    markerfacecolor="white" if unreal else colour)
         reach += [(x - wide, y - tall), (x + wide, y + tall)]
+        points.append((row.name + (" (gives energy: not to be had)" if unreal else ""), x, y, colour))
     reach += [place for b in bounds for place in _stars(ax, b, other)]
     ends = np.array(reach)
     for set_limits, values in ((ax.set_xlim, ends[:, 0]), (ax.set_ylim, ends[:, 1])):
         low, high = robust_limits(values)
         set_limits(low, min(high, max(float(values.min()), 0.0) + FRAME))
+    _names(ax, points)
     ax.axhline(0.0, color=MUTED, linewidth=0.6, zorder=0)
     ax.axvline(0.0, color=MUTED, linewidth=0.6, zorder=0)
     for axis, name in ((ax.set_xlabel, "comfort"), (ax.set_ylabel, other)):
         axis(label(f"{LABELS[name][0]}, difference", "%"))
+
+
+def _names(ax: Axes, points: Sequence[tuple[str, float, float, str]]) -> None:
+    """The name of every law beside its point, or at the edge of the frame with an arrow where it lies outside."""
+    (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
+    taken: list[float] = []
+    for name, x, y, colour in sorted(points, key=lambda p: p[2]):
+        out = x > right or y > high
+        at = (min(x, right), min(y, high))
+        place = at[1]
+        while any(abs(place - other) < 0.055 * (high - low) for other in taken):
+            place += 0.055 * (high - low)
+        taken.append(place)
+        late = at[0] > 0.5 * (left + right)
+        share = ((at[0] - left) / (right - left), (min(place, high) - low) / (high - low))
+        offset = share[0] + (-0.025 if late else 0.025), min(share[1], 0.97)
+        ax.annotate(f"{name} →" if out else name, at, xytext=offset, textcoords="axes fraction", fontsize=7.5,
+                    color=colour, ha="right" if late else "left", va="center",
+                    arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.4})
 
 
 def _stars(ax: Axes, bound: Bound, other: str) -> list[tuple[float, float]]:
@@ -94,7 +118,7 @@ def _front(ax: Axes, found: RideComparison, road: str) -> None:
 
 def over_time(found: RideComparison, road: str) -> Figure:
     """Body acceleration, tyre load, stroke and current of a few laws around the liveliest moment of the first seed."""
-    rows = _chosen(found, road)
+    rows = shown_laws(found, road)
     start = _liveliest(rows[0])
     unit = rows[0].rides[0].run.units["current"]
     signals = (("body_acceleration", "body", "m/s²", 1.0), ("tyre_load", "tyre load", "kN", 1e-3),
@@ -114,7 +138,7 @@ def over_time(found: RideComparison, road: str) -> Figure:
     return figure
 
 
-def _chosen(found: RideComparison, road: str) -> list[Row]:
+def shown_laws(found: RideComparison, road: str) -> list[Row]:
     """The reference, a passive car, and the most comfortable of the others."""
     rows = found.on(road)
     first = [r for r in rows if r.name in ("passive", found.reference)]

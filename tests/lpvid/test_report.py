@@ -8,21 +8,25 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
 
 import lpvid as lpv
 from lpvid import plot
-from lpvid.analysis.bands import Band, frequency_response
+from lpvid.analysis.bands import frequency_response
+from lpvid.analysis.frozen_responses import step_response
 from lpvid.auditing import audit
+from lpvid.plot.responses import Response
 from lpvid.plot.style import thinned
 from lpvid.report import Figure, Notes, Page, Paragraph, Section, Table, number, render
-from lpvid.report.bands import scheduling_values, sureness
+from lpvid.report.bands import response_section, sureness
 from lpvid.report.figures import comparisons
 from lpvid.report.forms import form_gaps
 from lpvid.report.identification import identification_page
 from lpvid.report.inspection import inspection_page
+from lpvid.report.responses import scheduling_places
 from lpvid.report.stability import stability_page, study_stability
 from lpvid.report.validation import validation_page
 from lpvid.validation import ResidualTest
@@ -61,7 +65,7 @@ def pages(found) -> dict[str, Page]:
     shown = comparisons(found.model, [record(2, name="other")], "held-out")
     return {"inspect": inspection_page(audit(data), data),
             "identify": identification_page(found, shown, form_gaps(found.model, [record(1)]), audit(data),
-                                              sureness(found, shown)),
+                                            (*response_section(found, shown), *sureness(found, shown))),
             "validate": validation_page(found.held_out, found.model, shown, "model.json"),
             "stability": stability_page(study_stability(found.model), "model.json")}
 
@@ -82,11 +86,15 @@ def outside_references(html: str) -> list[str]:
 def test_self_contained(pages, command):
     html = render(pages[command])
     assert outside_references(html) == []
-    assert "<script" not in html and "<link" not in html
-    for data in re.findall(r"base64,([A-Za-z0-9+/=]+)", html):
-        inside = base64.b64decode(data).decode("utf-8")
+    assert "<link" not in html and not re.search(r"<script[^>]*src", html)
+    drawings = re.findall(r'src="data:image/svg\+xml;charset=utf-8,([^"]+)"', html)
+    assert len(drawings) == html.count("<img ")
+    for data in drawings:
+        inside = unquote(data)
+        assert inside.startswith("<?xml") and inside.endswith("</svg>")
         assert outside_references(inside.replace("xlink:href", "href")) == []
-    assert len(re.findall(r"<img ", html)) >= 1 and 'alt=""' not in html
+    assert html.count("<img ") + html.count('<figure class="traces"') >= 1 and 'alt=""' not in html
+    assert len(html.encode("utf-8")) <= 1_500_000
 
 
 def test_the_search_for_references_finds_them():
@@ -154,25 +162,47 @@ def test_numbers(value, text):
 def test_bands_at_three_values_that_occur(found):
     shown = comparisons(found.model, [record(2, name="other")], "held-out")
     section = sureness(found, shown)[0]
-    assert [item.kind for item in section.items] == ["paragraph", "figure", "figure"]
-    values, words_ = scheduling_values(found, shown)
+    assert [item.kind for item in section.items] == ["paragraph", "figure"]
+    values, words_ = scheduling_places(found.model.box, shown)
     occurring = np.sort(record(2)["current"])
     for value, share, text in zip(values, (0.05, 0.5, 0.95), words_, strict=True):
         assert value[0] in occurring and value[0] == pytest.approx(np.quantile(occurring, share), abs=0.05)
         assert text.startswith("current = ") and text.endswith(" A")
 
 
-def test_the_frequency_axis_follows_the_estimate(found):
-    """A band that blows up does not squeeze the curves; the curve is the response of y = b u/(1 − 0.5 z⁻¹)."""
+def test_the_bode_plot_follows_the_estimate():
+    """A band that blows up does not squeeze the curves; magnitude and phase are those of y = b u/(1 − 0.5 z⁻¹)."""
     model = lpv.LPVTransferFunction.siso([[-0.5]], [[2.0]], lpv.Polynomial(), 0.1)
-    hertz = np.array([0.1, 1.0, 5.0])
-    response = frequency_response(model, [], hertz)
-    wide = np.full((3, 1, 1), 1e9)
-    drawn = Band(hertz, wide / 1e12, wide, wide, 0.95, 10, 0, "frequency response magnitude, frozen")
-    ax = plot.frequency_bands([drawn], [response], ["fixed"], "|y/u| [1]").axes[0]
-    expected = 2 / np.abs(1 - 0.5 * np.exp(-2j * np.pi * hertz * 0.1))
-    assert ax.lines[0].get_ydata() == pytest.approx(expected, rel=1e-12)
-    assert ax.get_ylim() == pytest.approx((expected.min() / 3, expected.max() * 3))
+    hertz = np.array([0.1, 1.0, 4.0])
+    response = frequency_response(model, [], hertz)[:, 0]
+    drawn = np.stack([response * 1e-9, response, response * 1e9 * np.exp(0.2j)])
+    figure = plot.bode(hertz, [Response("fixed", response, drawn)], ["u"], ["1"], "y")
+    size, phase, width = figure.axes
+    expected = 2 / (1 - 0.5 * np.exp(-2j * np.pi * hertz * 0.1))
+    assert size.lines[0].get_ydata() == pytest.approx(np.abs(expected), rel=1e-12)
+    assert phase.lines[0].get_ydata() == pytest.approx(np.degrees(np.unwrap(np.angle(expected))), rel=1e-12)
+    assert size.get_ylim() == pytest.approx((np.abs(expected).min() / 3, np.abs(expected).max() * 3))
+    assert width.lines[0].get_ydata() == pytest.approx(50 * (1 + 0.95 * (1e9 - 1)), rel=1e-6)  # quantiles of 3 draws
+
+
+def test_step_responses_are_those_of_a_simulation(found):
+    """The frozen step response is the free run along a record whose scheduling stands still; MIMO by its own states."""
+    held, n = 1.3, 60
+    step = lpv.Record({"velocity": np.r_[np.zeros(5), np.ones(n)], "current": np.full(n + 5, held),
+                       "force": np.zeros(n + 5)}, sample_time=1 / RATE,
+                      units={"velocity": "m/s", "current": "A", "force": "N"})
+    run = lpv.simulate(found.model, step).output[5:, 0]
+    assert step_response(found.model, [held], n)[:, 0, 0] == pytest.approx(run, rel=1e-9)
+    space = lpv.realize(found.model, "augmented").model
+    assert step_response(space, [held], n)[:, 0, 0] == pytest.approx(run, rel=1e-8)
+    rng = np.random.default_rng(0)
+    a, b = 0.2 * rng.standard_normal((2, 2, 2, 1)), rng.standard_normal((3, 2, 2, 1))
+    both = lpv.LPVTransferFunction(a=a, b=b, basis=lpv.Polynomial(), sample_time=0.1,
+                                   inputs=(lpv.Signal("u1"), lpv.Signal("u2")),
+                                   outputs=(lpv.Signal("y1"), lpv.Signal("y2")))
+    last = step_response(both, [], 400)[-1]
+    gain = np.linalg.solve(np.eye(2) + a[..., 0].sum(axis=0), b[..., 0].sum(axis=0))
+    assert last == pytest.approx(gain, rel=1e-6)
 
 
 def test_no_bands_without_a_covariance(found):

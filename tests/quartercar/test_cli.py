@@ -205,7 +205,8 @@ def test_pooled_figures_add_squares():
 def test_demo_report_is_self_contained(short_demo):
     folder, _ = short_demo
     html = (folder / "report.html").read_text()
-    assert "<script" not in html and "<link" not in html
+    assert "<link" not in html and " src=\"http" not in html and len(html.encode()) <= 1_500_000
+    assert html.count('<figure class="traces"') >= len(EXPERIMENTS)  # a whole record of every experiment
     for heading in ("Eight experiments", "The virtual rig and the model", "Energy", "State-space forms", "Stability",
                     "Frozen poles", "Critical values"):
         assert f"<h2>{heading}</h2>" in html

@@ -58,9 +58,10 @@ def test_it_writes_the_comparison_the_models_the_figures_and_a_report(written):
     out, _ = written
     assert {p.name for p in out.iterdir() if p.name[0] != "."} == {
         "comparison.json", "report.html", "linear.json", "guo.json", "power-law.json", "ranking.png",
-        "force_time.png", "force_velocity.png"}
+        "force_time.png", "force_velocity.png", "law.png"}
     assert all(p.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n" and p.stat().st_size > 8000 for p in out.glob("*.png"))
     page = (out / "report.html").read_text()
+    assert page.count('<figure class="traces"') == 1 and "The fitted law by current" in page
     assert "<h1>Damper models compared</h1>" in page and "http" not in page.replace("http://www.w3.org", "")
 
 

@@ -283,7 +283,7 @@ def test_the_command_writes_a_controller_that_rides(folder: Path) -> None:
     assert {p.name for p in out.iterdir() if p.name[0] != "."} == {
         "controller.json", "closed_loop.json", "certificate.json",
                                                "synthesis.json", "report.html", "weights.png",
-                                               "gains.png", "bump.png"}
+                                               "gains.png", "bump.png", "sensitivity.png", "actuator.png"}
     page = (out / "report.html").read_text()
     assert "What the closed loop does" in page and "Over a bump" in page
     config = folder / "ride.toml"

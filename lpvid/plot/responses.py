@@ -1,0 +1,143 @@
+"""Frozen frequency and step responses of models, with bands where their parameters' uncertainty is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lpvid.plot.style import CYCLE, MUTED, WIDTH, label, look, panels
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+BEYOND = 3.0
+"""Factor by which an axis reaches beyond the estimates: some draws have a pole on the unit circle."""
+DASHES = ("-", "--", "-.", ":", "-")
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """A frozen response of one model at one scheduling value, first output.
+
+    Attributes
+    ----------
+    name : str
+        In the legend.
+    values : (n, n_inputs) array
+        Complex over frequency, or real over time.
+    drawn : (draws, n, n_inputs) array or None
+        The same of models drawn from the parameters' covariance.
+    """
+
+    name: str
+    values: np.ndarray
+    drawn: np.ndarray | None = None
+
+
+def bode(hertz: np.ndarray, shown: Sequence[Response], inputs: Sequence[str], units: Sequence[str], output: str,
+         level: float = 0.95) -> Figure:
+    """Magnitude and phase, one column for each input, and how wide the band of the magnitude is.
+
+    The lowest row has half the band over the estimate, in per cent: a band narrower than its line is seen there.
+
+    Parameters
+    ----------
+    hertz : (n,) array
+    shown : sequence of Response
+    inputs : sequence of str
+    units : sequence of str
+        Of the magnitude, for each input.
+    output : str
+    level : float
+        Of the bands.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    banded = any(r.drawn is not None for r in shown)
+    columns = len(inputs)
+    with look():
+        figure, axes = panels(3 if banded else 2, columns, heights=[2.5, 1.7, *([1.3] if banded else [])],
+                              width=WIDTH if columns > 1 else 8.0, sharex=True)
+        for j, (name, unit) in enumerate(zip(inputs, units, strict=True)):
+            for response, colour, dash in zip(shown, CYCLE, DASHES, strict=False):
+                _bode_curve(axes[:, j], hertz, response, j, colour, dash, level)
+            top = axes[0, j]
+            top.set_yscale("log")
+            _reach(top, [np.abs(r.values[:, j]) for r in shown])
+            top.set_title(f"{output} / {name}")
+            top.set_ylabel(label("magnitude", unit))
+            axes[1, j].set_ylabel(label("phase", "°"))
+            if banded:
+                axes[2, j].set_yscale("log")
+                axes[2, j].set_ylabel(f"{level:.0%} band [± %]")
+            axes[-1, j].set_xlabel(label("frequency", "Hz"))
+            axes[-1, j].set_xscale("log")
+            axes[-1, j].set_xlim(float(hertz[0]), float(hertz[-1]))
+        _legend(figure, axes[0, 0])
+    return figure
+
+
+def _bode_curve(column: np.ndarray, hertz: np.ndarray, response: Response, j: int, colour: str, dash: str,
+                level: float) -> None:
+    values = response.values[:, j]
+    size, phase = np.abs(values), np.degrees(np.unwrap(np.angle(values)))
+    if response.drawn is not None:
+        ratio = response.drawn[:, :, j] / np.where(values == 0, np.nan, values)
+        tail = 50 * (1 - level)
+        low, high = np.nanpercentile(np.abs(ratio), [tail, 100 - tail], axis=0)
+        turn = np.nanpercentile(np.degrees(np.angle(ratio)), [tail, 100 - tail], axis=0)
+        column[0].fill_between(hertz, low * size, high * size, color=colour, alpha=0.28, linewidth=0)
+        column[1].fill_between(hertz, phase + turn[0], phase + turn[1], color=colour, alpha=0.28, linewidth=0)
+        column[2].plot(hertz, np.maximum(50 * (high - low), 1e-6), color=colour, linewidth=1.1, linestyle=dash)
+    column[0].plot(hertz, size, color=colour, linewidth=1.2, linestyle=dash, label=response.name)
+    column[1].plot(hertz, phase, color=colour, linewidth=1.2, linestyle=dash)
+
+
+def steps(time: np.ndarray, shown: Sequence[Response], inputs: Sequence[str], units: Sequence[str], output: str,
+          level: float = 0.95) -> Figure:
+    """Responses to a unit step in each input, with their bands; arguments as for `bode`."""
+    with look():
+        figure, axes = panels(1, len(inputs), height=2.7, width=WIDTH if len(inputs) > 1 else 8.0)
+        for j, (name, unit) in enumerate(zip(inputs, units, strict=True)):
+            ax = axes[0, j]
+            for response, colour, dash in zip(shown, CYCLE, DASHES, strict=False):
+                if response.drawn is not None:
+                    tail = 50 * (1 - level)
+                    low, high = np.nanpercentile(response.drawn[:, :, j], [tail, 100 - tail], axis=0)
+                    ax.fill_between(time, low, high, color=colour, alpha=0.28, linewidth=0)
+                ax.plot(time, response.values[:, j], color=colour, linewidth=1.2, linestyle=dash, label=response.name)
+            _reach_linear(ax, [r.values[:, j] for r in shown])
+            ax.axhline(0, color=MUTED, linewidth=0.5)
+            ax.set_title(f"{output}, unit step in {name}")
+            ax.set_ylabel(label("response", unit))
+            ax.set_xlabel(label("time", "s"))
+            ax.set_xlim(float(time[0]), float(time[-1]))
+        _legend(figure, axes[0, 0])
+    return figure
+
+
+def _legend(figure: Figure, ax: Axes) -> None:
+    handles, names = ax.get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=min(len(names), 3))
+
+
+def _reach(ax: Axes, curves: Sequence[np.ndarray]) -> None:
+    shown = np.concatenate(curves)
+    shown = shown[np.isfinite(shown) & (shown > 0)]
+    if shown.size:
+        ax.set_ylim(float(shown.min()) / BEYOND, float(shown.max()) * BEYOND)
+
+
+def _reach_linear(ax: Axes, curves: Sequence[np.ndarray]) -> None:
+    shown = np.concatenate(curves)
+    shown = shown[np.isfinite(shown)]
+    if shown.size:
+        low, high = min(float(shown.min()), 0.0), max(float(shown.max()), 0.0)
+        room = 0.35 * (high - low) or 1.0
+        ax.set_ylim(low - room, high + room)

@@ -1,0 +1,171 @@
+"""From a page to HTML: one file, styles, figures and scripts inside, nothing fetched from anywhere."""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lpvid.report.glossary import TERMS, split_terms, term_of
+from lpvid.report.origin import Origin, shown_names
+from lpvid.report.page import OUT, Page, Step
+from lpvid.report.traces import Traces, pack
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+HEAVIEST = 1_450_000
+"""Bytes that a page may weigh (issue: 1.5 MB), with some left for what is put around it."""
+DRAWN = "data:image/svg+xml;base64,"
+LEAST = 150_000
+"""Bytes that the time traces of a page have in any case."""
+
+
+def render(page: Page) -> str:
+    """HTML of a page: styles and figures inside, no reference to anything outside.
+
+    The samples of its time traces get what the rest of the page leaves of `HEAVIEST`.
+
+    Parameters
+    ----------
+    page : Page
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> html = render(Page("Audit", "Nothing found.", "good"))
+    >>> "<h1>Audit</h1>" in html, "http" in html
+    (True, False)
+    """
+    from jinja2 import Environment, StrictUndefined
+
+    words = _Glossed()
+    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined)
+    environment.filters.update(explain=words.explain, cell=words.cell, command=_command, picture=_picture)
+    template = environment.from_string(_file("page.html"))
+    figures = [item for section in page.sections for item in section.items if isinstance(item, Traces)]
+    scripts = _scripts() if figures else ()
+    given: dict[str, Any] = {
+        "page": page, "version": _version(), "style": _style(bool(figures)), "ids": _ids(page),
+        "steps": [_step(s, page.origin) for s in page.steps], "terms": words.used,
+        "sources": [] if page.origin is None else shown_names(page.origin.sources)}
+    html = template.render(**given, scripts=(), packed=[""] * len(figures)) + "\n"
+    if not figures:
+        return html
+    room = HEAVIEST - len(html.encode("utf-8")) - sum(len(s.encode("utf-8")) for s in scripts)
+    words.used.clear()
+    words.focusable.clear()
+    return template.render(**given, scripts=_safe(scripts), packed=_safe(pack(figures, max(room, LEAST)))) + "\n"
+
+
+class _Glossed:
+    """Marks terms of the glossary, and keeps which ones a page uses."""
+
+    def __init__(self) -> None:
+        self.used: dict[str, str] = {}
+        self.focusable: set[str] = set()
+
+    def explain(self, text: str) -> Markup:
+        """A text with its terms explained on hover; a term's first place on the page can be reached by keyboard."""
+        from markupsafe import Markup, escape
+
+        return Markup("").join(self._marked(words, term) if term else escape(words) for words, term
+                               in split_terms(str(text)))
+
+    def cell(self, text: str) -> Markup:
+        """A cell, explained where it is one term and nothing else."""
+        from markupsafe import escape
+
+        term = term_of(str(text))
+        return self._marked(text, term) if term else escape(text)
+
+    def _marked(self, words: str, term: str) -> Markup:
+        from markupsafe import Markup
+
+        self.used[term] = TERMS[term]
+        first = term not in self.focusable
+        self.focusable.add(term)
+        return Markup('<abbr title="{}"{}>{}</abbr>').format(TERMS[term], Markup(' tabindex="0"') if first else "",
+                                                             words)
+
+
+def _picture(source: str) -> Markup | str:
+    """The address of a drawing: SVG as text, which is a fifth shorter than in base64; anything else as it is.
+
+    The name spaces of an SVG are no addresses: they are written so that a search for addresses does not find them.
+    """
+    from markupsafe import Markup
+
+    if not source.startswith(DRAWN):
+        return source
+    drawing = base64.b64decode(source[len(DRAWN):]).decode("utf-8")
+    quoted = re.sub(r'[%#"<>&\n]', lambda m: f"%{ord(m.group()):02X}", drawing)
+    return Markup("data:image/svg+xml;charset=utf-8," + quoted.replace("http", "%68ttp").replace("url(", "url%28"))
+
+
+def _command(line: str) -> Markup:
+    """A command line whose words are never broken, so that no option loses its dashes."""
+    from markupsafe import Markup
+
+    return Markup(" ").join(Markup("<span>{}</span>").format(word) for word in line.split(" "))
+
+
+def _step(step: Step, origin: Origin | None) -> Step:
+    """The step with the folder of the results in place of `OUT`, and the files that were read under their own paths."""
+    if origin is None:
+        return step
+    names = [Path(s.name).name for s in origin.sources]
+    paths = {n: s.name for n, s in zip(names, origin.sources, strict=True) if names.count(n) == 1}
+    if origin.folder:
+        paths[OUT] = origin.folder.rstrip("/")
+    parts = (word.partition("/") for word in step.command.split(" "))
+    return Step(step.text, " ".join(paths.get(first, first) + slash + rest for first, slash, rest in parts))
+
+
+def _ids(page: Page) -> list[str]:
+    """An address for every section."""
+    found: list[str] = []
+    for section in page.sections:
+        word = re.sub(r"[^a-z0-9]+", "-", section.title.lower()).strip("-") or "section"
+        name, count = word, 1
+        while name in found:
+            count += 1
+            name = f"{word}-{count}"
+        found.append(name)
+    return found
+
+
+def _style(traces: bool) -> Markup:
+    from markupsafe import Markup
+
+    return Markup(_file("page.css") + (_file("vendor", "uPlot.min.css") if traces else ""))
+
+
+def _scripts() -> tuple[str, ...]:
+    """uPlot under its licence, which every copy carries, and our own script that uses it."""
+    code = _file("vendor", "uPlot.iife.min.js")
+    return f"/*! uPlot\n{_file('vendor', 'LICENSE')}*/\n{code.partition('*/')[2].lstrip()}", _file("traces.js")
+
+
+def _safe(texts: Iterable[str]) -> list[Markup]:
+    """Texts that stand in the page as they are: our own scripts, and JSON without "<"."""
+    from markupsafe import Markup
+
+    return [Markup(t) for t in texts]
+
+
+def _file(*parts: str) -> str:
+    from importlib.resources import files
+
+    return files("lpvid.report").joinpath(*parts).read_text(encoding="utf-8")
+
+
+def _version() -> str:
+    from lpvid import __version__
+
+    return __version__

@@ -1,0 +1,123 @@
+"""Frozen responses of models as figures: Bode plots with phase and bands, step responses, several models overlaid."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from lpvid import plot
+from lpvid._threads import single_thread
+from lpvid.analysis.bands import frequency_response
+from lpvid.analysis.frozen_responses import settling_samples, step_response
+from lpvid.identification.layout import ParameterCloud
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.plot import Comparison
+from lpvid.plot.responses import Response
+from lpvid.report.page import Figure, Item, number
+from lpvid.scheduling import Scheduling
+
+Linear = LPVTransferFunction | LPVStateSpace
+DRAWS = 100
+"""Models drawn."""
+POINTS = 120
+"""Frequencies."""
+LEVEL = 0.95
+SHARES = (0.05, 0.5, 0.95)
+"""Where in the data's scheduling responses are shown: quantiles of the first variable."""
+INPUTS = 3
+"""Inputs with a column of their own, at most."""
+
+
+def frozen_figures(model: Linear, drawn: Sequence[Linear], places: Sequence[np.ndarray], said: Sequence[str],
+                   longest: int) -> list[Item]:
+    """Bode plot and step response of one model at several scheduling values, with bands.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction or LPVStateSpace
+        Discrete in time.
+    drawn : sequence of models
+        From the covariance of its parameters; empty where that is not known.
+    places : sequence of (n_scheduling,) arrays
+    said : sequence of str
+        The places in words.
+    longest : int
+        Samples of the longest record: below its frequency nothing is drawn.
+
+    Returns
+    -------
+    list of Item
+    """
+    several = [(words, model, list(drawn), at) for words, at in zip(said, places, strict=True)]
+    band = f" with {LEVEL:.0%} bands of {len(drawn)} drawn models" if drawn else ""
+    held = ", the scheduling held at values that occur in the data" if model.box.names else ""
+    apart = "" if not model.metadata.get("coherent_inputs") else (
+        " The inputs move together in the training data: the band holds what these leave open of each.")
+    return _figures(several, longest, f"{band}{held}.{apart}")
+
+
+def overlaid_figures(models: Mapping[str, Linear], at: Mapping[str, np.ndarray], said: str,
+                     longest: int) -> list[Item]:
+    """Bode plot and step response of several models over each other, each at its own value of the scheduling."""
+    shown = [(name, model, [], at[name]) for name, model in models.items()]
+    return _figures(shown, longest, f", several models{said}.")
+
+
+def _figures(several: Sequence[tuple[str, Linear, list[Linear], np.ndarray]], longest: int, words: str) -> list[Item]:
+    first = several[0][1]
+    period = min(float(m.sample_time or 0.0) for _, m, _, _ in several)
+    rate = 1 / period
+    hertz = np.geomspace(max(rate / longest, rate / 2000), 0.5 * rate, POINTS)
+    signals = first.filter_inputs[:INPUTS]
+    names, columns, output = [s.name for s in signals], len(signals), first.outputs[0]
+    units = [f"{output.unit or '1'}/({s.unit or '1'})" for s in signals]
+    samples = max(round(settling_samples(m, [at]) * float(m.sample_time or 0.0) / period) for _, m, _, at in several)
+    time = period * np.arange(samples)
+
+    def swept(model: Linear, at: np.ndarray) -> np.ndarray:
+        return frequency_response(model, at, hertz)[:, 0, :columns]
+
+    def stepped(model: Linear, at: np.ndarray) -> np.ndarray:
+        own = float(model.sample_time or 0.0)
+        found = step_response(model, at, int(np.ceil(samples * period / own)) + 1)[:, 0, :columns]
+        return found[np.minimum((time / own + 1e-9).astype(int), len(found) - 1)]
+
+    figures = []
+    with single_thread(), np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        for compute in (swept, stepped):
+            figures.append([Response(name, compute(model, at), np.array([compute(d, at) for d in draws]) if draws
+                                     else None) for name, model, draws, at in several])
+    stage = " It is that of the linear part, behind the input stage." if first.input_stage is not None else ""
+    narrow = (" The lowest row is half the width of the band over the magnitude: a band narrower than its line is seen "
+              "there." if several[0][2] else "")
+    return [Figure.of(plot.bode(hertz, figures[0], names, units, output.name, LEVEL),
+                      f"Frequency response{words}{narrow}{stage}", f"Bode plot of {output.name}"),
+            Figure.of(plot.steps(time, figures[1], names, units, output.name, LEVEL),
+                      f"Step response{words}{stage}", f"Step response of {output.name}")]
+
+
+def drawn_models(model: Linear, seed: int = 0, count: int = DRAWS) -> list[Linear]:
+    """Models drawn from the covariance that a model carries; none where it carries none that is of use."""
+    from lpvid.errors import InputError
+
+    cloud = ParameterCloud.of(model)
+    if cloud is None or not np.all(np.isfinite(cloud.covariance)) or not np.any(cloud.covariance):
+        return []
+    try:
+        return list(cloud.draw(np.random.default_rng(seed), count))
+    except InputError:
+        return []
+
+
+def scheduling_places(box: Scheduling, shown: Sequence[Comparison]) -> tuple[list[np.ndarray], list[str]]:
+    """Three scheduling values that occur: at quantiles of the first variable, with the others as they were then."""
+    if not box.names:
+        return [np.zeros(0)], ["time-invariant"]
+    p = np.vstack([c.record.matrix(list(box.names)) for c in shown])
+    order = np.argsort(p[:, 0], kind="stable")
+    rows = [p[order[round(share * (len(p) - 1))]] for share in SHARES]
+    distinct = [r for i, r in enumerate(rows) if not any(np.array_equal(r, other) for other in rows[:i])]
+    return distinct, [", ".join(f"{n} = {number(v, 3)} {u}".rstrip() for n, v, u in
+                                zip(box.names, row, box.units, strict=True)) for row in distinct]

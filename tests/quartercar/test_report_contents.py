@@ -1,0 +1,113 @@
+"""What the reports of dampers, rides and the rig show, against answers from elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import lpvid as lpv
+from lpvid.auditing import audit
+from quartercar.car import QuarterCar
+from quartercar.criteria import rms, weighted
+from quartercar.dampers.guo import Guo
+from quartercar.linear_car import LinearCar
+from quartercar.parameters import MEGANE
+from quartercar.plot.fan import force_velocity_fan
+from quartercar.plot.ride_spectra import SIGNALS, estimates, spectra, third_octaves
+from quartercar.report_rig import rig_page
+from quartercar.rig import Rig
+from quartercar.rig.causes import effect
+from quartercar.rig.plan import parse_plan
+
+STEP = 1 / 500.0
+
+
+@pytest.fixture(scope="module")
+def ridden():
+    """A linear car over a rough road, long enough for an average."""
+    rng = np.random.default_rng(0)
+    road = np.cumsum(rng.standard_normal(30_000)) * 3e-4
+    road -= np.linspace(road[0], road[-1], road.size)
+    return QuarterCar(MEGANE).run(road, STEP)
+
+
+def test_gains_from_the_road_are_those_of_the_linear_car(ridden):
+    """H1 of a linear car against C (jω − A)⁻¹ B + D, between 1 and 20 Hz, within the scatter of the average."""
+    f, _, gains = estimates(ridden)
+    system = LinearCar(MEGANE)
+    shown = (f >= 1.0) & (f <= 20)
+    s = 2j * np.pi * f[shown, None, None]
+    relative = system.relative()
+    response = relative.C @ np.linalg.solve(s * np.eye(4) - relative.A, relative.B[:, :1] + 0j) + relative.D[:, :1]
+    expected = np.abs(s * response)[:, :, 0]  # its input is the road's speed
+    for name, at in (("body_acceleration", "body_acceleration"), ("suspension_deflection", "suspension_deflection"),
+                     ("tyre_load", "tyre_force")):
+        true = expected[:, relative.outputs.index(at)]
+        assert np.median(np.abs(gains[name][shown] / true - 1)) < 0.03
+        assert np.max(np.abs(gains[name][shown] / true - 1)) < 0.25
+
+
+def test_the_density_holds_the_mean_square(ridden):
+    """Parseval: ∫S df is the variance; third octaves add up to the weighted rms of ISO 2631-1."""
+    f, densities, _ = estimates(ridden)
+    for name in SIGNALS:
+        assert np.sum(densities[name]) * (f[1] - f[0]) == pytest.approx(np.var(ridden[name]), rel=0.1)
+    _, bands = third_octaves(f, densities["body_acceleration"])
+    whole = rms(weighted(ridden["body_acceleration"], STEP))
+    assert np.sqrt(np.sum(bands**2)) == pytest.approx(whole, rel=0.05)
+
+
+def test_a_short_ride_has_no_spectra(ridden):
+    short = SimpleNamespace(time=ridden.time[:3000], sample_time=STEP)
+    assert estimates(short) is None and spectra([("a", short)]) is None
+
+
+# -- dampers ----------------------------------------------------------------------------------------------------------
+def swept(damper: Guo, current: float) -> lpv.Record:
+    t = np.arange(1500) / 500
+    x, v = 0.02 * np.sin(9 * t), 0.18 * np.cos(9 * t)
+    bare = lpv.Record({"displacement": x, "velocity": v, "current": np.full(t.size, current), "force": 0 * t},
+                      sample_time=1 / 500, units={"displacement": "m", "velocity": "m/s", "current": "A", "force": "N"},
+                      name=f"{current:g} A")
+    return replace_force(bare, damper.simulate(bare).output[:, 0])
+
+
+def replace_force(record: lpv.Record, force: np.ndarray) -> lpv.Record:
+    channels = {n: record[n] for n in ("displacement", "velocity", "current")}
+    return lpv.Record({**channels, "force": force}, sample_time=1 / 500, name=record.name,
+                      units={"displacement": "m", "velocity": "m/s", "current": "A", "force": "N"})
+
+
+@pytest.mark.parametrize("polarity", [1, -1])
+def test_a_fan_has_the_static_law_of_every_current(polarity):
+    damper = Guo(degree=1, span=(0.0, 2.0), current_range=(0.0, 2.0))
+    records = [swept(damper, level) for level in (0.0, 1.0, 2.0)]
+    records = [replace_force(r, polarity * r["force"]) for r in records]
+    row = SimpleNamespace(damper=damper, name="guo")
+    ax = force_velocity_fan([row], records, polarity).axes[0]
+    curves = [line for line in ax.lines if line.get_linewidth() == 1.8]
+    assert len(curves) == 3
+    for line, level in zip(curves, (0.0, 1.0, 2.0), strict=True):
+        v = np.asarray(line.get_xdata())
+        assert line.get_ydata() == pytest.approx(polarity * damper.static_force(v, level, 0.0), rel=1e-9, abs=1e-9)
+    cloud = ax.collections[0].get_offsets()
+    assert len(cloud) == sum(r.n_samples for r in records)
+
+
+# -- the rig ----------------------------------------------------------------------------------------------------------
+def test_the_rig_says_what_was_run_and_what_was_on():
+    plan = parse_plan('seed = 7\n[[experiments]]\npreset = "test-1"\nduration = 1.0\n')
+    on = replace(plan, rig=replace(plan.rig, effects=(effect("coulomb-friction", strength=0.5),
+                                                      effect("coil-lag", strength=0.0))))
+    records = [Rig().run(replace(plan.experiments[0], duration=1.0), seed=7)]
+    pages = [rig_page(p, audit(records), records) for p in (plan, on)]
+    titles = [s.title for s in pages[0].sections]
+    assert titles[:3] == ["The plan", "Effects that are on", "Damper and sensors"] and "Findings" in titles
+    assert "effects that are on: none" in pages[0].verdict and "seed 7" in pages[0].verdict
+    assert "effects that are on: coulomb-friction." in pages[1].verdict
+    table = pages[1].sections[1].items[0]
+    assert [row[:2] for row in table.rows] == [("coulomb-friction", "0.5"), ("coil-lag", "0")]
+    assert pages[0].sections[0].items[0].rows[0][0].startswith("test-1")
