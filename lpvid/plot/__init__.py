@@ -7,7 +7,8 @@ from lpvid.plot.bands import free_run_band, frequency_bands
 from lpvid.plot.comparison import Comparison, compare, free_run, loops, overlay, residuals
 from lpvid.plot.export import png, svg
 from lpvid.plot.passivity import passivity
+from lpvid.plot.showing import show
 from lpvid.plot.stability import locus, poles
 
 __all__ = ["Comparison", "channel_traces", "compare", "free_run", "free_run_band", "frequency_bands", "locus", "loops",
-           "overlay", "passivity", "png", "poles", "residuals", "spectra", "strokes", "svg"]
+           "overlay", "passivity", "png", "poles", "residuals", "show", "spectra", "strokes", "svg"]
