@@ -1,4 +1,4 @@
-"""How does the diagnosis get a cause of my own? Here: drag near one position of the stroke, added to a virtual record."""
+"""How does the diagnosis get a cause of its user? Here: drag near one position of the stroke, in a virtual record."""
 
 from __future__ import annotations
 

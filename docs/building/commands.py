@@ -18,38 +18,38 @@ def applications() -> dict[str, Any]:
 
 def describe(command: Any, title: str) -> str:
     """One page: help, usage, arguments and options of a command, as Markdown."""
-    context = typer.Context(command, info_name=title)
     arguments = [p for p in command.params if p.param_type_name == "argument"]
-    options = [p for p in command.params if p.param_type_name == "option" and not getattr(p, "hidden", False)]
-    usage = " ".join([title, *command.collect_usage_pieces(context)])
+    options = [p for p in command.params if p.param_type_name == "option" and not p.hidden]
+    usage = " ".join([title, *(["[OPTIONS]"] if options else []), *map(_argument, arguments)])
     lines = [f"# {title}", "", _prose(command.help or ""), "", "```text", usage, "```", ""]
-    for heading, params in (("Arguments", arguments), ("Options", options)):
+    for heading, params, term in (("Arguments", arguments, _argument), ("Options", options, _option)):
         if params:
             lines += [f"## {heading}", ""]
             for param in params:
-                lines += [_term(param, context), f": {_meaning(param, context)}", ""]
+                lines += [f"`{term(param)}`", f": {_meaning(param)}", ""]
     return "\n".join(lines)
 
 
-def _term(param: Any, context: Any) -> str:
-    if param.param_type_name == "argument":
-        return f"`{param.make_metavar(context)}`"
-    names = ", ".join(f"`{name}`" for name in (*param.opts, *param.secondary_opts))
-    return names if param.is_flag else f"{names} `{param.make_metavar(context)}`"
+def _argument(param: Any) -> str:
+    name = (param.metavar or param.name.upper()) + ("…" if param.nargs == -1 else "")
+    return name if param.required else f"[{name}]"
 
 
-def _meaning(param: Any, context: Any) -> str:
-    text = " ".join((getattr(param, "help", None) or "").split())
-    notes = []
-    default = param.get_default(context, call=False)
-    if getattr(param, "required", False):
-        notes.append("required")
-    elif default not in (None, False, (), []) and not callable(default):
-        shown = ", ".join(map(str, default)) if isinstance(default, (list, tuple)) else str(getattr(default, "value", default))
+def _option(param: Any) -> str:
+    names = ", ".join((*param.opts, *param.secondary_opts))
+    return names if param.is_flag else f"{names} {param.metavar or param.name.upper()}"
+
+
+def _meaning(param: Any) -> str:
+    notes = ["required"] if param.required else []
+    default = getattr(param.default, "value", param.default)
+    if not param.required and default not in (None, False, (), []) and not callable(default):
+        shown = ", ".join(map(str, default)) if isinstance(default, (list, tuple)) else str(default)
         notes.append(f"default `{shown}`")
-    if getattr(param, "multiple", False):
+    if param.multiple:
         notes.append("may be repeated")
-    return _prose(text) + (f" ({'; '.join(notes)})" if notes else "") if text or notes else "–"
+    whole = " ".join([_prose(param.help or ""), *([f"({'; '.join(notes)})"] if notes else [])])
+    return whole.strip() or "–"
 
 
 def _prose(text: str) -> str:
