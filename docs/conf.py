@@ -20,8 +20,8 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 from building.api import write_api  # noqa: E402
 from building.commands import write_commands  # noqa: E402
-from building.gallery import prepare_examples, settings  # noqa: E402
 from building.docstrings import escape_marks  # noqa: E402
+from building.gallery import prepare_examples, settings  # noqa: E402
 
 import lpvid  # noqa: E402
 
@@ -34,8 +34,16 @@ author = "the lpvid founders"
 copyright = "the lpvid founders, BSD-3-Clause"
 release = version = lpvid.__version__
 
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.mathjax", "numpydoc", "myst_parser",
-              "sphinx_design", "sphinx_copybutton", "sphinx_gallery.gen_gallery"]
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.mathjax",
+    "numpydoc",
+    "myst_parser",
+    "sphinx_design",
+    "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
+]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = ["_build", "_prepared", "tutorial/*.rst", "tutorial/*.py", "**/*.ipynb", "generated/**/*.zip"]
 templates_path = ["_templates"]
@@ -59,10 +67,11 @@ html_theme = "pydata_sphinx_theme"
 html_title = "lpvid and quartercar"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
-html_show_sourcelink = False
+html_show_sourcelink = html_copy_source = False
 html_theme_options = {
     "navigation_with_keys": False,
     "show_toc_level": 2,
+    "collapse_navigation": True,
     "header_links_before_dropdown": 6,
     "navbar_align": "left",
     "secondary_sidebar_items": {"**": ["page-toc"], "index": []},
@@ -87,4 +96,4 @@ def setup(app) -> None:
     from pictures import draw_missing
 
     draw_missing(HERE / "generated" / "pictures")
-    app.connect("autodoc-process-docstring", escape_marks)
+    app.connect("autodoc-process-docstring", escape_marks, priority=100)  # numpydoc is at 500

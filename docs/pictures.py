@@ -1,6 +1,6 @@
 """Pictures of the explanations, from computations: `python docs/pictures.py [NAME…]` makes all or the named ones again.
 
-Every legend says whether data are measured or virtual, and whether a figure is free-run or one-step. The site's build
+Every legend names whether data are measured or virtual, and whether a figure is free-run or one-step. The site's build
 calls `draw_missing`, which makes only those that are not there or older than this file.
 """
 
@@ -27,7 +27,7 @@ ORDER_FOUR = {"input": "velocity", "output": "force", "basis": lpv.Polynomial("c
 
 
 def free_run_and_one_step() -> Figure:
-    """A model with too late an input: excellent one step ahead, poor in free run."""
+    """A model with too late an input: excellent in one-step prediction, poor in free run."""
     run = Rig().run(replace(EXPERIMENTS["test-1"], duration=20.0), seed=7)
     training, held_out = split_tail(run)
     late = lpv.identify(training, lpv.ARX(na=2, nb=2, nk=2, **ORDER_FOUR)).model
@@ -37,8 +37,10 @@ def free_run_and_one_step() -> Figure:
     t = held_out.times[window]
     with look():
         figure, axes = panels(2, 1, height=2.2, sharex=True)
-        for ax, found, esr, name, colour in ((axes[0, 0], step, figures.one_step.esr, "one-step prediction", GREEN),
-                                             (axes[1, 0], free, figures.free_run.esr, "free run", VERMILION)):
+        for ax, found, esr, name, colour in (
+            (axes[0, 0], step, figures.one_step.esr, "one-step prediction", GREEN),
+            (axes[1, 0], free, figures.free_run.esr, "free run", VERMILION),
+        ):
             ax.plot(t, held_out["force"][window], color=INK, linewidth=1.4, label="virtual rig, held-out")
             ax.plot(t, found.output[window, 0], color=colour, label=f"{name}: ESR {esr:.4f}")
             ax.set_ylabel(label("force", "N"))
@@ -65,10 +67,18 @@ def frozen_poles() -> Figure:
         figure, axes = panels(1, 2, height=2.8)
         axes[0, 0].plot(p, frozen, color=BLUE)
         axes[0, 0].axhline(1.0, color=MUTED, linestyle="--")
-        axes[0, 0].set(xlabel="p, standing still", ylabel="largest pole modulus", ylim=(0, 1.1), title="Every frozen pole is inside")
+        axes[0, 0].set(
+            xlabel="p, standing still",
+            ylabel="largest pole modulus",
+            ylim=(0, 1.1),
+            title="Every frozen pole is inside",
+        )
         steps = np.arange(20)
-        for course, name, colour in ((np.full(20, -1.0), "p = −1", GREEN), (np.zeros(20), "p = 0", BLUE),
-                                     (np.where(steps % 2, -1.0, 1.0), "p = 1, −1, 1, …", VERMILION)):
+        for course, name, colour in (
+            (np.full(20, -1.0), "p = −1", GREEN),
+            (np.zeros(20), "p = 0", BLUE),
+            (np.where(steps % 2, -1.0, 1.0), "p = 1, −1, 1, …", VERMILION),
+        ):
             axes[0, 1].semilogy(steps, np.maximum(sizes(course), 1e-6), "o-", ms=3, color=colour, label=name)
         axes[0, 1].set(xlabel="sample", ylabel="size of the state", title="And still it grows while p moves")
         axes[0, 1].legend()
@@ -78,7 +88,11 @@ def frozen_poles() -> Figure:
 def realisations() -> Figure:
     """One transfer function, three state-space forms, one moving scheduling variable."""
     tf = lpv.LPVTransferFunction.siso(
-        a=[[-1.2, 0.3], [0.5, -0.2]], b=[[0, 0], [0.4, 0.1], [0.1, -0.3]], basis=lpv.Polynomial("p", degree=1), sample_time=1.0)
+        a=[[-1.2, 0.3], [0.5, -0.2]],
+        b=[[0, 0], [0.4, 0.1], [0.1, -0.3]],
+        basis=lpv.Polynomial("p", degree=1),
+        sample_time=1.0,
+    )
     rng = np.random.default_rng(2)
     with look():
         figure, axes = panels(1, 2, height=2.8)
@@ -87,7 +101,11 @@ def realisations() -> Figure:
             record = lpv.Record({"u1": np.repeat(rng.normal(size=50), 8), "p": p}, sample_time=1.0)
             exact = lpv.simulate(tf, record, "zero").output[:, 0]
             ax.plot(exact[:80], color=INK, linewidth=1.6, label="transfer function")
-            for form, colour, style in (("controllable", VERMILION, "-"), ("observable", BLUE, "-"), ("augmented", ORANGE, ":")):
+            for form, colour, style in (
+                ("controllable", VERMILION, "-"),
+                ("observable", BLUE, "-"),
+                ("augmented", ORANGE, ":"),
+            ):
                 found = lpv.simulate(lpv.realize(tf, form=form).model, record, "zero").output[:, 0]
                 share = np.sum((found - exact) ** 2) / np.sum((exact - exact.mean()) ** 2)
                 ax.plot(found[:80], color=colour, linestyle=style, label=f"{form}: ESR {share:.2g}")
@@ -99,36 +117,65 @@ def realisations() -> Figure:
 def verified_gain() -> Figure:
     """Certified and reached gain against the speed of the scheduling."""
     eye = np.eye(2)
-    model = lpv.LPVStateSpace([-eye, 0 * eye], [[[1], [0]], [[0], [1]]], [[[0, -1]], [[1, 0]]], np.zeros((2, 1, 1)),
-                              lpv.Polynomial("d", degree=1), None, lpv.Scheduling(("d",), (-1,), (1,)))
+    model = lpv.LPVStateSpace(
+        [-eye, 0 * eye],
+        [[[1], [0]], [[0], [1]]],
+        [[[0, -1]], [[1, 0]]],
+        np.zeros((2, 1, 1)),
+        lpv.Polynomial("d", degree=1),
+        None,
+        lpv.Scheduling(("d",), (-1,), (1,)),
+    )
     rates = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
     gains = lpv.l2_gains(model, rates, trajectories=True)
     with look():
         figure, ((ax,),) = panels(1, 1, height=3.0)
-        ax.loglog(rates, [g.upper for g in gains], "o-", color=BLUE, label="certified: no motion of d up to this rate exceeds it")
-        ax.loglog(rates, [max(g.lower, 1e-4) for g in gains], "s--", color=VERMILION, label="reached: an input and a motion of d attain it")
-        ax.set(xlabel="bound on |dd/dt| [1/s]", ylabel="gain [1]", title="The frozen gain of this model is zero at every d")
+        ax.loglog(
+            rates,
+            [g.upper for g in gains],
+            "o-",
+            color=BLUE,
+            label="certified: no motion of d up to this rate exceeds it",
+        )
+        ax.loglog(
+            rates,
+            [max(g.lower, 1e-4) for g in gains],
+            "s--",
+            color=VERMILION,
+            label="reached: an input and a motion of d attain it",
+        )
+        ax.set(
+            xlabel="bound on |dd/dt| [1/s]", ylabel="gain [1]", title="The frozen gain of this model is zero at every d"
+        )
         ax.legend(loc="lower right")
     return figure
 
 
 def diagnosis_residual() -> Figure:
-    """What a law without a coil lag gets wrong, before and after the lag is part of it."""
-    from quartercar import effects
+    """What a law without dry friction gets wrong, before and after friction is part of it."""
+    from quartercar.dampers import Guo, fit
+    from quartercar.effects import CATALOGUE
+    from quartercar.rig import RigDamper
 
-    plan = replace(EXPERIMENTS["test-1"], duration=8.0)
-    record = Rig(effects=(effect("coil-lag"),)).run(plan, seed=3)
-    found = lpv.diagnose(record, "guo", effects.CATALOGUE)
+    rig = Rig(damper=RigDamper.static(), effects=(effect("coulomb-friction"),))
+    record = rig.run(replace(EXPERIMENTS["test-3"], duration=10.0), seed=1)
+    few = [e for e in CATALOGUE if e.name in ("coulomb-friction", "gas-stiffness", "coil-lag", "asymmetry")]
+    found = lpv.diagnose(record, "guo", few)
+    law = fit(Guo(degree=1, span=(0.0, 2.5), current_range=(0.0, 2.5)), record).damper
+    without = lpv.simulate(law, record).output[:, 0]
     names = ", ".join(f"{c.name} {c.parameters[0]}" for c in found.causes) or found.verdict
     measured = record["force"]
     with look():
         figure, axes = panels(1, 2, height=2.8)
-        extended = found.extended.predict(record) if found.extended is not None else np.zeros_like(measured)
-        window = slice(500, 900)
-        axes[0, 0].plot(record.times[window], measured[window], color=INK, label="virtual rig")
-        axes[0, 0].plot(record.times[window], extended[window], color=VERMILION, label=f"guo with {names}, free run")
-        axes[0, 0].set(xlabel=label("time", "s"), ylabel=label("force", "N"))
-        axes[0, 0].legend(fontsize=7.5)
+        extended = found.extended.predict(record) if found.extended is not None else without
+        speed = 1e3 * record["velocity"]
+        for force, colour, title in (
+            (measured - without, MUTED, "baseline"),
+            (measured - extended, GREEN, f"with {names}"),
+        ):
+            axes[0, 0].plot(speed, force, ".", ms=1.5, color=colour, label=title)
+        axes[0, 0].set(xlabel=label("velocity", "mm/s"), ylabel=label("free-run error", "N"), xlim=(-150, 150))
+        axes[0, 0].legend(fontsize=7.5, markerscale=6)
         rows = [("baseline", found.before.esr_held_out), ("with the cause", found.after.esr_held_out)]
         axes[0, 1].bar([r[0] for r in rows], [r[1] for r in rows], color=[MUTED, GREEN], width=0.5)
         axes[0, 1].set(ylabel=f"free-run ESR, held-out ({found.held_out})", yscale="log")
@@ -136,7 +183,8 @@ def diagnosis_residual() -> Figure:
 
 
 PICTURES: dict[str, Callable[[], Figure]] = {
-    f.__name__: f for f in (free_run_and_one_step, frozen_poles, realisations, verified_gain, diagnosis_residual)}
+    f.__name__: f for f in (free_run_and_one_step, frozen_poles, realisations, verified_gain, diagnosis_residual)
+}
 
 
 def draw(name: str, folder: Path = FOLDER) -> Path:

@@ -46,11 +46,11 @@ def main(figure: Path | None = None) -> dict[tuple[float, float], tuple[float, f
         name = f"{1e3 * row.amplitude:g} mm, {row.frequency:g} Hz"
         last = measured(x, 1000 * row.frequency, rng, name).slice(1000, 2000)
         force, law = last["force"], found.law.simulate(last).output[:, 0]
-        done, said = (float(np.mean(f * last["velocity"])) / row.frequency for f in (force, law))
+        done, predicted = (float(np.mean(f * last["velocity"])) / row.frequency for f in (force, law))
         esr = float(np.sum((force - law) ** 2) / np.sum((force - force.mean()) ** 2))
-        results[row.amplitude, row.frequency] = said / done - 1, esr
+        results[row.amplitude, row.frequency] = predicted / done - 1, esr
         loops.append(last.with_channel("law", law, "N"))
-        print(f"{name}: work {done:.3f} J, law {said:.3f} J ({said / done - 1:+.1%}), ESR {esr:.4f}")
+        print(f"{name}: work {done:.3f} J, law {predicted:.3f} J ({predicted / done - 1:+.1%}), ESR {esr:.4f}")
     draw(loops[1::2], figure)
     return results
 

@@ -1,4 +1,4 @@
-"""Cheap checks of the documentation's sources: navigation, links, options, lists and code blocks. No Sphinx is needed."""
+"""Cheap checks of the documentation's sources, without Sphinx: navigation, links, options, lists and code blocks."""
 
 from __future__ import annotations
 
@@ -58,7 +58,9 @@ def test_every_page_is_reached_from_the_index() -> None:
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda p: p.relative_to(ROOT).as_posix())
 def test_internal_links_resolve(page: Path) -> None:
     text = page.read_text(encoding="utf8")
-    anchors = {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in re.findall(r"^#+ (.*)$", text, re.MULTILINE)}
+    anchors = {
+        re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    }
     for target in re.findall(r"\]\(([^)\s]+)\)", prose(text)):
         path, _, anchor = target.partition("#")
         if re.match(r"[a-z]+:", target):

@@ -1,7 +1,7 @@
 """The API reference: one page for every public name, listed by subject.
 
-The names come from the packages themselves (`lpvid._EXPORTS`, `__all__` of `lpvid.plot`, `quartercar` and its modules), so
-that a name without a page is not possible.
+The names come from the packages themselves (`lpvid._EXPORTS`, `__all__` of `lpvid.plot`, of `quartercar` and of its
+modules), so that a name without a page is not possible.
 """
 
 from __future__ import annotations
@@ -26,11 +26,18 @@ SUBJECTS: Mapping[str, tuple[str, tuple[str, ...]]] = {
 """Page of the reference, its title, and the subpackages of `lpvid` whose public names stand on it."""
 
 MODULES: Mapping[str, str] = {
-    "lpvid.plot": "Figures of lpvid", "lpvid.condition": "Conditioning of records", "lpvid.excitation": "Excitation signals",
-    "quartercar.dampers": "Damper models", "quartercar.rig": "The virtual rig", "quartercar.roads": "Roads",
-    "quartercar.parameters": "Parameters of cars", "quartercar.criteria": "Criteria of a ride",
-    "quartercar.controllers": "Control laws", "quartercar.plant": "Plants of the quarter car",
-    "quartercar.effects": "Effects that a diagnosis can name", "quartercar.plot": "Figures of quartercar",
+    "lpvid.plot": "Figures of lpvid",
+    "lpvid.condition": "Conditioning of records",
+    "lpvid.excitation": "Excitation signals",
+    "quartercar.dampers": "Damper models",
+    "quartercar.rig": "The virtual rig",
+    "quartercar.roads": "Roads",
+    "quartercar.parameters": "Parameters of cars",
+    "quartercar.criteria": "Criteria of a ride",
+    "quartercar.controllers": "Control laws",
+    "quartercar.plant": "Plants of the quarter car",
+    "quartercar.effects": "Effects that a diagnosis can name",
+    "quartercar.plot": "Figures of quartercar",
 }
 """Public modules whose names have pages of their own, with the title of the list."""
 
@@ -40,8 +47,11 @@ def public_names(module: str) -> list[str]:
     found = importlib.import_module(module)
     names = getattr(found, "__all__", None)
     if names is None:
-        names = [n for n, value in vars(found).items() if not n.startswith("_") and is_documented(value)
-                 and getattr(value, "__module__", None) == module]
+        names = [
+            n
+            for n, value in vars(found).items()
+            if not n.startswith("_") and is_documented(value) and getattr(value, "__module__", None) == module
+        ]
     return sorted((n for n in names if not n.startswith("_")), key=str.lower)
 
 
@@ -64,7 +74,11 @@ def lpvid_lists() -> dict[str, list[str]]:
 
 def module_lists() -> dict[str, list[str]]:
     """Full names of the public modules by module, and those of `quartercar` itself."""
-    lists = {module: [f"{module}.{name}" for name in public_names(module)] for module in MODULES}
+    ours = {id(getattr(lpvid, name)) for names in lpvid._EXPORTS.values() for name in names}  # on a page of lpvid
+    lists = {}
+    for module in MODULES:
+        found = importlib.import_module(module)
+        lists[module] = [f"{module}.{n}" for n in public_names(module) if id(getattr(found, n)) not in ours]
     own = [name for name in quartercar.__all__ if not inspect.ismodule(getattr(quartercar, name))]
     return {"quartercar": [f"quartercar.{name}" for name in own], **lists}
 
@@ -86,8 +100,13 @@ def _page(title: str, module: str, names: Sequence[str], intro: str) -> str:
         lines += [f"   {name.removeprefix(module + '.')}" for name in documented]
     for name in values:
         value = getattr(importlib.import_module(module), name.rpartition(".")[2])
-        lines += ["", f".. py:data:: {name}", f"   :type: {type(value).__name__}", "",
-                  "   " + (_summary(value) or "A constant of the module.")]
+        lines += [
+            "",
+            f".. py:data:: {name}",
+            f"   :type: {type(value).__name__}",
+            "",
+            "   " + (_summary(value) or "A constant of the module."),
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -96,7 +115,9 @@ def _summary(value: object) -> str:
     if isinstance(value, Mapping):
         return "Keys: " + ", ".join(f"``{key}``" for key in value) + "."
     if isinstance(value, (tuple, list)):
-        return "Members: " + ", ".join(f"``{getattr(v, 'name', None) or getattr(v, '__name__', v)}``" for v in value) + "."
+        return (
+            "Members: " + ", ".join(f"``{getattr(v, 'name', None) or getattr(v, '__name__', v)}``" for v in value) + "."
+        )
     return ""
 
 
@@ -110,9 +131,16 @@ def write_api(folder: Path) -> None:
         title = MODULES.get(module, "The car and the ride")
         first = (importlib.import_module(module).__doc__ or "").strip().splitlines()[0]
         pages[module.replace(".", "-")] = _page(title, module, names, f"``{module}``: {first}")
-    index = ["API reference", "=============", "",
-             "Every public name, from its docstring. Arrays are (n_samples, n_channels), values are SI.", "",
-             ".. toctree::", "   :maxdepth: 1", ""]
+    index = [
+        "API reference",
+        "=============",
+        "",
+        "Every public name, from its docstring. Arrays are (n_samples, n_channels), values are SI.",
+        "",
+        ".. toctree::",
+        "   :maxdepth: 1",
+        "",
+    ]
     pages["index"] = "\n".join([*index, *(f"   {page}" for page in pages)]) + "\n"
     for name, text in pages.items():
         _write_changed(folder / f"{name}.rst", text)

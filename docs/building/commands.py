@@ -1,7 +1,8 @@
-"""The command-line reference, from the commands themselves: what each does, its arguments, its options with defaults."""
+"""The command-line reference, from the commands themselves: what each does, its arguments and its options."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -60,23 +61,40 @@ def _prose(text: str) -> str:
     for k in range(0, len(pieces), 2):
         for mark in "<*$":
             pieces[k] = pieces[k].replace(mark, "\\" + mark)
+        pieces[k] = re.sub(r"(?<![\w-])(--[a-z][\w-]*)", r"`\1`", pieces[k])
     return "`".join(pieces)
 
 
 def write_commands(folder: Path) -> None:
     """Write a page for every command of both applications and their index."""
     folder.mkdir(parents=True, exist_ok=True)
-    index = ["# Command line", "", "Generated from the commands themselves; `COMMAND --help` prints the same.", "",
-             "Exit codes: 0 done; 2 the input is at fault, one line says what, nothing is written; 3 a numerical outcome "
-             "short of what was asked, with the result written.", ""]
+    index = [
+        "# Command line",
+        "",
+        "Generated from the commands themselves; `COMMAND --help` prints the same.",
+        "",
+        "Exit codes: 0 done; 2 the input is at fault, one line names it, nothing is written; 3 a numerical outcome "
+        "short of what was asked, with the result written.",
+        "",
+    ]
     for name, group in applications().items():
         rows = []
         for command, found in group.commands.items():
             page = f"{name}-{command}"
             _write_changed(folder / f"{page}.md", describe(found, f"{name} {command}"))
             rows.append(page)
-        index += [f"## {name}", "", _prose((group.help or "").split("\n\n")[0]), "", "```{toctree}", ":maxdepth: 1", "", *rows,
-                  "```", ""]
+        index += [
+            f"## {name}",
+            "",
+            _prose((group.help or "").split("\n\n")[0]),
+            "",
+            "```{toctree}",
+            ":maxdepth: 1",
+            "",
+            *rows,
+            "```",
+            "",
+        ]
     _write_changed(folder / "index.md", "\n".join(index))
 
 

@@ -1,4 +1,4 @@
-"""Docstrings of this project are plain text with formulas; marks that reStructuredText would read as its own are escaped."""
+"""Docstrings here are plain text with formulas; marks that reStructuredText would read as its own are escaped."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def escape_line(line: str) -> str:
     """
     parts, last = [], 0
     for found in CODE.finditer(line):
-        parts += [_escaped(line[last:found.start()]), found.group()]
+        parts += [_escaped(line[last : found.start()]), found.group()]
         last = found.end()
     return "".join([*parts, _escaped(line[last:])])
 

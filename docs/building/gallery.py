@@ -7,8 +7,9 @@ import re
 from pathlib import Path
 from typing import Any
 
-SECONDS = ("coprime", "state_space_forms", "synthesize_lpv", "first_model", "export_controller")
-"""Examples that take seconds; with `LPVID_DOCS=quick` only these run."""
+SECONDS = ("coprime", "critical_current", "design_lpv_suspension", "export_controller", "first_model", "gas_damper",
+           "network_topology", "own_effect", "state_space_forms", "synthesize_lpv")
+"""Examples of up to ten seconds of processor time each, 55 s together; with `LPVID_DOCS=quick` only these run."""
 
 MEASURED = {"gyroscope": "gyroscope/estimation.csv", "fixed_voltage": "mr_damper_fixed_voltage/estimation.csv"}
 """Examples on measured records, and where these lie in the folder that `LPVID_DATA` names; not part of the project."""
@@ -17,7 +18,7 @@ HEADER = """Gallery
 =======
 
 Every script of ``examples/``, each answering one question, run when this site is built. What it prints and draws stands
-below its source. Unless a legend says *measured*, the data come from the virtual rig.
+below its source. Unless a legend reads *measured*, the data come from the virtual rig.
 """
 NOTE = """
 .. note::
@@ -54,7 +55,7 @@ def with_title(text: str, note: str) -> str:
     question, mark, tail = first.partition("? ")
     title = question + mark.strip()
     body = "\n".join([tail, *rest]).strip()
-    return f'r"""\n{title}\n{"=" * len(title)}\n\n{body}\n{note}"""\n' + text[found.end():]
+    return f'r"""\n{title}\n{"=" * len(title)}\n\n{body}\n{note}"""\n' + text[found.end() :]
 
 
 def prepare_examples(docs: Path, amount: str) -> None:
@@ -63,8 +64,11 @@ def prepare_examples(docs: Path, amount: str) -> None:
     target.mkdir(parents=True, exist_ok=True)
     (target / "GALLERY_HEADER.rst").write_text(HEADER, encoding="utf8")
     for path in sorted((docs.parent / "examples").glob("*.py")):
-        why = ("it needs measured records, which are not part of the project." if path.stem in MEASURED
-               else "it takes minutes; the full build runs it.")
+        why = (
+            "it needs measured records, which are not part of the project."
+            if path.stem in MEASURED
+            else "it takes minutes; the full build runs it."
+        )
         note = "" if runs(path.stem, amount) else NOTE.format(why=why)
         text = with_title(path.read_text(encoding="utf8"), note)
         made = target / path.name
