@@ -1,4 +1,4 @@
-"""The chain of the thesis: identify, realise, re-estimate the form, pole locus, critical current, certificate."""
+"""What does the chain of the thesis give: identify, realise, re-estimate the form, critical current, certificate?"""
 
 from __future__ import annotations
 

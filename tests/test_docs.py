@@ -117,7 +117,8 @@ def commands() -> dict[str, set[str]]:
     found = {}
     for program, app in (("lpvid", lpvid_app), ("quartercar", quartercar_app)):
         for command, made in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
-            found[f"{program} {command}"] = {o for p in made.params for o in (*p.opts, *p.secondary_opts)} | {"--help"}
+            params = [p for p in made.params if not getattr(p, "hidden", False)]
+            found[f"{program} {command}"] = {o for p in params for o in (*p.opts, *p.secondary_opts)} | {"--help"}
     return found
 
 
@@ -138,3 +139,119 @@ def test_commands_and_options_exist(page: Path) -> None:
                 assert command in known, f"no command {command}"
                 unknown = [w for w in words[2:] if w.startswith("--") and w.split("=")[0] not in known[command]]
                 assert not unknown, f"{command} has no option {unknown[0]}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_pictures_are_there(page: Path) -> None:
+    for info, content in blocks(page.read_text(encoding="utf8")):
+        if not info.startswith("{figure}"):
+            continue
+        inside = (page.parent / info.removeprefix("{figure}").strip()).resolve()
+        assert ":alt:" in content, f"{inside.name} has no description for those who cannot see it"
+        if inside.is_relative_to(DOCS / "generated" / "pictures"):
+            makers = (DOCS / "pictures.py").read_text(encoding="utf8")
+            assert f"def {inside.stem}(" in makers, f"nothing makes {inside.name}"
+        else:
+            assert inside.exists(), f"{inside.name} is not there"
+
+
+@pytest.fixture
+def site(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The site's own scripts are importable, as Sphinx has them."""
+    for folder in (DOCS, DOCS / "sources"):
+        monkeypatch.syspath_prepend(str(folder))
+
+
+@pytest.mark.usefixtures("site")
+def test_the_api_reference_has_every_public_name() -> None:
+    from building.api import lpvid_lists, module_lists
+
+    import lpvid
+    import quartercar
+
+    listed = [n.removeprefix("lpvid.") for names in lpvid_lists().values() for n in names]
+    assert sorted(listed) == sorted(lpvid.__all__)
+    found = module_lists()
+    assert {f"quartercar.{n}" for n in quartercar.__all__} == {*found["quartercar"], *found} & {
+        f"quartercar.{n}" for n in quartercar.__all__}
+    dampers = {n.rpartition(".")[2] for n in found["quartercar.dampers"]}
+    assert set(quartercar.dampers.__all__) - dampers == {"ExtrapolationWarning"}  # stands on a page of lpvid
+
+
+@pytest.mark.usefixtures("site")
+@pytest.mark.parametrize("text, escaped", [
+    ("|Δp| <= rate·Ts, `a*b`, x_ is", r"\|Δp\| <= rate·Ts, `a*b`, x\_ is"),
+    ("F = c*v with ``**settings``", r"F = c\*v with ``**settings``"),
+    ("a_1 stays", "a_1 stays"),
+])
+def test_formulas_in_docstrings_are_no_marks(text: str, escaped: str) -> None:
+    from building.docstrings import escape_line
+
+    assert escape_line(text) == escaped
+
+
+@pytest.mark.usefixtures("site")
+def test_command_pages_have_every_option(tmp_path: Path) -> None:
+    from building.commands import write_commands
+
+    write_commands(tmp_path)
+    for command, options in commands().items():
+        text = (tmp_path / f"{command.replace(' ', '-')}.md").read_text(encoding="utf8")
+        assert all(option in text for option in options - {"--help"}), command
+
+
+@pytest.mark.usefixtures("site")
+@pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.py")), ids=lambda p: p.stem)
+def test_an_example_has_a_title_for_the_gallery(path: Path) -> None:
+    from building.gallery import with_title
+
+    made = with_title(path.read_text(encoding="utf8"), "")
+    title, underline = made.splitlines()[1:3]
+    assert title.endswith("?") and underline == "=" * len(title)
+    compile(made, path.name, "exec")
+
+
+def test_every_example_shows_its_figure() -> None:
+    for path in (ROOT / "examples").glob("*.py"):
+        assert re.search(r"\bshow\(", path.read_text(encoding="utf8")), f"{path.name} leaves no figure"
+
+
+@pytest.mark.usefixtures("site")
+def test_the_device_of_source_001_obeys_its_equations() -> None:
+    """The pressure splits behind the valve; the settled force of a slow motion inverts the flow."""
+    import numpy as np
+    from study_001 import UNIT_1, convexity
+
+    pressure = np.array([1e5, 4e6, 6e6, 2e7])
+    flow = UNIT_1.valve_flow(pressure)
+    ring = (flow / UNIT_1.ring) ** UNIT_1.ring_power
+    poppet = pressure - ring
+    lift = UNIT_1.seat_area * np.maximum(poppet - UNIT_1.relief_pressure, 0) / UNIT_1.spring_rate
+    assert np.allclose(UNIT_1.valve * lift * np.sqrt(poppet), flow, rtol=1e-9, atol=1e-18)
+    assert flow[0] == flow[1] == 0.0 < flow[2] < flow[3]
+    record = UNIT_1.run(1e-3, np.random.default_rng(0))
+    fast = int(np.argmax(record["velocity"]))
+    net = (record["force"][fast] - UNIT_1.friction) / UNIT_1.piston_area
+    assert UNIT_1.flow(np.array([net]))[0] == pytest.approx(UNIT_1.piston_area * record["velocity"][fast], rel=0.05)
+    v = np.array([1.0, 2.0, 4.0])
+    assert convexity(v, v) == 1.0 and convexity(v, v**2) == 2.0
+
+
+@pytest.mark.usefixtures("site")
+def test_the_filter_of_source_004_equals_the_equation_sheet() -> None:
+    import numpy as np
+    from make_004 import GOLDEN_FILTER, discretised
+
+    for ours, golden in zip(discretised(), GOLDEN_FILTER, strict=True):
+        assert np.allclose(ours, golden, atol=5e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("site")
+def test_the_tutorial_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    import runpy
+
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    found = runpy.run_path(str(DOCS / "tutorial" / "plot_ten_minutes.py"))
+    assert found["certificate"].verified
+    assert found["better"].held_out.overall.free_run.esr < 0.03

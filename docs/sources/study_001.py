@@ -7,11 +7,11 @@ ring behind each valve obeys a power of 1.75. With Δp = p_1 − p_2 and 𝒱(y)
     β 𝒱(y) dΔp/dt = A_P ẏ − sign(Δp) [K |Δp|^0.56 + G |Δp| + Q_V(|Δp|)],     F = A_P Δp + F_f tanh(ẏ/v_f)
     Q_V: Δp = p_v + p_r,  Q_V = C_D π d x sin α √(2 p_v/ρ) = K_r p_r^(1/1.75),  x = (A_s p_v − k X_crit)₊/k
 
-Expected before the first run: (a) beyond the opening of the valves the device's force grows faster than its speed
-(convexity above 1, see `convexity`), the baseline's slower (below 1), the extended model's faster; (b) held-out on
-the two fastest runs the extended model has less than a fifth of the baseline's ESR; (c) at the smallest amplitude both models miss
-something of the loop, since friction and leakage are not as theirs; (d) unit 2, with its relief setting 10 % lower and
-0.1 mm of play, differs from unit 1 by more than the extended model does.
+Expected before the first run of the models: (a) beyond the opening of the valves the device's force grows faster than
+its speed (convexity above 1, see `convexity`), the baseline's slower (below 1), the extended model's faster; (b)
+held-out on the two fastest runs the extended model has less than a fifth of the baseline's ESR; (c) at the smallest
+amplitude both models miss something of the loop, since friction and leakage are not as theirs; (d) unit 2, with its
+relief setting 10 % lower and 0.1 mm of play, differs from unit 1 by more than the extended model does.
 """
 
 from __future__ import annotations
