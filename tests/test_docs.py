@@ -118,7 +118,8 @@ def commands() -> dict[str, set[str]]:
     for program, app in (("lpvid", lpvid_app), ("quartercar", quartercar_app)):
         for command, made in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
             params = [p for p in made.params if not getattr(p, "hidden", False)]
-            found[f"{program} {command}"] = {o for p in params for o in (*p.opts, *p.secondary_opts)} | {"--help"}
+            found[f"{program} {command}"] = {
+                o for p in params for o in (*p.opts, *p.secondary_opts) if o.startswith("--")} | {"--help"}
     return found
 
 
