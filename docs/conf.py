@@ -37,7 +37,6 @@ release = version = lpvid.__version__
 extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
-    "sphinx.ext.mathjax",
     "numpydoc",
     "myst_parser",
     "sphinx_design",
@@ -51,7 +50,7 @@ nitpicky = False
 default_role = "code"
 toc_object_entries = False
 
-myst_enable_extensions = ["deflist", "colon_fence", "dollarmath", "substitution"]
+myst_enable_extensions = ["deflist", "colon_fence", "substitution"]
 myst_heading_anchors = 3
 myst_links_external_new_tab = False
 

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FOLDER = Path(__file__).resolve().parent / "generated" / "pictures"
+WIDTH = 7.2
+"""inch: narrower than in reports, so that lettering stays legible on a phone"""
 ORDER_FOUR = {"input": "velocity", "output": "force", "basis": lpv.Polynomial("current", degree=1)}
 
 
@@ -36,7 +38,7 @@ def free_run_and_one_step() -> Figure:
     window = slice(800, 1200)
     t = held_out.times[window]
     with look():
-        figure, axes = panels(2, 1, height=2.2, sharex=True)
+        figure, axes = panels(2, 1, width=WIDTH, height=2.2, sharex=True)
         for ax, found, esr, name, colour in (
             (axes[0, 0], step, figures.one_step.esr, "one-step prediction", GREEN),
             (axes[1, 0], free, figures.free_run.esr, "free run", VERMILION),
@@ -64,7 +66,7 @@ def frozen_poles() -> Figure:
         return np.array(found)
 
     with look():
-        figure, axes = panels(1, 2, height=2.8)
+        figure, axes = panels(1, 2, width=WIDTH, height=2.8)
         axes[0, 0].plot(p, frozen, color=BLUE)
         axes[0, 0].axhline(1.0, color=MUTED, linestyle="--")
         axes[0, 0].set(
@@ -95,7 +97,7 @@ def realisations() -> Figure:
     )
     rng = np.random.default_rng(2)
     with look():
-        figure, axes = panels(1, 2, height=2.8)
+        figure, axes = panels(1, 2, width=WIDTH, height=2.8)
         for ax, period in zip(axes[0], (200, 6), strict=True):
             p = np.sin(2 * np.pi * np.arange(400) / period)
             record = lpv.Record({"u1": np.repeat(rng.normal(size=50), 8), "p": p}, sample_time=1.0)
@@ -109,7 +111,7 @@ def realisations() -> Figure:
                 found = lpv.simulate(lpv.realize(tf, form=form).model, record, "zero").output[:, 0]
                 share = np.sum((found - exact) ** 2) / np.sum((exact - exact.mean()) ** 2)
                 ax.plot(found[:80], color=colour, linestyle=style, label=f"{form}: ESR {share:.2g}")
-            ax.set(xlabel="sample", title=f"p moves with a period of {period} samples (simulated)")
+            ax.set(xlabel="sample", title=f"period of p: {period} samples")
             ax.legend(fontsize=7.5)
     return figure
 
@@ -129,7 +131,7 @@ def verified_gain() -> Figure:
     rates = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
     gains = lpv.l2_gains(model, rates, trajectories=True)
     with look():
-        figure, ((ax,),) = panels(1, 1, height=3.0)
+        figure, ((ax,),) = panels(1, 1, width=WIDTH, height=3.0)
         ax.loglog(
             rates,
             [g.upper for g in gains],
@@ -166,7 +168,7 @@ def diagnosis_residual() -> Figure:
     names = ", ".join(f"{c.name} {c.parameters[0]}" for c in found.causes) or found.verdict
     measured = record["force"]
     with look():
-        figure, axes = panels(1, 2, height=2.8)
+        figure, axes = panels(1, 2, width=WIDTH, height=2.8)
         extended = found.extended.predict(record) if found.extended is not None else without
         speed = 1e3 * record["velocity"]
         for force, colour, title in (
