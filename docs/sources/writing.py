@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -13,6 +15,15 @@ if TYPE_CHECKING:
 FOLDER = Path(__file__).resolve().parent
 DPI = 80
 """of the pictures that are kept beside the pages: legible at the width of a page, about 60 kB each."""
+
+
+def example(name: str) -> ModuleType:
+    """A script of `examples/` as a module, so that a page shows what the example computes."""
+    spec = importlib.util.spec_from_file_location(name, FOLDER.parents[1] / "examples" / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    found = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(found)
+    return found
 
 
 def number(value: float | None, digits: int = 3) -> str:
