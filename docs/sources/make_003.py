@@ -39,8 +39,8 @@ so that free-run and one-step are the same, and sees all of its points (training
 class SourceFit:
     """Least squares of the source, (7) for series and (8) for parallel, in the force domain.
 
-    F̃ = F − min F over the points, of which the two lowest speeds are then left out (21 of 23). Series minimises the
-    error of F̃ in F̃ = c_L v + c_Q v², parallel that of v in v = a F̃ + b √F̃, as printed; the error of both is judged in F̃.
+    F̃ = F − min F over the points, of which the two lowest speeds are left out (21 of 23). Series minimises the error
+    of F̃ in F̃ = c_L v + c_Q v², parallel that of v in v = a F̃ + b √F̃, as printed; both are judged in F̃.
     """
 
     name: str
@@ -186,7 +186,7 @@ def main() -> None:
                     ],
                     [
                         "the offset is the least force",
-                        f"{number(fits['series'][0].offset)} N; fitted along {number(float(series.best.theta[3]))} N, true 10 N",
+                        f"{number(fits['series'][0].offset)} N; ours {number(float(series.best.theta[3]))} N; true 10",
                         "the least force holds viscous force too (E3.7)",
                     ],
                     [
