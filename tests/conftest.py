@@ -6,6 +6,7 @@ import os
 
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # small matrices: threads cost more than they bring
     os.environ.setdefault(_variable, "1")
+os.environ.setdefault("MPLBACKEND", "agg")  # an example that shows its figure opens no window
 
 from pathlib import Path  # noqa: E402
 
