@@ -256,3 +256,34 @@ def test_the_tutorial_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     found = runpy.run_path(str(DOCS / "tutorial" / "plot_ten_minutes.py"))
     assert found["certificate"].verified
     assert found["better"].held_out.overall.free_run.esr < 0.03
+
+
+@pytest.mark.usefixtures("site")
+def test_the_least_squares_of_source_003_recovers_its_own_networks() -> None:
+    import numpy as np
+    from make_003 import fit_as_source
+
+    speed = np.linspace(0.0, 1.0, 23)
+    series = fit_as_source(speed, 5.0 + 2.0 * speed + 3.0 * speed**2, "series")
+    assert np.allclose(series.coefficients, (2.0, 3.0)) and series.offset == 5.0 and series.esr < 1e-20
+    force = np.linspace(0.0, 4.0, 23)
+    parallel = fit_as_source(0.1 * force + 0.3 * np.sqrt(force), force, "parallel")
+    assert np.allclose(parallel.coefficients, (0.1, 0.3)) and parallel.esr < 1e-20
+
+
+@pytest.mark.usefixtures("site")
+def test_the_device_of_source_002_settles_to_its_law() -> None:
+    """At constant speed and duty: law, full Dahl friction and gas, other in rebound than in compression."""
+    import numpy as np
+    from study_002 import Foreign, law
+
+    import lpvid as lpv
+
+    device, still = Foreign(), np.zeros(400)
+    shape = np.array([device.rebound, device.knee, device.power])
+    for speed in (0.05, -0.05):
+        motion = {"displacement": still, "velocity": still + speed, "current": still + 0.3}
+        force = device.simulate(lpv.Record(motion, sample_time=1e-3)).output[-1, 0]
+        settled = law(speed, 0.3, shape) + np.copysign(device.friction, speed) + device.gas_preload
+        assert force == pytest.approx(settled, rel=1e-3)
+    assert law(0.05, 0.3, shape) == pytest.approx(-device.rebound * law(-0.05, 0.3, shape))
