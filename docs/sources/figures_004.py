@@ -78,7 +78,8 @@ def linear_fails(chain: Chain, run: lpv.Record) -> Figure:
 
 def shaped_input(chain: Chain, runs: Sequence[lpv.Record]) -> Figure:
     """Figs. 3.7 and 3.8: velocity and the input that the zones make of it."""
-    stage = chain.by_level.stage
+    stage = chain.by_level.input_stage
+    assert stage is not None
     with look():
         figure, axes = panels(2, len(runs), height=1.7, sharex="col")
         for (top, bottom), run in zip(axes.T, runs, strict=True):
@@ -92,7 +93,7 @@ def shaped_input(chain: Chain, runs: Sequence[lpv.Record]) -> Figure:
             top.set(ylabel=label("velocity", "m/s"), title=f"{run.name} ({VIRTUAL})")
             top.legend(ncols=2)
             bottom.plot(run.times[part], i, color=BLUE)
-            bottom.set(xlabel=label("time", "s"), ylabel=label("current", "A"))
+            bottom.set(xlabel=label("time", "s"), ylabel=label("current", "A"), ylim=(-0.1, 2.7))
     return figure
 
 
@@ -149,6 +150,7 @@ def signals(runs: Mapping[str, lpv.Record]) -> Figure:
             right.set(xlim=(0, 30), ylim=(1e-7, 2))
             left.set_ylabel(f"{name}\nx [mm]", fontsize=7)
             middle.set_ylabel("i [A]", fontsize=7)
+            middle.set_ylim(-0.1, 2.7)
             right.set_ylabel("power", fontsize=7)
         for ax, name in zip(axes[-1], (label("time", "s"), label("time", "s"), label("frequency", "Hz")), strict=True):
             ax.set_xlabel(name)

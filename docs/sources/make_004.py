@@ -108,7 +108,7 @@ def headline(chain: Chain, rows: list[Row], runs: dict[str, lpv.Record]) -> str:
                 "largest force",
                 "2850 N",
                 f"{max(np.abs(r['force']).max() for r in runs.values()):.0f} N",
-                "a stronger virtual damper",
+                "another damper",
             ],
             [
                 "20 Hz pre-filter (4.5), ζ = 1/√2",
@@ -157,7 +157,7 @@ def zones_text(chain: Chain) -> list[str]:
                     f"m₁/m₃ from {np.min(m1 / m3):.2f} to {np.max(m1 / m3):.2f}: our rig has 1.3 in rebound",
                 ],
                 ["c₁ ≈ −c₃", f"−c₁/c₃ from {np.min(-c1 / c3):.2f} to {np.max(-c1 / c3):.2f}"],
-                ["c₂ is negligible", f"|c₂| up to {np.abs(c2).max():.0f} N: gas force and asymmetry"],
+                ["c₂ is negligible", f"up to {np.abs(c2).max():.0f} N in size: gas force and asymmetry"],
             ],
         ),
     ]
