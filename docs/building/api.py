@@ -144,6 +144,10 @@ def write_api(folder: Path) -> None:
     pages["index"] = "\n".join([*index, *(f"   {page}" for page in pages)]) + "\n"
     for name, text in pages.items():
         _write_changed(folder / f"{name}.rst", text)
+    present = {name for names in (*lpvid_lists().values(), *module_lists().values()) for name in names}
+    for path in (folder / "names").glob("*.rst"):  # of names that are gone
+        if path.stem not in present:
+            path.unlink()
 
 
 def _write_changed(path: Path, text: str) -> None:
