@@ -1,4 +1,4 @@
-"""Seed 003: is a hydraulic damper a series or a parallel network of losses, or both at once, by 23 triangle runs?"""
+"""Is a hydraulic damper a series or a parallel network of losses, or both at once? Seed 003, by 23 triangle runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Seed 002 on a virtual semi-active damper: which model follows it at each duty, and which 1 ms step is stable?"""
+"""Which model follows a semi-active damper at each duty, and which 1 ms step is stable? Seed 002, virtual device."""
 
 from __future__ import annotations
 

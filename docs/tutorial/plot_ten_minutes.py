@@ -30,7 +30,7 @@ from quartercar.rig import EXPERIMENTS, Rig
 
 rig = Rig()
 records = [rig.run(replace(EXPERIMENTS[name], duration=15.0), seed=7) for name in ("test-1", "test-3")]
-records[0]
+print(*records, sep="\n")
 
 # %%
 # 2. Look before you fit
