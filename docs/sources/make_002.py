@@ -112,6 +112,23 @@ def costs(models: dict[str, Stepwise], training: list[lpv.Record], held_out: dic
     )
 
 
+def expectations(
+    models: dict[str, Stepwise], training: list[lpv.Record], worst: dict[str, float], explicit: float
+) -> list[tuple[str, bool]]:
+    """What was written down before the first run, and whether it came true."""
+    cost = {model: [esr(found, training[k]) or np.inf for k in (1, 5)] for model, found in models.items()}
+    wen, force_map = cost["extended Bouc-Wen"], cost["Force Map"]
+    return [
+        ("J is below the source's at both duties", max(*wen, *force_map) < 0.09),
+        (
+            "the extended Bouc-Wen model is better than the Force Map",
+            all(a < b for a, b in zip(wen, force_map, strict=True)),
+        ),
+        *((f"T and τ come back within 5 ms, {model}", error < 5e-3) for model, error in worst.items()),
+        ("Runge-Kutta steps of 1 ms are unstable for the Bouc-Wen model", bool(np.isinf(explicit))),
+    ]
+
+
 def lags(models: dict[str, Stepwise]) -> str:
     """Time constants and delays: true and recovered [ms]."""
     rows = []
@@ -167,6 +184,11 @@ def main() -> None:
                         "order and cut-off are not given in the source",
                     ],
                 ],
+            ),
+            "## Expected and found",
+            table(
+                ["expected before measuring (see `study_002`)", "came true"],
+                [[name, "yes" if held else "no"] for name, held in expectations(models, training, worst, explicit)],
             ),
             "## Every table and figure",
             table(
