@@ -44,8 +44,8 @@ tables.
 models, with leakage, seal friction, changing chamber volumes and other powers in both flow laws
 (`docs/sources/study_001.py`). Unit 2 has a relief setting 10 % lower, softer oil and 0.1 mm of play.
 
-This page is written by `python docs/sources/make_001.py`. Free runs throughout; unit 2 and the two largest amplitudes
-are held out."""
+This page is written by `python docs/sources/make_001.py`. Free runs throughout; unit 2 and five
+of the eleven amplitudes, the two largest among them, are held out."""
 
 
 def esr(model: LagDamper, runs: list[lpv.Record]) -> float | None:
