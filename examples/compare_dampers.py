@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
-from lpvid.plot import png
+from lpvid.plot import show
 from quartercar import plot
 from quartercar.dampers import LpvArx, compare, fit
 from quartercar.rig import default_records
@@ -50,8 +49,8 @@ def main(models: Sequence[str] = (*THESIS, *BEYOND), tests: Sequence[str] | None
     beyond = [f"{name} (place {place} of all)" for place, name in enumerate(ranked, start=1) if name in BEYOND]
     print(f"  beyond the thesis: {', '.join(beyond)}" if beyond else "")
     drawn = plot.experiments_by_model(found)
-    if figure is not None and drawn is not None:
-        Path(figure).write_bytes(png(drawn))
+    if drawn is not None:
+        show(drawn, figure)
     return means
 
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 
 import lpvid as lpv
 from lpvid.identification.coprime import RightCoprime
+from lpvid.plot import show
+from lpvid.plot.style import look, panels
 
 BASIS = lpv.Polynomial("p", degree=1)
 
@@ -22,11 +26,12 @@ def record(seed: int, period: int, noise: float) -> lpv.Record:
     return lpv.Record({"u": u, "p": p, "y": y + noise * rng.normal(size=n)}, sample_time=0.01)
 
 
-def main() -> dict[tuple[str, int], float]:
+def main(figure: str | None = None) -> dict[tuple[str, int], float]:
     """Free-run fit in percent on fresh data without noise, by route and by samples between the steps of p."""
     fits: dict[tuple[str, int], float] = {}
     print("samples between steps of p      ARX, then controllable      RightCoprime")
-    for period in (1, 10, 100, 1000):
+    periods = (1, 10, 100, 1000)
+    for period in periods:
         training, fresh = record(0, period, noise=0.1), record(1, period, noise=0.0)
         arx = lpv.identify(training, lpv.ARX(2, 2, 1, "u", "y", BASIS))
         models = {"routed": lpv.realize(arx.model, "controllable").model,
@@ -36,8 +41,15 @@ def main() -> dict[tuple[str, int], float]:
             assert fit is not None
             fits[route, period] = fit
         print(f"{period:26d}{fits['routed', period]:24.2f} %{fits['direct', period]:16.2f} %")
+    with look():
+        canvas, ((axes,),) = panels(1, 1, height=3.2)
+        for route, title in (("routed", "ARX, then its controllable form"), ("direct", "RightCoprime")):
+            axes.semilogx(periods, [fits[route, period] for period in periods], "o-", label=title)
+        axes.set(xlabel="samples between steps of the scheduling", ylabel="free-run fit, held-out [%]")
+        axes.legend(title="simulated data")
+        show(canvas, figure)
     return fits
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

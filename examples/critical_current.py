@@ -37,9 +37,7 @@ def main(figure: Path | None = None) -> dict[str, list[float]]:
         print(f"{title}\n{critical}")
         certificate = lpv.certify_stability(model)
         print(certificate, lpv.verify(certificate, model), sep="\n", end="\n\n")
-    if figure is not None:
-        critical = lpv.critical_scheduling(CONSTRUCTED)
-        plot.locus(lpv.pole_locus(CONSTRUCTED), critical=critical).savefig(figure)
+    plot.show(plot.locus(lpv.pole_locus(CONSTRUCTED), critical=lpv.critical_scheduling(CONSTRUCTED)), figure)
     return found
 
 

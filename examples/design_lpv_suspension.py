@@ -7,6 +7,7 @@ import sys
 import numpy as np
 
 import quartercar as qc
+from lpvid.plot import show
 from quartercar.car import BumpStops, Coil
 from quartercar.controllers.lpv_hinf import LpvHinf
 from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
@@ -33,8 +34,7 @@ def main(figure: str | None = None, road: Bump | None = None) -> dict[str, Desig
         for what, ride in (("controlled", controlled), ("passive", passive)):
             print(f"{what:>11}: comfort {ride.figures.comfort:.3f} m/s^2, tyre load {ride.figures.tyre_load:.0f} N, "
                   f"largest stroke {1e3 * ride.figures.largest_stroke:.1f} mm")
-    if figure:
-        gains(found["limits inside"]).savefig(figure)
+    show(gains(found["limits inside"]), figure)
     return found
 
 

@@ -17,6 +17,8 @@ from lpvid.export.c_source import c_files
 from lpvid.export.exportable import Options
 from lpvid.export.exporting import content
 from lpvid.export.matlab import find_octave
+from lpvid.plot import show
+from lpvid.plot.style import look, panels
 from quartercar.car import Coil
 from quartercar.controllers import law_class
 from quartercar.controllers.contract import Setting
@@ -26,7 +28,7 @@ from quartercar.export.loop_steps import LoopLaw
 from quartercar.parameters import MEGANE
 
 
-def main(folder: str | Path) -> dict[str, float]:
+def main(folder: str | Path, figure: str | None = None) -> dict[str, float]:
     damper = identified_damper()
     assert damper.clock is not None
     setting = Setting(damper.clock, 1, MEGANE, damper, (0.0, 2.0))
@@ -42,6 +44,11 @@ def main(folder: str | Path) -> dict[str, float]:
     forms = ["fmu2", "fmu3"] if find_spec("fmpy") and find_compiler() else []
     for form in [*forms, *(["matlab"] if find_octave() else [])]:
         print(*content(damper, form, Options(name="damper")).checks, sep="\n")
+    with look():
+        canvas, ((axes,),) = panels(1, 1, height=2.2)
+        axes.barh(list(errors), [max(e, 1e-17) for e in errors.values()], height=0.5)
+        axes.set(xscale="log", xlabel="largest relative error of the compiled C against the simulation [1]")
+        show(canvas, figure)
     return errors
 
 

@@ -7,13 +7,15 @@ import tempfile
 from pathlib import Path
 
 import lpvid as lpv
+from lpvid import plot
 from lpvid.condition import split_tail
 from quartercar.rig import EXPERIMENTS, Rig, write_csv
 
 
-def main(folder: Path) -> float:
+def main(folder: Path, figure: Path | None = None) -> float:
     """Identify from two records, validate on their last third; returns the held-out free-run ESR."""
-    files = [write_csv(Rig().run(EXPERIMENTS[name], seed=7), folder / f"{name}.csv") for name in ("test-1", "test-3")]
+    runs = {name: Rig().run(EXPERIMENTS[name], seed=7) for name in ("test-1", "test-3")}
+    files = [write_csv(run, folder / f"{name}.csv") for name, run in runs.items()]
 
     records = lpv.read(files)
     print(lpv.audit(records))
@@ -29,6 +31,8 @@ def main(folder: Path) -> float:
     lpv.save(found.model, path)
     again = lpv.validate(lpv.load(path), held_out)
     print(again)
+    shown = plot.compare(found.model, split_tail(runs["test-1"])[1], "held-out")
+    plot.show(plot.free_run(shown, scheduling=["current"]), figure)
     esr = again.overall.free_run.esr
     assert esr is not None
     return esr

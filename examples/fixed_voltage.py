@@ -12,6 +12,7 @@ import sys
 import numpy as np
 
 import lpvid as lpv
+from lpvid import plot
 from lpvid.condition import folds, split_tail
 from lpvid.identification.quasi_lpv import QuasiLPV
 
@@ -34,7 +35,7 @@ def cross_validated(record: lpv.Record, lags: int, trial: int) -> float:
     return error / power
 
 
-def main(path: str) -> float:
+def main(path: str, figure: str | None = None) -> float:
     """Choose on the first two thirds, return the free-run fit in percent on the last third."""
     training, held_out = split_tail(lpv.read(path)[0].flip("force"))  # these data count force against the motion
     tried = {(lags, trial): cross_validated(training, lags, trial) for lags in (4, 10) for trial in (1, 3)}
@@ -43,6 +44,7 @@ def main(path: str) -> float:
     found = lpv.identify(training, structure(*min(tried, key=lambda c: tried[c])), held_out=held_out)
     print(found)
     print(f"for |velocity| <= 0.15 m/s the force stays within {found.model.output_bound(0.15):.0f} N")
+    plot.show(plot.free_run(plot.compare(found.model, held_out, "held-out")), figure)
     assert found.held_out is not None and found.held_out.overall.free_run.fit_percent is not None
     return found.held_out.overall.free_run.fit_percent
 

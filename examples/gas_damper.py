@@ -9,6 +9,7 @@ import numpy as np
 
 import lpvid as lpv
 from lpvid import excitation
+from lpvid.plot import show
 from lpvid.plot.style import label, look, panels
 from quartercar.dampers.creep import static_forces
 from quartercar.dampers.gas_damper_study import measured, work_table
@@ -17,7 +18,7 @@ from quartercar.dampers.ramps import fit_ramps
 CREEP = ((0.010, 0.002), (0.063, 0.020))    # X [m], speed [m/s]
 
 
-def draw(loops: list[lpv.Record], path: Path) -> None:
+def draw(loops: list[lpv.Record], path: Path | None) -> None:
     """Work diagrams above, force over velocity below: as measured, and the law from the ramps."""
     with look():
         figure, axes = panels(2, len(loops), height=2.8)
@@ -25,8 +26,8 @@ def draw(loops: list[lpv.Record], path: Path) -> None:
             for ax, name in zip(pair, ("displacement", "velocity"), strict=True):
                 ax.plot(loop[name], loop["force"], loop[name], loop["law"], linewidth=1)
                 ax.set(xlabel=label(name, loop.unit(name)), ylabel=label("force", "N"), title=loop.name)
-        axes[0, 0].legend(("measured", "law from ramps"), loc="center")
-        figure.savefig(path)
+        axes[0, 0].legend(("virtual rig", "law from ramps"), loc="center")
+        show(figure, path)
 
 
 def main(figure: Path | None = None) -> dict[tuple[float, float], tuple[float, float]]:
@@ -45,13 +46,12 @@ def main(figure: Path | None = None) -> dict[tuple[float, float], tuple[float, f
         name = f"{1e3 * row.amplitude:g} mm, {row.frequency:g} Hz"
         last = measured(x, 1000 * row.frequency, rng, name).slice(1000, 2000)
         force, law = last["force"], found.law.simulate(last).output[:, 0]
-        done, said = (float(np.mean(f * last["velocity"])) / row.frequency for f in (force, law))
+        done, predicted = (float(np.mean(f * last["velocity"])) / row.frequency for f in (force, law))
         esr = float(np.sum((force - law) ** 2) / np.sum((force - force.mean()) ** 2))
-        results[row.amplitude, row.frequency] = said / done - 1, esr
+        results[row.amplitude, row.frequency] = predicted / done - 1, esr
         loops.append(last.with_channel("law", law, "N"))
-        print(f"{name}: work {done:.3f} J, law {said:.3f} J ({said / done - 1:+.1%}), ESR {esr:.4f}")
-    if figure is not None:
-        draw(loops[1::2], figure)
+        print(f"{name}: work {done:.3f} J, law {predicted:.3f} J ({predicted / done - 1:+.1%}), ESR {esr:.4f}")
+    draw(loops[1::2], figure)
     return results
 
 

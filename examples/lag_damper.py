@@ -6,8 +6,10 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import lpvid as lpv
+from lpvid.plot import show
 from quartercar.dampers import FitSettings
 from quartercar.dampers.characteristic import characteristic_line
 from quartercar.dampers.relief_valve import LagDamper, ReliefValve, ReliefValveOrifice
@@ -40,16 +42,15 @@ def main(figure: Path | None = None) -> dict[str, float]:
         assert fit.training.esr is not None and fit.held_out is not None and fit.held_out.esr is not None
         esr[name] = fit.held_out.esr
         print(f"{name:24}{fit.training.esr:14.5f}{fit.held_out.esr:14.5f}")
-    if figure is not None:
-        from matplotlib.figure import Figure
-        canvas = Figure(figsize=(7, 4), layout="constrained")
-        axes = canvas.add_subplot(xlabel="largest velocity [m/s]", ylabel="largest force [kN]")
-        axes.plot([r["velocity"].max() for r in records], [1e-3 * r["force"].max() for r in records], "ko", label="rig")
-        for name, fit in fits.items():
-            line = characteristic_line(fit.damper, AMPLITUDES, FREQUENCY)
-            axes.plot(line.speed, 1e-3 * line.highest, label=name)
-        axes.legend()
-        canvas.savefig(figure)
+    canvas = Figure(figsize=(7, 4), layout="constrained")
+    axes = canvas.add_subplot(xlabel="largest velocity [m/s]", ylabel="largest force [kN]")
+    largest = np.array([[r["velocity"].max(), 1e-3 * r["force"].max()] for r in records])
+    axes.plot(*largest.T, "ko", label="virtual rig")
+    for name, fit in fits.items():
+        line = characteristic_line(fit.damper, AMPLITUDES, FREQUENCY)
+        axes.plot(line.speed, 1e-3 * line.highest, label=name)
+    axes.legend()
+    show(canvas, figure)
     return esr
 
 

@@ -1,4 +1,4 @@
-"""Seed 003: is a hydraulic damper a series or a parallel network of losses, or both at once? 23 triangle runs tell."""
+"""Is a hydraulic damper a series or a parallel network of losses, or both at once? Seed 003, by 23 triangle runs."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from lpvid import Channel, Record
 from lpvid.excitation import triangle
+from lpvid.plot import show
 from quartercar.dampers import NetworkChoice, choose_network, static_points
 from quartercar.dampers.hydraulics import mixed_flow
 
@@ -29,12 +30,12 @@ def run(speed: float, network: tuple[float, float, float], rng: np.random.Genera
     return Record({"displacement": Channel(x, "m"), "force": Channel(force, "N")}, sample_time=1 / RATE)
 
 
-def draw(choices: dict[str, NetworkChoice], path: Path) -> None:
+def draw(choices: dict[str, NetworkChoice], path: Path | None) -> None:
     """Force beyond friction and its log-log slope, measured and fitted."""
     figure = Figure(figsize=(9, 6), layout="constrained")
     for (truth, c), (top, bottom) in zip(choices.items(), figure.subplots(2, 2, sharex=True).T, strict=True):
         v, f_c = np.geomspace(c.points.speed.min(), c.points.speed.max(), 200), c.best.theta[3]
-        top.loglog(1e3 * c.points.speed, c.points.force - f_c, "k.", label="triangle runs")
+        top.loglog(1e3 * c.points.speed, c.points.force - f_c, "k.", label="triangle runs (virtual)")
         bottom.errorbar(1e3 * c.slopes.speed, c.slopes.slope, c.slopes.std, fmt="k.")
         for name, style in (("series", "-"), ("parallel", "--"), ("mixed", ":")):
             net = np.maximum(c.fits[name].force(v) - f_c, 1e-3)
@@ -42,7 +43,7 @@ def draw(choices: dict[str, NetworkChoice], path: Path) -> None:
             bottom.semilogx(1e3 * v, np.gradient(np.log(net), np.log(v)), style)
         top.legend(title=f"F − F_c [N], truth {truth}, chosen {c.verdict}")
         bottom.set(xlabel="speed [mm/s]", ylabel="d ln(F − F_c)/d ln v", ylim=(0.5, 2.5))
-    figure.savefig(path)
+    show(figure, path)
 
 
 def main(path: Path | None = None) -> dict[str, NetworkChoice]:
@@ -50,8 +51,7 @@ def main(path: Path | None = None) -> dict[str, NetworkChoice]:
     rng = np.random.default_rng(3)
     choices = {n: choose_network(static_points([run(v, truth, rng) for v in SPEEDS])) for n, truth in TRUTHS.items()}
     print(*(f"Truth {truth}. {choice}" for truth, choice in choices.items()), sep="\n\n")
-    if path is not None:
-        draw(choices, path)
+    draw(choices, path)
     return choices
 
 

@@ -1,40 +1,32 @@
-"""How do I teach the diagnosis a cause of my own? Write what it does to a simulation; the rest is there.
-
-Here: a scoring mark in the cylinder, a drag near one position of the stroke. The rig knows no such thing: its records
-get the drag added, as if it had been measured.
-"""
+"""How does the diagnosis get a cause of its user? Here: drag near one position of the stroke, in a virtual record."""
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 
 import lpvid as lpv
 import quartercar as qc
 from lpvid.diagnosis.effect import EffectParameter, GridEffect
+from lpvid.plot import show
+from lpvid.plot.style import panels
 from quartercar.rig import EXPERIMENTS, Rig, RigDamper
 
 WIDTH, PLACE, DRAG = 0.001, 0.003, 60.0  # m, m, N
 
 
-def drag(displacement, velocity, place):
-    """Drag per newton of strength."""
+def drag(displacement, velocity, place):  # per newton of strength
     return np.exp(-((displacement - place) / WIDTH) ** 2) * np.tanh(velocity / 0.002)
 
 
 class Scoring(GridEffect):
     """F += F_d exp(-((x - x_d)/w)^2) sign v."""
 
-    name: ClassVar[str] = "scoring"
-    title: ClassVar[str] = "drag near one position of the stroke"
-    family: ClassVar[str] = "friction and gas"
-    stage: ClassVar[str] = "force"
-    equation: ClassVar[str] = "F += F_d exp(-((x - x_d)/w)^2) tanh(v/eps)"
-    reference: ClassVar[str] = "this example"
-    experiment: ClassVar[str] = "creep over the whole stroke"
-    needs: ClassVar[tuple[str, ...]] = ("displacement", "velocity")
+    name, title, family = "scoring", "drag near one position of the stroke", "friction and gas"
+    stage, equation, reference = "force", "F += F_d exp(-((x - x_d)/w)^2) tanh(v/eps)", "this example"
+    experiment, needs = "creep over the whole stroke", ("displacement", "velocity")
     parameters = (EffectParameter("drag", "N", "F_d", 0.0, (0.0, 500.0), (0.0, 1e4), (20.0,)),
                   EffectParameter("place", "m", "x_d", 0.0, (-0.05, 0.05), (-0.1, 0.1), (-0.006, -0.003, 0.0, 0.003)))
 
@@ -48,11 +40,20 @@ class Scoring(GridEffect):
         return None
 
 
-def main() -> lpv.Diagnosis:
+def main(figure: str | None = None) -> lpv.Diagnosis:
     record = Rig(damper=RigDamper.static()).run(replace(EXPERIMENTS["test-3"], duration=20.0), seed=2)
-    scored = record["force"] + DRAG * drag(record["displacement"], record["velocity"], PLACE)
-    return lpv.diagnose(record.with_channel("force", scored, "N"), "guo", (*qc.effects.CATALOGUE, Scoring()))
+    x, v = record["displacement"], record["velocity"]
+    scored = record.with_channel("force", record["force"] + DRAG * drag(x, v, PLACE), "N")
+    found = lpv.diagnose(scored, "guo", (*qc.effects.CATALOGUE, Scoring()))
+    size, place = (p.value for p in found.causes[0].parameters) if found.causes else (0.0, 0.0)
+    canvas, ((axes,),) = panels(1, 1, height=3.0)
+    axes.plot(1e3 * x, DRAG * drag(x, v, PLACE), ".", label="added to the virtual record")
+    axes.plot(1e3 * x, size * drag(x, v, place), ".", ms=1, label=f"found, verdict {found.verdict}")
+    axes.set(xlabel="displacement [mm]", ylabel="drag [N]")
+    axes.legend()
+    show(canvas, figure)
+    return found
 
 
 if __name__ == "__main__":
-    print(main())
+    print(main(*sys.argv[1:]))

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 import quartercar as qc
-from lpvid.plot import png
+from lpvid.plot import show
 from quartercar.car import BumpStops, Coil
 from quartercar.embedded import identified_damper
 from quartercar.plot.riding import trade_offs
@@ -38,8 +37,7 @@ def main(seeds: int = 8, budget: int = 16, roads: Sequence[RideRoad] = (IsoRoad(
 
     comparison = compare_rides(car, roads, tuned, range(seeds))
     print(comparison)
-    if figure is not None:
-        Path(figure).write_bytes(png(trade_offs(comparison)))
+    show(trade_offs(comparison), figure)
     return comparison
 
 

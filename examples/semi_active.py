@@ -1,4 +1,4 @@
-"""Seed 002 on a virtual semi-active damper: which model follows it at each duty, and which 1 ms step is stable?"""
+"""Which model follows a semi-active damper at each duty, and which 1 ms step is stable? Seed 002, virtual device."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import lpvid as lpv
+from lpvid.plot import show
 from lpvid.plot.style import label, look, panels
 from quartercar.dampers import ExtendedBoucWen, ForceMap, identify_stepwise
 from quartercar.dampers.semi_active_study import fixed_steps, measured, paper_plan, virtual_device
@@ -16,7 +17,7 @@ NODES = (0.1, 0.2, 0.3, 0.4, 0.5)
 KNOTS = (-0.12, -0.08, -0.04, -0.015, -0.004, 0.0, 0.004, 0.015, 0.04, 0.08, 0.12)    # m/s
 
 
-def draw(esr: dict[str, list[float]], run: lpv.Record, path: Path) -> None:
+def draw(esr: dict[str, list[float]], run: lpv.Record, path: Path | None) -> None:
     """Held-out errors over the duty, and the force that two fixed steps give."""
     with look():
         figure, (axes,) = panels(1, 2, height=2.8)
@@ -30,7 +31,7 @@ def draw(esr: dict[str, list[float]], run: lpv.Record, path: Path) -> None:
         axes[1].set(xlabel=label("time", "s"), ylabel=label("force, 1 ms steps", "N"), ylim=(-limit, limit))
         for ax in axes:
             ax.legend()
-        figure.savefig(path)
+        show(figure, path)
 
 
 def main(figure: Path | None = None) -> tuple[dict[str, list[float]], float, float]:
@@ -49,8 +50,7 @@ def main(figure: Path | None = None) -> tuple[dict[str, list[float]], float, flo
     run, ours, explicit = fixed_steps(found.damper, held_out[-1])
     print(f"1 ms steps at u = 50 %: ESR {ours:.1e}, Runge-Kutta {explicit:.1e}; fastest rate "
           f"{found.damper.fastest_rate(0.11, 0.5):.0f} 1/s, Runge-Kutta's limit {2785:d} 1/s")
-    if figure is not None:
-        draw(esr, run, figure)
+    draw(esr, run, figure)
     return esr, ours, explicit
 
 

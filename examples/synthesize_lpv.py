@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 
 import lpvid as lpv
+from lpvid.plot import show
+from lpvid.plot.style import look, panels
 
 ACTUATOR = 0.3  # weight of the force: how much stroke a newton is worth
 
@@ -23,7 +27,7 @@ def platform(rate: float | None) -> lpv.GeneralizedPlant:
     return lpv.GeneralizedPlant(system, controls=["force"], measurements=["sensor"])
 
 
-def main() -> dict[str, float]:
+def main(figure: str | None = None) -> dict[str, float]:
     """Print what each design guarantees; returns the verified gains."""
     designs = {
         "any speed": (platform(None), lpv.OutputFeedback()),
@@ -38,8 +42,13 @@ def main() -> dict[str, float]:
         gains[name] = result.gamma_verified if result.solved else float("inf")
         if result.certificate is not None:
             assert lpv.verify(result.certificate, result.closed_loop).holds
+    with look():
+        canvas, ((axes,),) = panels(1, 1, height=2.4)
+        axes.barh(list(gains), list(gains.values()), height=0.5)
+        axes.set(xlabel="verified gain from push and noise to stroke and effort [1]")
+        show(canvas, figure)
     return gains
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

@@ -1,4 +1,4 @@
-"""The chain of the thesis: identify, realise, re-estimate the form, pole locus, critical current, certificate."""
+"""What does the chain of the thesis give: identify, realise, re-estimate the form, critical current, certificate?"""
 
 from __future__ import annotations
 
@@ -41,8 +41,7 @@ def main(tests: Sequence[str] = tuple(EXPERIMENTS), figure: Path | None = None) 
     critical = lpv.critical_scheduling(refit.model)
     certificate = lpv.certify_stability(refit.model)
     print(critical, certificate, lpv.verify(certificate, refit.model), sep="\n")
-    if figure is not None:
-        plot.locus(lpv.pole_locus(refit.model), critical=critical).savefig(figure)
+    plot.show(plot.locus(lpv.pole_locus(refit.model), critical=critical), figure)
     return means
 
 

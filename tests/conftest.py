@@ -7,6 +7,7 @@ import os
 os.environ.setdefault("LPVID_PROGRESS", "quiet")  # a slow machine must not add lines to an error
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # small matrices: threads cost more than they bring
     os.environ.setdefault(_variable, "1")
+os.environ.setdefault("MPLBACKEND", "agg")  # an example that shows its figure opens no window
 
 from pathlib import Path  # noqa: E402
 

@@ -9,7 +9,8 @@ from lpvid.plot.export import png, svg
 from lpvid.plot.passivity import passivity
 from lpvid.plot.residuals import residuals
 from lpvid.plot.responses import bode, steps
+from lpvid.plot.showing import show
 from lpvid.plot.stability import locus, poles
 
 __all__ = ["Comparison", "bode", "channel_traces", "compare", "free_run", "free_run_band", "locus", "loops", "overlay",
-           "passivity", "png", "poles", "residuals", "spectra", "steps", "strokes", "svg"]
+           "passivity", "png", "poles", "residuals", "show", "spectra", "steps", "strokes", "svg"]

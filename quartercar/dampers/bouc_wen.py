@@ -25,6 +25,8 @@ MOST_STARTS = 8
 class BoucWen(DynamicDamper):
     """Modified Bouc-Wen model: a hysteretic yield force, a dashpot and a spring, behind a series dashpot, with gas.
 
+    ::
+
         ── c_1 ──┬── F_y z ──┬──        F = c_1 ẏ + k_1 x + F_g
                  ├── c_0 ────┤          ẏ = [F_y z + c_0 ẋ + k_0(x − y)]/(c_0 + c_1),  r = ẋ − ẏ
                  └── k_0 ────┘          ż = [r − (1−b)|r| z|z|^{n−1} − b r|z|^n]/x_y
