@@ -14,20 +14,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid import _checks
+from lpvid.analysis.frozen_norms import largest_frozen_norm
 from lpvid.errors import InputError
+from lpvid.lmi.driven import driven
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial
 from lpvid.synthesis.assumptions import fault_of
 from lpvid.synthesis.criteria import HInfinity
-from lpvid.synthesis.design_grid import fitted, over
-from lpvid.synthesis.figures import measure
-from lpvid.synthesis.fractional_plant import FractionalController, FractionalPlant, fractional_plant
+from lpvid.synthesis.design_grid import fitted, is_affine, over
+from lpvid.synthesis.figures import Figure, measure
+from lpvid.synthesis.fractional_plant import FractionalController, FractionalPlant, diagonal, fractional_plant
 from lpvid.synthesis.fractional_search import recovered, scaled_levels, settled_levels
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop
+from lpvid.synthesis.loop_certificate import own_certificate
+from lpvid.synthesis.loop_check import Storage, gain_bounds
 from lpvid.synthesis.plant_functions import named
+from lpvid.synthesis.preconditioning import preconditioned
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_program import Coordinates
+
+MOST = 1.03
+"""times the promise up to which the controller's own storage function is asked for a proof: writing the rational
+controller down as a polynomial costs a little"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,11 +83,12 @@ class LFTFeedback:
         if at.D22.any():
             raise InputError(f"the controls {', '.join(plant.controls)} reach the measurements directly",
                              mend="delay them by a fast lag, or use OutputFeedback")
-        c = Coordinates.of(at, plant.sample_time is not None)
+        inner, turn = preconditioned(plant, corners)
+        c = Coordinates.of(inner.at(corners), plant.sample_time is not None)
         lowest, best = math.inf, None
-        for least, fractional, found in settled_levels(fractional_plant(plant, c), self.back_off):
+        for least, fractional, found in settled_levels(fractional_plant(inner, c), self.back_off):
             lowest = min(lowest, least)
-            outcome = self._recovered(plant, c, fractional, least, found)
+            outcome = self._recovered(plant, turn, c, fractional, least, found)
             if outcome is not None and (best is None or _rank(outcome) < _rank(best)):
                 best = replace(outcome, infimum=lowest, seconds=time.perf_counter() - started)
             if best is not None and best.verdict == "solved":
@@ -92,8 +102,8 @@ class LFTFeedback:
                          mend="use OutputFeedback with a Lyapunov matrix that depends on the scheduling, and rates",
                          infimum=lowest if math.isfinite(lowest) else None, seconds=time.perf_counter() - started)
 
-    def _recovered(self, plant: GeneralizedPlant, c: Coordinates, fractional: FractionalPlant, lowest: float,
-                   found: dict[str, np.ndarray]) -> Synthesis | None:
+    def _recovered(self, plant: GeneralizedPlant, turn: np.ndarray, c: Coordinates, fractional: FractionalPlant,
+                   lowest: float, found: dict[str, np.ndarray]) -> Synthesis | None:
         """The first controller that keeps its promise, or the best that was verified."""
         best: Synthesis | None = None
         for factor in dict.fromkeys((self.back_off, 1.2, 1.5)):
@@ -105,7 +115,8 @@ class LFTFeedback:
             for law, solver in _tried(fractional, gamma * 1.001, matrices):
                 controller = _written(plant, c, law)
                 loop = close_loop(plant, controller)
-                seen = measure(HInfinity(), plant, loop, gamma, Polynomial((), 0))
+                seen = (_proven(plant, loop, gamma, law, turn, c)
+                        or measure(HInfinity(), plant, loop, gamma, Polynomial((), 0)))
                 if not np.isfinite(seen.verified):
                     continue
                 kept = seen.verified <= 1.005 * gamma
@@ -121,6 +132,32 @@ class LFTFeedback:
                 if best is None or seen.verified < (best.gamma_verified or np.inf):
                     best = result
         return best
+
+
+def _proven(plant: GeneralizedPlant, loop: LPVStateSpace, promised: float, law: FractionalController, turn: np.ndarray,
+            c: Coordinates) -> Figure | None:
+    """The promise by the storage function that came with the controller; None where that does not prove it.
+
+    The bounded-real inequality with one P is affine in the loop's matrices, so that the corners of the box suffice for
+    a loop that is affine in each variable.
+    """
+    if law.storage is None or not is_affine(loop.basis):
+        return None
+    root = np.sqrt(c.pace)
+    corners, v = loop.box.grid(2), law.storage
+    whole = diagonal(turn * c.states / root, np.eye(law.order) / root)
+    many = (len(corners), 1, 1)
+    storage = Storage(np.tile(v.first, many) / c.pace, np.tile(v.second, many) / c.pace,
+                      np.zeros((len(corners), 1, *v.first.shape[1:])), np.zeros((len(corners), 1, *v.second.shape[1:])),
+                      whole @ v.mix)
+    at = tuple(np.array(m) for m in zip(*(loop.frozen(p) for p in corners), strict=True))
+    bound = float(gain_bounds(at, storage, 0, discrete=loop.is_discrete).max())  # type: ignore[arg-type]
+    lower = largest_frozen_norm(driven(loop), loop.box)[0]
+    if not lower <= bound <= MOST * promised:
+        return None
+    own = own_certificate(lambda points: np.broadcast_to(storage.matrices()[:1], (len(points), *whole.shape)),
+                          Polynomial((), 0), loop, bound, 1.002)
+    return Figure("H-infinity", HInfinity().says(plant), promised, bound if own is None else own.gamma, lower, True, own)
 
 
 def _rank(found: Synthesis) -> tuple[bool, float]:

@@ -21,6 +21,7 @@ from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
 from lpvid.synthesis.plant_functions import assembled, named, plant_functions
+from lpvid.synthesis.preconditioning import preconditioned
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import Criterion, ShapedProblem, check_criteria, listed, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, combined
@@ -78,19 +79,22 @@ class MultiObjective:
         steady = _steady(plant)
         axes = design_axes(plant.box, self.points, is_affine(plant.system.basis) and steady)
         check_criteria(plant, criteria, regions, tensor(axes))
-        raw = plant.at(tensor(axes))
+        fault = fault_of(plant, plant.at(tensor(axes)), tensor(axes))
+        inner, _ = preconditioned(plant, tensor(axes))
+        raw = inner.at(tensor(axes))
         coordinates = Coordinates.of(raw, plant.sample_time is not None)
         direct = self.feedthrough and (plant.sample_time is not None or not any(isinstance(c, H2) for c in criteria))
-        return settle(_Problem(plant, criteria, regions, self.back_off, axes, direct, coordinates,
-                               coordinates.scaled(raw)), fault_of(plant, raw, tensor(axes)))
+        return settle(_Problem(plant, criteria, regions, self.back_off, axes, direct, inner, coordinates,
+                               coordinates.scaled(raw)), fault)
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem(ShapedProblem):
-    """One plant with several objectives, in scaled coordinates."""
+    """One plant with several objectives, in scaled coordinates of the preconditioned plant `inner`."""
 
     axes: tuple[np.ndarray, ...]
     direct: bool
+    inner: GeneralizedPlant
     coordinates: Coordinates
     matrices: PlantMatrices
 
@@ -140,7 +144,7 @@ class _Problem(ShapedProblem):
     def controller(self, shaped: Shaped) -> LPVStateSpace:
         x, y = shaped.values("X")[0], shaped.values("Y")[0]
         hat = {name: MatrixFunction(self.basis, shaped.values(name)) for name in "ABCD"}
-        plant = _scaled(self.plant, self.coordinates)
+        plant = _scaled(self.inner, self.coordinates)
         u, s, v = np.linalg.svd(np.eye(len(x)) - x @ y)
         if s.min() < 1e-10 * s.max():
             raise np.linalg.LinAlgError("I − XY is singular")

@@ -128,6 +128,22 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> 
                      mend="raise back_off or points, or scale the signals to similar size")
 
 
+def moderate(problem: FeedbackProblem, bound: float) -> tuple[LPVStateSpace, ControllerFormula] | None:
+    """The first controller, most moderate first, that keeps a bound which is known to be admitted; None for none."""
+    clock, projected = Clock(), problem.projected
+    best = least_bound(projected, clock, solvers=problem.solvers)
+    if best is None or best.gamma * (1 + SLACK) > bound:
+        return None
+    for formula in _formulas(problem, projected, best, bound / (1 + SLACK) ** 2, clock):
+        try:
+            kept = _kept(problem, formula)
+        except np.linalg.LinAlgError:
+            continue
+        if kept is not None and kept[1] <= bound:
+            return kept[0], formula
+    return None
+
+
 def _formulas(problem: FeedbackProblem, projected: Projected, best: Pair, gamma: float, clock: Clock
               ) -> Iterator[ControllerFormula]:
     """Controllers at a bound, the most moderate first: with noise and effort where the plant has none, if they fit."""

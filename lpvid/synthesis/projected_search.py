@@ -10,6 +10,7 @@ import numpy as np
 
 from lpvid.lmi.program import SOLVERS
 from lpvid.synthesis.projection import Pair, Projected, ProjectedProgram, initial, roots_of, sizes_at
+from lpvid.synthesis.riccati import start
 
 ROUNDS = 6
 SETTLED = 1e-3
@@ -28,7 +29,30 @@ def least_bound(problem: Projected, clock: Clock, *, solvers: Sequence[str] = SO
 
     Every solver but the first is a fallback for one that gives no usable answer.
     """
-    pair, roots = initial(problem)
+    best: Pair | None = None
+    for pair, roots in _starts(problem):
+        found = _settled(problem, pair, roots, clock, solvers)
+        if found is not None and (best is None or found.gamma < best.gamma):
+            best = found
+        if best is not None and best.status == "optimal":
+            break
+    return best
+
+
+def _starts(problem: Projected) -> Iterator[tuple[Pair, tuple[np.ndarray, np.ndarray]]]:
+    """First coordinates: those of the Riccati equations at the middle of the box, and those of the balanced plant."""
+    plain, roots = initial(problem)
+    n, middle = problem.plant.A.shape[1], start(problem.plant)
+    if middle is not None and n:
+        x, y = (np.einsum("kij,jl->kil", one, m) for one, m in zip((plain.x, plain.y), (middle.x, middle.y), strict=True))
+        pair = Pair(x, y, middle.gamma)
+        yield pair, roots_of(problem, pair)
+    yield plain, roots
+
+
+def _settled(problem: Projected, pair: Pair, roots: tuple[np.ndarray, np.ndarray], clock: Clock,
+             solvers: Sequence[str]) -> Pair | None:
+    """The pair of least γ from one start on."""
     best: Pair | None = None
     stalled = 0
     for _ in range(ROUNDS):
