@@ -94,6 +94,7 @@ if TYPE_CHECKING:
     from lpvid.synthesis.output_feedback import OutputFeedback
     from lpvid.synthesis.reduction import balanced_realization, reduce_order
     from lpvid.synthesis.result import Synthesis
+    from lpvid.synthesis.sampled_plants import from_function, from_grid
     from lpvid.synthesis.sampling_rules import Euler, Taylor, Tustin, ZeroOrderHold
     from lpvid.synthesis.saturated import saturate
     from lpvid.synthesis.scaled_gain import ScaledGain, scaled_gain
@@ -184,6 +185,7 @@ _EXPORTS = {
     "lpvid.synthesis.reduction": ("balanced_realization", "reduce_order"),
     "lpvid.synthesis.result": ("Synthesis",),
     "lpvid.synthesis.sampling_rules": ("Euler", "Taylor", "Tustin", "ZeroOrderHold"),
+    "lpvid.synthesis.sampled_plants": ("from_function", "from_grid"),
     "lpvid.synthesis.saturated": ("saturate",),
     "lpvid.synthesis.scaled_gain": ("ScaledGain", "scaled_gain"),
     "lpvid.synthesis.state_feedback": ("StateFeedback",),
@@ -208,8 +210,8 @@ __all__ = [
     "balanced_realization", "certified_share", "certify_gain", "certify_passivity", "certify_region",
     "certify_stability", "certify_switching", "close_loop", "compare_models", "connect", "control_system",
     "critical_scheduling", "decay_rate", "diagnose", "discretise", "export_c", "export_control", "export_csv",
-    "export_fmu", "export_matlab", "exportable", "free_run_band", "frequency_band", "from_control", "from_lft",
-    "frozen_stability", "h2_norm", "identify", "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains",
+    "export_fmu", "export_matlab", "exportable", "free_run_band", "frequency_band", "from_control",
+    "from_function", "from_grid", "from_lft", "frozen_stability", "h2_norm", "identify", "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains",
     "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel", "passivity_margin", "pole_band",
     "pole_locus", "predict", "read", "realize", "reduce_order", "refit_form", "saturate", "save", "scaled_gain",
     "select", "series", "simulate", "sparsify", "stability_probability", "steadied", "summing_junction", "synthesize",

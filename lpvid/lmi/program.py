@@ -167,6 +167,24 @@ class Program:
                     value += 0.5 * float(np.sum(self._squares.value(x) ** 2))
                 yield Solution(x, value, solver, status)
 
+    def refuted(self) -> float:
+        """The norm of the unknowns below which the inequalities were shown to have no solution; 0 for nothing shown.
+
+        Shown by a dual matrix that numpy checks (`lpvid.lmi.native.Conic.refuted`), for a program without θ.
+
+        Examples
+        --------
+        >>> program = Program()
+        >>> t = program.unknowns.scalar()
+        >>> program.require(t - 1.0)
+        >>> round(program.refuted(), 6)
+        1.0
+        >>> program.require(0.5 - t)
+        >>> program.refuted() > 1e8
+        True
+        """
+        return self._direct().refuted({}) if native.installed() else 0.0
+
     def prepare(self) -> None:
         """Compile now rather than at the first `solve`, where Clarabel is there."""
         if native.installed():

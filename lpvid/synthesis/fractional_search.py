@@ -93,7 +93,7 @@ def settled_levels(plant: FractionalPlant, back_off: float
         if len(seen) > 1 and seen[-1][0] > (1 - SETTLED) * seen[-2][0]:
             break
         try:
-            plant = plant.in_coordinates(balancing(found[1]["R"], found[1]["S"]),
+            plant = plant.in_coordinates(balancing(found[1]["R"], found[1]["S"])[0],
                                          _balancing(found[1]["J"], found[1]["L"], plant.repetitions))
         except np.linalg.LinAlgError:
             break
@@ -103,7 +103,7 @@ def settled_levels(plant: FractionalPlant, back_off: float
 def _balancing(r: np.ndarray, s: np.ndarray, repetitions: Sequence[int]) -> np.ndarray:
     """Block by block of what is repeated (`lpvid.synthesis.preconditioning.balancing`)."""
     ends = np.cumsum([0, *repetitions])
-    return diagonal(*(balancing(r[a:b, a:b], s[a:b, a:b]) for a, b in itertools.pairwise(ends) if b > a))
+    return diagonal(*(balancing(r[a:b, a:b], s[a:b, a:b])[0] for a, b in itertools.pairwise(ends) if b > a))
 
 
 def _primal(program: Program, plant: FractionalPlant, s: Affine, scaling: Affine, level: Affine) -> None:

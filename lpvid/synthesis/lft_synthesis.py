@@ -14,21 +14,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid import _checks
-from lpvid.analysis.frozen_norms import largest_frozen_norm
 from lpvid.errors import InputError
-from lpvid.lmi.driven import driven
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial
 from lpvid.synthesis.assumptions import fault_of
+from lpvid.synthesis.block_proof import gain_figure
 from lpvid.synthesis.criteria import HInfinity
-from lpvid.synthesis.design_grid import fitted, is_affine, over
+from lpvid.synthesis.design_grid import fitted, over
 from lpvid.synthesis.figures import Figure, measure
 from lpvid.synthesis.fractional_plant import FractionalController, FractionalPlant, diagonal, fractional_plant
 from lpvid.synthesis.fractional_search import recovered, scaled_levels, settled_levels
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop
-from lpvid.synthesis.loop_certificate import own_certificate
-from lpvid.synthesis.loop_check import Storage, gain_bounds
 from lpvid.synthesis.plant_functions import named
 from lpvid.synthesis.preconditioning import preconditioned
 from lpvid.synthesis.result import Synthesis
@@ -83,7 +80,8 @@ class LFTFeedback:
         if at.D22.any():
             raise InputError(f"the controls {', '.join(plant.controls)} reach the measurements directly",
                              mend="delay them by a fast lag, or use OutputFeedback")
-        inner, turn = preconditioned(plant, corners)
+        ready = preconditioned(plant, corners)
+        inner, turn = ready.plant, ready.turn
         c = Coordinates.of(inner.at(corners), plant.sample_time is not None)
         lowest, best = math.inf, None
         for least, fractional, found in settled_levels(fractional_plant(inner, c), self.back_off):
@@ -136,28 +134,14 @@ class LFTFeedback:
 
 def _proven(plant: GeneralizedPlant, loop: LPVStateSpace, promised: float, law: FractionalController, turn: np.ndarray,
             c: Coordinates) -> Figure | None:
-    """The promise by the storage function that came with the controller; None where that does not prove it.
-
-    The bounded-real inequality with one P is affine in the loop's matrices, so that the corners of the box suffice for
-    a loop that is affine in each variable.
-    """
-    if law.storage is None or not is_affine(loop.basis):
+    """The promise by the storage function that came with the controller; None where that does not prove it."""
+    if law.storage is None:
         return None
+    v, own = law.storage, diagonal(turn * c.states, np.eye(law.order))  # of x and x_K times the root of the pace
     root = np.sqrt(c.pace)
-    corners, v = loop.box.grid(2), law.storage
-    whole = diagonal(turn * c.states / root, np.eye(law.order) / root)
-    many = (len(corners), 1, 1)
-    storage = Storage(np.tile(v.first, many) / c.pace, np.tile(v.second, many) / c.pace,
-                      np.zeros((len(corners), 1, *v.first.shape[1:])), np.zeros((len(corners), 1, *v.second.shape[1:])),
-                      whole @ v.mix)
-    at = tuple(np.array(m) for m in zip(*(loop.frozen(p) for p in corners), strict=True))
-    bound = float(gain_bounds(at, storage, 0, discrete=loop.is_discrete).max())  # type: ignore[arg-type]
-    lower = largest_frozen_norm(driven(loop), loop.box)[0]
-    if not lower <= bound <= MOST * promised:
-        return None
-    own = own_certificate(lambda points: np.broadcast_to(storage.matrices()[:1], (len(points), *whole.shape)),
-                          Polynomial((), 0), loop, bound, 1.002)
-    return Figure("H-infinity", HInfinity().says(plant), promised, bound if own is None else own.gamma, lower, True, own)
+    found = gain_figure(HInfinity().says(plant), loop, promised,
+                        replace(v, first=v.first / c.pace, second=v.second / c.pace, mix=own / root @ v.mix))
+    return found if found is not None and found.between_grid and found.verified <= MOST * promised else None
 
 
 def _rank(found: Synthesis) -> tuple[bool, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,8 +12,21 @@ from lpvid.synthesis.riccati import start
 from lpvid.synthesis.scaling import Units
 
 
-def preconditioned(plant: GeneralizedPlant, points: np.ndarray) -> tuple[GeneralizedPlant, np.ndarray]:
-    """The same signals over states x' = T⁻¹x, and T, in which X and Y of the middle point are one diagonal matrix.
+@dataclass(frozen=True, eq=False)
+class Preconditioned:
+    """A plant over states x' = `turn`⁻¹x in which X = Y = diag(`sizes`) suits the middle of its box.
+
+    Not `balanced`, it is the plant as it was.
+    """
+
+    plant: GeneralizedPlant
+    turn: np.ndarray
+    sizes: np.ndarray
+    balanced: bool = True
+
+
+def preconditioned(plant: GeneralizedPlant, points: np.ndarray) -> Preconditioned:
+    """The same signals over states x' = T⁻¹x in which X and Y of the middle point are one diagonal matrix.
 
     T⁻¹XT⁻ᵀ = TᵀYT (as in balanced truncation), for a pair that keeps twice the least gain there. A controller for one
     plant is a controller for the other. Where the equations have no solution, the plant as it is.
@@ -30,26 +43,27 @@ def preconditioned(plant: GeneralizedPlant, points: np.ndarray) -> tuple[General
     balanced = units.apply(at)
     found = start(replace(balanced, D22=np.zeros_like(balanced.D22)))
     if found is None or not plant.order:
-        return plant, np.eye(plant.order)
-    turn = units.states[:, None] * balancing(found.x, found.y)
+        return Preconditioned(plant, np.eye(plant.order), np.ones(plant.order), False)
+    turn, sizes = balancing(found.x, found.y)
+    turn = units.states[:, None] * turn
     back = np.linalg.inv(turn)
     system = plant.system
     moved = system.replace(A=back @ system.A @ turn, B=back @ system.B, C=system.C @ turn)
-    return GeneralizedPlant(moved, plant.controls, plant.measurements), turn
+    return Preconditioned(GeneralizedPlant(moved, plant.controls, plant.measurements), turn, sizes)
 
 
-def balancing(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """T with T⁻¹ X T⁻ᵀ = Tᵀ Y T = Σ diagonal.
+def balancing(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """T with T⁻¹ X T⁻ᵀ = Tᵀ Y T = Σ, and the diagonal of Σ.
 
     Examples
     --------
     >>> x, y = np.array([[4.0, 1.0], [1.0, 2.0]]), np.array([[3.0, -1.0], [-1.0, 5.0]])
-    >>> t = balancing(x, y)
-    >>> np.allclose(np.linalg.inv(t) @ x @ np.linalg.inv(t).T, t.T @ y @ t)
-    True
+    >>> t, sizes = balancing(x, y)
+    >>> np.allclose(np.linalg.inv(t) @ x @ np.linalg.inv(t).T, np.diag(sizes)), np.allclose(t.T @ y @ t, np.diag(sizes))
+    (True, True)
     """
     if not len(x):
-        return np.zeros((0, 0))
+        return np.zeros((0, 0)), np.zeros(0)
     first, second = np.linalg.cholesky(x), np.linalg.cholesky(y)
     _, sizes, vt = np.linalg.svd(second.T @ first)
-    return first @ vt.T / np.sqrt(sizes)
+    return first @ vt.T / np.sqrt(sizes), sizes

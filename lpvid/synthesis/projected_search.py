@@ -34,7 +34,7 @@ def least_bound(problem: Projected, clock: Clock, *, solvers: Sequence[str] = SO
         found = _settled(problem, pair, roots, clock, solvers)
         if found is not None and (best is None or found.gamma < best.gamma):
             best = found
-        if best is not None and best.status == "optimal":
+        if best is not None:
             break
     return best
 

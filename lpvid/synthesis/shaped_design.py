@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -17,10 +17,13 @@ from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 from lpvid.synthesis.assumptions import Fault
+from lpvid.synthesis.block_proof import gain_figure, variance_figure
 from lpvid.synthesis.criteria import H2, HInfinity, Region
 from lpvid.synthesis.figures import Figure, channel, measure, stays_inside
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.loop_certificate import own_certificate
+from lpvid.synthesis.loop_check import Storage
+from lpvid.synthesis.obstacle import BEYOND
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_program import Shaped, ShapedProgram, Shaping
 
@@ -72,6 +75,10 @@ class ShapedProblem(ABC):
     def storage_of(self, shaped: Shaped) -> Values | None:
         """(N, n, n) P at (N, n_scheduling) points of the box, as an answer has it; None where the analysis is as quick.
         """
+
+    @abstractmethod
+    def blocks_of(self, shaped: Shaped) -> Storage | None:
+        """One storage function for the whole box, in two blocks, over the states of `close`; None where there is none."""
 
     @abstractmethod
     def build(self, program: Program, scale: float) -> Shaping:
@@ -160,8 +167,11 @@ def settle(problem: ShapedProblem, fault: Fault | None = None, *, kept: float = 
         return Synthesis("numerical", why="no controller recovered from the solvers' answers keeps the loop stable",
                          mend="scale the signals to similar size, or raise back_off", seconds=seconds,
                          method=problem.method)
-    return Synthesis("infeasible", why=f"no solver finds matrices for {_asked(problem)}", mend=problem.remedy,
-                     seconds=seconds, method=problem.method)
+    if program.refuted() >= BEYOND:
+        return Synthesis("infeasible", why=f"there are no matrices for {_asked(problem)} (shown by a dual matrix)",
+                         mend=problem.remedy, seconds=seconds, method=problem.method)
+    return Synthesis("numerical", why=f"no solver finds matrices for {_asked(problem)}; that none exist is not shown",
+                     mend=problem.remedy, seconds=seconds, method=problem.method)
 
 
 def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: float, most: float
@@ -209,6 +219,9 @@ def _proven(criterion: Criterion, problem: ShapedProblem, shaped: Shaped, loop: 
 
     A bound that was asked for is kept to the last digit, or left to the analysis.
     """
+    blocks = problem.blocks_of(shaped)
+    if blocks is not None:
+        return _by_blocks(criterion, problem, blocks, loop, promised, most)
     own, basis = problem.storage_of(shaped), problem.storage
     if own is None or basis is None or not isinstance(criterion, HInfinity):
         return None
@@ -221,6 +234,22 @@ def _proven(criterion: Criterion, problem: ShapedProblem, shaped: Shaped, loop: 
     system = driven(part)
     lower = largest_frozen_norm(system, found.box)[0]
     return Figure("H-infinity", criterion.says(problem.plant), promised, found.gamma, lower, True, found)
+
+
+def _by_blocks(criterion: Criterion, problem: ShapedProblem, blocks: Storage, loop: LPVStateSpace, promised: float,
+               most: float) -> Figure | None:
+    """The promise by one storage function in two blocks; None where that does not prove it."""
+    part, says = channel(loop, *criterion.indices(problem.plant)), criterion.says(problem.plant)
+    if isinstance(criterion, H2):
+        found = variance_figure(says, part, promised, blocks)
+    else:
+        unit = promised if any(isinstance(c, H2) for c in problem.criteria) else 1.0  # V is then measured in |w|²
+        found = gain_figure(says, part, promised, replace(blocks, first=unit * blocks.first,
+                                                          second=unit * blocks.second))
+    limit = promised if criterion.bound is not None else most * promised
+    if found is None or not found.between_grid or found.verified > limit:
+        return None
+    return found if isinstance(criterion, H2) or found.certificate is not None else None
 
 
 def _speed(controller: LPVStateSpace) -> tuple[str, ...]:
