@@ -112,11 +112,13 @@ def search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> S
 
 
 def _refined(problem: FeedbackProblem, wanted: float | None, back_off: float) -> Synthesis:
+    known: Pair | None = None
     while True:
-        found = _search(problem, wanted, back_off)
+        found = _search(problem, wanted, back_off, known)
         if isinstance(found, Synthesis):
             return found
-        problem = replace(problem, extra=np.vstack([problem.extra, found]))
+        points, known = found
+        problem = replace(problem, extra=np.vstack([problem.extra, points]))
 
 
 def _better(one: Synthesis, other: Synthesis) -> Synthesis:
@@ -135,11 +137,12 @@ def _kept_near(verified: float, least: float) -> str:
             "bound of any route")
 
 
-def _search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> Synthesis | np.ndarray:
-    """A synthesis, or (·, n_scheduling) points at which the inequalities are wanted too."""
+def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, known: Pair | None
+            ) -> Synthesis | tuple[np.ndarray, Pair]:
+    """A synthesis, or (·, n_scheduling) points at which the inequalities are wanted too, with the pair of these."""
     clock = Clock()
     projected = problem.projected
-    best = _least(projected, clock, problem.solvers)
+    best = _least(projected, clock, problem.solvers, known)
     if best is None:
         verdict, why, mend = obstacle(problem.plant.plant, projected)
         return Synthesis(verdict, why=why, mend=mend, method=problem.method)
@@ -154,7 +157,7 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> 
         for formula in _formulas(problem, projected, best, gamma, clock):
             missed = _missed(problem, formula)
             if len(missed):
-                return missed
+                return missed, best
             found = _written(problem, formula)
             if found is not None:
                 verified = found.gamma_verified or np.inf
@@ -167,9 +170,9 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> 
                      mend="raise back_off or points, or scale the signals to similar size")
 
 
-def _least(projected: Projected, clock: Clock, solvers: tuple[str, ...]) -> Pair | None:
+def _least(projected: Projected, clock: Clock, solvers: tuple[str, ...], known: Pair | None = None) -> Pair | None:
     """The pair of least bound; for a plant that does not move, by the Riccati equations too where that is lower."""
-    best = least_bound(projected, clock, solvers=solvers)
+    best = least_bound(projected, clock, solvers=solvers, known=known)
     if len(projected.plant.A) > 1 or projected.strictly_proper:
         return best
     judged = least_gain(projected.plant)

@@ -1,4 +1,4 @@
-"""The two Riccati equations of H-infinity control at one value of the scheduling: a start, and a judge of what is possible.
+"""The Riccati equations of H-infinity control at one value of the scheduling: a start, and a judge of the possible.
 
 Glover & Doyle, Systems & Control Letters 11 (1988) 167-172. With D1 = [D11 D12], B = [B1 B2] and
 R = D1ᵀD1 − diag(γ²I, 0), the stabilising X∞ of
@@ -82,6 +82,11 @@ def least_gain(plant: PlantMatrices, k: int = 0, free: float = FREE) -> float:
         else:
             low = middle
     return high
+
+
+def admits(plant: PlantMatrices, gamma: float, k: int = 0) -> bool:
+    """A bound can be had at point k."""
+    return admitted(_point(plant, k, FREE), gamma)
 
 
 def admitted(point: PlantMatrices, gamma: float) -> bool:
