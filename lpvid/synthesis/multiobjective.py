@@ -16,6 +16,7 @@ from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.assumptions import fault_of
 from lpvid.synthesis.criteria import H2, HInfinity, Region
 from lpvid.synthesis.design_grid import columns, design_axes, is_affine, tensor, varies
+from lpvid.synthesis.figures import Figure, channel
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.loop_check import Storage
@@ -77,6 +78,10 @@ class MultiObjective:
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The controller for a plant, with the figures of its closed loop."""
         criteria, regions = tuple(self.criteria), tuple(self.regions)  # type: ignore[arg-type]
+        if len(criteria) == 1 and isinstance(criteria[0], HInfinity) and not regions and self.feedthrough:
+            found = _by_output_feedback(plant, criteria[0], self.back_off - 1, self.points)
+            if found is not None:
+                return found
         steady = _steady(plant)
         axes = design_axes(plant.box, self.points, is_affine(plant.system.basis) and steady)
         check_criteria(plant, criteria, regions, tensor(axes))
@@ -187,6 +192,35 @@ class _Problem(ShapedProblem):
 
     def close(self, controller: LPVStateSpace) -> LPVStateSpace:
         return close_loop(self.plant, controller)
+
+
+def _by_output_feedback(plant: GeneralizedPlant, criterion: HInfinity, back_off: float, points: int
+                        ) -> Synthesis | None:
+    """One bound of a gain alone is what the projected inequalities decide with fewer unknowns; None where they fail."""
+    from lpvid.synthesis.output_feedback import OutputFeedback
+
+    check_criteria(plant, (criterion,), (), plant.box.grid(2))
+    part = _channel_of(plant, criterion)
+    found = OutputFeedback(bound=criterion.bound, back_off=min(back_off, 1.0), points=points).solve(part)
+    if found.verdict in ("infeasible", "unstabilisable", "undetectable"):
+        return found
+    if found.verdict != "solved" or found.certificate is None or found.gamma_verified is None:
+        return None
+    figure = Figure("H-infinity", criterion.says(plant), found.gamma or found.gamma_verified, found.gamma_verified,
+                    found.gamma_lower, found.between_grid, found.certificate)
+    return replace(found, notes=(str(figure), *found.notes), figures=(figure.to_dict(),))
+
+
+def _channel_of(plant: GeneralizedPlant, criterion: HInfinity) -> GeneralizedPlant:
+    """The plant without the disturbances and performance signals that a criterion does not name."""
+    inputs = {*plant.controls, *(criterion.disturbances or plant.disturbances)}
+    outputs = {*plant.measurements, *(criterion.performance or plant.performance)}
+    s = plant.system
+    j = [k for k, signal in enumerate(s.inputs) if signal.name in inputs]
+    i = [k for k, signal in enumerate(s.outputs) if signal.name in outputs]
+    if len(j) == len(s.inputs) and len(i) == len(s.outputs):
+        return plant
+    return GeneralizedPlant(channel(s, j, i), plant.controls, plant.measurements)
 
 
 def _apart(program: Program, x: Affine, y: Affine, coupling: np.ndarray, below: Sequence[Affine], scale: float) -> Affine:

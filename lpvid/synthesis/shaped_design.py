@@ -33,6 +33,8 @@ Values = Callable[[np.ndarray], np.ndarray]
 """From points to matrices."""
 SOFTER = (1.1, 1.4)
 """Factors tried where the controller of the design's own back-off does not keep its promise."""
+SOLVED = 0.12
+"""share above the least level up to which a verified figure is "solved"; beyond it is "backed-off" """
 MOST = 6
 """Controllers that are examined before the best of them is taken."""
 KEPT = 1.005
@@ -194,17 +196,26 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
     if not all(np.isfinite(f.verified) for f in (*figures, gain)):
         return None
     kept = all(f.verified <= most * f.promised for f in figures)
+    near = all(f.verified <= (f.promised if c.bound is not None else (1 + SOLVED) * low)
+               for f, c, low in zip(figures, problem.criteria, shaped.lowest, strict=True))
     between = all(f.between_grid for f in (*figures, gain))
     return Synthesis(
-        "solved" if kept and back_off == problem.back_off else "backed-off", between_grid=between,
+        "solved" if near or (kept and back_off == problem.back_off) else "backed-off", between_grid=between,
         gamma=None if bounded is None else gain.promised, gamma_verified=gain.verified, gamma_lower=gain.lower,
         controller=controller, closed_loop=channel(loop, *main.indices(problem.plant)), certificate=gain.certificate,
-        why="the closed loop keeps what the inequalities promised"
-            if all(f.verified <= KEPT * f.promised for f in figures) else
-            "the closed loop was verified, but above the promise",
+        why=("the closed loop keeps what the inequalities promised"
+             if all(f.verified <= KEPT * f.promised for f in figures) else
+             "the closed loop was verified, but above the promise") + _beside(problem, shaped, figures),
         notes=(*map(str, figures), *notes, *_speed(controller)),
         seconds=time.perf_counter() - started, solver=shaped.solution.solver, method=problem.method,
-        infimum=_infimum(problem, shaped)), kept
+        infimum=_infimum(problem, shaped), figures=tuple(f.to_dict() for f in figures)), kept
+
+
+def _beside(problem: ShapedProblem, shaped: Shaped, figures: Sequence[Figure]) -> str:
+    """The verified figures of free criteria beside the least ones."""
+    pairs = [f"{f.verified:.6g} beside the least {low:.6g}" for f, c, low in
+             zip(figures, problem.criteria, shaped.lowest, strict=True) if c.bound is None and low > 0]
+    return f" ({', '.join(pairs)})" if pairs else ""
 
 
 def _infimum(problem: ShapedProblem, shaped: Shaped) -> float | None:

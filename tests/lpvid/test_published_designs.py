@@ -1,0 +1,124 @@
+"""Published designs that are hard for a solver: verified gains at or below the published figures."""
+
+import numpy as np
+import pytest
+from published_plants import quarter_car, two_disks
+from synthesis_plants import column, plant
+
+import lpvid as lpv
+
+
+def _peak(result, points=3):
+    """Largest frozen gain of the closed loop over frequencies and a grid, by singular values."""
+    loop, worst = result.closed_loop, 0.0
+    for p in loop.box.grid(points):
+        a, b, c, d = loop.frozen(p)
+        assert np.linalg.eigvals(a).real.max() < 0
+        poles = np.abs(np.linalg.eigvals(a))
+        grid = np.concatenate([[0.0], np.geomspace(poles.min() / 10, 10 * poles.max(), 800)])
+        worst = max(worst, *(np.linalg.norm(c @ np.linalg.solve(1j * w * np.eye(len(a)) - a, b) + d, 2) for w in grid))
+    return worst
+
+
+def test_two_disks_by_output_feedback():
+    """LPVTools, one Lyapunov matrix: 1.130. The sensor's weight has a pole at 40,000 rad/s, the tracking's at 0.04."""
+    found = lpv.synthesize(two_disks(), lpv.OutputFeedback())
+    assert found.verdict == "solved" and found.between_grid
+    assert found.infimum == pytest.approx(1.130, abs=1e-3)
+    assert _peak(found) <= found.gamma_verified * (1 + 1e-6) <= 1.145
+
+
+@pytest.mark.slow
+def test_two_disks_by_a_controller_with_a_copy_of_the_scheduling():
+    """LPVTools, linear fractional form: 1.3361."""
+    found = lpv.synthesize(two_disks(), lpv.LFTFeedback())
+    assert found.verdict == "solved" and found.between_grid
+    assert _peak(found) <= found.gamma_verified * (1 + 1e-6) <= 1.20
+    assert found.gamma_verified <= 1.12 * found.infimum
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("design", [lpv.LFTFeedback(), lpv.OutputFeedback()])
+def test_units_of_a_quarter_car_change_nothing(design):
+    """Metres and newtons, and millimetres and kilonewtons."""
+    one, other = (lpv.synthesize(quarter_car(*units), design) for units in ((1.0, 1.0), (1e-3, 1e3)))
+    assert one.verdict == other.verdict == "solved"
+    assert other.infimum == pytest.approx(one.infimum, rel=1e-3)
+    assert other.gamma_verified == pytest.approx(one.gamma_verified, rel=5e-3)
+
+
+def _near_integrator(noise):
+    """A pole at 2e-7 rad/s, a weak penalty of the control and a little noise on it."""
+    a = np.diag([-2e-7, -1.0, -30.0])
+    a[1, 2] = 5.0
+    return plant(a, [[50, 0], [1, 0], [3, 0]], column(40, 1, 20), [[100, 2, 1], [0, 0, 0]], np.zeros((2, 2)),
+                 column(0, noise), [[80, 1, 2]], [[0, noise]])
+
+
+@pytest.mark.parametrize("noise", [1e-3, 1e-2, 1e-1])
+def test_a_near_integrator_does_not_raise_the_bound(noise):
+    """The least bound is that of an own bisection over Hamiltonian matrices (Doyle et al. 1989), in other coordinates."""
+    found = lpv.synthesize(_near_integrator(noise), lpv.OutputFeedback())
+    assert found.verdict == "solved"
+    optimum = _by_hamiltonians(_near_integrator(noise).at(np.zeros((1, 0))).point(0))
+    assert optimum * (1 - 1e-4) <= found.gamma_verified <= 1.03 * optimum
+    assert _peak(found) <= found.gamma_verified * (1 + 1e-6)
+
+
+def _by_hamiltonians(p):
+    """Least γ with D11 = 0, D12ᵀ[C1 D12] = [0 R], [B1; D21]D21ᵀ = [0; V]: X, Y from eigenvectors of the Hamiltonians."""
+    r, v = p.D12.T @ p.D12, p.D21 @ p.D21.T
+
+    def solution(a, b, c, q, gamma):
+        h = np.block([[a, b @ b.T / gamma**2 - c @ np.linalg.inv(q) @ c.T], [np.zeros_like(a), -a.T]])
+        return h
+
+    def stable(h):
+        values, vectors = np.linalg.eig(h)
+        n = len(h) // 2
+        if (np.abs(values.real) < 1e-9 * np.abs(values).max()).any() and n:
+            chosen = np.argsort(values.real)[:n]
+        else:
+            chosen = np.flatnonzero(values.real < 0)
+        if len(chosen) != n:
+            return None
+        top, low = vectors[:n, chosen], vectors[n:, chosen]
+        x = np.real(low @ np.linalg.inv(top))
+        return 0.5 * (x + x.T)
+
+    def admitted(gamma):
+        hx, hy = solution(p.A, p.B1, p.B2, r, gamma), solution(p.A.T, p.C1.T, p.C2.T, v, gamma)
+        n = len(p.A)
+        hx[n:, :n], hy[n:, :n] = -p.C1.T @ p.C1, -p.B1 @ p.B1.T
+        x, y = stable(hx), stable(hy)
+        return x is not None and y is not None and np.linalg.eigvalsh(x)[0] > -1e-9 and (
+            np.linalg.eigvalsh(y)[0] > -1e-9) and np.abs(np.linalg.eigvals(x @ y)).max() < gamma**2
+
+    low, high = 1e-6, 1e4
+    while high > low * (1 + 1e-6):
+        middle = np.sqrt(low * high)
+        low, high = (low, middle) if admitted(middle) else (middle, high)
+    return high
+
+
+def test_a_solvers_failure_is_not_called_infeasible(monkeypatch):
+    """Without an answer of any solver, and without a proof, the verdict is "numerical"."""
+    from lpvid.lmi.program import Program
+
+    monkeypatch.setattr(Program, "solve", lambda self, *a, **k: iter(()))
+    for design in (lpv.OutputFeedback(), lpv.MultiObjective(), lpv.LFTFeedback()):
+        found = lpv.synthesize(quarter_car(), design)
+        assert found.verdict == "numerical" and found.controller is None and found.mend
+
+
+def test_what_is_infeasible_is_shown_by_a_dual_matrix():
+    """ẋ = p x + u·0 + … : a mode that one constant X cannot stabilise while its sign turns over."""
+    a = np.zeros((2, 2, 2))
+    a[0] = [[0.3, 0.0], [0.0, -1.0]]
+    a[1] = [[0.0, 2.0], [-2.0, 0.0]]
+    blocks = (np.array([[1.0], [0.0]]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.0], [0.0, 0.0]]), np.zeros((2, 1)),
+              np.array([[0.0], [0.1]]), np.array([[1.0, 0.0]]), np.array([[0.1]]))
+    moving = [np.stack([m, 0 * m]) for m in blocks]
+    box = lpv.Scheduling(("p",), (-1.0,), (1.0,))
+    found = lpv.synthesize(plant(a, *moving, basis=lpv.Polynomial("p", 1), box=box), lpv.OutputFeedback(points=5))
+    assert found.verdict in ("infeasible", "unstabilisable") and found.controller is None
