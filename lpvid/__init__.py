@@ -69,6 +69,7 @@ if TYPE_CHECKING:
     from lpvid.identification.subspace import Subspace
     from lpvid.lmi.bound_certificate import BoundCertificate
     from lpvid.lmi.gain_certificate import GainCertificate, certify_gain
+    from lpvid.model.continuous_run import step_response
     from lpvid.model.input_stage import TanhStage, ThreeZoneStage
     from lpvid.model.lft import LFTModel
     from lpvid.model.signals import Signal
@@ -159,6 +160,7 @@ _EXPORTS = {
     "lpvid.identification.subspace": ("Subspace",),
     "lpvid.lmi.bound_certificate": ("BoundCertificate",),
     "lpvid.lmi.gain_certificate": ("GainCertificate", "certify_gain"),
+    "lpvid.model.continuous_run": ("step_response",),
     "lpvid.model.input_stage": ("TanhStage", "ThreeZoneStage"),
     "lpvid.model.lft": ("LFTModel",),
     "lpvid.model.signals": ("Signal",),
@@ -197,10 +199,10 @@ _EXPORTS = {
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
-    "ARMAX", "ARX", "H2", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "CanonicalForm",
-    "Channel", "Compliance", "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "DissipativeFeedback", "Effect",
-    "Euler", "ExtendedModel", "ExtrapolationWarning", "Filter", "FormRefit", "Fourier", "Gain", "GainCertificate",
-    "Gap", "GeneralizedPlant", "HInfinity", "HalfPlane", "Identification", "InputError", "LFTFeedback", "LFTModel",
+    "ARMAX", "ARX", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "CanonicalForm", "Channel",
+    "Compliance", "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "DissipativeFeedback", "Effect", "Euler",
+    "ExtendedModel", "ExtrapolationWarning", "Filter", "FormRefit", "Fourier", "Gain", "GainCertificate", "Gap",
+    "GeneralizedPlant", "H2", "HInfinity", "HalfPlane", "Identification", "InputError", "LFTFeedback", "LFTModel",
     "LPVStateSpace", "LPVTransferFunction", "LpvError", "ModelComparison", "MultiObjective", "NumericalError",
     "Observer", "OutputError", "OutputFeedback", "Passive", "PassivityCertificate", "PassivityMargin", "Polynomial",
     "Product", "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain",
@@ -210,13 +212,13 @@ __all__ = [
     "balanced_realization", "certified_share", "certify_gain", "certify_passivity", "certify_region",
     "certify_stability", "certify_switching", "close_loop", "compare_models", "connect", "control_system",
     "critical_scheduling", "decay_rate", "diagnose", "discretise", "export_c", "export_control", "export_csv",
-    "export_fmu", "export_matlab", "exportable", "free_run_band", "frequency_band", "from_control",
-    "from_function", "from_grid", "from_lft", "frozen_stability", "h2_norm", "identify", "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains",
-    "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel", "passivity_margin", "pole_band",
-    "pole_locus", "predict", "read", "realize", "reduce_order", "refit_form", "saturate", "save", "scaled_gain",
-    "select", "series", "simulate", "sparsify", "stability_probability", "steadied", "summing_junction", "synthesize",
-    "to_affine", "to_continuous", "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate",
-    "verify", "weigh",
+    "export_fmu", "export_matlab", "exportable", "free_run_band", "frequency_band", "from_control", "from_function",
+    "from_grid", "from_lft", "frozen_stability", "h2_norm", "identify", "identify_stream", "joint_spectral_radius",
+    "l2_gain", "l2_gains", "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel",
+    "passivity_margin", "pole_band", "pole_locus", "predict", "read", "realize", "reduce_order", "refit_form",
+    "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify", "stability_probability", "steadied",
+    "step_response", "summing_junction", "synthesize", "to_affine", "to_continuous", "to_grid", "to_gridded", "to_lft",
+    "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
 ]
 
 

@@ -24,8 +24,8 @@ def read_mat_grid(path: Path) -> tuple[tuple[str, ...], dict[tuple[float, ...], 
     from scipy.io import loadmat
 
     try:
-        held = {k: np.asarray(v) for k, v in loadmat(path, squeeze_me=False).items() if not k.startswith("__")}
-    except FileNotFoundError:
+        held = {k: np.asarray(v) for k, v in loadmat(str(path), appendmat=False).items() if not k.startswith("__")}
+    except OSError:
         raise InputError("no such file", got=str(path)) from None
     except (NotImplementedError, ValueError) as fault:
         raise InputError("the file cannot be read as a MAT file of version 5", got=str(path), why=str(fault),

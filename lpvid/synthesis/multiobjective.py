@@ -198,10 +198,11 @@ def _by_output_feedback(plant: GeneralizedPlant, criterion: HInfinity, back_off:
                         ) -> Synthesis | None:
     """One bound of a gain alone is what the projected inequalities decide with fewer unknowns; None where they fail."""
     from lpvid.synthesis.output_feedback import OutputFeedback
+    from lpvid.synthesis.output_feedback_search import SLACK
 
     check_criteria(plant, (criterion,), (), plant.box.grid(2))
     part = _channel_of(plant, criterion)
-    found = OutputFeedback(bound=criterion.bound, back_off=min(back_off, 1.0), points=points).solve(part)
+    found = OutputFeedback(bound=criterion.bound, back_off=min(max(back_off - 2 * SLACK, 0.0), 1.0), points=points).solve(part)
     if found.verdict in ("infeasible", "unstabilisable", "undetectable"):
         return found
     if found.verdict != "solved" or found.certificate is None or found.gamma_verified is None:
