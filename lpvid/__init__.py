@@ -199,10 +199,10 @@ _EXPORTS = {
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
-    "ARMAX", "ARX", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "CanonicalForm", "Channel",
-    "Compliance", "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "DissipativeFeedback", "Effect", "Euler",
+    "ARMAX", "ARX", "H2", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "CanonicalForm",
+    "Channel", "Compliance", "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "DissipativeFeedback", "Effect", "Euler",
     "ExtendedModel", "ExtrapolationWarning", "Filter", "FormRefit", "Fourier", "Gain", "GainCertificate", "Gap",
-    "GeneralizedPlant", "H2", "HInfinity", "HalfPlane", "Identification", "InputError", "LFTFeedback", "LFTModel",
+    "GeneralizedPlant", "HInfinity", "HalfPlane", "Identification", "InputError", "LFTFeedback", "LFTModel",
     "LPVStateSpace", "LPVTransferFunction", "LpvError", "ModelComparison", "MultiObjective", "NumericalError",
     "Observer", "OutputError", "OutputFeedback", "Passive", "PassivityCertificate", "PassivityMargin", "Polynomial",
     "Product", "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain",

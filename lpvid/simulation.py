@@ -135,10 +135,12 @@ def _simulate_continuous(model: LPVStateSpace, record: Record, initial: str | np
     u = measured if model.input_stage is None else model.input_stage.apply(measured, p)
     warn_outside(model, p, record.name)
     at_rest = isinstance(initial, str)
-    x = np.zeros(model.order) if at_rest else _checks.shaped(np.asarray(initial, dtype=float), (model.order,), "initial")
+    x = np.zeros(model.order) if at_rest else np.asarray(initial, dtype=float)
+    x = _checks.shaped(x, (model.order,), "initial")
     output = continuous_run(model, u, p, record.sample_time, x)
-    return Simulation(output, 0, None, _first_beyond(output, _limit(model, u, 1.0)), "rest" if at_rest else "given state",
-                      tuple(s.name for s in model.outputs), tuple(s.unit for s in model.outputs), record.sample_time)
+    beyond, origin = _first_beyond(output, _limit(model, u, 1.0)), "rest" if at_rest else "given state"
+    return Simulation(output, 0, None, beyond, origin, tuple(s.name for s in model.outputs),
+                      tuple(s.unit for s in model.outputs), record.sample_time)
 
 
 def predict(model: Model | Adaptable, record: Record, horizon: int = 1) -> Simulation:

@@ -1,9 +1,9 @@
 """Uphill from a periodic scheduling: each step of its path moves the way that raises the gain of its worst input.
 
 With x_{k+1} = S_k ξ_k, ξ = [x; w] and energy Σ ξᵀE_kξ, the worst input w of a path is found by power iteration; with
-the costates λ of its adjoint the energy changes with the path as ∂J/∂p_k = λ_{k+1}ᵀ ∂S_k ξ_k + ½ ξ_kᵀ ∂E_k ξ_k. A variable
-that may jump goes to the end of its box that this points to; one with a rate bound moves along it, and is then brought
-between the largest path below it and the smallest above it that keep the rate.
+the costates λ of its adjoint the energy changes with the path as ∂J/∂p_k = λ_{k+1}ᵀ ∂S_k ξ_k + ½ ξ_kᵀ ∂E_k ξ_k.
+A variable that may jump goes to the end of its box that this points to; one with a rate bound moves along it, and
+is then brought between the largest path below it and the smallest above it that keep the rate.
 """
 
 from __future__ import annotations

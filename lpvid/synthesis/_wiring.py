@@ -124,7 +124,7 @@ def _leaving(text: str, sources: Sequence[str]) -> tuple[str, dict[str, float]]:
 def _unit(row: np.ndarray, sources: Sequence[str], known: Mapping[str, Signal]) -> str:
     """The unit that all terms of a sum share, with factors of one; none where they differ."""
     terms = np.flatnonzero(row)
-    units = {known[sources[k]].unit for k in terms}
+    units = {known[sources[int(k)]].unit for k in terms}
     return units.pop() if len(units) == 1 and np.all(np.abs(row[terms]) == 1.0) else ""
 
 

@@ -33,29 +33,30 @@ def carried(plant: GeneralizedPlant, found: Synthesis) -> Synthesis:
     if not about or found.controller is None or found.closed_loop is None:
         return found
     knots = int(np.prod([len(k) for k in about["knots"].values()]))
-    told = f"the plant is a table of {knots} knots that misses it by {about['error']:.2g} of an entry's size"
+    stated = f"the plant is a table of {knots} knots that misses it by {about['error']:.2g} of an entry's size"
     if "finer" not in about:
         return found
     finer = LPVStateSpace.from_dict(about["finer"]).replace(scheduling=plant.box)
     if not _same(plant.system, finer):
-        return replace(found, notes=(f"{told}; its matrices were changed since, and the promise is the table's",
+        return replace(found, notes=(f"{stated}; its matrices were changed since, and the promise is the table's",
                                      *found.notes))
     dense = GeneralizedPlant(finer, plant.controls, plant.measurements)
     whole = close_loop(dense, found.controller)
     loop = channel(whole, *(_places(part, of) for part, of in ((found.closed_loop.inputs, whole.inputs),
                                                               (found.closed_loop.outputs, whole.outputs))))
-    note = (f"{told}; the gain was verified on {DENSER} times as many of its own values, between which about "
+    note = (f"{stated}; the gain was verified on {DENSER} times as many of its own values, between which about "
             f"{about['error'] / DENSER**2:.1g} is missed")
     if any(n not in plant.box.names for n in found.controller.box.names):
-        return replace(found, notes=(f"{told}, and the controller reads rates: the promise is the table's", *found.notes))
+        rates = f"{stated}, and the controller reads rates: the promise is the table's"
+        return replace(found, notes=(rates, *found.notes))
     best = _rechecked(found, loop)
     if best is None:
         gain = l2_gain(loop, trajectories=False)
         best = gain.certificate if math.isfinite(gain.upper) else None
     if best is None:
-        return Synthesis("numerical", why=f"{told}, and the closed loop could not be verified on its own values between "
-                         "them", mend="sample the plant with a smaller tolerance, or raise back_off",
-                         infimum=found.infimum, method=found.method, seconds=found.seconds, notes=found.notes)
+        return Synthesis("numerical", why=f"{stated}, and the closed loop could not be verified on its own values",
+                         mend="sample the plant with a smaller tolerance, or raise back_off", infimum=found.infimum,
+                         method=found.method, seconds=found.seconds, notes=found.notes)
     verified = best.gamma
     worse = found.gamma_verified is not None and verified > 1.02 * found.gamma_verified
     why = (f"{found.why}; on the plant's own values between the knots it keeps {verified:.6g}" if worse else found.why)

@@ -1,4 +1,4 @@
-"""The finer tables behind systems that were sampled (`lpvid.synthesis.sampled_plants`), and behind what they are joined to."""
+"""The finer tables behind systems from samples (`lpvid.synthesis.sampled_plants`), and behind their connections."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
 """The controller behind R, S and the scalings of scaled small gain, as an H-infinity problem without scheduling.
 
 With the scalings known, the plant together with the controller's own copy of Δ is a time-invariant plant from
-(p, p_K, w) to (q, q_K, z), its controls (u, q_K) and its measurements (y, p_K); in the scalings' coordinates its gain must
-be below one. All that `OutputFeedback` does for such plants (Riccati equations, conditioning, the closed form) then serves.
+(p, p_K, w) to (q, q_K, z), its controls (u, q_K) and its measurements (y, p_K); in the scalings' coordinates its gain
+must be below one. All that `OutputFeedback` does for such plants then serves (Riccati equations, conditioning, the
+closed form).
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ def _still(plant: FractionalPlant, gamma: float, scaling: np.ndarray) -> General
              @ diagonal(np.eye(n), back, np.eye(nw) / np.sqrt(gamma), np.eye(nu + r)))
     names = [f"{letter}{i}" for letter, count in (("w", 2 * r + nw), ("u", nu + r)) for i in range(count)]
     shown = [f"{letter}{i}" for letter, count in (("z", 2 * r + nz), ("y", ny + r)) for i in range(count)]
-    system = LPVStateSpace(*(m[None] for m in (whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:])),
+    system = LPVStateSpace(whole[None, :n, :n], whole[None, :n, n:], whole[None, n:, :n], whole[None, n:, n:],
                            Polynomial((), 0), 1.0 if plant.discrete else None,
                            inputs=tuple(map(Signal, names)), outputs=tuple(map(Signal, shown)))
-    return GeneralizedPlant(system, names[2 * r + nw :], shown[2 * r + nz :])
+    return GeneralizedPlant(system, tuple(names[2 * r + nw :]), tuple(shown[2 * r + nz :]))

@@ -29,7 +29,7 @@ def read_mat_grid(path: Path) -> tuple[tuple[str, ...], dict[tuple[float, ...], 
         raise InputError("no such file", got=str(path)) from None
     except (NotImplementedError, ValueError) as fault:
         raise InputError("the file cannot be read as a MAT file of version 5", got=str(path), why=str(fault),
-                         mend="save it with -v7, without objects: matrices A, B, C, D and a vector per variable") from None
+                         mend="save matrices A, B, C, D and a vector per variable with -v7, no objects") from None
     lacking = [n for n in "ABCD" if n not in held]
     if lacking:
         raise InputError(f"the file holds no {', '.join(lacking)}", got=f"{path.name}: {', '.join(held) or 'nothing'}",

@@ -202,7 +202,8 @@ def _by_output_feedback(plant: GeneralizedPlant, criterion: HInfinity, back_off:
 
     check_criteria(plant, (criterion,), (), plant.box.grid(2))
     part = _channel_of(plant, criterion)
-    found = OutputFeedback(bound=criterion.bound, back_off=min(max(back_off - 2 * SLACK, 0.0), 1.0), points=points).solve(part)
+    share = min(max(back_off - 2 * SLACK, 0.0), 1.0)
+    found = OutputFeedback(bound=criterion.bound, back_off=share, points=points).solve(part)
     if found.verdict in ("infeasible", "unstabilisable", "undetectable"):
         return found
     if found.verdict != "solved" or found.certificate is None or found.gamma_verified is None:
@@ -224,7 +225,8 @@ def _channel_of(plant: GeneralizedPlant, criterion: HInfinity) -> GeneralizedPla
     return GeneralizedPlant(channel(s, j, i), plant.controls, plant.measurements)
 
 
-def _apart(program: Program, x: Affine, y: Affine, coupling: np.ndarray, below: Sequence[Affine], scale: float) -> Affine:
+def _apart(program: Program, x: Affine, y: Affine, coupling: np.ndarray, below: Sequence[Affine], scale: float
+           ) -> Affine:
     """(1, 1) t/scale − s: small matrices (norms below t), and a coupling [X, sI; sI, Y] ⪰ 0 far from its limit."""
     n, t, s = x.shape[0], program.unknowns.scalar(), program.unknowns.scalar()
     program.require(block([[x, s.times(coupling)], [s.times(coupling), y]]))

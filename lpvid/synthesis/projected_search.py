@@ -54,8 +54,9 @@ def _plausible(problem: Projected, gamma: float) -> bool:
 
     Where controls are free or measurements exact they only bound the least gain from above, and refuse nothing.
     """
-    return singular(problem.plant) or not any(not admits(problem.plant, gamma * (1 + SETTLED), k) and admits(problem.plant, ABOVE * gamma, k)
-                   for k in range(len(problem.plant.A)))
+    return singular(problem.plant) or not any(
+        not admits(problem.plant, gamma * (1 + SETTLED), k) and admits(problem.plant, ABOVE * gamma, k)
+        for k in range(len(problem.plant.A)))
 
 
 def _with_room(problem: Projected, clock: Clock, solvers: Sequence[str]) -> Pair | None:

@@ -139,7 +139,8 @@ class Synthesis:
                                    for name in ("controller", "closed_loop")}
         fields = ("verdict", "gamma", "gamma_verified", "gamma_lower", "between_grid", "why", "mend", "seconds",
                   "solver", "method")
-        return cls(infimum=data.get("infimum"), figures=tuple(data.get("figures", ())), **{name: data[name] for name in fields}, notes=tuple(data["notes"]),
+        return cls(infimum=data.get("infimum"), figures=tuple(data.get("figures", ())),
+                   **{name: data[name] for name in fields}, notes=tuple(data["notes"]),
                    certificate=_certificate(data["certificate"]), **systems)
 
     def __repr__(self) -> str:

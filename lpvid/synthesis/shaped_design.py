@@ -80,7 +80,7 @@ class ShapedProblem(ABC):
 
     @abstractmethod
     def blocks_of(self, shaped: Shaped) -> Storage | None:
-        """One storage function for the whole box, in two blocks, over the states of `close`; None where there is none."""
+        """One storage function for the box, in two blocks, over the states of `close`; None where there is none."""
 
     @abstractmethod
     def build(self, program: Program, scale: float) -> Shaping:

@@ -1,4 +1,4 @@
-"""Plants from functions and from grids: exact at knots, errors stated, and promises that hold for the function itself."""
+"""Plants from functions and from grids: exact at knots, errors stated, promises that hold for the function itself."""
 
 import control
 import numpy as np
