@@ -20,6 +20,15 @@ from lpvid.lmi.quiet import quiet
 SOLVERS = ("CLARABEL", "MOSEK", "SDPA", "CVXOPT", "SCS")
 
 
+def available(solvers: Sequence[str]) -> bool:
+    """Some of these solvers is installed."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import cvxpy as cp
+
+        return any(s in cp.installed_solvers() for s in solvers)
+
+
 @dataclass(frozen=True, eq=False)
 class Inequality:
     """F(x) − weight·t·I ⪰ 0 with F(x) = constant + Σ_i x_i linear[:, :, i], symmetric.

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from lpvid.lmi.affine import he
 from lpvid.lmi.program import Program
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.projection import Half, Projected, null_space
+from lpvid.synthesis.projected_search import start_roots
 from lpvid.synthesis.riccati import least_gain
 
-BEYOND = 1 / np.sqrt(np.finfo(float).eps)
-"""Norm of X ⪰ I, 6.7e7, up to which none must exist for a verdict: an X of larger condition proves nothing in double
-precision, as its Cholesky factor keeps half the digits."""
+BEYOND = 1e6
+"""Norm of X ⪰ I up to which none must exist for a verdict, in coordinates in which the Riccati equations have X = I at the
+middle of the box. Plants that have a controller (disks, cars, random ones) are refuted up to 1 there, Wu's example with
+one X up to 1e8; an X of larger condition than 1/√eps = 7e7 proves nothing in double precision."""
 
 
 def obstacle(plant: GeneralizedPlant, problem: Projected) -> tuple[str, str, str]:
@@ -26,11 +30,12 @@ def obstacle(plant: GeneralizedPlant, problem: Projected) -> tuple[str, str, str
     slow = f"; give {scheduled} a narrower range, " + (
         "lower rate bounds, or the design a richer Lyapunov basis (a higher degree, or more of the variables)" if moves
         else "or a rate bound and the design a Lyapunov basis")
-    for half, text, mend in zip(problem.halves, (
+    roots = start_roots(problem)
+    for half, root, text, mend in zip(problem.halves, roots, (
             f"even with the whole state measured, {', '.join(plant.controls)} cannot stabilise the plant",
             f"even with full command of the state, {', '.join(plant.measurements)} cannot observe it"),
             ("add an actuator", "add a sensor"), strict=True):
-        if _refuted(half) >= BEYOND:
+        if _refuted(half, root) >= BEYOND:
             moving = "moves as it may" if len(plant.box.names) == 1 else "move as they may"
             kind = "by any Lyapunov matrix in this basis" if moves else "by one Lyapunov matrix"
             why = f"{text} while {scheduled} {moving}, {kind}" if scheduled else text
@@ -41,8 +46,10 @@ def obstacle(plant: GeneralizedPlant, problem: Projected) -> tuple[str, str, str
             "scale the signals to similar size, make very slow or very fast weights less so" + slow * bool(scheduled))
 
 
-def _refuted(half: Half) -> float:
-    """Norm up to which no X(p) ⪰ I has Nᵀ(He(AX) ∓ Ẋ)N ⪯ 0, as far as was shown."""
+def _refuted(half: Half, root: np.ndarray) -> float:
+    """Norm up to which no X(p) ⪰ I, over states x' = `root`⁻¹x, has Nᵀ(He(AX) ∓ Ẋ)N ⪯ 0, as far as was shown."""
+    back = np.linalg.inv(root)
+    half = replace(half, A=back @ half.A @ root, B2=back @ half.B2)
     program = Program()
     n, k = half.A.shape[1], half.variation.values.shape[1]
     if not n:

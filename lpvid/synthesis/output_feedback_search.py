@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lpvid.lmi.program import available
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.balanced_plant import BalancedPlant
 from lpvid.synthesis.controller_formula import ControllerFormula, Variations
@@ -17,7 +18,7 @@ from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.loop_certificate import certificate_of
 from lpvid.synthesis.loop_check import frozen_gain
 from lpvid.synthesis.obstacle import obstacle
-from lpvid.synthesis.projected_search import Clock, conditioned, least_bound
+from lpvid.synthesis.projected_search import ROOMY, Clock, conditioned, least_bound
 from lpvid.synthesis.projection import Pair, Projected, regular, restrained, singular
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.riccati import ROOM, central, least_gain
@@ -105,7 +106,7 @@ def search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> S
     """
     found = _refined(problem, wanted, back_off)
     rest = problem.solvers[1:]
-    if found.verdict in ("numerical", "backed-off") and rest:
+    if found.verdict in ("numerical", "backed-off") and rest and available(rest):
         other = _refined(replace(problem, solvers=rest), wanted, back_off)
         found = _better(found, other)
     return found
@@ -143,9 +144,10 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
     clock = Clock()
     projected = problem.projected
     best = _least(projected, clock, problem.solvers, known)
-    if best is None:
+    if best is None or best.status == ROOMY:
         verdict, why, mend = obstacle(problem.plant.plant, projected)
-        return Synthesis(verdict, why=why, mend=mend, method=problem.method)
+        if best is None or verdict == "infeasible":
+            return Synthesis(verdict, why=why, mend=mend, method=problem.method)
     weights = f"lower the weights on {', '.join(problem.plant.plant.performance)}"
     if wanted is not None and wanted < best.gamma:
         return Synthesis("infeasible", why=f"the gain cannot be brought below {wanted:.6g}: {best.gamma:.6g} is the "
@@ -165,6 +167,9 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
                 return replace(found, verdict="solved" if kept else "backed-off", infimum=best.gamma,
                                solver=best.solver, method=problem.method, notes=(*note, *found.notes),
                                why=_kept_near(verified, target))
+    verdict, why, mend = obstacle(problem.plant.plant, projected)
+    if verdict == "infeasible":  # the least bound was an answer to inequalities that have none
+        return Synthesis(verdict, why=why, mend=mend, method=problem.method)
     return Synthesis("numerical", why=f"the inequalities admit {best.gamma:.6g}, but no controller was found whose "
                      "closed loop keeps a bound near it", infimum=best.gamma, method=problem.method,
                      mend="raise back_off or points, or scale the signals to similar size")

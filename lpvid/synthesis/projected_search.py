@@ -19,6 +19,8 @@ SETTLED = 1e-3
 ABOVE = 10.0
 """times a bound at which Riccati equations that refuse it must have a solution, for their refusal to count: nearer they
 may fail by rounding alone"""
+ROOMY = "with room"
+"""status of a pair that is not the least"""
 FACTORS = (1.01, 1.05, 1.12, 1.25, 1.5, 2.0, 3.0, 5.0, 10.0, 30.0)
 """of the largest frozen optimum that are tried where no least bound could be computed"""
 
@@ -75,7 +77,7 @@ def _with_room(problem: Projected, clock: Clock, solvers: Sequence[str]) -> Pair
             continue
         found = list(conditioned(problem, _spread(plain, middle), gamma, clock, rounds=1, solvers=solvers))
         if found:
-            return found[0]
+            return replace(found[0], status=ROOMY)
     return None
 
 
@@ -87,6 +89,11 @@ def _starts(problem: Projected) -> Iterator[tuple[Pair, tuple[np.ndarray, np.nda
         pair = _spread(plain, middle)
         yield pair, roots_of(problem, pair)
     yield plain, roots
+
+
+def start_roots(problem: Projected) -> tuple[np.ndarray, np.ndarray]:
+    """The first coordinates in which the search looks."""
+    return next(_starts(problem))[1]
 
 
 def _spread(plain: Pair, middle: Central) -> Pair:
