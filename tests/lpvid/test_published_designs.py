@@ -110,3 +110,55 @@ def test_what_is_infeasible_is_shown_by_a_dual_matrix():
     box = lpv.Scheduling(("p",), (-1.0,), (1.0,))
     found = lpv.synthesize(plant(a, *moving, basis=lpv.Polynomial("p", 1), box=box), lpv.OutputFeedback(points=5))
     assert found.verdict in ("infeasible", "unstabilisable") and found.controller is None
+
+
+
+def test_functions_that_no_certificate_covers_are_refused_before_the_search():
+    from lpvid.scheduling import Basis
+
+    class Bumps(Basis):
+        names = ("spring",)
+        size = 1
+        labels = ("bump",)
+        degree = None
+        lags = (0, 0)
+
+        def evaluate(self, p):
+            return np.exp(-np.asarray(p)[:, :1] ** 2)
+
+        def derivative(self, p, name):
+            return -2 * np.asarray(p)[:, :1] * self.evaluate(p)
+
+        def bound(self, box):
+            return self
+
+        def to_dict(self):
+            return {"kind": "bumps"}
+
+    rated = quarter_car().system.replace(scheduling=lpv.Scheduling(("spring", "damping"), (-1, -1), (1, 1), (1.0, 1.0)))
+    of = lpv.GeneralizedPlant(rated, ["u1"], ["y1"])
+    with pytest.raises(lpv.InputError, match="polynomials, splines or sines"):
+        lpv.synthesize(of, lpv.OutputFeedback(lyapunov=Bumps()))
+
+
+def test_rounding_of_a_fitted_plant_does_not_count_as_a_gain_that_varies():
+    """B2, D12, C2 and D21 of order 1e-15 in the scheduling leave the proof on the whole box as it is."""
+    plain = quarter_car().system
+    rng = np.random.default_rng(0)
+    noisy = {}
+    for name in ("B", "C", "D"):
+        m = getattr(plain, name).copy()
+        m[1:] += 1e-15 * np.abs(m[:1]) * rng.normal(size=m[1:].shape)
+        noisy[name] = m
+    found = lpv.synthesize(lpv.GeneralizedPlant(plain.replace(**noisy), ["u1"], ["y1"]), lpv.OutputFeedback())
+    assert found.between_grid and not any("vary with the scheduling" in note for note in found.notes)
+
+
+def test_the_mend_of_a_bound_out_of_reach_names_the_lyapunov_basis():
+    found = lpv.synthesize(quarter_car(), lpv.OutputFeedback(bound=0.5))
+    assert found.verdict == "infeasible" and "lyapunov=" in found.mend
+
+
+def test_one_gain_criterion_is_the_same_by_either_design():
+    one, other = (lpv.synthesize(quarter_car(), d) for d in (lpv.OutputFeedback(), lpv.MultiObjective(back_off=1.01)))
+    assert other.gamma_verified <= 1.01 * one.gamma_verified
