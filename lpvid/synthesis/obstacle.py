@@ -9,13 +9,13 @@ import numpy as np
 from lpvid.lmi.affine import he
 from lpvid.lmi.program import Program
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
-from lpvid.synthesis.projection import Half, Projected, null_space
 from lpvid.synthesis.projected_search import start_roots
+from lpvid.synthesis.projection import Half, Projected, null_space
 from lpvid.synthesis.riccati import least_gain
 
 BEYOND = 1e6
-"""Norm of X ⪰ I up to which none must exist for a verdict, in coordinates in which the Riccati equations have X = I at the
-middle of the box. Plants that have a controller (disks, cars, random ones) are refuted up to 1 there, Wu's example with
+"""Norm of X ⪰ I up to which none must exist for a verdict, in coordinates in which the Riccati equations have X = I at
+the middle of the box. Two disks and a quarter car, which have controllers, are refuted up to 1 there, Wu's example with
 one X up to 1e8; an X of larger condition than 1/√eps = 7e7 proves nothing in double precision."""
 
 

@@ -68,6 +68,7 @@ def test_discrete_trajectories_and_their_dictionary(rng):
         assert found.period == pytest.approx(0.1 * len(found.points))
 
 
+@pytest.mark.slow
 def test_paths_go_uphill_beyond_triangles():
     """A spring that moves at a bounded rate: sharper paths than triangles feed the oscillation better."""
     from unittest import mock
