@@ -46,6 +46,11 @@ def obstacle(plant: GeneralizedPlant, problem: Projected) -> tuple[str, str, str
             "scale the signals to similar size, make very slow or very fast weights less so" + slow * bool(scheduled))
 
 
+def hopeless(problem: Projected) -> bool:
+    """That one side cannot be had is shown."""
+    return any(_refuted(half, root) >= BEYOND for half, root in zip(problem.halves, start_roots(problem), strict=True))
+
+
 def _refuted(half: Half, root: np.ndarray) -> float:
     """Norm up to which no X(p) ⪰ I, over states x' = `root`⁻¹x, has Nᵀ(He(AX) ∓ Ẋ)N ⪯ 0, as far as was shown."""
     back = np.linalg.inv(root)

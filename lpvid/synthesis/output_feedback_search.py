@@ -17,7 +17,7 @@ from lpvid.synthesis.generalized_plant import PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.loop_certificate import certificate_of
 from lpvid.synthesis.loop_check import frozen_gain
-from lpvid.synthesis.obstacle import obstacle
+from lpvid.synthesis.obstacle import hopeless, obstacle
 from lpvid.synthesis.projected_search import ROOMY, Clock, conditioned, least_bound
 from lpvid.synthesis.projection import Pair, Projected, regular, restrained, singular
 from lpvid.synthesis.result import Synthesis
@@ -177,7 +177,7 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
 
 def _least(projected: Projected, clock: Clock, solvers: tuple[str, ...], known: Pair | None = None) -> Pair | None:
     """The pair of least bound; for a plant that does not move, by the Riccati equations too where that is lower."""
-    best = least_bound(projected, clock, solvers=solvers, known=known)
+    best = least_bound(projected, clock, solvers=solvers, known=known, hopeless=lambda: hopeless(projected))
     if len(projected.plant.A) > 1 or projected.strictly_proper:
         return best
     judged = least_gain(projected.plant)

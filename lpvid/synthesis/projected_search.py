@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lpvid.lmi.program import SOLVERS
+from lpvid.lmi.program import SOLVERS, available
 from lpvid.synthesis.projection import Pair, Projected, ProjectedProgram, initial, roots_of, singular, sizes_at
 from lpvid.synthesis.riccati import Central, admits, central, least_gain, start
 
@@ -32,22 +32,26 @@ class Clock:
     solving: float = 0.0
 
 
-def least_bound(problem: Projected, clock: Clock, *, solvers: Sequence[str] = SOLVERS, known: Pair | None = None
-                ) -> Pair | None:
+def least_bound(problem: Projected, clock: Clock, *, solvers: Sequence[str] = SOLVERS, known: Pair | None = None,
+                hopeless: Callable[[], bool] | None = None) -> Pair | None:
     """The pair of least γ, in coordinates that follow the answers until the bound settles; None if no solver answers.
 
-    Those of a `known` pair, of the same problem at fewer points, come first.
+    Those of a `known` pair, of the same problem at fewer points, come first. `hopeless` is asked once, where the first
+    attempt fails: whether that there is no answer can be shown.
 
     Every solver but the first is a fallback for one that gives no plausible answer: no bound can be had that the
     Riccati equations refuse at a frozen point. Where all of them fail, bounds above the largest frozen optimum are
     tried, which leaves the solvers room.
     """
-    for solver in solvers:
+    for solver in (s for s in solvers if available([s])):
         for pair, roots in itertools.chain([] if known is None else [(known, roots_of(problem, known))],
                                            _starts(problem)):
             found = _settled(problem, pair, roots, clock, (solver,))
             if found is not None and _plausible(problem, found.gamma):
                 return found
+            if hopeless is not None and hopeless():
+                return None
+            hopeless = None
     return _with_room(problem, clock, solvers)
 
 
