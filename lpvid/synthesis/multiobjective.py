@@ -23,7 +23,7 @@ from lpvid.synthesis.loop_check import Storage
 from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
 from lpvid.synthesis.plant_functions import assembled, named, plant_functions
-from lpvid.synthesis.preconditioning import Preconditioned, balancing, preconditioned
+from lpvid.synthesis.preconditioning import Preconditioned, balancing, preconditioned, unconditioned
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import Criterion, ShapedProblem, check_criteria, listed, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, combined
@@ -86,12 +86,21 @@ class MultiObjective:
         axes = design_axes(plant.box, self.points, is_affine(plant.system.basis) and steady)
         check_criteria(plant, criteria, regions, tensor(axes))
         fault = fault_of(plant, plant.at(tensor(axes)), tensor(axes))
-        ready = preconditioned(plant, tensor(axes))
+        direct = self.feedthrough and (plant.sample_time is not None or not any(isinstance(c, H2) for c in criteria))
+        if fault is not None:
+            return settle(self._stated(plant, criteria, regions, axes, direct, unconditioned(plant)), fault)
+        plain = settle(self._stated(plant, criteria, regions, axes, direct, unconditioned(plant)))
+        if plain.verdict in ("solved", "infeasible"):
+            return plain
+        other = settle(self._stated(plant, criteria, regions, axes, direct, preconditioned(plant, tensor(axes))))
+        return _lowest([plain, other])
+
+    def _stated(self, plant: GeneralizedPlant, criteria: tuple[Criterion, ...], regions: tuple[Region, ...],
+                axes: tuple[np.ndarray, ...], direct: bool, ready: Preconditioned) -> _Problem:
         raw = ready.plant.at(tensor(axes))
         coordinates = Coordinates.of(raw, plant.sample_time is not None, ready.balanced)
-        direct = self.feedthrough and (plant.sample_time is not None or not any(isinstance(c, H2) for c in criteria))
-        return settle(_Problem(plant, criteria, regions, self.back_off, axes, direct, ready, coordinates,
-                               coordinates.scaled(raw)), fault)
+        return _Problem(plant, criteria, regions, self.back_off, axes, direct, ready, coordinates,
+                        coordinates.scaled(raw))
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,6 +201,15 @@ class _Problem(ShapedProblem):
 
     def close(self, controller: LPVStateSpace) -> LPVStateSpace:
         return close_loop(self.plant, controller)
+
+
+def _lowest(found: Sequence[Synthesis]) -> Synthesis:
+    """Of the same design in several coordinates the one of lowest verified figures; else a proof that there is none."""
+    kept = [s for s in found if s.controller is not None]
+    if kept:
+        return min(kept, key=lambda s: sum(f["verified"] / max(min(o.figures[i]["verified"] for o in kept), 1e-300)
+                                           for i, f in enumerate(s.figures)))
+    return next((s for s in found if s.verdict == "infeasible"), found[0])
 
 
 def _by_output_feedback(plant: GeneralizedPlant, criterion: HInfinity, back_off: float, points: int

@@ -43,13 +43,18 @@ def preconditioned(plant: GeneralizedPlant, points: np.ndarray) -> Preconditione
     balanced = units.apply(at)
     found = start(replace(balanced, D22=np.zeros_like(balanced.D22)))
     if found is None or not plant.order:
-        return Preconditioned(plant, np.eye(plant.order), np.ones(plant.order), False)
+        return unconditioned(plant)
     turn, sizes = balancing(found.x, found.y)
     turn = units.states[:, None] * turn
     back = np.linalg.inv(turn)
     system = plant.system
     moved = system.replace(A=back @ system.A @ turn, B=back @ system.B, C=system.C @ turn)
     return Preconditioned(GeneralizedPlant(moved, plant.controls, plant.measurements), turn, sizes)
+
+
+def unconditioned(plant: GeneralizedPlant) -> Preconditioned:
+    """The plant as it is."""
+    return Preconditioned(plant, np.eye(plant.order), np.ones(plant.order), False)
 
 
 def balancing(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
