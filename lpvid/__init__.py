@@ -69,6 +69,7 @@ if TYPE_CHECKING:
     from lpvid.identification.subspace import Subspace
     from lpvid.lmi.bound_certificate import BoundCertificate
     from lpvid.lmi.gain_certificate import GainCertificate, certify_gain
+    from lpvid.model.continuous_run import step_response
     from lpvid.model.input_stage import TanhStage, ThreeZoneStage
     from lpvid.model.lft import LFTModel
     from lpvid.model.signals import Signal
@@ -94,6 +95,7 @@ if TYPE_CHECKING:
     from lpvid.synthesis.output_feedback import OutputFeedback
     from lpvid.synthesis.reduction import balanced_realization, reduce_order
     from lpvid.synthesis.result import Synthesis
+    from lpvid.synthesis.sampled_plants import from_function, from_grid
     from lpvid.synthesis.sampling_rules import Euler, Taylor, Tustin, ZeroOrderHold
     from lpvid.synthesis.saturated import saturate
     from lpvid.synthesis.scaled_gain import ScaledGain, scaled_gain
@@ -158,6 +160,7 @@ _EXPORTS = {
     "lpvid.identification.subspace": ("Subspace",),
     "lpvid.lmi.bound_certificate": ("BoundCertificate",),
     "lpvid.lmi.gain_certificate": ("GainCertificate", "certify_gain"),
+    "lpvid.model.continuous_run": ("step_response",),
     "lpvid.model.input_stage": ("TanhStage", "ThreeZoneStage"),
     "lpvid.model.lft": ("LFTModel",),
     "lpvid.model.signals": ("Signal",),
@@ -184,6 +187,7 @@ _EXPORTS = {
     "lpvid.synthesis.reduction": ("balanced_realization", "reduce_order"),
     "lpvid.synthesis.result": ("Synthesis",),
     "lpvid.synthesis.sampling_rules": ("Euler", "Taylor", "Tustin", "ZeroOrderHold"),
+    "lpvid.synthesis.sampled_plants": ("from_function", "from_grid"),
     "lpvid.synthesis.saturated": ("saturate",),
     "lpvid.synthesis.scaled_gain": ("ScaledGain", "scaled_gain"),
     "lpvid.synthesis.state_feedback": ("StateFeedback",),
@@ -208,13 +212,13 @@ __all__ = [
     "balanced_realization", "certified_share", "certify_gain", "certify_passivity", "certify_region",
     "certify_stability", "certify_switching", "close_loop", "compare_models", "connect", "control_system",
     "critical_scheduling", "decay_rate", "diagnose", "discretise", "export_c", "export_control", "export_csv",
-    "export_fmu", "export_matlab", "exportable", "free_run_band", "frequency_band", "from_control", "from_lft",
-    "frozen_stability", "h2_norm", "identify", "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains",
-    "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel", "passivity_margin", "pole_band",
-    "pole_locus", "predict", "read", "realize", "reduce_order", "refit_form", "saturate", "save", "scaled_gain",
-    "select", "series", "simulate", "sparsify", "stability_probability", "steadied", "summing_junction", "synthesize",
-    "to_affine", "to_continuous", "to_control", "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic",
-    "validate", "verify", "weigh",
+    "export_fmu", "export_matlab", "exportable", "free_run_band", "frequency_band", "from_control", "from_function",
+    "from_grid", "from_lft", "frozen_stability", "h2_norm", "identify", "identify_stream", "joint_spectral_radius",
+    "l2_gain", "l2_gains", "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel",
+    "passivity_margin", "pole_band", "pole_locus", "predict", "read", "realize", "reduce_order", "refit_form",
+    "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify", "stability_probability",
+    "steadied", "step_response", "summing_junction", "synthesize", "to_affine", "to_continuous", "to_control",
+    "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
 ]
 
 

@@ -76,7 +76,9 @@ def simulate(model: Model | Adaptable, record: Record, initial: str | np.ndarray
     Parameters
     ----------
     model : LPVTransferFunction, LPVStateSpace, SelfScheduled or Adaptable
-        Discrete-time model, or what acts as one at the record's rate.
+        Discrete-time model, or what acts as one at the record's rate. A continuous state space (a closed loop, say)
+        runs along any uniform record, with inputs and scheduling linear between its samples
+        (`lpvid.model.continuous_run`), from rest or from a given state.
     record : Record
         Uniform record at the model's rate with the model's inputs and scheduling (and outputs for "measured").
     initial : {"measured", "zero", "estimate"} or array
@@ -93,7 +95,7 @@ def simulate(model: Model | Adaptable, record: Record, initial: str | np.ndarray
     Raises
     ------
     InputError
-        Missing or non-finite channels, another sampling rate, a continuous-time model.
+        Missing or non-finite channels, another sampling rate.
 
     Warns
     -----
@@ -109,6 +111,8 @@ def simulate(model: Model | Adaptable, record: Record, initial: str | np.ndarray
     array([0.  , 1.5 , 2.25])
     """
     model = _acting(model, record)
+    if isinstance(model, LPVStateSpace) and model.sample_time is None:
+        return _simulate_continuous(model, record, initial)
     u, p = _signals(model, record)
     warn_outside(model, p, record.name)
     needs_output = isinstance(initial, str) and initial != "zero"
@@ -118,6 +122,27 @@ def simulate(model: Model | Adaptable, record: Record, initial: str | np.ndarray
     if isinstance(model, SelfScheduled):
         return _simulate_self(model, u, p, y, initial)
     return _simulate_ss(model, u, p, y, initial)
+
+
+def _simulate_continuous(model: LPVStateSpace, record: Record, initial: str | np.ndarray) -> Simulation:
+    from lpvid.model.continuous_run import continuous_run
+
+    if record.sample_time is None:
+        raise InputError(f"record '{record.name}' is not uniformly sampled", mend="resample it first")
+    if model.scheduling_stage is not None:
+        raise InputError("a continuous model with a scheduling stage does not run along a record",
+                         mend="discretise the model first")
+    measured = _columns(record, model.inputs)
+    p = _columns(record, [Signal(n, u) for n, u in zip(model.box.names, model.box.units, strict=True)])
+    u = measured if model.input_stage is None else model.input_stage.apply(measured, p)
+    warn_outside(model, p, record.name)
+    at_rest = isinstance(initial, str)
+    x = np.zeros(model.order) if at_rest else np.asarray(initial, dtype=float)
+    x = _checks.shaped(x, (model.order,), "initial")
+    output = continuous_run(model, u, p, record.sample_time, x)
+    beyond, origin = _first_beyond(output, _limit(model, u, 1.0)), "rest" if at_rest else "given state"
+    return Simulation(output, 0, None, beyond, origin, tuple(s.name for s in model.outputs),
+                      tuple(s.unit for s in model.outputs), record.sample_time)
 
 
 def predict(model: Model | Adaptable, record: Record, horizon: int = 1) -> Simulation:

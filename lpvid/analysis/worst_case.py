@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.analysis.path_ascent import ascended
 from lpvid.lmi.driven import Driven
 from lpvid.scheduling import Scheduling
 
@@ -124,10 +125,51 @@ def worst_trajectory(system: Driven, box: Scheduling, frozen: WorstCase, seed: i
         cycles = [_varied(c, box, system, rng) for c in (best, cycles[order[-2 % len(order)]]) for _ in range(8)]
     if system.sample_time is None:  # what is owed to the steps does not count
         gain = min(gain, float(_gains(system, box, [best], 4 * STEPS)[0]))
+    path, period = best.path(box, _steps(system, best)), best.period
+    for start, length in [(path, period), *_held(system, frozen)]:
+        risen = ascended(lambda points, tick: _forms(system, points, tick), box, start, length / len(start))
+        uphill = _gain_of(system, box, risen, length)
+        if uphill > gain:
+            path, period, gain = risen, length, uphill
     if not gain > frozen.gain:
         return frozen
-    path = best.path(box, _steps(system, best))
-    return WorstCase("periodic", box.names, box.units, path, best.period, math.nan, gain)
+    return WorstCase("periodic", box.names, box.units, path, period, math.nan, gain)
+
+
+def _held(system: Driven, frozen: WorstCase) -> list[tuple[np.ndarray, float]]:
+    """The worst scheduling that is held, as paths with once and twice the period of half its input's: what a change of
+    stiffness feeds comes twice per cycle."""
+    if not 0 < frozen.frequency < math.inf:
+        return []
+    found = []
+    for turns in (0.5, 1.0):
+        period, steps = turns * 2 * math.pi / frozen.frequency, STEPS
+        if system.sample_time is not None:
+            steps = max(2, round(period / system.sample_time))
+            period = steps * system.sample_time
+        if steps <= LONGEST // 4:
+            found.append((np.repeat(frozen.points, steps, axis=0), period))
+    return found
+
+
+def _gain_of(system: Driven, box: Scheduling, path: np.ndarray, period: float) -> float:
+    """Gain along one period of a path, repeated; in continuous time no more than with four times the steps."""
+    def gain(points: np.ndarray) -> float:
+        parts = _sampled(system, points, np.full(len(points), period / len(points)))
+        if parts is None:
+            return 0.0
+        shaped = [x[None] for x in parts]
+        found = float(_power_iteration(shaped, _repeats(shaped[0], len(points)))[0])
+        return found if math.isfinite(found) else 0.0
+
+    if system.sample_time is not None:
+        return gain(path)
+    finer = np.repeat(path, 4, axis=0)
+    ahead = np.roll(path, -1, axis=0)
+    for i, rate in enumerate(box.rate):
+        if rate is not None:  # what moves at a bounded rate does so between the steps
+            finer[:, i] = (path[:, None, i] + np.arange(4) / 4 * (ahead - path)[:, None, i]).ravel()
+    return min(gain(path), gain(finer))
 
 
 def _cycles(system: Driven, box: Scheduling) -> list[_Cycle]:
@@ -207,20 +249,22 @@ def _gains(system: Driven, box: Scheduling, cycles: list[_Cycle], steps: int) ->
     return np.where(np.isfinite(found), found, 0.0)
 
 
-def _sampled(system: Driven, points: np.ndarray, tick: np.ndarray) -> list[np.ndarray] | None:
-    """Matrices of the sampled system whose ℓ2 gain is the L2 gain for inputs that are held for a step.
+def _forms(system: Driven, points: np.ndarray, tick: np.ndarray | float) -> tuple[np.ndarray, np.ndarray] | None:
+    """Steps [A B] and energies of the sampled system whose ℓ2 gain is the L2 gain for inputs that are held for a step.
 
     ∫ |z|² over a step is a quadratic form in (x, w), whose factor gives the output matrices (Van Loan 1978).
     """
     a, b, c, d = system.matrices(points)
+    output = np.concatenate([c, d], axis=2)
     if system.sample_time is not None:
-        return [a, b, c, d]
+        return np.concatenate([a, b], axis=2), output.swapaxes(1, 2) @ output
     from scipy.linalg import expm
+
+    tick = np.broadcast_to(tick, (len(points),))
 
     count, n, m = len(points), a.shape[1], b.shape[2]
     f = np.zeros((count, n + m, n + m))
     f[:, :n, :n], f[:, :n, n:] = a, b
-    output = np.concatenate([c, d], axis=2)
     big = np.zeros((count, 2 * (n + m), 2 * (n + m)))
     big[:, : n + m, : n + m], big[:, n + m :, n + m :] = -f.swapaxes(1, 2), f
     big[:, : n + m, n + m :] = output.swapaxes(1, 2) @ output
@@ -229,7 +273,19 @@ def _sampled(system: Driven, points: np.ndarray, tick: np.ndarray) -> list[np.nd
     whole = expm(big * tick[:, None, None])
     step = whole[:, n + m :, n + m :]
     energy = step.swapaxes(1, 2) @ whole[:, : n + m, n + m :] / tick[:, None, None]
-    values, vectors = np.linalg.eigh(0.5 * (energy + energy.swapaxes(1, 2)))
+    return step[:, :n], 0.5 * (energy + energy.swapaxes(1, 2))
+
+
+def _sampled(system: Driven, points: np.ndarray, tick: np.ndarray) -> list[np.ndarray] | None:
+    """Matrices A, B, C, D of the sampled system, C and D from a factor of the energy."""
+    if system.sample_time is not None:
+        return list(system.matrices(points))
+    found = _forms(system, points, tick)
+    if found is None:
+        return None
+    step, energy = found
+    n = step.shape[1]
+    values, vectors = np.linalg.eigh(energy)
     factor = np.sqrt(np.maximum(values, 0.0))[:, :, None] * vectors.swapaxes(1, 2)
     return [step[:, :n, :n], step[:, :n, n:], factor[:, :, :n], factor[:, :, n:]]
 

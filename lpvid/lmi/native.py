@@ -81,11 +81,36 @@ class Conic:
 
     def solve(self, values: Mapping[str, float], options: Mapping[str, Any]) -> tuple[np.ndarray | None, str]:
         """x, or None, and the status."""
-        clarabel: Any = import_module("clarabel")
+        found = self._run(values, options)
+        status = STATUS.get(str(found.status), "")
+        return (np.array(found.x, dtype=float) if status else None), status
+
+    def refuted(self, values: Mapping[str, float]) -> float:
+        """The norm of x below which the constraints were shown to have no solution; 0 where nothing was shown.
+
+        A z in the dual cone with bᵀz < 0 proves it (Farkas): b − Ax in the cone gives 0 ≤ zᵀ(b − Ax), so that
+        ‖x‖ ≥ −bᵀz / ‖Aᵀz‖. The solver proposes z; its cone and both products are computed here.
+        """
+        found = self._run(values, {})
+        z = np.array(found.z, dtype=float)
+        if not len(z) or not np.all(np.isfinite(z)):
+            return 0.0
+        a, b = self._assembled(values)
+        z = _polished(sparse.csr_array(a).toarray(), z / max(np.linalg.norm(z), 1e-300), self.sizes)
+        gap, slack = -float(b @ z), float(np.linalg.norm(a.T @ z))
+        rounding = 1e-14 * float(np.abs(b) @ np.abs(z))
+        return gap / max(slack, 1e-300) if gap > rounding else 0.0
+
+    def _assembled(self, values: Mapping[str, float]) -> tuple[Any, np.ndarray]:
         a, b = self.parts[""]
         for name, (more, extra) in self.parts.items():
             if name:
                 a, b = a + values[name] * more, b + values[name] * extra
+        return a, b
+
+    def _run(self, values: Mapping[str, float], options: Mapping[str, Any]) -> Any:
+        clarabel: Any = import_module("clarabel")
+        a, b = self._assembled(values)
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         for name, value in options.items():
@@ -94,9 +119,38 @@ class Conic:
         matrix = sparse.csc_matrix(a)
         matrix.sort_indices()
         curved = sparse.csc_matrix(sparse.triu(self.h))
-        found = clarabel.DefaultSolver(curved, self.c, matrix, b, cones, settings).solve()
-        status = STATUS.get(str(found.status), "")
-        return (np.array(found.x, dtype=float) if status else None), status
+        return clarabel.DefaultSolver(curved, self.c, matrix, b, cones, settings).solve()
+
+
+POLISHES = 30
+"""alternating projections; each halves what is left where z lies within its face of the cone"""
+
+
+def _polished(a: np.ndarray, z: np.ndarray, sizes: Sequence[int]) -> np.ndarray:
+    """A point of the cone near z with Aᵀz as small as alternating projections make it (Boyle & Dykstra 1986)."""
+    q, _ = np.linalg.qr(a)
+    z = _into_cone(z, sizes)
+    for _ in range(POLISHES):
+        z = _into_cone(z - q @ (q.T @ z), sizes)
+        z = z / max(float(np.linalg.norm(z)), 1e-300)
+    return z
+
+
+def _into_cone(z: np.ndarray, sizes: Sequence[int]) -> np.ndarray:
+    """The nearest point of the product of cones, each of which is its own dual."""
+    out, at = np.zeros_like(z), 0
+    for n in (n for n in sizes if n):
+        length = n * (n + 1) // 2
+        columns, rows = np.tril_indices(n)
+        weight = np.where(rows == columns, 1.0, np.sqrt(2.0))
+        part = np.zeros((n, n))
+        part[rows, columns] = z[at : at + length] / weight
+        part[columns, rows] = part[rows, columns]
+        values, vectors = np.linalg.eigh(part)
+        part = (vectors * np.maximum(values, 0.0)) @ vectors.T
+        out[at : at + length] = part[rows, columns] * weight
+        at += length
+    return out
 
 
 def _vector(matrix: Affine | None, n: int, size: int) -> tuple[Any, np.ndarray]:

@@ -20,6 +20,17 @@ from lpvid.lmi.quiet import quiet
 SOLVERS = ("CLARABEL", "MOSEK", "SDPA", "CVXOPT", "SCS")
 
 
+def available(solvers: Sequence[str]) -> bool:
+    """Some of these solvers is installed."""
+    if native.NAME in solvers and native.installed():
+        return True
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import cvxpy as cp
+
+        return any(s in cp.installed_solvers() for s in solvers)
+
+
 @dataclass(frozen=True, eq=False)
 class Inequality:
     """F(x) − weight·t·I ⪰ 0 with F(x) = constant + Σ_i x_i linear[:, :, i], symmetric.
@@ -166,6 +177,24 @@ class Program:
                 if self._squares is not None:
                     value += 0.5 * float(np.sum(self._squares.value(x) ** 2))
                 yield Solution(x, value, solver, status)
+
+    def refuted(self) -> float:
+        """The norm of the unknowns below which the inequalities were shown to have no solution; 0 for nothing shown.
+
+        Shown by a dual matrix that numpy checks (`lpvid.lmi.native.Conic.refuted`), for a program without θ.
+
+        Examples
+        --------
+        >>> program = Program()
+        >>> t = program.unknowns.scalar()
+        >>> program.require(t - 1.0)
+        >>> round(program.refuted(), 6)
+        1.0
+        >>> program.require(0.5 - t)
+        >>> program.refuted() > 1e8
+        True
+        """
+        return self._direct().refuted({}) if native.installed() else 0.0
 
     def prepare(self) -> None:
         """Compile now rather than at the first `solve`, where Clarabel is there."""

@@ -84,9 +84,12 @@ def wire(systems: Sequence[LPVStateSpace], inputs: Sequence[str], outputs: Seque
                                  got=f"outputs {', '.join(produced) or 'none'}; inputs {', '.join(inputs) or 'none'}",
                                  mend="name it among the inputs of the whole, or wire it")
             into[row, sources.index(name)] += factor
-    out = np.zeros((len(outputs), len(sources)))
-    for row, name in enumerate(outputs):
-        out[row, sources.index(_checks.known_name(name, sources, "output of a block"))] = 1.0
+    out, leaving = np.zeros((len(outputs), len(sources))), []
+    for row, text in enumerate(outputs):
+        name, factors = _leaving(text, sources)
+        leaving.append(name)
+        for source, factor in factors.items():
+            out[row, sources.index(_checks.known_name(source, sources, "output of a block"))] += factor
     n = len(produced)
     idle = [name for k, name in enumerate(inputs) if not into[:, n + k].any() and not out[:, n + k].any()]
     if idle:
@@ -94,8 +97,35 @@ def wire(systems: Sequence[LPVStateSpace], inputs: Sequence[str], outputs: Seque
                          why=f"the blocks have the inputs {', '.join(s.name for s in driven)}")
     entering = tuple(_entering(name, driven, into[:, n + k]) for k, name in enumerate(inputs))
     known = {**{s.name: s for s in entering}, **made}
-    return Wiring(into[:, :n], into[:, n:], out[:, :n], out[:, n:], entering, tuple(produced),
-                  tuple(known[name] for name in outputs))
+    named = tuple(known.get(name) or Signal(name, _unit(row, sources, known)) for name, row in
+                  zip(leaving, out, strict=True))
+    return Wiring(into[:, :n], into[:, n:], out[:, :n], out[:, n:], entering, tuple(produced), named)
+
+
+def _leaving(text: str, sources: Sequence[str]) -> tuple[str, dict[str, float]]:
+    """Name and factors of an output: a signal, a signed sum, or ``"name = sum"``.
+
+    Examples
+    --------
+    >>> _leaving("error = r - 2 y", ["r", "y"])
+    ('error', {'r': 1.0, 'y': -2.0})
+    >>> _leaving("r - y", ["r", "y"])
+    ('r - y', {'r': 1.0, 'y': -1.0})
+    """
+    if text in sources:
+        return text, {text: 1.0}
+    name, equals, drive = text.partition("=")
+    if equals and name.strip():
+        return name.strip(), signed_sum(drive.strip())
+    factors = signed_sum(text) if re.search(r"\s[+-]|^\s*[+-]|\d\s*\*", text) else {text: 1.0}
+    return text, factors
+
+
+def _unit(row: np.ndarray, sources: Sequence[str], known: Mapping[str, Signal]) -> str:
+    """The unit that all terms of a sum share, with factors of one; none where they differ."""
+    terms = np.flatnonzero(row)
+    units = {known[sources[int(k)]].unit for k in terms}
+    return units.pop() if len(units) == 1 and np.all(np.abs(row[terms]) == 1.0) else ""
 
 
 def _entering(name: str, driven: Sequence[Signal], column: np.ndarray) -> Signal:

@@ -180,7 +180,10 @@ def columns(box: Scheduling, basis: Basis, points: np.ndarray) -> np.ndarray:
 
 
 def check_rates(basis: Basis, box: Scheduling, sample_time: float | None) -> None:
-    """Refuse a Lyapunov matrix that depends on a variable of unbounded rate in continuous time."""
+    """Refuse a Lyapunov matrix that no certificate covers, or over a variable of unbounded rate in continuous time."""
+    from lpvid.lmi.autonomous import readings_of
+
+    readings_of(basis)
     for name in basis.names:
         i = box.names.index(_checks.known_name(name, box.names, "scheduling variable"))
         if sample_time is None and box.rate[i] is None and box.upper[i] > box.lower[i]:

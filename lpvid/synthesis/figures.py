@@ -51,6 +51,12 @@ class Figure:
     between_grid: bool
     certificate: Any = None
 
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, without the certificate."""
+        return {"criterion": self.criterion, "channel": self.channel, "promised": float(self.promised),
+                "verified": float(self.verified), "lower": None if self.lower is None else float(self.lower),
+                "between_grid": bool(self.between_grid)}
+
     def __str__(self) -> str:
         where = "on the whole box" if self.between_grid else "at the points of a grid only"
         return (f"{self.criterion} from {self.channel}: at most {self.verified:.6g} (promised {self.promised:.6g}), "

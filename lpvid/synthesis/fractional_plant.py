@@ -10,6 +10,7 @@ from lpvid.model.lft import LFTModel
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.forms import to_lft
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
+from lpvid.synthesis.loop_check import Storage
 from lpvid.synthesis.shaped_program import Coordinates
 
 
@@ -26,6 +27,8 @@ class FractionalPlant:
     outer : (int, int, int, int)
         n_w, n_u, n_z, n_y.
     discrete : bool
+    turn : (n, n) array, optional
+        T of x = T x̃, where coordinates were changed since the plant was made.
     """
 
     blocks: np.ndarray
@@ -33,6 +36,7 @@ class FractionalPlant:
     repetitions: tuple[int, ...]
     outer: tuple[int, int, int, int]
     discrete: bool
+    turn: np.ndarray | None = None
 
     def part(self, row: str, column: str) -> np.ndarray:
         """A block by its letters: rows x, q, z, y; columns x, p, w, u."""
@@ -57,16 +61,18 @@ class FractionalPlant:
         nw, nu, nz, ny = self.outer
         left = diagonal(np.linalg.inv(states), np.linalg.inv(channels), np.eye(nz + ny))
         return FractionalPlant(left @ self.blocks @ diagonal(states, channels, np.eye(nw + nu)), self.order,
-                               self.repetitions, self.outer, self.discrete)
+                               self.repetitions, self.outer, self.discrete,
+                               states if self.turn is None else self.turn @ states)
 
 
 @dataclass(frozen=True, eq=False)
 class FractionalController:
-    """x_K⁺, u, q_K = Ω [x_K; y; p_K] with p_K = Δ q_K."""
+    """x_K⁺, u, q_K = Ω [x_K; y; p_K] with p_K = Δ q_K, and the storage function that proves its bound, where known."""
 
     matrix: np.ndarray
     order: int
     repetitions: tuple[int, ...]
+    storage: Storage | None = None
 
     def at(self, delta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """A_K, B_K, C_K, D_K at normalised scheduling values δ of shape (len(repetitions),)."""

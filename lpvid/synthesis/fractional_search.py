@@ -13,6 +13,8 @@ from scipy.linalg import null_space
 from lpvid.lmi.affine import Affine, block
 from lpvid.lmi.program import Program
 from lpvid.synthesis.fractional_plant import FractionalController, FractionalPlant, diagonal
+from lpvid.synthesis.fractional_recovery import by_feedback
+from lpvid.synthesis.preconditioning import balancing
 from lpvid.synthesis.shaped_program import PATIENT
 
 STRICT = 1e-9
@@ -91,31 +93,17 @@ def settled_levels(plant: FractionalPlant, back_off: float
         if len(seen) > 1 and seen[-1][0] > (1 - SETTLED) * seen[-2][0]:
             break
         try:
-            plant = plant.in_coordinates(_balancing(found[1]["R"], found[1]["S"]),
+            plant = plant.in_coordinates(balancing(found[1]["R"], found[1]["S"])[0],
                                          _balancing(found[1]["J"], found[1]["L"], plant.repetitions))
         except np.linalg.LinAlgError:
             break
     yield from sorted(seen, key=lambda s: s[0] * (1 + SETTLED) ** -seen.index(s))
 
 
-def _balancing(r: np.ndarray, s: np.ndarray, repetitions: Sequence[int] | None = None) -> np.ndarray:
-    """T with T⁻¹ R T⁻ᵀ = Tᵀ S T = Σ diagonal, block by block of what is repeated.
-
-    Examples
-    --------
-    >>> r, s = np.array([[4.0, 1.0], [1.0, 2.0]]), np.array([[3.0, -1.0], [-1.0, 5.0]])
-    >>> t = _balancing(r, s)
-    >>> np.allclose(np.linalg.inv(t) @ r @ np.linalg.inv(t).T, t.T @ s @ t)
-    True
-    """
-    if repetitions is not None:
-        ends = np.cumsum([0, *repetitions])
-        return diagonal(*(_balancing(r[a:b, a:b], s[a:b, a:b]) for a, b in itertools.pairwise(ends) if b > a))
-    if not len(r):
-        return np.zeros((0, 0))
-    factor = np.linalg.cholesky(r)
-    vectors, values, _ = np.linalg.svd(factor.T @ s @ factor)
-    return factor @ vectors / values**0.25
+def _balancing(r: np.ndarray, s: np.ndarray, repetitions: Sequence[int]) -> np.ndarray:
+    """Block by block of what is repeated (`lpvid.synthesis.preconditioning.balancing`)."""
+    ends = np.cumsum([0, *repetitions])
+    return diagonal(*(balancing(r[a:b, a:b], s[a:b, a:b])[0] for a, b in itertools.pairwise(ends) if b > a))
 
 
 def _primal(program: Program, plant: FractionalPlant, s: Affine, scaling: Affine, level: Affine) -> None:
@@ -150,9 +138,13 @@ def recovered(plant: FractionalPlant, gamma: float, found: dict[str, np.ndarray]
               ) -> Iterator[tuple[FractionalController, str]]:
     """Controllers that reach γ with the Lyapunov matrix and scaling completed from R, S, J and L, with their solver.
 
-    The inequality is Q + 𝓑Ω𝓒 + (𝓑Ω𝓒)ᵀ ≺ 0 in the controller Ω. The Ω of least norm comes first; the
-    closed form needs no solver, but its gains are large where the sensors carry little noise.
+    First by output feedback of the plant with the scalings in it (`lpvid.synthesis.fractional_recovery`). Otherwise
+    the inequality is Q + 𝓑Ω𝓒 + (𝓑Ω𝓒)ᵀ ≺ 0 in the controller Ω: the Ω of least norm, then the closed form, which needs
+    no solver, but whose gains are large where the sensors carry little noise.
     """
+    own = by_feedback(plant, gamma, _completed(found["L"], found["J"], plant.repetitions))
+    if own is not None:
+        yield own, "Riccati and closed form"
     n, r, (_, nu, _, ny) = plant.order, sum(plant.repetitions), plant.outer
     q, b, c = _inequality(plant, gamma, found)
     program = Program()

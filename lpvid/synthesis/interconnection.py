@@ -12,6 +12,7 @@ from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Scheduling
 from lpvid.synthesis._wiring import Drive, Wiring, wire
+from lpvid.synthesis.finer_tables import finer_of, joined
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.matrix_function import MatrixFunction, block
 
@@ -81,7 +82,8 @@ def connect(systems: Sequence[LPVStateSpace], inputs: Sequence[str], outputs: Se
     inputs : sequence of str
         Names of the inputs of the whole. One of a block's inputs that bears the name is driven by it.
     outputs : sequence of str
-        Names of the outputs of the whole: outputs of blocks, or inputs of the whole, which then pass through.
+        Outputs of the whole: names of outputs of blocks or of inputs of the whole, which then pass through, or signed
+        sums of both, as ``"r - y"`` or, with a name, ``"error = r - y"``.
     wires : mapping of str to str or to mapping, optional
         For an input of a block, what drives it: ``{"error": "reference - 2 speed"}``, or factors by name.
 
@@ -106,6 +108,16 @@ def connect(systems: Sequence[LPVStateSpace], inputs: Sequence[str], outputs: Se
     array([[-2.]])
     """
     blocks = [_plain(s) for s in systems]
+    tables = [finer_of(s) for s in blocks]
+    whole = _joined(blocks, inputs, outputs, wires)
+    if not any(t is not None for t in tables):
+        return whole
+    finer = _joined([s if t is None else t for s, t in zip(blocks, tables, strict=True)], inputs, outputs, wires)
+    return whole.replace(metadata={**whole.metadata, "interpolation": joined(blocks, finer)})
+
+
+def _joined(blocks: list[LPVStateSpace], inputs: Sequence[str], outputs: Sequence[str],
+            wires: Mapping[str, Drive] | None) -> LPVStateSpace:
     inputs, outputs = _checks.names(inputs, "the inputs"), _checks.names(outputs, "the outputs")
     w = wire(blocks, inputs, outputs, dict(wires or {}))
     a, b, c, d, f, g = (_diagonal(blocks, name) for name in ("A", "B", "C", "D", "state_offset", "output_offset"))
@@ -164,7 +176,7 @@ def _names(signals: Sequence[Signal]) -> tuple[str, ...]:
 def _plain(system: LPVStateSpace) -> LPVStateSpace:
     if not isinstance(system, LPVStateSpace):
         raise InputError("a block must be an LPVStateSpace", got=type(system).__name__,
-                         mend="turn a python-control system into one with lpvid.synthesis.weights.from_control")
+                         mend="turn a python-control system into one with lpvid.synthesis.weights.from_lti")
     if system.input_stage is not None or system.scheduling_stage is not None:
         raise InputError(f"the block with output {', '.join(_names(system.outputs))} is not linear in its inputs",
                          got="an input or scheduling stage", mend="join its linear part: replace(input_stage=None, …)")

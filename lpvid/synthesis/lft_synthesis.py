@@ -18,16 +18,22 @@ from lpvid.errors import InputError
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial
 from lpvid.synthesis.assumptions import fault_of
+from lpvid.synthesis.block_proof import gain_figure
 from lpvid.synthesis.criteria import HInfinity
 from lpvid.synthesis.design_grid import fitted, over
-from lpvid.synthesis.figures import measure
-from lpvid.synthesis.fractional_plant import FractionalController, FractionalPlant, fractional_plant
+from lpvid.synthesis.figures import Figure, measure
+from lpvid.synthesis.fractional_plant import FractionalController, FractionalPlant, diagonal, fractional_plant
 from lpvid.synthesis.fractional_search import recovered, scaled_levels, settled_levels
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.plant_functions import named
+from lpvid.synthesis.preconditioning import preconditioned
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_program import Coordinates
+
+MOST = 1.03
+"""times the promise up to which the controller's own storage function is asked for a proof: writing the rational
+controller down as a polynomial costs a little"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,11 +80,13 @@ class LFTFeedback:
         if at.D22.any():
             raise InputError(f"the controls {', '.join(plant.controls)} reach the measurements directly",
                              mend="delay them by a fast lag, or use OutputFeedback")
-        c = Coordinates.of(at, plant.sample_time is not None)
+        ready = preconditioned(plant, corners)
+        inner, turn = ready.plant, ready.turn
+        c = Coordinates.of(inner.at(corners), plant.sample_time is not None)
         lowest, best = math.inf, None
-        for least, fractional, found in settled_levels(fractional_plant(plant, c), self.back_off):
+        for least, fractional, found in settled_levels(fractional_plant(inner, c), self.back_off):
             lowest = min(lowest, least)
-            outcome = self._recovered(plant, c, fractional, least, found)
+            outcome = self._recovered(plant, turn, c, fractional, least, found)
             if outcome is not None and (best is None or _rank(outcome) < _rank(best)):
                 best = replace(outcome, infimum=lowest, seconds=time.perf_counter() - started)
             if best is not None and best.verdict == "solved":
@@ -92,8 +100,8 @@ class LFTFeedback:
                          mend="use OutputFeedback with a Lyapunov matrix that depends on the scheduling, and rates",
                          infimum=lowest if math.isfinite(lowest) else None, seconds=time.perf_counter() - started)
 
-    def _recovered(self, plant: GeneralizedPlant, c: Coordinates, fractional: FractionalPlant, lowest: float,
-                   found: dict[str, np.ndarray]) -> Synthesis | None:
+    def _recovered(self, plant: GeneralizedPlant, turn: np.ndarray, c: Coordinates, fractional: FractionalPlant,
+                   lowest: float, found: dict[str, np.ndarray]) -> Synthesis | None:
         """The first controller that keeps its promise, or the best that was verified."""
         best: Synthesis | None = None
         for factor in dict.fromkeys((self.back_off, 1.2, 1.5)):
@@ -105,7 +113,8 @@ class LFTFeedback:
             for law, solver in _tried(fractional, gamma * 1.001, matrices):
                 controller = _written(plant, c, law)
                 loop = close_loop(plant, controller)
-                seen = measure(HInfinity(), plant, loop, gamma, Polynomial((), 0))
+                seen = (_proven(plant, loop, gamma, law, turn, c)
+                        or measure(HInfinity(), plant, loop, gamma, Polynomial((), 0)))
                 if not np.isfinite(seen.verified):
                     continue
                 kept = seen.verified <= 1.005 * gamma
@@ -121,6 +130,18 @@ class LFTFeedback:
                 if best is None or seen.verified < (best.gamma_verified or np.inf):
                     best = result
         return best
+
+
+def _proven(plant: GeneralizedPlant, loop: LPVStateSpace, promised: float, law: FractionalController, turn: np.ndarray,
+            c: Coordinates) -> Figure | None:
+    """The promise by the storage function that came with the controller; None where that does not prove it."""
+    if law.storage is None:
+        return None
+    v, own = law.storage, diagonal(turn * c.states, np.eye(law.order))  # of x and x_K times the root of the pace
+    root = np.sqrt(c.pace)
+    found = gain_figure(HInfinity().says(plant), loop, promised,
+                        replace(v, first=v.first / c.pace, second=v.second / c.pace, mix=own / root @ v.mix))
+    return found if found is not None and found.between_grid and found.verified <= MOST * promised else None
 
 
 def _rank(found: Synthesis) -> tuple[bool, float]:

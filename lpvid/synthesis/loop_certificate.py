@@ -95,6 +95,8 @@ def own_certificate(values: Callable[[np.ndarray], np.ndarray], basis: Basis, lo
 def _plausible(values: Callable[[np.ndarray], np.ndarray], loop: LPVStateSpace, bound: float) -> bool:
     """A glance at a few points, with slopes by differences, before anything is fitted."""
     box = loop.box
+    if not box.names:
+        return True
     points, width = box.grid(SCREEN.get(len(box.names), 2)), np.array(box.upper) - np.array(box.lower)
     steps = np.diag(1e-5 * width)
     slopes = np.stack([(values(points + e) - values(points - e)) / max(2 * e.sum(), 1e-300) for e in steps], axis=1)

@@ -153,6 +153,9 @@ class _Moving(ShapedProblem):
 
         return values
 
+    def blocks_of(self, shaped: Shaped) -> None:
+        return None
+
     def build(self, program: Program, scale: float) -> Shaping:
         box, points = self.plant.box, tensor(self.axes)
         design = self._design(points)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,11 +16,14 @@ from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.assumptions import fault_of
 from lpvid.synthesis.criteria import H2, HInfinity, Region
 from lpvid.synthesis.design_grid import columns, design_axes, is_affine, tensor, varies
+from lpvid.synthesis.figures import Figure, channel
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
+from lpvid.synthesis.loop_check import Storage
 from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
 from lpvid.synthesis.plant_functions import assembled, named, plant_functions
+from lpvid.synthesis.preconditioning import Preconditioned, balancing, preconditioned, unconditioned
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import Criterion, ShapedProblem, check_criteria, listed, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, combined
@@ -75,22 +78,38 @@ class MultiObjective:
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The controller for a plant, with the figures of its closed loop."""
         criteria, regions = tuple(self.criteria), tuple(self.regions)  # type: ignore[arg-type]
+        if len(criteria) == 1 and isinstance(criteria[0], HInfinity) and not regions and self.feedthrough:
+            found = _by_output_feedback(plant, criteria[0], self.back_off - 1, self.points)
+            if found is not None:
+                return found
         steady = _steady(plant)
         axes = design_axes(plant.box, self.points, is_affine(plant.system.basis) and steady)
         check_criteria(plant, criteria, regions, tensor(axes))
-        raw = plant.at(tensor(axes))
-        coordinates = Coordinates.of(raw, plant.sample_time is not None)
+        fault = fault_of(plant, plant.at(tensor(axes)), tensor(axes))
         direct = self.feedthrough and (plant.sample_time is not None or not any(isinstance(c, H2) for c in criteria))
-        return settle(_Problem(plant, criteria, regions, self.back_off, axes, direct, coordinates,
-                               coordinates.scaled(raw)), fault_of(plant, raw, tensor(axes)))
+        if fault is not None:
+            return settle(self._stated(plant, criteria, regions, axes, direct, unconditioned(plant)), fault)
+        plain = settle(self._stated(plant, criteria, regions, axes, direct, unconditioned(plant)))
+        if plain.verdict in ("solved", "infeasible"):
+            return plain
+        other = settle(self._stated(plant, criteria, regions, axes, direct, preconditioned(plant, tensor(axes))))
+        return _lowest([plain, other])
+
+    def _stated(self, plant: GeneralizedPlant, criteria: tuple[Criterion, ...], regions: tuple[Region, ...],
+                axes: tuple[np.ndarray, ...], direct: bool, ready: Preconditioned) -> _Problem:
+        raw = ready.plant.at(tensor(axes))
+        coordinates = Coordinates.of(raw, plant.sample_time is not None, ready.balanced)
+        return _Problem(plant, criteria, regions, self.back_off, axes, direct, ready, coordinates,
+                        coordinates.scaled(raw))
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem(ShapedProblem):
-    """One plant with several objectives, in scaled coordinates."""
+    """One plant with several objectives, in scaled coordinates of a preconditioned plant."""
 
     axes: tuple[np.ndarray, ...]
     direct: bool
+    ready: Preconditioned
     coordinates: Coordinates
     matrices: PlantMatrices
 
@@ -122,50 +141,113 @@ class _Problem(ShapedProblem):
         hats = [[new.matrix(*shape) for _ in range(self.basis.size)] for shape in ((n, n), (n, ny), (nu, n))]
         through = [new.matrix(nu, ny) if self.direct else _zero(nu, ny) for _ in range(self.basis.size)]
         phi = columns(self.plant.box, self.basis, tensor(self.axes))
-        lyapunov, loops, below = block([[x, np.eye(n)], [np.eye(n), y]]), [], []
+        s = np.sqrt(self.ready.sizes)  # X = diag(s) x diag(s), and Y alike: unknowns near the identity
+        coupling = np.diag(1 / self.ready.sizes)
+        lyapunov, loops, below = block([[x, coupling], [coupling, y]]), [], []
         for k in range(len(phi)):
             m = self.matrices.point(k)
+            first, second = _over_states(m, s), _over_states(m, 1 / s)
             ah, bh, ch, dh = (combined(h, phi[k]) for h in (*hats, through))
-            dynamics = block([[m.A @ x + m.B2 @ ch, m.A + m.B2 @ dh @ m.C2], [ah, y @ m.A + bh @ m.C2]])
+            dynamics = block([[first.A @ x + first.B2 @ ch, m.A / s / s[:, None] + first.B2 @ dh @ second.C2],
+                              [ah, y @ second.A + bh @ second.C2]])
             loops.append(ShapedLoop(lyapunov, None, dynamics,
-                                    block([[m.B1 + m.B2 @ dh @ m.D21], [y @ m.B1 + bh @ m.D21]]),
-                                    block([[m.C1 @ x + m.D12 @ ch, m.C1 + m.D12 @ dh @ m.C2]]),
+                                    block([[first.B1 + first.B2 @ dh @ m.D21], [y @ second.B1 + bh @ m.D21]]),
+                                    block([[first.C1 @ x + m.D12 @ ch, second.C1 + m.D12 @ dh @ second.C2]]),
                                     m.D11 + m.D12 @ dh @ m.D21, self.plant.sample_time is not None,
                                     self.coordinates.pace))
             below += [ah, bh, ch, dh] if self.direct else [ah, bh, ch]
-        size = _apart(program, x, y, below, scale)
+        size = _apart(program, x, y, coupling, below, scale)
         return Shaping(tuple(loops), size, {"X": (x,), "Y": (y,), "A": tuple(hats[0]), "B": tuple(hats[1]),
                                             "C": tuple(hats[2]), "D": tuple(through)})
 
     def controller(self, shaped: Shaped) -> LPVStateSpace:
-        x, y = shaped.values("X")[0], shaped.values("Y")[0]
+        turn, sizes = self._balanced(shaped)
+        s, back = np.sqrt(self.ready.sizes), np.linalg.inv(turn)
         hat = {name: MatrixFunction(self.basis, shaped.values(name)) for name in "ABCD"}
-        plant = _scaled(self.plant, self.coordinates)
-        u, s, v = np.linalg.svd(np.eye(len(x)) - x @ y)
-        if s.min() < 1e-10 * s.max():
+        plant = _scaled(self.ready.plant, self.coordinates, turn)
+        far = sizes**2 - 1
+        if far.min(initial=1.0) <= 1e-10:
             raise np.linalg.LinAlgError("I − XY is singular")
-        m, n = u * np.sqrt(s), v.T * np.sqrt(s)  # M Nᵀ = I − X Y
-        right, left = np.linalg.inv(m).T, np.linalg.inv(n)
-        d = hat["D"]
-        c = (hat["C"] - d @ plant["C2"] @ x) @ right
-        b = left @ (hat["B"] - y @ plant["B2"] @ d)
-        a = left @ (hat["A"] - y @ plant["A"] @ x - y @ plant["B2"] @ d @ plant["C2"] @ x
-                    - n @ (b @ plant["C2"] @ x) - y @ plant["B2"] @ c @ m.T) @ right
+        m, d, x = np.diag(np.sqrt(far)), hat["D"], np.diag(sizes)  # M = m and N = −m, as X = Y = diag(sizes)
+        right, left = np.diag(1 / np.sqrt(far)), -np.diag(1 / np.sqrt(far))
+        into, out = s[:, None] * back.T, turn.T * s
+        c = (hat["C"] @ into - d @ plant["C2"] @ x) @ right
+        b = left @ (out @ hat["B"] - x @ plant["B2"] @ d)
+        a = left @ (out @ hat["A"] @ into - x @ plant["A"] @ x - x @ plant["B2"] @ d @ plant["C2"] @ x
+                    + m @ (b @ plant["C2"] @ x) - x @ plant["B2"] @ c @ m) @ right
         a, b, c, d = _without_through(a, b, c, d, plant["D22"])
         scale, seen = self.coordinates.controls, self.coordinates.measurements
-        back = np.diag(1 / seen)
-        whole = function_block([[a, b @ back], [np.diag(scale) @ c, np.diag(scale) @ d @ back]])
-        return assembled(whole, len(x), self.plant, named(self.plant, self.plant.measurements),
+        unseen = np.diag(1 / seen)
+        whole = function_block([[a, b @ unseen], [np.diag(scale) @ c, np.diag(scale) @ d @ unseen]])
+        return assembled(whole, len(sizes), self.plant, named(self.plant, self.plant.measurements),
                          named(self.plant, self.plant.controls))
+
+    def _balanced(self, shaped: Shaped) -> tuple[np.ndarray, np.ndarray]:
+        """T, over the preconditioned states, in which X = Y = diag(σ), and σ."""
+        s = np.sqrt(self.ready.sizes)
+        scaled = self.coordinates.states
+        x, y = (s[:, None] * shaped.values(name)[0] * s for name in "XY")
+        turn, sizes = balancing(x, y)
+        return scaled[:, None] * turn, sizes
+
+    def blocks_of(self, shaped: Shaped) -> Storage:
+        """V = Σ x²/σ + σ (x_K − √(σ² − 1)/σ·x)² in the coordinates in which X = Y = diag(σ)."""
+        turn, sizes = self._balanced(shaped)
+        n = len(sizes)
+        follow = np.diag(np.sqrt(np.maximum(sizes**2 - 1, 0.0)) / sizes)
+        mix = np.block([[self.ready.turn @ turn, np.zeros((n, n))], [follow, np.eye(n)]])
+        first, second = np.diag(1 / sizes)[None], np.diag(sizes)[None]
+        return Storage(first, second, 0 * first[:, None], 0 * second[:, None], mix)
 
     def close(self, controller: LPVStateSpace) -> LPVStateSpace:
         return close_loop(self.plant, controller)
 
 
-def _apart(program: Program, x: Affine, y: Affine, below: Sequence[Affine], scale: float) -> Affine:
+def _lowest(found: Sequence[Synthesis]) -> Synthesis:
+    """Of the same design in several coordinates the one of lowest verified figures; else a proof that there is none."""
+    kept = [s for s in found if s.controller is not None]
+    if kept:
+        return min(kept, key=lambda s: sum(f["verified"] / max(min(o.figures[i]["verified"] for o in kept), 1e-300)
+                                           for i, f in enumerate(s.figures)))
+    return next((s for s in found if s.verdict == "infeasible"), found[0])
+
+
+def _by_output_feedback(plant: GeneralizedPlant, criterion: HInfinity, back_off: float, points: int
+                        ) -> Synthesis | None:
+    """One bound of a gain alone is what the projected inequalities decide with fewer unknowns; None where they fail."""
+    from lpvid.synthesis.output_feedback import OutputFeedback
+    from lpvid.synthesis.output_feedback_search import SLACK
+
+    check_criteria(plant, (criterion,), (), plant.box.grid(2))
+    part = _channel_of(plant, criterion)
+    share = min(max(back_off - 2 * SLACK, 0.0), 1.0)
+    found = OutputFeedback(bound=criterion.bound, back_off=share, points=points).solve(part)
+    if found.verdict in ("infeasible", "unstabilisable", "undetectable"):
+        return found
+    if found.verdict != "solved" or found.certificate is None or found.gamma_verified is None:
+        return None
+    figure = Figure("H-infinity", criterion.says(plant), found.gamma or found.gamma_verified, found.gamma_verified,
+                    found.gamma_lower, found.between_grid, found.certificate)
+    return replace(found, notes=(str(figure), *found.notes), figures=(figure.to_dict(),))
+
+
+def _channel_of(plant: GeneralizedPlant, criterion: HInfinity) -> GeneralizedPlant:
+    """The plant without the disturbances and performance signals that a criterion does not name."""
+    inputs = {*plant.controls, *(criterion.disturbances or plant.disturbances)}
+    outputs = {*plant.measurements, *(criterion.performance or plant.performance)}
+    s = plant.system
+    j = [k for k, signal in enumerate(s.inputs) if signal.name in inputs]
+    i = [k for k, signal in enumerate(s.outputs) if signal.name in outputs]
+    if len(j) == len(s.inputs) and len(i) == len(s.outputs):
+        return plant
+    return GeneralizedPlant(channel(s, j, i), plant.controls, plant.measurements)
+
+
+def _apart(program: Program, x: Affine, y: Affine, coupling: np.ndarray, below: Sequence[Affine], scale: float
+           ) -> Affine:
     """(1, 1) t/scale − s: small matrices (norms below t), and a coupling [X, sI; sI, Y] ⪰ 0 far from its limit."""
     n, t, s = x.shape[0], program.unknowns.scalar(), program.unknowns.scalar()
-    program.require(block([[x, s.times(np.eye(n))], [s.times(np.eye(n)), y]]))
+    program.require(block([[x, s.times(coupling)], [s.times(coupling), y]]))
     program.require(APART - s)
     for matrix in (x, y):
         program.require(t.times(np.eye(n)) - matrix)
@@ -181,9 +263,14 @@ def _zero(rows: int, width: int) -> Affine:
     return Affine(np.zeros((rows, width)), sparse.csr_array((rows * width, 0)))
 
 
-def _scaled(plant: GeneralizedPlant, c: Coordinates) -> dict[str, MatrixFunction]:
-    """What the recovery needs of a plant, in scaled coordinates."""
-    blocks, x, u, y = plant_functions(plant), *map(np.diag, (c.states, c.controls, c.measurements))
+def _over_states(m: PlantMatrices, s: np.ndarray) -> PlantMatrices:
+    """A plant over x' = x / s."""
+    return replace(m, A=m.A * s / s[:, None], B1=m.B1 / s[:, None], B2=m.B2 / s[:, None], C1=m.C1 * s, C2=m.C2 * s)
+
+
+def _scaled(plant: GeneralizedPlant, c: Coordinates, turn: np.ndarray) -> dict[str, MatrixFunction]:
+    """What the recovery needs of a plant, over states x' = `turn`⁻¹x and with scaled controls and measurements."""
+    blocks, x, u, y = plant_functions(plant), turn, *map(np.diag, (c.controls, c.measurements))
     into = {"A": (np.linalg.inv(x), x), "B2": (np.linalg.inv(x), u), "C2": (np.linalg.inv(y), x),
             "D22": (np.linalg.inv(y), u)}
     return {name: left @ blocks[name] @ right for name, (left, right) in into.items()}

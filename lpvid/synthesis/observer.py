@@ -168,6 +168,9 @@ class _Problem(ShapedProblem):
     def storage_of(self, shaped: Shaped) -> None:
         return None
 
+    def blocks_of(self, shaped: Shaped) -> None:
+        return None
+
     def build(self, program: Program, scale: float) -> Shaping:
         plant, n, discrete = self.plant, self.plant.order, self.plant.sample_time is not None
         p = [program.unknowns.symmetric(n) for _ in range(self.lyapunov.size)]

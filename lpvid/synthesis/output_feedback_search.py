@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lpvid.lmi.program import available
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.balanced_plant import BalancedPlant
 from lpvid.synthesis.controller_formula import ControllerFormula, Variations
@@ -16,22 +17,26 @@ from lpvid.synthesis.generalized_plant import PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.loop_certificate import certificate_of
 from lpvid.synthesis.loop_check import frozen_gain
-from lpvid.synthesis.obstacle import obstacle
-from lpvid.synthesis.projected_search import Clock, conditioned, least_bound
-from lpvid.synthesis.projection import Pair, Projected, regular, singular
+from lpvid.synthesis.obstacle import hopeless, obstacle
+from lpvid.synthesis.projected_search import ROOMY, Clock, conditioned, least_bound
+from lpvid.synthesis.projection import Pair, Projected, regular, restrained, singular
 from lpvid.synthesis.result import Synthesis
+from lpvid.synthesis.riccati import ROOM, central, least_gain
 
 SOLVERS = ("CLARABEL", "MOSEK", "SDPA")
 SLACK = 0.002
 """share by which the controller's bound is above that of X and Y, which hold their own only to a solver's accuracy."""
 STEPS = (1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
-"""multiples of the design's back-off that are tried; beyond `SOLVED` of it the verdict is "backed-off"."""
-SOLVED = 0.1
+"""multiples of the design's back-off that are tried"""
+SOLVED = 0.12
+"""share above the least bound of any route up to which a verified gain is "solved"; beyond it is "backed-off" """
 NOISE = (1e-2, 1e-3, 1e-4)
 """noise, and effort, added for moderate gains where nothing else limits them: shares of what the sensors show."""
-NOTHING, FLOOR = 1e-8, 1e-4
-"""Shares of the plant's size. A least bound below the first, a solver's accuracy, counts as zero, to which only
-infinite gains come close; the second is then asked for instead."""
+NOTHING = 1e-8
+"""Share of the plant's size, a solver's accuracy, below which a least bound counts as zero. Only infinite gains come
+close to that; what is then asked for is the least bound with the least of `NOISE` in every measurement and control."""
+MISSED = 1e-3
+"""share by which another route's least bound must be below that of the inequalities to take its place"""
 MORE, AT_ONCE, APART = 30, 6, 0.15
 """design points that may be added, how many at a time, and how far from each other in half widths of the box."""
 SEGMENTS = {1: (12, 24, 48, 96), 2: (4, 8, 14), 3: (3, 5)}
@@ -77,6 +82,15 @@ class FeedbackProblem:
                          self.strictly_proper)
 
     @property
+    def richer(self) -> str:
+        """What a Lyapunov matrix with more freedom would need; empty where nothing moves."""
+        if not self.plant.plant.box.half_width.any():
+            return ""
+        if self.variations.basis is None:
+            return ", or give rate bounds and a Lyapunov basis (lyapunov=)"
+        return ", or a richer Lyapunov basis (a higher degree, more of the variables), or lower rate bounds"
+
+    @property
     def method(self) -> str:
         """In a few words."""
         v = self.variations
@@ -87,45 +101,119 @@ class FeedbackProblem:
 def search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> Synthesis:
     """The controller of the least back-off whose closed loop keeps its bound at every point looked at.
 
-    Where X(p), Y(p) lose the bound between the points of the grid, points are added there.
+    Where X(p), Y(p) lose the bound between the points of the grid, points are added there. Where the first solver's
+    answers lead to no controller near the least bound, the next one leads.
     """
+    found = _refined(problem, wanted, back_off)
+    rest = problem.solvers[1:]
+    if found.verdict in ("numerical", "backed-off") and rest and available(rest):
+        other = _refined(replace(problem, solvers=rest), wanted, back_off)
+        found = _better(found, other)
+    return found
+
+
+def _refined(problem: FeedbackProblem, wanted: float | None, back_off: float) -> Synthesis:
+    known: Pair | None = None
     while True:
-        found = _search(problem, wanted, back_off)
+        found = _search(problem, wanted, back_off, known)
         if isinstance(found, Synthesis):
             return found
-        problem = replace(problem, extra=np.vstack([problem.extra, found]))
+        points, known = found
+        problem = replace(problem, extra=np.vstack([problem.extra, points]))
 
 
-def _search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> Synthesis | np.ndarray:
-    """A synthesis, or (·, n_scheduling) points at which the inequalities are wanted too."""
+def _better(one: Synthesis, other: Synthesis) -> Synthesis:
+    """The lower verified gain, judged by the least bound of both; a proof that there is none goes before a failure."""
+    if one.controller is None and other.controller is None:
+        return other if other.verdict == "infeasible" else one
+    best = min((s for s in (one, other) if s.gamma_verified is not None), key=lambda s: s.gamma_verified or np.inf)
+    least = min(s.infimum for s in (one, other) if s.infimum is not None)
+    verified = best.gamma_verified or np.inf
+    return replace(best, infimum=least, verdict="solved" if verified <= (1 + SOLVED) * least else "backed-off",
+                   why=_kept_near(verified, least))
+
+
+def _kept_near(verified: float, least: float) -> str:
+    return (f"the closed loop keeps {verified:.6g}, {100 * (verified / least - 1):.2g} % above {least:.6g}, the least "
+            "bound of any route")
+
+
+def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, known: Pair | None
+            ) -> Synthesis | tuple[np.ndarray, Pair]:
+    """A synthesis, or (·, n_scheduling) points at which the inequalities are wanted too, with the pair of these."""
     clock = Clock()
     projected = problem.projected
-    best = least_bound(projected, clock, solvers=problem.solvers)
-    if best is None:
+    best = _least(projected, clock, problem.solvers, known)
+    if best is None or best.status == ROOMY:
         verdict, why, mend = obstacle(problem.plant.plant, projected)
-        return Synthesis(verdict, why=why, mend=mend, method=problem.method)
+        if best is None or verdict == "infeasible":
+            return Synthesis(verdict, why=why, mend=mend, method=problem.method)
+    weights = f"lower the weights on {', '.join(problem.plant.plant.performance)}"
     if wanted is not None and wanted < best.gamma:
         return Synthesis("infeasible", why=f"the gain cannot be brought below {wanted:.6g}: {best.gamma:.6g} is the "
                          "least that the inequalities admit", infimum=best.gamma, method=problem.method,
-                         mend=f"ask for more than {best.gamma:.6g}, or lower the weights on "
-                              f"{', '.join(problem.plant.plant.performance)}")
-    size = _size(projected.plant)
-    target = best.gamma if best.gamma > NOTHING * size else FLOOR * size
+                         mend=f"ask for more than {best.gamma:.6g}, or {weights}{problem.richer}")
+    target, note = _target(problem, projected, best, clock)
     for share in [step * back_off for step in STEPS] if wanted is None else [wanted / best.gamma - 1 - SLACK]:
         gamma = target * (1 + max(share, 0.0))
         for formula in _formulas(problem, projected, best, gamma, clock):
             missed = _missed(problem, formula)
             if len(missed):
-                return missed
+                return missed, best
             found = _written(problem, formula)
             if found is not None:
-                kept = share <= SOLVED or wanted is not None
+                verified = found.gamma_verified or np.inf
+                kept = wanted is not None or verified <= (1 + SOLVED) * target
                 return replace(found, verdict="solved" if kept else "backed-off", infimum=best.gamma,
-                               solver=best.solver, method=problem.method, why=f"the closed loop keeps "
-                               f"{formula.gamma:.6g}; {best.gamma:.6g} is the least that the inequalities admit")
+                               solver=best.solver, method=problem.method, notes=(*note, *found.notes),
+                               why=_kept_near(verified, target))
+    verdict, why, mend = obstacle(problem.plant.plant, projected)
+    if verdict == "infeasible":  # the least bound was an answer to inequalities that have none
+        return Synthesis(verdict, why=why, mend=mend, method=problem.method)
     return Synthesis("numerical", why=f"the inequalities admit {best.gamma:.6g}, but no controller was found whose "
                      "closed loop keeps a bound near it", infimum=best.gamma, method=problem.method,
                      mend="raise back_off or points, or scale the signals to similar size")
+
+
+def _least(projected: Projected, clock: Clock, solvers: tuple[str, ...], known: Pair | None = None) -> Pair | None:
+    """The pair of least bound; for a plant that does not move, by the Riccati equations too where that is lower."""
+    best = least_bound(projected, clock, solvers=solvers, known=known, hopeless=lambda: hopeless(projected))
+    if len(projected.plant.A) > 1 or projected.strictly_proper:
+        return best
+    judged = least_gain(projected.plant)
+    if not 0 < judged < (np.inf if best is None else (1 - MISSED) * best.gamma):
+        return best
+    found = central(projected.plant, ROOM * judged)
+    return best if found is None else Pair(found.x[None], found.y[None], judged, "Riccati equations", "optimal")
+
+
+def _target(problem: FeedbackProblem, projected: Projected, best: Pair, clock: Clock
+            ) -> tuple[float, tuple[str, ...]]:
+    """The bound that is asked for, and a remark where that is not the least."""
+    if best.gamma > NOTHING * _size(projected.plant):
+        return best.gamma, ()
+    noisy = least_bound(replace(projected, plant=restrained(projected.plant, NOISE[-1])), clock,
+                        solvers=problem.solvers)
+    if noisy is None or noisy.gamma <= best.gamma:
+        return max(best.gamma, 1e-300), ()
+    return noisy.gamma, (f"the least bound is zero to a solver's accuracy; {noisy.gamma:.3g} is what moderate gains "
+                         f"reach (noise and effort of {NOISE[-1]:g} in balanced units)",)
+
+
+def moderate(problem: FeedbackProblem, bound: float) -> tuple[LPVStateSpace, ControllerFormula] | None:
+    """The first controller, most moderate first, that keeps a bound which is known to be admitted; None for none."""
+    clock, projected = Clock(), problem.projected
+    best = _least(projected, clock, problem.solvers)
+    if best is None or best.gamma * (1 + SLACK) > bound:
+        return None
+    for formula in _formulas(problem, projected, best, bound / (1 + SLACK) ** 2, clock):
+        try:
+            kept = _kept(problem, formula)
+        except np.linalg.LinAlgError:
+            continue
+        if kept is not None and kept[1] <= bound:
+            return kept[0], formula
+    return None
 
 
 def _formulas(problem: FeedbackProblem, projected: Projected, best: Pair, gamma: float, clock: Clock
@@ -137,6 +225,14 @@ def _formulas(problem: FeedbackProblem, projected: Projected, best: Pair, gamma:
         if least is not None and least.gamma * (1 + SLACK) < gamma:
             yield from _gentle(problem, noisy, least, gamma, clock)
     yield from _gentle(problem, projected, best, gamma, clock)
+    if len(projected.plant.A) == 1:
+        found = central(projected.plant, gamma)
+        if found is not None:
+            formula = ControllerFormula.gentle(problem.plant, problem.variations,
+                                               Pair(found.x[None], found.y[None], gamma), gamma * (1 + SLACK),
+                                               problem.points)
+            if formula is not None:
+                yield formula
 
 
 def _gentle(problem: FeedbackProblem, projected: Projected, pair: Pair, gamma: float, clock: Clock

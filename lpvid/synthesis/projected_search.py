@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import itertools
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lpvid.lmi.program import SOLVERS
-from lpvid.synthesis.projection import Pair, Projected, ProjectedProgram, initial, roots_of, sizes_at
+from lpvid.lmi.program import SOLVERS, available
+from lpvid.synthesis.projection import Pair, Projected, ProjectedProgram, initial, roots_of, singular, sizes_at
+from lpvid.synthesis.riccati import Central, admits, central, least_gain, start
 
 ROUNDS = 6
 SETTLED = 1e-3
 """relative change of the bound from one round of coordinates to the next at which it counts as found."""
+ABOVE = 10.0
+"""times a bound at which Riccati equations that refuse it must have a solution, for their refusal to count: nearer they
+may fail by rounding alone"""
+ROOMY = "with room"
+"""status of a pair that is not the least"""
+FACTORS = (1.01, 1.05, 1.12, 1.25, 1.5, 2.0, 3.0, 5.0, 10.0, 30.0)
+"""of the largest frozen optimum that are tried where no least bound could be computed"""
 
 
 @dataclass
@@ -23,12 +32,83 @@ class Clock:
     solving: float = 0.0
 
 
-def least_bound(problem: Projected, clock: Clock, *, solvers: Sequence[str] = SOLVERS) -> Pair | None:
+def least_bound(problem: Projected, clock: Clock, *, solvers: Sequence[str] = SOLVERS, known: Pair | None = None,
+                hopeless: Callable[[], bool] | None = None) -> Pair | None:
     """The pair of least γ, in coordinates that follow the answers until the bound settles; None if no solver answers.
 
-    Every solver but the first is a fallback for one that gives no usable answer.
+    Those of a `known` pair, of the same problem at fewer points, come first. `hopeless` is asked once, where the first
+    attempt fails: whether that there is no answer can be shown.
+
+    Every solver but the first is a fallback for one that gives no plausible answer: no bound can be had that the
+    Riccati equations refuse at a frozen point. Where all of them fail, bounds above the largest frozen optimum are
+    tried, which leaves the solvers room.
     """
-    pair, roots = initial(problem)
+    for solver in (s for s in solvers if available([s])):
+        for pair, roots in itertools.chain([] if known is None else [(known, roots_of(problem, known))],
+                                           _starts(problem)):
+            found = _settled(problem, pair, roots, clock, (solver,))
+            if found is not None and _plausible(problem, found.gamma):
+                return found
+            if hopeless is not None and hopeless():
+                return None
+            hopeless = None
+    return _with_room(problem, clock, solvers)
+
+
+def _plausible(problem: Projected, gamma: float) -> bool:
+    """No frozen point refuses a bound, where its Riccati equations can be solved at `ABOVE` times that.
+
+    Where controls are free or measurements exact they only bound the least gain from above, and refuse nothing.
+    """
+    return singular(problem.plant) or not any(
+        not admits(problem.plant, gamma * (1 + SETTLED), k) and admits(problem.plant, ABOVE * gamma, k)
+        for k in range(len(problem.plant.A)))
+
+
+def _with_room(problem: Projected, clock: Clock, solvers: Sequence[str]) -> Pair | None:
+    """A pair for the first multiple of the largest frozen optimum at which there is one."""
+    if not problem.plant.A.shape[1]:
+        return None
+    frozen = [least_gain(problem.plant, k) for k in range(len(problem.plant.A))]
+    worst = int(np.argmax(frozen))
+    if not 0 < frozen[worst] < np.inf:
+        return None
+    plain, _ = initial(problem)
+    for factor in FACTORS:
+        gamma = factor * frozen[worst]
+        middle = central(problem.plant, gamma, worst)
+        if middle is None:
+            continue
+        found = list(conditioned(problem, _spread(plain, middle), gamma, clock, rounds=1, solvers=solvers))
+        if found:
+            return replace(found[0], status=ROOMY)
+    return None
+
+
+def _starts(problem: Projected) -> Iterator[tuple[Pair, tuple[np.ndarray, np.ndarray]]]:
+    """First coordinates: those of the Riccati equations at the middle of the box, and those of the balanced plant."""
+    plain, roots = initial(problem)
+    middle = start(problem.plant) if problem.plant.A.shape[1] else None
+    if middle is not None:
+        pair = _spread(plain, middle)
+        yield pair, roots_of(problem, pair)
+    yield plain, roots
+
+
+def start_roots(problem: Projected) -> tuple[np.ndarray, np.ndarray]:
+    """The first coordinates in which the search looks."""
+    return next(_starts(problem))[1]
+
+
+def _spread(plain: Pair, middle: Central) -> Pair:
+    """The matrices of one point, constant over all of them."""
+    x, y = (np.einsum("kij,jl->kil", one, m) for one, m in zip((plain.x, plain.y), (middle.x, middle.y), strict=True))
+    return Pair(x, y, middle.gamma)
+
+
+def _settled(problem: Projected, pair: Pair, roots: tuple[np.ndarray, np.ndarray], clock: Clock,
+             solvers: Sequence[str]) -> Pair | None:
+    """The pair of least γ from one start on."""
     best: Pair | None = None
     stalled = 0
     for _ in range(ROUNDS):

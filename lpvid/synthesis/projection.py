@@ -266,8 +266,18 @@ def regular(plant: PlantMatrices, size: float) -> PlantMatrices:
 
     What bounds its gain bounds that of the plant itself.
     """
-    count, (effort, noise) = len(plant.A), _unlimited(plant)
+    effort, noise = _unlimited(plant)
+    return _restrained(plant, size, effort, noise, len(plant.A))
 
+
+def restrained(plant: PlantMatrices, size: float) -> PlantMatrices:
+    """The plant with noise of a given size in every measurement and effort of every control: gains stay moderate."""
+    count, nu, ny = len(plant.A), plant.B2.shape[2], plant.C2.shape[1]
+    return _restrained(plant, size, np.eye(nu), np.eye(ny), count)
+
+
+def _restrained(plant: PlantMatrices, size: float, effort: np.ndarray, noise: np.ndarray, count: int) -> PlantMatrices:
+    """Effort of, and noise in, the directions that are given as rows."""
     def wide(m: np.ndarray, more: np.ndarray, axis: int) -> np.ndarray:
         shape = [count, *m.shape[1:]]
         shape[axis] = more.shape[axis - 1]

@@ -58,7 +58,10 @@ class Synthesis(Shown):
     method : str
         The design in a few words.
     infimum : float or None
-        Least bound that the inequalities admit, as the solver has it: approached, not promised.
+        Least bound that any route found admitted, as the solver has it: approached, not promised.
+    figures : tuple of mapping
+        For each criterion of a design with several: ``criterion`` ("H-infinity" or "H2"), ``channel``, ``promised``,
+        ``verified`` (with the controller as returned), ``lower`` and ``between_grid``.
 
     Examples
     --------
@@ -85,10 +88,12 @@ class Synthesis(Shown):
     solver: str = ""
     method: str = ""
     infimum: float | None = None
+    figures: tuple[Mapping[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
         _checks.one_of(self.verdict, VERDICTS, "the verdict of a synthesis")
         object.__setattr__(self, "notes", tuple(self.notes))
+        object.__setattr__(self, "figures", tuple(dict(f) for f in self.figures))
         for name, role in (("controller", "controller"), ("closed_loop", "closed loop")):
             part = getattr(self, name)
             object.__setattr__(self, name, None if part is None else designed(part, role))
@@ -99,6 +104,11 @@ class Synthesis(Shown):
     def solved(self) -> bool:
         """There is a controller."""
         return self.verdict in ("solved", "backed-off")
+
+    @property
+    def h2_verified(self) -> float | None:
+        """The verified H2 norm of the first H2 criterion; None where there is none."""
+        return next((f["verified"] for f in self.figures if f["criterion"] == "H2"), None)
 
     def required(self) -> LPVStateSpace:
         """The controller.
@@ -120,7 +130,8 @@ class Synthesis(Shown):
                   ("certificate", self.certificate))}
         return {"verdict": self.verdict, **numbers, "between_grid": self.between_grid, "why": self.why,
                 "mend": self.mend, "notes": list(self.notes), "seconds": self.seconds, "solver": self.solver,
-                "method": self.method, **parts}
+                "method": self.method, "h2_verified": self.h2_verified, "figures": [dict(f) for f in self.figures],
+                **parts}
 
     @classmethod
     def from_dict(cls, data: Mapping) -> Synthesis:
@@ -129,7 +140,8 @@ class Synthesis(Shown):
                                    for name in ("controller", "closed_loop")}
         fields = ("verdict", "gamma", "gamma_verified", "gamma_lower", "between_grid", "why", "mend", "seconds",
                   "solver", "method")
-        return cls(infimum=data.get("infimum"), **{name: data[name] for name in fields}, notes=tuple(data["notes"]),
+        return cls(infimum=data.get("infimum"), figures=tuple(data.get("figures", ())),
+                   **{name: data[name] for name in fields}, notes=tuple(data["notes"]),
                    certificate=_certificate(data["certificate"]), **systems)
 
     def __repr__(self) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -17,10 +17,13 @@ from lpvid.lmi.program import Program
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 from lpvid.synthesis.assumptions import Fault
+from lpvid.synthesis.block_proof import gain_figure, variance_figure
 from lpvid.synthesis.criteria import H2, HInfinity, Region
 from lpvid.synthesis.figures import Figure, channel, measure, stays_inside
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.loop_certificate import own_certificate
+from lpvid.synthesis.loop_check import Storage
+from lpvid.synthesis.obstacle import BEYOND
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_program import Shaped, ShapedProgram, Shaping
 
@@ -30,6 +33,8 @@ Values = Callable[[np.ndarray], np.ndarray]
 """From points to matrices."""
 SOFTER = (1.1, 1.4)
 """Factors tried where the controller of the design's own back-off does not keep its promise."""
+SOLVED = 0.12
+"""share above the least level up to which a verified figure is "solved"; beyond it is "backed-off" """
 MOST = 6
 """Controllers that are examined before the best of them is taken."""
 KEPT = 1.005
@@ -72,6 +77,10 @@ class ShapedProblem(ABC):
     def storage_of(self, shaped: Shaped) -> Values | None:
         """(N, n, n) P at (N, n_scheduling) points of the box, as an answer has it; None where the analysis is as quick.
         """
+
+    @abstractmethod
+    def blocks_of(self, shaped: Shaped) -> Storage | None:
+        """One storage function for the box, in two blocks, over the states of `close`; None where there is none."""
 
     @abstractmethod
     def build(self, program: Program, scale: float) -> Shaping:
@@ -160,8 +169,11 @@ def settle(problem: ShapedProblem, fault: Fault | None = None, *, kept: float = 
         return Synthesis("numerical", why="no controller recovered from the solvers' answers keeps the loop stable",
                          mend="scale the signals to similar size, or raise back_off", seconds=seconds,
                          method=problem.method)
-    return Synthesis("infeasible", why=f"no solver finds matrices for {_asked(problem)}", mend=problem.remedy,
-                     seconds=seconds, method=problem.method)
+    if program.refuted() >= BEYOND:
+        return Synthesis("infeasible", why=f"there are no matrices for {_asked(problem)} (shown by a dual matrix)",
+                         mend=problem.remedy, seconds=seconds, method=problem.method)
+    return Synthesis("numerical", why=f"no solver finds matrices for {_asked(problem)}; that none exist is not shown",
+                     mend=problem.remedy, seconds=seconds, method=problem.method)
 
 
 def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: float, most: float
@@ -184,17 +196,26 @@ def _judged(problem: ShapedProblem, shaped: Shaped, back_off: float, started: fl
     if not all(np.isfinite(f.verified) for f in (*figures, gain)):
         return None
     kept = all(f.verified <= most * f.promised for f in figures)
+    near = all(f.verified <= (f.promised if c.bound is not None else (1 + SOLVED) * low)
+               for f, c, low in zip(figures, problem.criteria, shaped.lowest, strict=True))
     between = all(f.between_grid for f in (*figures, gain))
     return Synthesis(
-        "solved" if kept and back_off == problem.back_off else "backed-off", between_grid=between,
+        "solved" if near or (kept and back_off == problem.back_off) else "backed-off", between_grid=between,
         gamma=None if bounded is None else gain.promised, gamma_verified=gain.verified, gamma_lower=gain.lower,
         controller=controller, closed_loop=channel(loop, *main.indices(problem.plant)), certificate=gain.certificate,
-        why="the closed loop keeps what the inequalities promised"
-            if all(f.verified <= KEPT * f.promised for f in figures) else
-            "the closed loop was verified, but above the promise",
+        why=("the closed loop keeps what the inequalities promised"
+             if all(f.verified <= KEPT * f.promised for f in figures) else
+             "the closed loop was verified, but above the promise") + _beside(problem, shaped, figures),
         notes=(*map(str, figures), *notes, *_speed(controller)),
         seconds=time.perf_counter() - started, solver=shaped.solution.solver, method=problem.method,
-        infimum=_infimum(problem, shaped)), kept
+        infimum=_infimum(problem, shaped), figures=tuple(f.to_dict() for f in figures)), kept
+
+
+def _beside(problem: ShapedProblem, shaped: Shaped, figures: Sequence[Figure]) -> str:
+    """The verified figures of free criteria beside the least ones."""
+    pairs = [f"{f.verified:.6g} beside the least {low:.6g}" for f, c, low in
+             zip(figures, problem.criteria, shaped.lowest, strict=True) if c.bound is None and low > 0]
+    return f" ({', '.join(pairs)})" if pairs else ""
 
 
 def _infimum(problem: ShapedProblem, shaped: Shaped) -> float | None:
@@ -209,6 +230,9 @@ def _proven(criterion: Criterion, problem: ShapedProblem, shaped: Shaped, loop: 
 
     A bound that was asked for is kept to the last digit, or left to the analysis.
     """
+    blocks = problem.blocks_of(shaped)
+    if blocks is not None:
+        return _by_blocks(criterion, problem, blocks, loop, promised, most)
     own, basis = problem.storage_of(shaped), problem.storage
     if own is None or basis is None or not isinstance(criterion, HInfinity):
         return None
@@ -221,6 +245,22 @@ def _proven(criterion: Criterion, problem: ShapedProblem, shaped: Shaped, loop: 
     system = driven(part)
     lower = largest_frozen_norm(system, found.box)[0]
     return Figure("H-infinity", criterion.says(problem.plant), promised, found.gamma, lower, True, found)
+
+
+def _by_blocks(criterion: Criterion, problem: ShapedProblem, blocks: Storage, loop: LPVStateSpace, promised: float,
+               most: float) -> Figure | None:
+    """The promise by one storage function in two blocks; None where that does not prove it."""
+    part, says = channel(loop, *criterion.indices(problem.plant)), criterion.says(problem.plant)
+    if isinstance(criterion, H2):
+        found = variance_figure(says, part, promised, blocks)
+    else:
+        unit = promised if any(isinstance(c, H2) for c in problem.criteria) else 1.0  # V is then measured in |w|²
+        found = gain_figure(says, part, promised, replace(blocks, first=unit * blocks.first,
+                                                          second=unit * blocks.second))
+    limit = promised if criterion.bound is not None else most * promised
+    if found is None or not found.between_grid or found.verified > limit:
+        return None
+    return found if isinstance(criterion, H2) or found.certificate is not None else None
 
 
 def _speed(controller: LPVStateSpace) -> tuple[str, ...]:

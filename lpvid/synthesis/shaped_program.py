@@ -93,6 +93,10 @@ class ShapedProgram:
                 yield Shaped(solution, tamed, tuple(raised), tuple(lowest))
             yield Shaped(rough, shaping, tuple(lowest), tuple(lowest))
 
+    def refuted(self) -> float:
+        """The norm of the unknowns below which the criteria and regions were shown to have no answer; 0 for nothing."""
+        return self._program([c.bound for c in self.criteria])[0].refuted()
+
     def _raised(self, criterion: HInfinity | H2, low: float, back_off: float) -> float:
         size = _size(self.plant, criterion)
         return low * back_off if low > NOTHING * size else max(low, 10 * NOTHING * size)
@@ -159,8 +163,8 @@ class Coordinates:
     pace: float
 
     @classmethod
-    def of(cls, m: PlantMatrices, discrete: bool) -> Coordinates:
-        """Balanced coordinates of a plant at N points."""
+    def of(cls, m: PlantMatrices, discrete: bool, balanced: bool = False) -> Coordinates:
+        """Balanced coordinates of a plant at N points, whose states may be `balanced` already."""
         n, nw, nz = m.A.shape[1], m.B1.shape[2], m.C1.shape[1]
         mean = np.zeros((n + nw + nz,) * 2)
         mean[:n, :n], mean[:n, n : n + nw], mean[n + nw :, :n] = (np.abs(x).mean(axis=0) for x in (m.A, m.B1, m.C1))
@@ -169,6 +173,7 @@ class Coordinates:
         mean[:n, n:] /= np.sqrt(pace)
         mean[n:, :n] /= np.sqrt(pace)
         states = np.diag(matrix_balance(mean, permute=False)[1])[:n].copy() if n else np.ones(0)
+        states = np.ones(n) if balanced else states
         scaled = np.concatenate([m.B2 / states[None, :, None] / np.sqrt(pace), m.D12], axis=1)
         seen = np.concatenate([m.C2 * states / np.sqrt(pace), m.D21], axis=2)
         return cls(states, 1 / _lengths(scaled, 1), _lengths(seen, 2), pace)

@@ -151,6 +151,9 @@ class _Problem(ShapedProblem):
         return lambda points: np.linalg.inv(
             np.tensordot(columns(self.plant.box, self.lyapunov, points), x, axes=1) * scale)
 
+    def blocks_of(self, shaped: Shaped) -> None:
+        return None
+
     def build(self, program: Program, scale: float) -> Shaping:
         plant, n, discrete = self.plant, self.plant.order, self.plant.sample_time is not None
         x = [program.unknowns.symmetric(n) for _ in range(self.lyapunov.size)]

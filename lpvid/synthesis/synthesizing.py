@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Protocol, runtime_checkable
 
 from lpvid.errors import InputError
+from lpvid.lmi.autonomous import readings_of
+from lpvid.synthesis.carried_error import carried
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.result import Synthesis
 
@@ -55,4 +57,5 @@ def synthesize(plant: GeneralizedPlant, design: Design) -> Synthesis:
     if not isinstance(design, Design) or isinstance(design, type):
         raise InputError("synthesis needs a design", got=getattr(design, "__name__", type(design).__name__),
                          mend="give OutputFeedback(), StateFeedback() or another design of lpvid.synthesis")
-    return design.solve(plant)
+    readings_of(plant.system.basis)  # refuses functions that no certificate could look at, before the search
+    return carried(plant, design.solve(plant))

@@ -209,6 +209,16 @@ def scheduled_gain(variable: str, box: Scheduling, coefficients: Sequence[float]
 
 def from_control(system: control.StateSpace | control.TransferFunction, inputs: Sequence[str] = (),
                  outputs: Sequence[str] = ()) -> LPVStateSpace:
+    """Deprecated name of `from_lti`; `lpvid.from_control` makes an LPV model of systems on a grid."""
+    import warnings
+
+    warnings.warn("lpvid.synthesis.weights.from_control is now from_lti; lpvid.from_control is another function",
+                  DeprecationWarning, stacklevel=2)
+    return from_lti(system, inputs, outputs)
+
+
+def from_lti(system: control.StateSpace | control.TransferFunction, inputs: Sequence[str] = (),
+             outputs: Sequence[str] = ()) -> LPVStateSpace:
     """A python-control system (transfer function or state space) as a block, its realisation balanced if stable.
 
     Companion forms of high order lose digits in every inequality they enter; a balanced one does not.
@@ -222,7 +232,7 @@ def from_control(system: control.StateSpace | control.TransferFunction, inputs: 
     Examples
     --------
     >>> import control
-    >>> from_control(control.tf([9.6785, 0.029035, 0, 0], [1, 12064, 1.136e7, 1.0661e10])).order
+    >>> from_lti(control.tf([9.6785, 0.029035, 0, 0], [1, 12064, 1.136e7, 1.0661e10])).order
     3
     """
     import control

@@ -457,7 +457,7 @@ def test_other_refusals(rng: np.random.Generator) -> None:
     with pytest.raises(InputError, match="initial state must have shape"):
         simulate(states, data(rng, states)[0], np.zeros(2))
     with pytest.raises(InputError, match="continuous in time"):
-        simulate(states.replace(sample_time=None), data(rng, states)[0])
+        predict(states.replace(sample_time=None), data(rng, states)[0])
     with pytest.raises(InputError, match="starts from 6 measured samples"):
         simulate(states, data(rng, states, 6)[0])
 

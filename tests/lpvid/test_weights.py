@@ -62,13 +62,13 @@ def test_a_gain_that_moves_multiplies_a_filter():
 def test_a_high_order_weight_of_python_control_arrives_balanced():
     """The missile autopilot's W2, whose companion form has entries from 1 to 1e10."""
     numerator, denominator = [9.6785, 0.029035, 0, 0], [1, 12064, 1.136e7, 1.0661e10]
-    block = w.from_control(control.tf(numerator, denominator), outputs=["effort"])
+    block = w.from_lti(control.tf(numerator, denominator), outputs=["effort"])
     agrees(block, numerator, denominator)
     entries = np.abs(np.concatenate([block.A.ravel(), block.B.ravel(), block.C.ravel()]))
     assert entries.max() < 2e4 and [s.name for s in block.outputs] == ["effort"]
-    unstable = w.from_control(control.tf([1], [1, -1]))
+    unstable = w.from_lti(control.tf([1], [1, -1]))
     agrees(unstable, [1], [1, -1])
-    sampled = w.from_control(control.tf([0.1], [1, -0.9], 0.01))
+    sampled = w.from_lti(control.tf([0.1], [1, -0.9], 0.01))
     assert sampled.sample_time == 0.01 and sampled.to_control([])(1.0).real == pytest.approx(1.0)
 
 

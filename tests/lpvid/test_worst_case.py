@@ -66,3 +66,26 @@ def test_discrete_trajectories_and_their_dictionary(rng):
     assert str(again) == str(found) and np.array_equal(again.points, found.points)
     if found.kind == "periodic":
         assert found.period == pytest.approx(0.1 * len(found.points))
+
+
+@pytest.mark.slow
+def test_paths_go_uphill_beyond_triangles():
+    """A spring that moves at a bounded rate: sharper paths than triangles feed the oscillation better."""
+    from unittest import mock
+
+    import lpvid as lpv
+    from lpvid.analysis import worst_case
+
+    a, z = [[[0, 1], [-4, -0.4]], [[0, 0], [-1.2, 0]]], np.zeros
+    model = lpv.LPVStateSpace(a, [[[0], [1]], [[0], [0]]], [[[1, 0]], [[0, 0]]], z((2, 1, 1)), lpv.Polynomial("d", 1),
+                              None, lpv.Scheduling(("d",), (-1,), (1,), (2.0,)))
+    system = driven(model)
+    box = box_of(system.readings, model.box)
+    norm, point, frequency = largest_frozen_norm(system, box)
+    frozen = WorstCase.frozen(box, point, frequency, norm)
+    found = worst_trajectory(system, box, frozen)
+    with mock.patch.object(worst_case, "ascended", lambda forms, box, path, tick: path):
+        before = worst_trajectory(system, box, frozen)
+    assert 1.03 * before.gain < found.gain < 3.41  # the upper bound of l2_gain is 3.408
+    turns = np.abs(np.diff(np.vstack([found.points, found.points[:1]]), axis=0)).max()
+    assert turns <= 2.0 * found.period / len(found.points) * (1 + 1e-6)

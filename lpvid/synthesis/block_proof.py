@@ -1,0 +1,73 @@
+"""What a design's own storage function, in two blocks, proves of its closed loop: gains and variances, by numpy alone.
+
+Both inequalities are affine in the loop's matrices, or convex, for one storage function: corners of the box suffice
+for a loop that is affine in each variable. For others the box is looked at on a grid, and the figure says so.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lpvid.analysis.frozen_norms import largest_frozen_norm
+from lpvid.lmi.driven import driven
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Polynomial
+from lpvid.synthesis.design_grid import is_affine
+from lpvid.synthesis.figures import Figure
+from lpvid.synthesis.loop_certificate import own_certificate
+from lpvid.synthesis.loop_check import SAFETY, Storage, gain_bounds
+from lpvid.synthesis.scaling import Matrices
+
+GRID = {0: 1, 1: 33, 2: 9}
+"""Points per variable at which a loop that is not affine is looked at; 4 for more variables."""
+DIGITS = 1.002
+"""share up to which a storage function written as one matrix may prove less than its two blocks do: rounding"""
+
+
+def gain_figure(channel: str, loop: LPVStateSpace, promised: float, storage: Storage) -> Figure | None:
+    """The bound of the induced gain; None where the storage function proves none."""
+    at, many = _corners(loop)
+    bound = float(gain_bounds(at, _repeated(storage, many), 0, discrete=loop.is_discrete).max())
+    if not np.isfinite(bound):
+        return None
+    lower, whole = largest_frozen_norm(driven(loop), loop.box)[0], storage.matrices()[0]
+    if not lower <= bound * (1 + 1e-6):
+        return None
+    own = own_certificate(lambda points: np.broadcast_to(whole, (len(points), *whole.shape)), Polynomial((), 0), loop,
+                          bound, DIGITS)
+    proven = own is not None and own.between_grid
+    return Figure("H-infinity", channel, promised, bound if own is None else own.gamma, lower,
+                  is_affine(loop.basis) or proven, own)
+
+
+def variance_figure(channel: str, loop: LPVStateSpace, promised: float, storage: Storage) -> Figure | None:
+    """The bound of the H2 norm, rms of z while w is white noise of unit intensity, at every instant of any trajectory.
+
+    With Q = P⁻¹ and the least s for which AQ + QAᵀ + BBᵀ/s ≼ 0 (or AQAᵀ − Q + BBᵀ/s ≼ 0) everywhere, sQ bounds the
+    covariance of the states: ν² = s·max trace(CQCᵀ), in discrete time with trace(DDᵀ).
+    """
+    (a, b, c, d), _ = _corners(loop)
+    root = [np.linalg.inv(np.linalg.cholesky(p[0]).T) for p in (storage.first, storage.second)]
+    n = len(root[0])
+    zero = np.zeros((n, len(root[1])))
+    into = storage.mix @ np.block([[root[0], zero], [zero.T, root[1]]])
+    out = np.linalg.inv(into)
+    a, b, c = out @ a @ into, out @ b, c @ into
+    m = np.eye(a.shape[1]) - a @ a.swapaxes(1, 2) if loop.is_discrete else -(a + a.swapaxes(1, 2))
+    if not np.all(np.isfinite(m)) or np.linalg.eigvalsh(m)[:, 0].min() <= 1e-12 * np.linalg.norm(m, axis=(1, 2)).max():
+        return None
+    share = float(np.linalg.eigvalsh(b.swapaxes(1, 2) @ np.linalg.solve(m, b))[:, -1].max(initial=0.0))
+    square = share * (c**2).sum(axis=(1, 2)) + (d**2).sum(axis=(1, 2))
+    return Figure("H2", channel, promised, float(np.sqrt(square.max())) * (1 + SAFETY), None, is_affine(loop.basis))
+
+
+def _corners(loop: LPVStateSpace) -> tuple[Matrices, int]:
+    """The loop where it must be looked at, and at how many points."""
+    points = loop.box.grid(2 if is_affine(loop.basis) else GRID.get(len(loop.box.names), 4))
+    a, b, c, d = (np.array(m) for m in zip(*(loop.frozen(p) for p in points), strict=True))
+    return (a, b, c, d), len(points)
+
+
+def _repeated(v: Storage, many: int) -> Storage:
+    first, second = (np.tile(m[:1], (many, 1, 1)) for m in (v.first, v.second))
+    return Storage(first, second, 0 * first[:, None], 0 * second[:, None], v.mix)

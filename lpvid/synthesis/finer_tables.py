@@ -1,0 +1,20 @@
+"""The finer tables behind systems from samples (`lpvid.synthesis.sampled_plants`), and behind their connections."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lpvid.model.state_space import LPVStateSpace
+
+
+def joined(systems: Sequence[LPVStateSpace], finer: LPVStateSpace) -> dict:
+    """``metadata["interpolation"]`` of what tables were joined to."""
+    parts = [about for s in systems if (about := s.metadata.get("interpolation"))]
+    return {"error": max(p["error"] for p in parts), "knots": {k: v for p in parts for k, v in p["knots"].items()},
+            "finer": finer.to_dict()}
+
+
+def finer_of(system: LPVStateSpace) -> LPVStateSpace | None:
+    """The finer table behind a block; None where it has none."""
+    about = system.metadata.get("interpolation") or {}
+    return LPVStateSpace.from_dict(about["finer"]) if "finer" in about else None

@@ -1,0 +1,172 @@
+"""Random plants in bad units: how near each verified gain is to the least bound of any route, none below the loop's.
+
+    python tests/benchmarks/random_plants.py --out FOLDER [--plants 200] [--shard 0/1]
+
+Orders 3 to 10; states, controls and measurements up to 10⁶ apart; time-invariant, affine, or tables of sqrt(p), sin(p)
+and 1/p; near-integrators, weak penalties and weak noise among them. Resumable: a plant whose line is in FOLDER is not
+done again. Rivals for the least bound: the inequalities without the Riccati start, the same by SDPA, and the change of
+variables; no bound counts that lies below the largest frozen optimum (Riccati equations).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "lpvid"))
+
+from promise import frozen_peak, moving_peak
+from synthesis_plants import plant
+
+import lpvid as lpv
+from lpvid.synthesis import multiobjective, projected_search
+from lpvid.synthesis.balanced_plant import BalancedPlant
+from lpvid.synthesis.controller_formula import Variations
+from lpvid.synthesis.design_grid import interpolating, tensor
+from lpvid.synthesis.output_feedback_search import FeedbackProblem
+from lpvid.synthesis.riccati import least_gain
+
+NEAR = 1.12
+KINDS = {"still": None, "affine": lambda p: p, "sqrt": lambda p: np.sqrt(p + 1.05) - 1, "sin": lambda p: np.sin(2 * p),
+         "inverse": lambda p: 1 / (p + 1.4) - 1}
+KNOTS = 9
+
+
+def random_case(seed: int) -> tuple[lpv.GeneralizedPlant, lpv.OutputFeedback, tuple[str, ...]]:
+    """Plant, design and traits of a seed."""
+    rng = np.random.default_rng([seed, 27])
+    n, kind = int(rng.integers(3, 11)), str(rng.choice(list(KINDS)))
+    nw, nz, nu, ny = (int(rng.integers(1, 3)) for _ in range(4))
+    unstable, slow, rated = rng.random() < 0.3, rng.random() < 0.3, kind != "still" and rng.random() < 0.25
+    a = rng.normal(size=(n, n)) / np.sqrt(n)
+    a += (rng.uniform(0.05, 0.5) * (1 if unstable else -1) - np.linalg.eigvals(a).real.max()) * np.eye(n)
+    if slow:  # a near-integrator of a performance signal, as a weight is
+        a[:, 0] = 0.0
+        a[0, 0] = -(10 ** rng.uniform(-7, -2))
+    more = rng.uniform(0.1, 0.35) * rng.normal(size=(n, n)) / np.sqrt(n)
+    more[:, 0] *= not slow
+    b1, b2 = rng.normal(size=(n, nw)), rng.normal(size=(n, nu))
+    c1, c2 = rng.normal(size=(nz, n)), rng.normal(size=(ny, n))
+    effort, noise = np.diag(10 ** rng.uniform(-3, 0.3, nu)), np.diag(10 ** rng.uniform(-3, 0.3, ny))
+    b1, c1 = np.hstack([b1, np.zeros((n, ny))]), np.vstack([c1, np.zeros((nu, n))])
+    d12, d21 = np.vstack([np.zeros((nz, nu)), effort]), np.hstack([np.zeros((ny, nw)), noise])
+    x, u, y = (10 ** rng.uniform(-3, 3, k) for k in (n, nu, ny))
+    pace = 10 ** rng.uniform(-1, 2)
+    a, more = (pace * m * x / x[:, None] for m in (a, more))
+    b1, b2, c1, c2 = pace * b1 / x[:, None], pace * b2 * u / x[:, None], c1 * x, c2 * x * y[:, None]
+    d12, d21 = d12 * u, d21 * y[:, None]
+    traits = (kind, f"n{n}", *(t for t, on in (("unstable", unstable), ("slow", slow), ("rated", rated)) if on))
+    parts = (b1, b2, c1, np.zeros((nz + nu, nw + ny)), d12, c2, d21)
+    if kind == "still":
+        return plant(a, *parts), lpv.OutputFeedback(), traits
+    box = lpv.Scheduling(("p",), (-1.0,), (1.0,), (0.5 * pace if rated else None,))
+    knots = np.linspace(-1, 1, 2 if kind == "affine" else KNOTS)
+    whole = np.array([a + KINDS[kind](p) * more for p in knots])
+    still = [np.broadcast_to(m, (len(knots), *m.shape)) for m in parts]
+    design = lpv.OutputFeedback(lpv.Polynomial("p", 1) if rated else None, varying="controls")
+    return plant(whole, *still, basis=interpolating(box, (knots,)), box=box), design, traits
+
+
+def bounds(case: lpv.GeneralizedPlant, design: lpv.OutputFeedback, rivals: bool) -> dict[str, float]:
+    """The largest frozen optimum, and with `rivals` the least bound by each other route."""
+    axes, corners, _ = design._axes(case)
+    points = tensor(axes)
+    variations = Variations(None if design.lyapunov is None else design.lyapunov.bound(case.box), design.varying,
+                            case.box)
+    problem = FeedbackProblem(BalancedPlant.of(case, points), variations, axes, corners, False, points[:0])
+    found = {"frozen_optimum": max(least_gain(problem.projected.plant, k) for k in range(len(points)))}
+
+    if not rivals:
+        return found
+
+    def plain(of: object) -> object:
+        return iter([projected_search.initial(of)])
+
+    for name, solvers in (("without_start", ("CLARABEL",)), ("sdpa", ("SDPA",))):
+        with mock.patch.object(projected_search, "_starts", plain):
+            pair = projected_search.least_bound(problem.projected, projected_search.Clock(), solvers=solvers)
+        found[name] = np.inf if pair is None or pair.status != "optimal" else pair.gamma
+    if design.lyapunov is None:
+        with mock.patch.object(multiobjective, "_by_output_feedback", lambda *_: None):
+            other = lpv.synthesize(case, lpv.MultiObjective(lpv.HInfinity(), back_off=1.01))
+        found["variables"] = other.gamma_verified or np.inf
+    return found
+
+
+def examined(seed: int, rivals: bool) -> dict:
+    """One line of the study."""
+    case, design, traits = random_case(seed)
+    started = time.perf_counter()
+    found = lpv.synthesize(case, design)
+    line = {"seed": seed, "traits": traits, "verdict": found.verdict, "seconds": time.perf_counter() - started,
+            "infimum": found.infimum, "verified": found.gamma_verified, "lower": found.gamma_lower, "why": found.why}
+    if found.controller is not None:
+        rng = np.random.default_rng([seed, 28])
+        frozen, frequency = frozen_peak(case, found.controller, rng)
+        moving = moving_peak(case, found.controller, frequency, 20, rng)
+        for finer in (4.0, 16.0):
+            if moving > found.gamma_verified:
+                moving = moving_peak(case, found.controller, finer * frequency, 20, rng)
+        line |= {"frozen": frozen, "moving": moving}
+    line |= bounds(case, design, rivals)
+    return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in line.items()}
+
+
+def least(line: dict) -> float:
+    """The least bound that any route found, none below the largest frozen optimum."""
+    names = ("infimum", "verified", "without_start", "sdpa", "variables")
+    routes = [v for k in names if (v := line.get(k)) is not None]
+    return max(min(routes, default=np.inf), (line.get("frozen_optimum") or 0.0) * (1 - 1e-3))
+
+
+def broken(line: dict) -> bool:
+    """A promise below what the loop does."""
+    return line["verified"] is not None and any(
+        line[k] is None or line[k] > line["verified"] * (1 + 1e-6) for k in ("frozen", "moving"))
+
+
+def summary(lines: list[dict]) -> str:
+    """The table."""
+    possible = [x for x in lines if np.isfinite(least(x))]
+    near = [x for x in possible if x["verified"] is not None and x["verified"] <= NEAR * least(x)]
+    rows = ["| verdict | plants | median time, s | longest, s |", "|---|---|---|---|"]
+    for verdict in dict.fromkeys(x["verdict"] for x in lines):
+        seconds = [x["seconds"] for x in lines if x["verdict"] == verdict]
+        rows.append(f"| {verdict} | {len(seconds)} | {np.median(seconds):.2f} | {max(seconds):.1f} |")
+    short = {x["seed"]: round((x["verified"] or np.inf) / least(x), 3) for x in possible if x not in near}
+    rows += [f"\n{len(lines)} plants, {len(possible)} for which some route found a bound",
+             f"within {100 * NEAR - 100:.0f} % of it: {len(near)} ({100 * len(near) / max(len(possible), 1):.1f} %); "
+             f"farther, as factors by seed: {short}",
+             f"promises below what the loop does: {[x['seed'] for x in lines if broken(x)]}"]
+    return "\n".join(rows)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--plants", type=int, default=200)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--shard", default="0/1")
+    parser.add_argument("--without-rivals", action="store_true", help="judge by own bounds and frozen optima alone")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    mine, shards = (int(x) for x in options.shard.split("/"))
+    for seed in range(options.first, options.first + options.plants):
+        path = options.out / f"{seed}.json"
+        if seed % shards != mine or path.exists():
+            continue
+        line = examined(seed, not options.without_rivals)
+        path.write_text(json.dumps(line))
+        print(seed, *line["traits"], line["verdict"], line["verified"], line.get("infimum"), line.get("moving"),
+              f"{line['seconds']:.1f} s", flush=True)
+    print(summary([json.loads(p.read_text()) for p in sorted(options.out.glob("*.json"))]))
+
+
+if __name__ == "__main__":
+    main()
