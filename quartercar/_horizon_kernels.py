@@ -18,6 +18,9 @@ that is more than 50 times the usual one. Between 0.005 and 0.1 the cost after s
 GROWTH, SHRINK = 1.3, 0.5
 """of the step length after an iteration that lowered the cost, and after one that did not"""
 
+SAME = 1e-6
+"""relative rise of the cost that is the rounding of its forces, `CLOSE`, and ends the iterations"""
+
 
 @njit(error_model="numpy", fastmath=True)
 def predict(command, levels, step, car, table, grid, sizes, lag, shape, weights, end, limits, start, work, outs):
@@ -276,6 +279,8 @@ def improve(command, levels, length, rounds, step, car, table, grid, sizes, lag,
                 length[0] *= GROWTH
             grown = 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * momentum * momentum))
             beta, momentum = (momentum - 1.0) / grown, grown
+        elif cost <= least * (1.0 + SAME):
+            break
         else:
             length[0] *= SHRINK
             beta, momentum = 0.0, 1.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from lpvid import _checks
@@ -104,7 +105,7 @@ def preview_from_text(text: str) -> Preview | None:
     return preview_from_table(table, f"--preview {text}")
 
 
-def preview_from_table(table: dict[str, object], where: str) -> Preview:
+def preview_from_table(table: Mapping[str, object], where: str) -> Preview:
     """From keys and values of a text or of a configuration."""
     from quartercar.rig._tables import to_si
 

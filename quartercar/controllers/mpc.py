@@ -16,8 +16,6 @@ from quartercar.horizon import Horizon, Weights
 
 TYRE = Parameter("tyre_weight", "", "rho_t, of the tyre's force", 0.3, 1e-2, 10.0, log=True)
 STROKE = Parameter("stroke_weight", "", "rho_z, of the spring's force", 1e-2, 1e-4, 1.0, log=True)
-GIVEN = Parameter("given_weight", "m^2/s^4/W", "rho_e, of the power that the damper's model gives", 0.1, 1e-3, 10.0,
-                  log=True)
 FIRST = 1e6
 """step length to begin with, in units of a force² over the cost: an iteration that raises the cost halves it"""
 FEWEST = 8
@@ -43,7 +41,7 @@ class Predictive(Controller):
     Examples
     --------
     >>> Predictive(horizon=0.1)
-    Predictive(tyre_weight=0.3, stroke_weight=0.01, given_weight=0.1 m^2/s^4/W)
+    Predictive(tyre_weight=0.3, stroke_weight=0.01)
     """
 
     name: ClassVar[str] = "mpc"
@@ -51,15 +49,18 @@ class Predictive(Controller):
     source: ClassVar[str] = "Mayne, Rawlings, Rao, Scokaert 2000, Automatica 36, 789-814; quartercar.horizon"
 
     horizon: float = 0.15
-    rounds: int = 6
+    rounds: int = 4
+    given_weight: float = 1.0
 
     def check_settings(self) -> None:
         _checks.positive(self.horizon, "horizon of mpc", "s")
         _checks.count(self.rounds, "rounds of mpc", at_least=1)
+        if _checks.real(self.given_weight, "given_weight of mpc") < 0:
+            raise InputError("given_weight of mpc must not be negative", got=f"{self.given_weight:g}")
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return TYRE, STROKE, GIVEN
+        return TYRE, STROKE
 
     @property
     def reads(self) -> tuple[str, ...]:
@@ -78,7 +79,7 @@ class Predictive(Controller):
         coil = Coil(setting.coil.rise_time, setting.coil.fall_time, *setting.currents)
         model = Horizon.of(setting.parameters, setting.damper, coil, setting.sample_time, samples)
         return PredictiveLaw(model, model.weights(Weights(values["tyre_weight"], values["stroke_weight"],
-                                                                  values["given_weight"])), self.rounds)
+                                                                  np.full(setting.cars, self.given_weight))), self.rounds)
 
 
 class PredictiveLaw(Law):
