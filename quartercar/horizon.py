@@ -8,9 +8,10 @@
             damper: F(k) = law(z, v, i) + past forces and inputs, as identified
             car:    exact between samples for a force that is linear there (`car_steps.Stages.ramp`), the road known
             a_w:    body acceleration behind W_k without its band limits
-            e, P:   what is left after the horizon, the damper then a dashpot: discrete Lyapunov equation
+            e, P:   what is left after the horizon, the damper then a dashpot: the sum of all later terms
 
-ρ_e charges the energy that an identified model gives where no damper would. Without bump stops and lift-off. The prediction is that of `adjoint.AdjointCar`, the gradient exact (discrete adjoint).
+ρ_e charges the energy that an identified model gives where no damper would. Without bump stops and lift-off. The
+prediction is that of `adjoint.AdjointCar`, the gradient exact (discrete adjoint).
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ from functools import lru_cache
 import numpy as np
 
 from lpvid.errors import InputError
-from quartercar.adjoint import refuse_without_gradient
+from quartercar.adjoint import coefficients_at, refuse_without_gradient
 from quartercar.car import Coil
 from quartercar.car_steps import LinearPart, Stages
 from quartercar.criteria import F3, comfort_transition
 from quartercar.dampers.contract import Damper
+from quartercar.filter_bank import filter_of
 from quartercar.fleet import lag_coil
-from quartercar.filter_bank import INPUTS, filter_of
 from quartercar.law_form import law_form
 from quartercar.parameters import CarParameters
 
@@ -49,7 +50,7 @@ class Weights:
 
 @dataclass(frozen=True, eq=False)
 class Horizon:
-    """The model of one car and damper over N samples; arrays as `_horizon_kernels.predict` takes them.
+    """The model of one car and damper over N samples; arrays as `_horizon_kernels.predict` reads them.
 
     Attributes
     ----------
@@ -121,7 +122,7 @@ class Horizon:
 
     def _left_over(self, weights: np.ndarray) -> np.ndarray:
         """P = Σ over all later samples of the cost of the car with the dashpot on a road that stays level."""
-        from scipy.linalg import expm, solve_discrete_lyapunov
+        from scipy.linalg import expm
 
         p, nf = self.parameters, len(self.shape) - 1
         part = LinearPart(p.sprung_mass, p.unsprung_mass, 0.0, p.spring_stiffness, self.damping, p.tyre_stiffness,
@@ -134,7 +135,7 @@ class Horizon:
         step[:4, :4], step[4:, 4:], step[4:, :4] = a, self.shape[:nf, :nf], np.outer(self.shape[:nf, nf], rows[0])
         out[0, :4], out[0, 4:] = self.shape[nf, nf] * rows[0], self.shape[nf, :nf]
         out[1:, :4] = rows[1:]
-        return solve_discrete_lyapunov(step.T, out.T @ (weights[:, None] * out))
+        return _sum_of_powers(step, out.T @ (weights[:, None] * out))
 
     @property
     def history(self) -> tuple[int, int]:
@@ -151,31 +152,12 @@ class Horizon:
 
 def coefficient_table(damper: Damper, currents: np.ndarray, rest: float) -> tuple[np.ndarray, np.ndarray, Coil]:
     """(G, 8 + na + 3 nb) coefficients, (na, nb), and the lag that the damper's model puts on its current."""
-    form = law_form(damper)
-    if form is not None:
-        table = np.array(form(currents))
-        table[:, 0] -= rest
-        return table, np.array([0, 0]), Coil()
-    model = filter_of(damper)
-    assert model is not None
-    phi = model.basis.evaluate(currents[:, None] if model.box.names else np.zeros((currents.size, 0)))
-    a = np.einsum("gm,jm->gj", phi, model.a[:, 0, 0])
-    b = np.einsum("gm,jim->gji", phi, model.b[:, 0])
-    law, past = np.zeros((currents.size, 8)), np.zeros((currents.size, b.shape[1] - 1, 3))
-    if model.c is not None and model.n_affine:
-        law[:, 0] = phi @ model.c[0, 0]
-    law[:, 0] -= rest * (1 + a.sum(axis=1))
-    places = [INPUTS.index(s.name) for s in model.inputs]
-    for column, place in enumerate(places):
-        law[:, 1 + place], past[:, :, place] = b[:, 0, column], b[:, 1:, column]
-    law[:, 7] = 1.0
-    stage = model.input_stage
-    if stage is not None:
-        moving = stage.slope * currents if model.box.names else 0.0
-        law[:, 3], past[:, :, 2] = b[:, 0, -1], b[:, 1:, -1]
-        law[:, 4] = 1 / np.maximum(stage.v0 + moving, 0.05 * stage.v0)
-    table = np.concatenate([law, a, past.reshape(currents.size, -1)], axis=1)
-    return table, np.array([a.shape[1], past.shape[1]]), lag_coil(model)
+    found = coefficients_at(damper, currents, rest)
+    law = found.law[:, 0].copy()
+    law[:, 0] -= rest * found.a.sum(axis=1)
+    table = np.concatenate([law, found.a, found.b.reshape(currents.size, -1)], axis=1)
+    own = Coil() if law_form(damper) is not None else lag_coil(filter_of(damper))
+    return table, np.array([found.a.shape[1], found.b.shape[1]]), own
 
 
 @lru_cache(maxsize=16)
@@ -198,6 +180,14 @@ def comfort_filter(sample_time: float) -> np.ndarray:
     scaled = [p * unit ** np.arange(p.size - 1, -1, -1) for p in (top, bottom)]
     a, b, c, d = tf2ss(*bilinear(*scaled, fs=1 / (sample_time * unit)))
     return np.block([[a, b], [c, d]])
+
+
+def _sum_of_powers(step: np.ndarray, cost: np.ndarray) -> np.ndarray:
+    """Σ_{k≥0} (Aᵀ)ᵏ Q Aᵏ by doubling (Smith 1968, SIAM J. Appl. Math. 16, 198-201); 2⁴⁰ terms."""
+    total, power = cost, step
+    for _ in range(40):
+        total, power = total + power.T @ total @ power, power @ power
+    return 0.5 * (total + total.T)
 
 
 def _left(time: float, tau: float) -> float:

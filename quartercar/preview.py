@@ -72,7 +72,8 @@ class Preview:
             assert self.wheelbase is not None
             found = self.wheelbase / float(speed)
         if found > LONGEST:
-            raise InputError("the preview is too long", got=f"{found:.3g} s on {road.name}", mend=f"at most {LONGEST:g} s")
+            raise InputError("the preview is too long", got=f"{found:.3g} s on {road.name}",
+                             mend=f"at most {LONGEST:g} s")
         return found
 
     def __str__(self) -> str:
@@ -100,7 +101,8 @@ def preview_from_text(text: str) -> Preview | None:
     for part in text.split(","):
         key, mark, value = (p.strip() for p in part.partition("="))
         if not mark:
-            raise InputError(f"--preview {text}", got=part, mend="key=value with commas, as in wheelbase=2.7,front=known")
+            raise InputError(f"--preview {text}", got=part,
+                             mend="key=value with commas, as in wheelbase=2.7,front=known")
         table[key] = value
     return preview_from_table(table, f"--preview {text}")
 

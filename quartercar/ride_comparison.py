@@ -317,8 +317,8 @@ def _estimating(rows: Sequence[Row]) -> Iterator[str]:
     for road in dict.fromkeys(r.road for r in rows):
         found = next(r.road_ahead_error for r in rows if r.road == road)
         if found:
-            yield (f"On {road} the road ahead of the rear axle, from the front axle's sensors, is {1e3 * found:.2g} mm rms "
-                   "off (elevation against the present one, over the whole preview).")
+            yield (f"On {road} the road ahead of the rear axle, estimated from the front axle's sensors, is "
+                   f"{1e3 * found:.2g} mm rms off (elevation against the present one, over the whole preview).")
 
 
 def _extrapolating(rows: Sequence[Row]) -> Iterator[str]:

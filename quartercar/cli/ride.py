@@ -119,8 +119,9 @@ def _with_preview(chosen: RideConfig, text: str, free: bool) -> RideConfig:
     from quartercar.ride_config import given_laws, laws_with_preview
 
     found = preview_from_text(text)
-    for road in chosen.roads if found is not None else ():
-        found.delay(road)  # which refuses what has no speed
+    if found is not None:
+        for road in chosen.roads:
+            found.delay(road)  # which refuses what has no speed
     laws = given_laws(laws_with_preview(chosen.car)) if free and found is not None else None
     return chosen.with_changes(settings=replace(chosen.settings, preview=found), controllers=laws)
 

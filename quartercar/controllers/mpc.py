@@ -78,8 +78,8 @@ class Predictive(Controller):
                              mend=f"at least {FEWEST * setting.sample_time:.3g} s")
         coil = Coil(setting.coil.rise_time, setting.coil.fall_time, *setting.currents)
         model = Horizon.of(setting.parameters, setting.damper, coil, setting.sample_time, samples)
-        return PredictiveLaw(model, model.weights(Weights(values["tyre_weight"], values["stroke_weight"],
-                                                                  np.full(setting.cars, self.given_weight))), self.rounds)
+        weights = Weights(values["tyre_weight"], values["stroke_weight"], np.full(setting.cars, self.given_weight))
+        return PredictiveLaw(model, model.weights(weights), self.rounds)
 
 
 class PredictiveLaw(Law):
@@ -115,7 +115,7 @@ class PredictiveLaw(Law):
         self._levels = np.zeros((cars, n + 1))
 
     def step(self, seen: Signals) -> np.ndarray:
-        from quartercar._horizon_kernels import improve_all
+        from quartercar._horizon_search_kernels import improve_all
 
         m = self._model
         motion = self._note(seen)
@@ -131,7 +131,7 @@ class PredictiveLaw(Law):
 
     def _note(self, seen: Signals) -> np.ndarray:
         """(cars, 4) motion z_s, ż_s, z_us, ż_us on a present elevation of zero; takes the sample into the histories."""
-        from quartercar._horizon_kernels import note_all
+        from quartercar._horizon_search_kernels import note_all
 
         m = self._model
         z, v, tyre = seen["suspension_deflection"], seen["suspension_velocity"], seen["tyre_deflection"]

@@ -24,7 +24,7 @@ from quartercar.parameters import CarParameters
 LAG = Parameter("force_lag", "s", "tau, from the demanded force to the damper's", 0.01, 1e-3, 0.03, log=True)
 """The embedded damper's frozen poles have 3 to 10 ms (`FrozenDamper`)"""
 EFFORT = Parameter("effort_weight", "", "r, of the demand", 0.3, 1e-2, 10.0, log=True)
-"""Most of an unclipped demand with little effort is out of a damper's reach; the tuning finds what clipping makes best"""
+"""A demand of little effort is mostly out of a damper's reach; what clipping makes best is found by tuning"""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -33,9 +33,10 @@ class PreviewQuadratic(Controller):
 
     ::
 
-        x(k+1) = A x(k) + B u(k) + E w(k)        x = (z_d, ż_s, z_t, ż_us, F, states of W_k),  F⁺ = F + (1 − e^{−T/τ})(u − F)
+        x(k+1) = A x(k) + B u(k) + E w(k)       x = (z_d, ż_s, z_t, ż_us, F, states of W_k)
+        F(k+1) = F(k) + (1 − e^{−T/τ})(u(k) − F(k))
         minimise E[a_w² + ρ_t (F_t/m_s)² + ρ_z (k_s z_d/m_s)² + r (u/m_s)²]
-        K   = (r' + Bᵀ P B)⁻¹ (Bᵀ P A + Sᵀ)                          P of the discrete Riccati equation
+        K   = (r' + Bᵀ P B)⁻¹ (Bᵀ P A + Sᵀ)               P of the discrete Riccati equation
         K_j = (r' + Bᵀ P B)⁻¹ Bᵀ ((A − B K)ᵀ)^j P E,  j = 0 … P − 1   w(k+j) the road's rate over sample k+j
 
     The gains do not depend on the speed: it says how many samples ahead the front axle sees, and so how many terms the
@@ -62,7 +63,8 @@ class PreviewQuadratic(Controller):
         return "force"
 
     def begin(self, values: Values, setting: Setting) -> Law:
-        rows = zip(*(values[n].tolist() for n in ("tyre_weight", "stroke_weight", "effort_weight", "force_lag")), strict=True)
+        names = (TYRE.name, STROKE.name, EFFORT.name, LAG.name)
+        rows = zip(*(values[n].tolist() for n in names), strict=True)
         loops = [preview_loop(setting.parameters, *row, setting.sample_time) for row in rows]
         return _PreviewLaw(loops, values, setting)
 
@@ -105,7 +107,7 @@ class PreviewLoop:
         return out
 
     def closed(self, samples: int) -> LPVStateSpace:
-        """The unclipped loop with a register of so many samples: the road's rate that far ahead in, weighted outputs out.
+        """The unclipped loop with a register of so many samples, from the road's rate that far ahead to the outputs.
 
         States x, then w(k) … w(k + samples − 1); without preview the road's rate enters as it comes.
         """

@@ -1,8 +1,8 @@
-"""RoadEstimator: the profile that an axle has met, from its own sensors, by a Kalman filter with a register of the past.
+"""RoadEstimator: the profile that an axle has met, from its own sensors, by a Kalman filter with a register.
 
-The register is the steady fixed-lag smoother (Anderson, Moore 1979, *Optimal Filtering*, section 7.3): what was estimated
-of the road j samples ago is corrected by every later reading, so that a rear axle meets a better estimate than the front
-axle had when it met the same place.
+The register is the steady fixed-lag smoother (Anderson, Moore 1979, *Optimal Filtering*, section 7.3): what was
+estimated of the road j samples ago is corrected by every later reading, so that a rear axle meets a better estimate
+than the front axle had when it met the same place.
 """
 
 from __future__ import annotations

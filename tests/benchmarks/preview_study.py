@@ -17,7 +17,7 @@ import json
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -89,10 +89,9 @@ class Condition:
     road: RideRoad
     car: QuarterCar
     known: CarParameters | None = None
-    settings: Mapping = field(default_factory=dict)
 
 
-def conditions(dampers: Mapping[str, object]) -> list[Condition]:
+def conditions(dampers: Mapping[str, QuarterCar]) -> list[Condition]:
     """Everything but ISO C with the Mégane and the embedded damper."""
     car = build_car()
     heavy = replace(car, parameters=MEGANE.replace(sprung_mass=LOADED * MEGANE.sprung_mass))
@@ -104,7 +103,8 @@ def conditions(dampers: Mapping[str, object]) -> list[Condition]:
     track = None if data is None else Path(data) / "belgian_block_road" / "profiles.csv"
     if track is not None and track.exists():
         found.append(Condition("Belgian blocks at 8 m/s", MeasuredRoad.read(track, 8.0, 0), car))
-    found += [Condition("ISO C, loaded", road, heavy), Condition("ISO C, loaded, laws have it empty", road, heavy, MEGANE)]
+    found += [Condition("ISO C, loaded", road, heavy),
+              Condition("ISO C, loaded, laws have it empty", road, heavy, MEGANE)]
     soft = MEGANE.replace(tyre_stiffness=0.9 * MEGANE.tyre_stiffness)
     found.append(Condition("ISO C, tyre 10 % softer than laws have it", road, replace(car, parameters=soft), MEGANE))
     return found + [Condition(f"ISO C, damper {n}", road, c) for n, c in dampers.items()]
@@ -181,8 +181,8 @@ def share(mine: dict, bound: dict) -> str:
     def value(row: dict, name: str) -> np.ndarray:
         if name != "objective":
             return np.array(row[name][:n])
-        return sum(getattr(o, m) * np.array(row[m][:n]) / np.array(bound["passive"][m])
-                   for m in ("comfort", "tyre_load"))
+        comfort, tyre = (np.array(row[m][:n]) / np.array(bound["passive"][m]) for m in ("comfort", "tyre_load"))
+        return o.comfort * comfort + o.tyre_load * tyre
 
     out = ""
     for name in ("objective", "comfort", "tyre_load"):
