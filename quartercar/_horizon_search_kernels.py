@@ -31,7 +31,7 @@ def improve(command, levels, length, rounds, step, car, table, grid, sizes, lag,
     trial, before, best, slope, scale, kept, sized = space
     for k in range(n):
         trial[k] = before[k] = best[k] = min(max(command[k], limits[0]), limits[1])
-    least, momentum = math.inf, 1.0
+    least, momentum, beta = math.inf, 1.0, 0.0
     for _ in range(rounds):
         cost = predict(trial, levels, step, car, table, grid, sizes, lag, shape, weights, end, limits, start, work,
                        outs)
@@ -44,14 +44,15 @@ def improve(command, levels, length, rounds, step, car, table, grid, sizes, lag,
             least = cost
             for k in range(n):
                 best[k], kept[k], sized[k] = trial[k], slope[k], scale[k] + mean
-            if momentum > 1.0:
+            if momentum > 1.0 and beta == 0.0:
                 length[0] *= GROWTH
             grown = 0.5 * (1.0 + math.sqrt(1.0 + 4.0 * momentum * momentum))
             beta, momentum = (momentum - 1.0) / grown, grown
-        elif cost <= least * (1.0 + SAME):
+        elif beta == 0.0 and cost <= least * (1.0 + SAME):
             break
         else:
-            length[0] *= SHRINK
+            if beta == 0.0:
+                length[0] *= SHRINK
             beta, momentum = 0.0, 1.0
             for k in range(n):
                 before[k] = best[k]
