@@ -155,3 +155,10 @@ def test_export_controller(tmp_path: Path) -> None:
     assert sorted(p.name for p in (tmp_path / "loop").iterdir()) == ["loop.c", "loop.h", "loop_test.c"]
     for name, error in errors.items():
         assert error < (1e-12 if "double" in name else 1e-5), name
+
+
+@pytest.mark.slow
+def test_preview() -> None:
+    found = load("preview").main(2.0, 1)
+    ours, theirs = found["MPC, front axle"], found["SH-ADD"]
+    assert ours[0] < theirs[0] and ours[1] < 0.95 * theirs[1]

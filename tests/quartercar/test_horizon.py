@@ -1,8 +1,9 @@
-"""The prediction over a horizon against the ride, its gradient against differences, its minimum against other solvers."""
+"""The prediction over a horizon against the ride, its gradient and its minimum against other ways to them."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -187,7 +188,7 @@ def test_and_a_solver_of_quadratic_programs_finds_the_same(rng):
 def test_more_iterations_are_never_worse_and_few_are_nearly_enough(rng):
     found = Prediction(horizon(), uneven(rng))
     costs = [found.best(rounds)[1] for rounds in (1, 4, 16, 64, 256)]
-    assert all(later <= before * (1 + 1e-6) for before, later in zip(costs, costs[1:], strict=False))
+    assert all(later <= before * (1 + 1e-6) for before, later in pairwise(costs))
     plan, cost = found.best(256)
     gradient, _ = found.gradient(plan)
     inside = (plan > 1e-3) & (plan < 2.5 - 1e-3)
