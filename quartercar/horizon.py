@@ -22,7 +22,7 @@ from functools import lru_cache
 import numpy as np
 
 from lpvid.errors import InputError
-from quartercar.adjoint import coefficients_at, refuse_without_gradient
+from quartercar.adjoint import coefficients_at, has_gradient
 from quartercar.car import Coil
 from quartercar.car_steps import LinearPart, Stages
 from quartercar.criteria import F3, comfort_transition
@@ -91,8 +91,11 @@ class Horizon:
         InputError
             A damper that is neither a law of one tanh nor an identified transfer function; a coil without limits.
         """
-        refuse_without_gradient(damper)
-        assert damper is not None
+        if damper is None or not has_gradient(damper):
+            raise InputError("this damper cannot be predicted over a horizon",
+                             got="no damper model" if damper is None else f"'{damper.name}'",
+                             why="its gradient by the current is not built", mend="preview-lqr, which takes any "
+                             "damper; or an identified transfer function (lpv-arx), or a law of one tanh (guo, kwok)")
         if not np.isfinite(coil.highest) or coil.highest <= coil.lowest:
             raise InputError("a horizon needs limits of the current", got=f"{coil.lowest:g} to {coil.highest:g}",
                              mend="a coil with a highest current")

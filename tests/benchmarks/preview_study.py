@@ -211,7 +211,8 @@ def main() -> None:
     road = IsoRoad("C", 20.0, 20.0)
     bound = bound_of(laws, road, given.bound, given.out / "bound.json") if given.bound else None
     print(f"\n{road.name}, {given.seeds} seeds ({FEW} of the yardsticks): comfort [m/s²], tyre load [N], both against "
-          f"{REFERENCE} [%], energy given, at limits, road ahead off; shares of passive to bound: objective, comfort, tyre load [%]")
+          f"{REFERENCE} [%], energy given, at limits, road ahead off; shares of passive to bound: objective, comfort, "
+          "tyre load [%]")
     reference: dict = {}
     for k, case in enumerate(MAIN):
         seeds = range(min(given.seeds, case.seeds or given.seeds))

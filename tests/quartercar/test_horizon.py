@@ -12,13 +12,17 @@ from scipy.optimize import lsq_linear
 from scipy.signal import bilinear, lfilter, tf2ss
 
 from lpvid.errors import InputError
+from lpvid.model.signals import Signal
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Polynomial, Scheduling
 from quartercar import dampers
 from quartercar._horizon_kernels import back, predict
 from quartercar._horizon_search_kernels import improve_all
-from quartercar.adjoint import AdjointCar
+from quartercar.adjoint import AdjointCar, has_gradient
 from quartercar.car import Coil, QuarterCar
 from quartercar.criteria import comfort_transition, comfort_weighting
 from quartercar.embedded import identified_damper
+from quartercar.filter_bank import filter_of
 from quartercar.horizon import Horizon, Weights, comfort_filter
 from quartercar.parameters import MEGANE
 
@@ -206,8 +210,24 @@ def test_the_filter_is_that_of_comfort_between_its_band_limits():
     np.testing.assert_allclose(gain, other, rtol=1e-6)
 
 
+def state_space() -> dampers.Identified:
+    """A damper whose ride is stepped together with others, but whose gradient is not built."""
+    box = Scheduling(("current",), (0.0,), (2.0,), units=("A",))
+    model = LPVStateSpace([[[0.5]], [[0.0]]], [[[1.0]], [[0.0]]], [[[1.0]], [[0.0]]], [[[500.0]], [[100.0]]],
+                          Polynomial("current", degree=1), 1 / RATE, box,
+                          inputs=(Signal("velocity", "m/s"),), outputs=(Signal("force", "N"),))
+    return dampers.Identified.of(model)
+
+
+def test_a_state_space_has_no_gradient():
+    assert filter_of(state_space()) is not None and not has_gradient(state_space())
+    with pytest.raises(InputError, match="no bound"):
+        AdjointCar(QuarterCar(MEGANE, state_space(), coil=Coil(highest=2.0)), np.zeros(5), 1 / RATE)
+
+
 @pytest.mark.parametrize(("changes", "message"), [
-    ({"damper": dampers.BoucWen()}, "no bound|gradient"), ({"coil": Coil()}, "limits"), ({"damper": None}, "none")])
+    ({"damper": dampers.BoucWen()}, "gradient"), ({"damper": state_space()}, "gradient"), ({"coil": Coil()}, "limits"),
+    ({"damper": None}, "no damper model")])
 def test_what_has_no_horizon(changes, message: str):
     given = {"damper": GUO, "coil": Coil(highest=2.0), **changes}
     with pytest.raises(InputError, match=message):
