@@ -173,7 +173,7 @@ def comfort_filter(sample_time: float) -> np.ndarray:
     --------
     >>> m = comfort_filter(1 / 512)
     >>> z = np.exp(2j * np.pi * 5.0 / 512)
-    >>> abs(m[4, :4] @ np.linalg.solve(z * np.eye(4) - m[:4, :4], m[:4, 4]) + m[4, 4]).round(3)
+    >>> round(float(abs(m[4, :4] @ np.linalg.solve(z * np.eye(4) - m[:4, :4], m[:4, 4]) + m[4, 4])), 3)
     1.039
     """
     from scipy.signal import bilinear, tf2ss

@@ -212,9 +212,9 @@ def test_the_filter_is_that_of_comfort_between_its_band_limits():
 
 def state_space() -> dampers.Identified:
     """A damper whose ride is stepped together with others, but whose gradient is not built."""
-    box = Scheduling(("current",), (0.0,), (2.0,), units=("A",))
-    model = LPVStateSpace([[[0.5]], [[0.0]]], [[[1.0]], [[0.0]]], [[[1.0]], [[0.0]]], [[[500.0]], [[100.0]]],
-                          Polynomial("current", degree=1), 1 / RATE, box,
+    box, still = Scheduling(("current",), (0.0,), (2.0,), units=("A",)), np.zeros((1, 1))
+    a, one, direct = (np.array([np.full((1, 1), x), still]) for x in (0.5, 1.0, 500.0))
+    model = LPVStateSpace(a, one, one, direct, Polynomial(("current",), degree=1), 1 / RATE, box,
                           inputs=(Signal("velocity", "m/s"),), outputs=(Signal("force", "N"),))
     return dampers.Identified.of(model)
 
