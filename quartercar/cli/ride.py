@@ -67,6 +67,7 @@ def ride(
         chosen = _chosen(config, car, damper, road, controller, measurements, seeds, tune, preview)
         chosen = chosen.with_changes(bound=bound, bound_seeds=bound_seeds)
         _check_bound(chosen)
+        _check_preview(chosen)
         try:
             with solvers_unheard():
                 laws, tuned = _tuned(chosen, say)
@@ -119,9 +120,6 @@ def _with_preview(chosen: RideConfig, text: str, free: bool) -> RideConfig:
     from quartercar.ride_config import given_laws, laws_with_preview
 
     found = preview_from_text(text)
-    if found is not None:
-        for road in chosen.roads:
-            found.delay(road)  # which refuses what has no speed
     laws = given_laws(laws_with_preview(chosen.car)) if free and found is not None else None
     return chosen.with_changes(settings=replace(chosen.settings, preview=found), controllers=laws)
 
@@ -150,6 +148,13 @@ def _check_bound(chosen: RideConfig) -> None:
         from quartercar.adjoint import refuse_without_gradient
 
         refuse_without_gradient(chosen.car.damper)
+
+
+def _check_preview(chosen: RideConfig) -> None:
+    """Refuse a road without a speed, or too long a preview, before anything is computed."""
+    if chosen.settings.preview is not None:
+        for road in chosen.roads:
+            chosen.settings.preview.delay(road)
 
 
 def _bounds(chosen: RideConfig, found: RideComparison, say: Callable[[str], None]) -> tuple[Bound, ...]:
