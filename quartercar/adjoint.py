@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from lpvid.errors import InputError, NumericalError
+from lpvid.model.transfer_function import LPVTransferFunction
 from quartercar.car import QuarterCar
 from quartercar.car_run import CarRun
 from quartercar.car_stepper import States
@@ -23,7 +24,7 @@ STEP = 1e-6
 
 def has_gradient(damper: Damper | None) -> bool:
     """Whether an `AdjointCar` can carry this damper: a law of `law_form`, or a transfer function of `filter_of`."""
-    return damper is not None and (law_form(damper) is not None or filter_of(damper) is not None)
+    return damper is not None and (law_form(damper) is not None or isinstance(filter_of(damper), LPVTransferFunction))
 
 
 def refuse_without_gradient(damper: Damper | None) -> None:
@@ -108,6 +109,20 @@ class _Filter:
         by_phi = bars.a @ self._a + np.einsum("nji,jim->nm", bars.b, self._past) + bars.law[:, 0, 1:4] @ self._direct
         by_phi = by_phi + bars.law[:, 0, :1] * self._c
         return (np.sum(by_phi * slope, axis=1) + bars.law[:, 0, 4] * self._sharpness(p)[1])[:, None]
+
+
+def coefficients_at(damper: Damper, currents: np.ndarray, rest: float) -> Coefficients:
+    """Coefficients of one stage at each of (N,) currents felt, past forces counted from zero.
+
+    Raises
+    ------
+    InputError
+        A damper without gradient.
+    """
+    refuse_without_gradient(damper)
+    form = law_form(damper)
+    inner = _Filter(filter_of(damper), rest, float(currents[0])) if form is None else _Law(form, rest, 1.0)
+    return inner.at(currents[:, None])
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,14 +47,19 @@ def comfort_transfer() -> tuple[np.ndarray, np.ndarray]:
     >>> denominator.size - numerator.size  # relative degree
     3
     """
-    w1, w2, w3, w4, w5, w6 = (2 * np.pi * f for f in (F1, F2, F3, F4, F5, F6))
+    w1, w2 = 2 * np.pi * F1, 2 * np.pi * F2
+    top, bottom = comfort_transition()
+    top = np.polymul(np.polymul([1.0, 0.0, 0.0], [w2**2]), top)
+    bottom = np.polymul(np.polymul([1.0, np.sqrt(2) * w1, w1**2], [1.0, np.sqrt(2) * w2, w2**2]), bottom)
+    return top / bottom[0], bottom / bottom[0]
+
+
+def comfort_transition() -> tuple[np.ndarray, np.ndarray]:
+    """H_t H_s of W_k, which shape it between its band limits H_h H_l; as `comfort_transfer`."""
+    w3, w4, w5, w6 = (2 * np.pi * f for f in (F3, F4, F5, F6))
     ratio = (w5 / w6) ** 2
-    tops = ([1.0, 0.0, 0.0], [w2**2], [1 / w3, 1.0], [ratio / w5**2, ratio / (Q5 * w5), ratio])
-    bottoms = ([1.0, np.sqrt(2) * w1, w1**2], [1.0, np.sqrt(2) * w2, w2**2], [1 / w4**2, 1 / (Q4 * w4), 1.0],
-               [1 / w6**2, 1 / (Q6 * w6), 1.0])
-    top, bottom = np.ones(1), np.ones(1)
-    for a, b in zip(tops, bottoms, strict=True):
-        top, bottom = np.polymul(top, a), np.polymul(bottom, b)
+    top = np.polymul([1 / w3, 1.0], [ratio / w5**2, ratio / (Q5 * w5), ratio])
+    bottom = np.polymul([1 / w4**2, 1 / (Q4 * w4), 1.0], [1 / w6**2, 1 / (Q6 * w6), 1.0])
     return top / bottom[0], bottom / bottom[0]
 
 

@@ -201,6 +201,14 @@ def _limits(car: QuarterCar) -> tuple[np.ndarray, np.ndarray]:
             np.array([car.parameters.tyre_stiffness, car.parameters.tyre_damping, load]))
 
 
+def true_signals(fleet: Fleet) -> dict[str, np.ndarray]:
+    """(cars,) of every signal that a sensor may measure (`controllers.sensing.TRUE`)."""
+    zs, vs, zu, vu = fleet.motion.T
+    body, wheel = fleet.accelerations
+    return {"suspension_deflection": zs - zu, "suspension_velocity": vs - vu, "body_acceleration": body,
+            "body_velocity": vs, "wheel_acceleration": wheel, "wheel_velocity": vu, "tyre_deflection": zu - fleet.road}
+
+
 class Log:
     """Every sample of a fleet, for the runs that are made of it at the end."""
 

@@ -123,6 +123,12 @@ class Row:
         """Mean share of the samples outside what the damper's training records held, as in `Ride`."""
         return {n: float(np.mean([r.extrapolation[n] for r in self.rides])) for n in self.rides[0].extrapolation}
 
+    @property
+    def road_ahead_error(self) -> float | None:
+        """Rms over the seeds of `Ride.road_ahead_error` [m]."""
+        found = [r.road_ahead_error for r in self.rides]
+        return None if None in found else float(np.sqrt(np.mean(np.square(np.array(found, dtype=float)))))
+
     def to_dict(self, reference: Row) -> dict:
         """Plain data for JSON."""
         first = self.rides[0].passivity
@@ -130,7 +136,7 @@ class Row:
                 "figures": {n: {**self.interval(n).to_dict(), "unit": unit} for n, (unit, _) in FIGURES.items()},
                 "against": {n: self.against(reference, n).to_dict() for n in AXES},
                 "counts": {n: float(np.mean([r.counts[n] for r in self.rides])) for n in self.rides[0].counts},
-                "extrapolation": self.extrapolation,
+                "extrapolation": self.extrapolation, "road_ahead_error": self.road_ahead_error,
                 "passivity": {"storage": first.storage, "holds": self.passive,
                               "lowest": None if first.lowest is None else min(
                                   r.passivity.lowest for r in self.rides if r.passivity.lowest is not None)}}
@@ -297,7 +303,8 @@ def compare_rides(car: QuarterCar, roads: Sequence[RideRoad], controllers: Mappi
             kept = (mine[0], *(without_run(r) for r in mine[1:]))
             rows.append(Row(name, controllers[name].title, controllers[name], road.name, kept))
         del rides
-    return RideComparison(tuple(rows), tuple(seeds), chosen, (*_unmoved(car), *_extrapolating(rows)))
+    return RideComparison(tuple(rows), tuple(seeds), chosen, (*_unmoved(car), *_extrapolating(rows),
+                                                                *_estimating(rows)))
 
 
 def _unmoved(car: QuarterCar) -> Iterator[str]:
@@ -306,6 +313,15 @@ def _unmoved(car: QuarterCar) -> Iterator[str]:
     if damper is not None and isinstance(damper, Identified) and "current" not in damper.reads:
         yield ("The damper's force does not depend on the command, so that every law rides as the passive car does: "
                "identify it with --schedule current.")
+
+
+def _estimating(rows: Sequence[Row]) -> Iterator[str]:
+    """How well the road ahead was estimated, road by road."""
+    for road in dict.fromkeys(r.road for r in rows):
+        found = next(r.road_ahead_error for r in rows if r.road == road)
+        if found:
+            yield (f"On {road} the road ahead of the rear axle, estimated from the front axle's sensors, is "
+                   f"{1e3 * found:.2g} mm rms off (elevation against the present one, over the whole preview).")
 
 
 def _extrapolating(rows: Sequence[Row]) -> Iterator[str]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from quartercar.adjoint import has_gradient
 from quartercar.car import BumpStops, Coil, QuarterCar
 from quartercar.car_damper import car_damper, check_rate, check_stable, current_limits
 from quartercar.controllers import LAWS, law_class
@@ -21,6 +22,7 @@ from quartercar.controllers.sensing import SETS as SENSORS
 from quartercar.dampers.contract import Damper
 from quartercar.parameters import SETS as CARS
 from quartercar.parameters import CarParameters
+from quartercar.preview import preview_from_table
 from quartercar.ride_roads import Bump, IsoRoad, MeasuredRoad, RideRoad, SineSweep
 from quartercar.riding import RideSettings
 from quartercar.rig._tables import to_si
@@ -31,14 +33,16 @@ HIGHEST = 2.5
 """of the command where the damper knows no range of its own [A]"""
 LAW_NAMES = tuple(name for name, _, _ in LAWS if name not in ("scheduled", "identified-plant"))
 """laws that need no file"""
-DEFAULT_LAWS = tuple(name for name in LAW_NAMES if name != "lpv-hinf-identified")
+PREVIEW_LAWS = ("preview-lqr", "mpc")
+"""those that make use of the road ahead; the second needs a damper with a gradient"""
+DEFAULT_LAWS = tuple(name for name in LAW_NAMES if name not in ("lpv-hinf-identified", *PREVIEW_LAWS))
 """those that every damper admits"""
 UNITS: Mapping[str, str] = {"speed": "m/s", "duration": "s", "height": "m", "length": "m", "amplitude": "m",
                             "lowest": "Hz", "highest": "Hz", "stiffness": "N/m", "compression": "m", "rebound": "m",
                             "rise_time": "s", "fall_time": "s"}
 ROADS: Mapping[str, type] = {"iso": IsoRoad, "bump": Bump, "sweep": SineSweep}
 KEYS = ("car", "damper", "known_damper", "measurements", "seeds", "first_seed", "tune", "tune_seed", "bound",
-        "bound_seeds", "stops", "coil", "roads", "controllers")
+        "bound_seeds", "preview", "stops", "coil", "roads", "controllers")
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +126,13 @@ def read_config(table: Mapping[str, Any], folder: Path) -> RideConfig:
     if "measurements" in table or "known_damper" in table:
         known = read_damper(table["known_damper"], folder) if "known_damper" in table else None
         given["settings"] = replace(measuring(table.get("measurements", "stroke-body")), model=known)
+    if "preview" in table:
+        if not isinstance(table["preview"], Mapping):
+            raise InputError("preview must be a table", got=repr(table["preview"])[:60], mend="[preview]")
+        given["settings"] = replace(given.get("settings", RideSettings()),
+                                    preview=preview_from_table(table["preview"], "preview"))
+        if "controllers" not in table:
+            given["controllers"] = given_laws(laws_with_preview(given["car"]))
     for key in ("tune", "tune_seed"):
         if key in table:
             given[key] = _checks.count(table[key], key)
@@ -154,6 +165,11 @@ def build_car(car: Any = "megane", damper: str | None = None, folder: Path = Pat
 def measuring(name: Any) -> RideSettings:
     """Settings with a measurement set by name."""
     return RideSettings(ChainSettings(sensors=SENSORS[_checks.known_name(str(name), list(SENSORS), "measurement set")]))
+
+
+def laws_with_preview(car: QuarterCar) -> tuple[str, ...]:
+    """Default laws of a ride with preview, as far as the damper admits them."""
+    return (*DEFAULT_LAWS, *(n for n in PREVIEW_LAWS if n != "mpc" or has_gradient(car.damper)))
 
 
 def read_damper(name: str | None, folder: Path = Path()) -> Damper:
@@ -299,6 +315,11 @@ seeds = 5                      # roads and noise of the comparison: the same for
 tune = 0                       # evaluations for each law before the comparison, on other seeds; 0: values as given
 bound = false                  # true: also what this damper could have reached, the road known (--bound)
 bound_seeds = 2                # for how many of the seeds
+
+# [preview]                    # the car as a rear axle: what the front one met, wheelbase/speed earlier (--preview)
+# wheelbase = "2.7 m"          # or time = "0.1 s"
+# front = "estimated"          # from the front axle's sensors; or known: the profile itself
+# sensors = "stroke-body-wheel"  # of the front axle; left out: as measurements
 
 [stops]
 stiffness = "200 N/mm"

@@ -18,9 +18,11 @@ from quartercar.controllers.contract import Controller, Setting
 from quartercar.criteria import Ride as Figures
 from quartercar.criteria import judge
 from quartercar.dampers.contract import Damper
-from quartercar.fleet import Log, start_fleet
+from quartercar.fleet import Log, start_fleet, true_signals
+from quartercar.front_axle import EstimateError, look_ahead
 from quartercar.parameters import CarParameters
 from quartercar.plant.active import active_frequency, active_region
+from quartercar.preview import Preview
 from quartercar.ride_roads import RideRoad
 from quartercar.storage import RidePassivity, ride_passivity
 
@@ -44,12 +46,15 @@ class RideSettings:
         The damper as the inverse and the observer know it; None for the car's own.
     parameters : CarParameters or None
         The car as laws and observer know it; None for its own.
+    preview : Preview or None
+        What the car has of the road ahead: it is then a rear axle behind a front one.
     """
 
     chain: ChainSettings = field(default_factory=ChainSettings)
     sample_time: float | None = None
     model: Damper | None = None
     parameters: CarParameters | None = None
+    preview: Preview | None = None
 
     def period(self, car: QuarterCar) -> float:
         """Of the loop around this car [s].
@@ -73,7 +78,7 @@ class RideSettings:
     def setting(self, car: QuarterCar, cars: int) -> Setting:
         """What the laws of so many cars are told."""
         return Setting(self.period(car), cars, self.parameters or car.parameters, self.model or car.damper,
-                       (car.coil.lowest, car.coil.highest))
+                       (car.coil.lowest, car.coil.highest), car.coil)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +102,9 @@ class Ride:
     extrapolation : mapping of str to float
         ``current``, ``speed`` and ``stroke`` of the damper: share of the samples outside what its training records
         held, of those that its model reads and whose range is known.
+    road_ahead_error : float or None
+        Rms over the ride and over all places ahead of what the elevation there, less the present one, was estimated
+        wrong by [m]; None without preview.
     """
 
     controller: Controller
@@ -109,10 +117,13 @@ class Ride:
     out_of_reach: float
     counts: Mapping[str, float]
     extrapolation: Mapping[str, float] = field(default_factory=dict)
+    road_ahead_error: float | None = None
 
     def __repr__(self) -> str:
         counted = "".join(f", {n.replace('_', ' ')} {v:.1%}" for n, v in self.counts.items())
         counted += "".join(f", {n} outside the damper's records {v:.1%}" for n, v in self.extrapolation.items() if v)
+        if self.road_ahead_error is not None:
+            counted += f", road ahead estimated to {1e3 * self.road_ahead_error:.2g} mm rms"
         return (f"Ride of {self.controller.name} on {self.road}, seed {self.seed}\n{self.figures}\n"
                 f"current    at a limit {self.at_limits:.0%} of the time, demand out of reach "
                 f"{self.out_of_reach:.0%}{counted}\nenergy     {self.passivity}")
@@ -183,6 +194,9 @@ def _together(car: QuarterCar, road: RideRoad, controllers: Sequence[Controller]
     elevation = np.column_stack([profiles[s] for s in seeds])
     n, cars = elevation.shape
     setting = settings.setting(car, cars)
+    ahead = look_ahead(car, road, settings.preview, setting, settings.chain, seeds, elevation)
+    setting = replace(setting, preview=ahead.samples, road_error=ahead.road_error)
+    missed, settled = EstimateError(elevation, ahead.samples), int(np.ceil(road.settle / step))
     limits = setting.currents
     noise = [np.random.default_rng([s, 2631]) for s in seeds]
     chain = Chain(controllers, setting, car.coil, settings.chain, noise, n)
@@ -190,16 +204,22 @@ def _together(car: QuarterCar, road: RideRoad, controllers: Sequence[Controller]
     log = Log(fleet, elevation)
     try:
         for k in range(n):
-            command = chain.step(true_signals(fleet))
+            coming = ahead.look(k)
+            if ahead.samples and settled <= k < n - ahead.samples:
+                missed.note(k, coming)
+            command = chain.step(true_signals(fleet), coming)
             log.note(command)
             if k + 1 < n:
                 fleet.advance(elevation[k + 1], command)
     except NumericalError as error:
         raise NumericalError(f"{error}{_given_energy(car.damper, limits)}") from None
     counts = {name: a / n for name, a in chain.counted().items()}
-    return [_ride(log.run(c), controllers[c], road, seeds[c], limits, chain.clipped[c] / n,
-                  chain.out_of_reach[c] / n, {name: float(a[c]) for name, a in counts.items()})
-            for c in range(cars)]
+    rides = [_ride(log.run(c), controllers[c], road, seeds[c], limits, chain.clipped[c] / n,
+                   chain.out_of_reach[c] / n, {name: float(a[c]) for name, a in counts.items()})
+             for c in range(cars)]
+    if ahead.samples:
+        rides = [replace(r, road_ahead_error=float(e)) for r, e in zip(rides, missed.rms, strict=True)]
+    return rides
 
 
 def _ride(run: CarRun, controller: Controller, road: RideRoad, seed: int, limits: tuple[float, float],
@@ -246,14 +266,6 @@ def extrapolation(run: CarRun) -> dict[str, float]:
             slack = 0.01 * (span[1] - span[0])
             found[name] = float(np.mean((signal < span[0] - slack) | (signal > span[1] + slack)))
     return found
-
-
-def true_signals(fleet) -> dict[str, np.ndarray]:
-    """(cars,) of every signal that a sensor may measure (`controllers.sensing.TRUE`)."""
-    zs, vs, zu, vu = fleet.motion.T
-    body, wheel = fleet.accelerations
-    return {"suspension_deflection": zs - zu, "suspension_velocity": vs - vu, "body_acceleration": body,
-            "body_velocity": vs, "wheel_acceleration": wheel, "wheel_velocity": vu, "tyre_deflection": zu - fleet.road}
 
 
 def without_run(found: Ride) -> Ride:

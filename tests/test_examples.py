@@ -163,3 +163,10 @@ def test_characterise_damper(tmp_path: Path) -> None:
     assert creep.gas == pytest.approx(180.0, abs=2.0) and creep.rate == pytest.approx(500.0, rel=0.1)
     assert len(found.switching) == 4 and len(found.given) == 16
     assert (tmp_path / "forces.csv").exists() and (tmp_path / "characteristics.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_preview() -> None:
+    found = load("preview").main(2.0, 1)
+    ours, theirs = found["MPC, front axle"], found["SH-ADD"]
+    assert ours[0] < theirs[0] and ours[1] < 0.95 * theirs[1]

@@ -39,6 +39,9 @@ def ride(
     seeds: Annotated[int | None, typer.Option("--seeds", min=1, help="Number of roads and noises.")] = None,
     tune: Annotated[int | None, typer.Option("--tune", min=0, metavar="N", help="Tune every law first, with N "
                                              "evaluations each, on other seeds.")] = None,
+    preview: Annotated[str | None, typer.Option("--preview", metavar="AHEAD", help="The car as a rear axle: "
+                                                "wheelbase=2.7 [m] or time=0.1 [s], with ,front=known for the profile "
+                                                "itself or ,sensors=SET for the front axle; none for none.")] = None,
     bound: Annotated[bool | None, typer.Option("--bound/--no-bound", help="Also the clairvoyant bound: the best "
                                                "current for the known road, and each law as a share of it.",
                                                show_default=False)] = None,
@@ -61,9 +64,10 @@ def ride(
         return
     results = Results(out)
     with working("reading") as say:
-        chosen = _chosen(config, car, damper, road, controller, measurements, seeds, tune)
+        chosen = _chosen(config, car, damper, road, controller, measurements, seeds, tune, preview)
         chosen = chosen.with_changes(bound=bound, bound_seeds=bound_seeds)
         _check_bound(chosen)
+        _check_preview(chosen)
         try:
             with solvers_unheard():
                 laws, tuned = _tuned(chosen, say)
@@ -85,12 +89,13 @@ def _loop(chosen: RideConfig) -> str:
     """Damper, limits of the command with their unit, rate of the loop."""
     car = chosen.car
     damper = "a viscous damper" if car.damper is None else f"damper {car.damper.name}"
-    return f"with {damper}, command {_command(car)}, loop at {1 / chosen.settings.period(car):.6g} Hz"
+    ahead = "" if chosen.settings.preview is None else f", preview: {chosen.settings.preview}"
+    return f"with {damper}, command {_command(car)}, loop at {1 / chosen.settings.period(car):.6g} Hz{ahead}"
 
 
 def _chosen(config: Path | None, car: str | None, damper: Path | None, road: list[str] | None,
             controller: list[str] | None, measurements: str | None, seeds: int | None,
-            tune: int | None) -> RideConfig:
+            tune: int | None, preview: str | None) -> RideConfig:
     """The configuration with the options put in."""
     from lpvid.cli.data import split_names
     from quartercar.ride_config import RideConfig, build_car, given_laws, load_config, measuring, road_from_text
@@ -99,11 +104,24 @@ def _chosen(config: Path | None, car: str | None, damper: Path | None, road: lis
     if base is not None and (car is not None or damper is not None):
         raise InputError("--car and --damper belong to a ride without CONFIG", mend="write them into the configuration")
     base = base or RideConfig(build_car(car or "megane", None if damper is None else str(damper)))
-    return base.with_changes(
+    chosen = base.with_changes(
         roads=None if not road else tuple(map(road_from_text, road)),
         controllers=None if not controller else given_laws(split_names(controller)),
         settings=None if measurements is None else measuring(measurements),
         seeds=None if seeds is None else tuple(range(base.seeds[0], base.seeds[0] + seeds)), tune=tune)
+    return chosen if preview is None else _with_preview(chosen, preview, config is None and not controller)
+
+
+def _with_preview(chosen: RideConfig, text: str, free: bool) -> RideConfig:
+    """With the road ahead; where no laws are asked for, also those that make use of it."""
+    from dataclasses import replace
+
+    from quartercar.preview import preview_from_text
+    from quartercar.ride_config import given_laws, laws_with_preview
+
+    found = preview_from_text(text)
+    laws = given_laws(laws_with_preview(chosen.car)) if free and found is not None else None
+    return chosen.with_changes(settings=replace(chosen.settings, preview=found), controllers=laws)
 
 
 def _tuned(chosen: RideConfig, say: Callable[[str], None]) -> tuple[dict, dict[str, Tuned]]:
@@ -132,6 +150,13 @@ def _check_bound(chosen: RideConfig) -> None:
         refuse_without_gradient(chosen.car.damper)
 
 
+def _check_preview(chosen: RideConfig) -> None:
+    """Refuse a road without a speed, or too long a preview, before anything is computed."""
+    if chosen.settings.preview is not None:
+        for road in chosen.roads:
+            chosen.settings.preview.delay(road)
+
+
 def _bounds(chosen: RideConfig, found: RideComparison, say: Callable[[str], None]) -> tuple[Bound, ...]:
     """What the damper could have reached, where that was asked for."""
     if not chosen.bound:
@@ -150,7 +175,8 @@ def _setting(chosen: RideConfig) -> dict:
     return {"car": asdict(chosen.car.parameters), "damper": None if damper is None else damper.name,
             "coil": {**asdict(chosen.car.coil), "unit": unit}, "sample_time": chosen.settings.period(chosen.car),
             "measurements": {"name": sensors.name, "sensors": [asdict(s) for s in sensors.sensors]},
-            "roads": [r.to_dict() for r in chosen.roads]}
+            "roads": [r.to_dict() for r in chosen.roads],
+            "preview": None if chosen.settings.preview is None else chosen.settings.preview.to_dict()}
 
 
 def _command(car: QuarterCar) -> str:
@@ -180,5 +206,5 @@ def _deliver(results: Results, data: dict, found: RideComparison, chosen: RideCo
              ("damper", "viscous" if car.damper is None else car.damper.title),
              ("command", _command(car)),
              ("sensors", chosen.settings.chain.sensors.name),
-             ("loop", f"{1 / chosen.settings.period(car):.6g} Hz")]
+             ("loop", f"{1 / chosen.settings.period(car):.6g} Hz"), ("preview", str(chosen.settings.preview or "none"))]
     results.report(ride_page(found, figures, tuned, facts, bounds))

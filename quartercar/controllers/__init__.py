@@ -21,6 +21,8 @@ LAWS: tuple[tuple[str, str, str], ...] = (
     ("sh-add-1s", "quartercar.controllers.sh_add_one_sensor", "SkyhookAccelerationDrivenOneSensor"),
     ("pdd", "quartercar.controllers.pdd", "PowerDriven"),
     ("clipped-optimal", "quartercar.controllers.clipped_optimal", "ClippedOptimal"),
+    ("preview-lqr", "quartercar.controllers.preview_lqr", "PreviewQuadratic"),
+    ("mpc", "quartercar.controllers.mpc", "Predictive"),
     ("lpv-hinf-clipped", "quartercar.controllers.lpv_hinf_clipped", "LpvHinfClipped"),
     ("lpv-hinf", "quartercar.controllers.lpv_hinf", "LpvHinf"),
     ("lpv-hinf-identified", "quartercar.controllers.lpv_hinf_identified", "LpvHinfIdentified"),

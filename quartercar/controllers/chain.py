@@ -14,7 +14,7 @@ from quartercar.controllers.inverse import Inverse, InverseSettings
 from quartercar.controllers.observer import Observer, ObserverSettings
 from quartercar.controllers.sensing import SETS, MeasurementSet, Sensing
 
-ALWAYS = ("current", "lowest_force", "highest_force", "demanded", "attained")
+ALWAYS = ("current", "lowest_force", "highest_force", "demanded", "attained", "road_ahead")
 """Signals that every loop has, whatever is measured."""
 ESTIMATED = ("suspension_deflection", "body_velocity", "tyre_deflection", "wheel_velocity", "suspension_velocity")
 """Signals that the observer adds."""
@@ -78,23 +78,34 @@ class Chain:
         self._by_force = controllers[0].demands == "force"
         zero = np.zeros(setting.cars)
         self._asked, self._had, self._before = zero, zero, zero
-        self._currents = setting.currents
+        self._currents, self._period = setting.currents, setting.sample_time
+        self._blind = np.zeros((setting.cars, 0))
+        self._coming = self._blind
         self.clipped, self.out_of_reach = zero.copy(), zero.copy()
 
-    def step(self, true: dict[str, np.ndarray]) -> np.ndarray:
-        """(cars,) command from here to the coming sample, from the true signals of this one (`sensing.TRUE`)."""
-        return self.react(self._sensing(true))
+    def step(self, true: dict[str, np.ndarray], ahead: np.ndarray | None = None) -> np.ndarray:
+        """(cars,) command from here to the coming sample, from the true signals of this one (`sensing.TRUE`).
 
-    def react(self, readings: Mapping[str, np.ndarray]) -> np.ndarray:
+        Parameters
+        ----------
+        true : mapping of str to (cars,) array
+        ahead : (cars, P) array, optional
+            What is known of the coming road, as `contract.SIGNALS` has it.
+        """
+        return self.react(self._sensing(true), ahead)
+
+    def react(self, readings: Mapping[str, np.ndarray], ahead: np.ndarray | None = None) -> np.ndarray:
         """(cars,) command from here to the coming sample, from what the sensors show at this one."""
         inverse, seen = self._inverse, dict(readings)
         if self._observer is not None:
             expected = inverse.attained
-            seen |= self._observer(seen, 0.5 * (self._before + expected), expected)
+            passed = self._coming[:, 0] / self._period if self._coming.shape[1] else None
+            seen |= self._observer(seen, 0.5 * (self._before + expected), expected, passed)
+        self._coming = self._blind if ahead is None else ahead
         z, v = seen["suspension_deflection"], seen["suspension_velocity"]
         inverse.look(z, v)
         seen |= {"current": inverse.current, "lowest_force": inverse.lowest, "highest_force": inverse.highest,
-                 "demanded": self._asked, "attained": self._had}
+                 "demanded": self._asked, "attained": self._had, "road_ahead": self._coming}
         demand = self._law.step(seen)
         command = inverse.choose(demand) if self._by_force else inverse.take(demand)
         self._before, self._asked = inverse.force, demand
@@ -108,6 +119,11 @@ class Chain:
     def demand(self) -> np.ndarray:
         """(cars,) what the laws demanded last."""
         return self._asked
+
+    @property
+    def model_force(self) -> np.ndarray:
+        """(cars,) force that the damper's model has at the sample last reacted to [N]."""
+        return self._inverse.force
 
     def counted(self) -> dict[str, np.ndarray]:
         """(cars,) what the law counted."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from quartercar.car import Coil
 from quartercar.dampers.parameter import Parameter
 from quartercar.parameters import CarParameters
 
@@ -25,12 +26,13 @@ if TYPE_CHECKING:
 SIGNALS: Mapping[str, str] = MappingProxyType({
     "suspension_deflection": "m", "suspension_velocity": "m/s", "body_acceleration": "m/s^2", "body_velocity": "m/s",
     "wheel_acceleration": "m/s^2", "wheel_velocity": "m/s", "tyre_deflection": "m", "current": "A",
-    "lowest_force": "N", "highest_force": "N", "demanded": "", "attained": ""})
+    "lowest_force": "N", "highest_force": "N", "demanded": "", "attained": "", "road_ahead": "m"})
 """What a law may read, with units; extension and tension positive, forces about the static equilibrium.
 
 `current` is the one the coil is thought to carry; `lowest_force` and `highest_force` are what the damper can do at this
 instant between its limits of current; `demanded` and `attained` are the law's last demand and what the damper's model
-makes of it, in the law's own unit (N, or A where it demands a current).
+makes of it, in the law's own unit (N, or A where it demands a current). `road_ahead` is (cars, `Setting.preview`): the
+elevation that the tyre meets at each of the coming samples, less the present one; it has no columns without preview.
 """
 DEMANDS: Mapping[str, str] = MappingProxyType({"force": "N", "current": "A"})
 """What a law may ask for, with units: a damper force about the static equilibrium, or a current."""
@@ -58,6 +60,12 @@ class Setting:
         The damper model behind the inverse; None for a viscous car.
     currents : (float, float)
         Limits of the command [A].
+    coil : Coil
+        Its time constants as the designer knows them.
+    preview : int
+        Coming samples whose road is known or estimated.
+    road_error : float
+        Share of the spectrum of the road's velocity that this leaves, 1 without preview.
     """
 
     sample_time: float
@@ -65,6 +73,9 @@ class Setting:
     parameters: CarParameters
     damper: Damper | None = None
     currents: tuple[float, float] = (0.0, 2.5)
+    coil: Coil = field(default_factory=Coil)
+    preview: int = 0
+    road_error: float = 1.0
 
 
 class Law(ABC):

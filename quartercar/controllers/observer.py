@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,7 +55,8 @@ class Observer:
         ṡ = ω (C x + D (F + e) − s)        what each sensor of finite bandwidth shows, before its noise
 
     sampled exactly with F held; accelerations see F directly. The gain is that of the discrete Riccati equation for the
-    noise of the sensors.
+    noise of the sensors. Where the road ahead is known or estimated (`Setting.preview`) its rate is an input, and w is
+    what that leaves, `Setting.road_error` of the road's spectrum.
 
     Parameters
     ----------
@@ -82,9 +83,12 @@ class Observer:
             raise InputError("an observer needs the suspension's deflection and an acceleration",
                              got=", ".join(readings.signals), mend="the measurement set 'stroke-body'")
         self._names = names
-        model = _Model.of(setting, [s for n in names for s in readings.sensors if s.signal == n],
+        model = ObservedCar.of(setting, [s for n in names for s in readings.sensors if s.signal == n],
                           settings or ObserverSettings())
+        left = model.level * (setting.road_error - 1)
+        model = replace(model, intensity=model.intensity + left * np.outer(model.road, model.road))
         self._step, self._drive, covariance = model.sampled(setting.sample_time)
+        self._road = replace(model, force=model.road).sampled(setting.sample_time)[1]
         self._c, self._d = model.output, model.through
         noise = np.diag(model.noise**2)
         x = solve_discrete_are(self._step.T, self._c.T, covariance, noise)
@@ -99,8 +103,8 @@ class Observer:
         """What one step computes with."""
         return ObserverMatrices(self._names, self._step, self._drive, self._c, self._d, self.gain)
 
-    def __call__(self, read: Mapping[str, np.ndarray], force_before: np.ndarray,
-                 force: np.ndarray) -> dict[str, np.ndarray]:
+    def __call__(self, read: Mapping[str, np.ndarray], force_before: np.ndarray, force: np.ndarray,
+                 road_rate: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """Estimates at this sample.
 
         Parameters
@@ -109,10 +113,14 @@ class Observer:
             Readings at this sample.
         force_before, force : (cars,) arrays
             The damper model's force over the last sample interval, and the one expected now [N].
+        road_rate : (cars,) array, optional
+            What is known of the road's rate over the last sample interval [m/s].
         """
-        ahead = _times(self._x, self._step) + force_before[:, None] * self._drive
+        ahead = times(self._x, self._step) + force_before[:, None] * self._drive
+        if road_rate is not None:
+            ahead = ahead + road_rate[:, None] * self._road
         y = np.column_stack([read[n] for n in self._names])
-        self._x = ahead + _times(y - _times(ahead, self._c) - force[:, None] * self._d, self.gain)
+        self._x = ahead + times(y - times(ahead, self._c) - force[:, None] * self._d, self.gain)
         z, vs, tyre, vu = self._x.T[:4]
         return {"suspension_deflection": z, "body_velocity": vs, "tyre_deflection": tyre, "wheel_velocity": vu,
                 "suspension_velocity": vs - vu}
@@ -137,24 +145,41 @@ class ObserverMatrices:
     gain: np.ndarray
 
 
-def _times(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+def times(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     """rows @ matrix.T, to the last bit the same for a car whatever stands beside it, which BLAS does not promise."""
     return np.einsum("cj,ij->ci", rows, matrix)
 
 
 @dataclass(frozen=True, eq=False)
-class _Model:
-    """Car, model error and sensors in continuous time: states, force and noises in, readings out."""
+class ObservedCar:
+    """Car, model error and sensors in continuous time: states, force and noises in, readings out.
+
+    Attributes
+    ----------
+    a, output : (n, n), (r, n) arrays
+    force, through : (n,), (r,) arrays
+        Of the damper model's force.
+    road : (n,) array
+        Of the road's velocity.
+    level : float
+        Two-sided spectrum of the road's velocity [m²/s].
+    intensity : (n, n) array
+        Of all that is white, the road's velocity included.
+    noise : (r,) array
+        Standard deviation of each reading.
+    """
 
     a: np.ndarray
     force: np.ndarray
+    road: np.ndarray
+    level: float
     intensity: np.ndarray
     output: np.ndarray
     through: np.ndarray
     noise: np.ndarray
 
     @classmethod
-    def of(cls, setting: Setting, sensors: Sequence[Sensor], design: ObserverSettings) -> _Model:
+    def of(cls, setting: Setting, sensors: Sequence[Sensor], design: ObserverSettings) -> ObservedCar:
         car = LinearCar(setting.parameters.replace(damping=0.0, tyre_damping=0.0)).relative()
         slow = [s for s in sensors if np.isfinite(s.bandwidth)]
         n, rate = 5 + len(slow), 1 / design.force_memory
@@ -162,7 +187,9 @@ class _Model:
         a[:4, :4], a[:4, 4], a[4, 4] = car.A, car.B[:, 1], -rate
         force[:4] = car.B[:, 1]
         road = 2 * np.pi**2 * iso_roughness(design.road_class).coefficient * design.speed  # two-sided: half of 4π²…
-        intensity[:4, :4] = road * np.outer(car.B[:, 0], car.B[:, 0])
+        into = np.zeros(n)
+        into[:4] = car.B[:, 0]
+        intensity += road * np.outer(into, into)
         intensity[4, 4] = 2 * rate * design.force_error**2
         rows = {"suspension_deflection": np.array([1.0, 0, 0, 0, 0]), "body_acceleration": a[1, :5].copy(),
                 "wheel_acceleration": a[3, :5].copy()}
@@ -175,7 +202,7 @@ class _Model:
             else:
                 output[k, :5], through[k] = row, direct
         noise = [float(np.hypot(s.noise, s.resolution / np.sqrt(12))) or 1e-5 for s in sensors]
-        return cls(a, force, intensity, output, through, np.array(noise))
+        return cls(a, force, into, road, intensity, output, through, np.array(noise))
 
     def sampled(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Step, drive by a held force, covariance of the noise over a step (Van Loan 1978, IEEE TAC 23, 395-404)."""

@@ -40,6 +40,7 @@ def prepare_controller(controller: Controller, options: Options) -> Exportable:
     InputError
         A law that must know its car, or is to be designed first, with what can be exported instead.
     """
+    refuse_looking_ahead(controller)
     if isinstance(controller, (LpvHinf, LpvHinfClipped)):
         raise InputError(f"'{controller.name}' is a design to be made for a car, not yet a controller",
                          mend="export the controller.json of quartercar design, or law.designed(setting)")
@@ -71,6 +72,14 @@ def prepare_controller(controller: Controller, options: Options) -> Exportable:
     setting = Setting(period, 1, MEGANE)
     return Exportable(b.program(), lambda u: _reference(controller, names, setting, u),
                       lambda n, rng: within(n, *_reach(names), rng), controller)
+
+
+def refuse_looking_ahead(controller: Controller) -> None:
+    """InputError for a law that reads the road ahead, which no step program has an input for."""
+    if "road_ahead" in controller.reads:
+        raise InputError(f"the law '{controller.name}' has no exported step",
+                         why="it reads a register of the road ahead, and the front axle's estimate is not exported",
+                         mend="export 'clipped-optimal' in a LoopLaw, or 'sh-add'")
 
 
 def _says(name: str) -> str:

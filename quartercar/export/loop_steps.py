@@ -17,7 +17,7 @@ from quartercar.controllers.contract import DEMANDS, SIGNALS, Controller, Settin
 from quartercar.controllers.lpv_hinf import LpvHinf
 from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
 from quartercar.controllers.observer import Observer
-from quartercar.export.controller_steps import REACH, demanded
+from quartercar.export.controller_steps import REACH, demanded, refuse_looking_ahead
 from quartercar.export.inverse_steps import InverseSteps
 
 
@@ -59,6 +59,7 @@ class LoopLaw:
 def prepare_loop(loop: LoopLaw, options: Options) -> Exportable:
     """Readings at a sample to the command for the coming one, as `quartercar.controllers.chain.Chain` computes it."""
     setting, sensors, law = loop.setting, loop.settings.sensors, loop.designed
+    refuse_looking_ahead(law)
     if options.sample_time is not None and not np.isclose(options.sample_time, setting.sample_time, rtol=1e-9):
         raise InputError("a loop law runs at the period of its setting", got=f"{options.sample_time:g} s")
     loop.chain(1)  # refuses a law that reads what these sensors do not show

@@ -132,6 +132,32 @@ def test_a_bound_stands_beside_the_laws(quick: Path, tmp_path: Path):
     assert "What the damper could have reached" in page
 
 
+def test_a_rear_axle_with_the_road_of_the_front_one(quick: Path, tmp_path: Path):
+    text = quick.read_text() + '[[controllers]]\nlaw = "preview-lqr"\n[[controllers]]\nlaw = "mpc"\ntyre_weight = 0.4\n'
+    path = tmp_path / "preview.toml"
+    path.write_text(text + '[preview]\nwheelbase = "2.7 m"\nsensors = "stroke-body-wheel"\n')
+    found = run(path, "--out", tmp_path / "out")
+    assert "preview: wheelbase 2.7 m, front estimated by stroke-body-wheel" in found.stdout
+    assert "mm rms off" in found.stdout
+    told = json.loads((tmp_path / "out" / "ride.json").read_text())
+    assert told["preview"] == {"wheelbase": 2.7, "time": None, "front": "estimated", "sensors": "stroke-body-wheel",
+                               "law": told["preview"]["law"]}
+    assert [r["controller"] for r in told["rides"]][-2:] == ["preview-lqr", "mpc"]
+    assert all(1e-4 < r["road_ahead_error"] < 3e-3 for r in told["rides"])
+    law = lpv.load(tmp_path / "out" / "mpc.json")
+    assert isinstance(law, Controller) and law.values["tyre_weight"] == 0.4
+    blind = json.loads(run(path, "--preview", "none", "--json").stdout)
+    assert blind["preview"] is None and blind["rides"][0]["road_ahead_error"] is None
+
+
+def test_the_laws_that_use_the_road_join_where_none_are_named():
+    from quartercar.cli.ride import _chosen
+
+    found = _chosen(None, None, None, None, None, None, None, None, "time=0.1,front=known")
+    assert list(found.controllers)[-2:] == ["preview-lqr", "mpc"] and found.settings.preview is not None
+    assert "mpc" not in _chosen(None, None, None, None, None, None, None, None, None).controllers
+
+
 def test_a_bound_of_a_damper_without_gradient_is_refused_before_anything_runs(tmp_path: Path):
     path = lpv.save(BoucWen(), tmp_path / "bouc-wen.json")
     lines = run("--damper", path, "--bound", "--out", tmp_path / "out", code=2).stderr.strip().splitlines()
@@ -172,6 +198,7 @@ def test_the_template_is_a_configuration(tmp_path: Path):
     ("[[controllers]]\nlaw = 'add'\nlow_damping = -1", "bounds"),
     ("[[controllers]]\nlaw = 'add'\nlow = 1", "low_damping"),
     ("[[controllers]]\nlaw='add'\n[[controllers]]\nlaw='add'", "two"), ("[coil]\nhigh = 2", "highest"),
+    ("[preview]\nwheelbase = 0", "positive"), ("preview = 2.7", "table"), ("[preview]\nwheel = 2.7", "wheelbase"),
     ("[stops]\nstiffness = 0", "positive"), ("seeds = [", "TOML")])
 def test_a_wrong_configuration_ends_with_one_line(text: str, message: str, tmp_path: Path):
     path = tmp_path / "wrong.toml"
@@ -185,7 +212,9 @@ def test_a_wrong_configuration_ends_with_one_line(text: str, message: str, tmp_p
 @pytest.mark.parametrize(("arguments", "message"), [
     (["--road", "isso-c@20"], "isso-c"), (["--controller", "skyhok"], "skyhook"), (["--measurements", "two"], "stroke"),
     (["--car", "golf"], "car"), (["missing.toml"], "missing.toml"), (["--damper", "missing.json"], "missing.json"),
-    (["--road", "iso-c@0"], "speed")])
+    (["--road", "iso-c@0"], "speed"), (["--preview", "2.7"], "key=value"), (["--preview", "wheelbase=2.7", "--road",
+                                                                              "sweep"], "no speed"),
+    (["--preview", "time=0.1,front=sen"], "known")])
 def test_wrong_options_end_with_one_line(arguments: list[str], message: str):
     lines = run(*arguments, code=2).stderr.strip().splitlines()
     assert len(lines) == 1 and message in lines[0]

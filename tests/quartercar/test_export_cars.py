@@ -158,18 +158,26 @@ def test_a_controller_without_a_schedule_or_states(rng):
 
 
 @pytest.mark.parametrize("name", [n for n, _, _ in LAWS if n not in
-                                  ("clipped-optimal", "pdd", "lpv-hinf", "lpv-hinf-clipped", "scheduled",
-                                   "lpv-hinf-identified", "identified-plant")])
+                                  ("clipped-optimal", "pdd", "preview-lqr", "mpc", "lpv-hinf", "lpv-hinf-clipped",
+                                   "scheduled", "lpv-hinf-identified", "identified-plant")])
 def test_a_law_agrees(name):
     assert error(export(law_class(name)())) < 1e-14
 
 
 @pytest.mark.parametrize("name,mend", [("clipped-optimal", "LoopLaw"), ("pdd", "LoopLaw"),
+                                       ("mpc", "road ahead"), ("preview-lqr", "road ahead"),
                                        ("lpv-hinf", "quartercar design"),
                                        ("lpv-hinf-identified", "--plant nominal")])
 def test_a_law_that_needs_its_car_says_so(name, mend):
     with pytest.raises(InputError, match=mend):
         export(law_class(name)())
+
+
+def test_a_loop_that_looks_ahead_says_so():
+    looking = LoopLaw(law_class("preview-lqr")(), Setting(0.002, 1, MEGANE, None, (0.0, 2.0)),
+                      Coil(0.005, 0.01, 0.0, 2.0), ChainSettings(SETS["stroke-body"]))
+    with pytest.raises(InputError, match="road ahead"):
+        export(looking)
 
 
 @pytest.mark.parametrize("damper,nearest", [(BoucWen(), "extended-bouc-wen"), (WangKamath(), "extended-bouc-wen"),

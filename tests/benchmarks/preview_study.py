@@ -1,0 +1,234 @@
+"""Laws with and without the front axle's road, against tuned SH-ADD and the clairvoyant bound.
+
+    python tests/benchmarks/preview_study.py --out FOLDER [--budget 16] [--seeds 20] [--others 5] [--bound 3]
+
+Resumable: what is in FOLDER is not done again. Every law is tuned with the same number of evaluations on ISO C at
+20 m/s (8 s, three other seeds), with the preview that it rides with. Then ISO C on --seeds seeds, with the share of the
+way from the passive car at the lowest current to the bound on the first --bound of them; then, with the values as they
+are, other roads, cars and dampers on --others seeds. Sensors are stroke and body acceleration with noise, the coil's
+lag is the identified damper's own, the front axle has the same sensors and its own noise. Differences are to SH-ADD
+without preview, paired by seed, in per cent with 95 % intervals.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from lpvid import load, save
+from lpvid.errors import LpvError
+from quartercar.car import QuarterCar
+from quartercar.clairvoyant import lowest_current
+from quartercar.controllers import law_class
+from quartercar.controllers.chain import ChainSettings
+from quartercar.controllers.contract import Controller
+from quartercar.controllers.sensing import SETS
+from quartercar.parameters import MEGANE, CarParameters
+from quartercar.preview import preview_from_text
+from quartercar.ride_bound import BoundSettings, bound_rides
+from quartercar.ride_comparison import Interval, compare_rides
+from quartercar.ride_config import build_car
+from quartercar.ride_roads import Bump, IsoRoad, MeasuredRoad, RideRoad
+from quartercar.riding import RideSettings, drive
+from quartercar.tuning import Objective, Trial, tune
+
+TUNED_ON = (IsoRoad("C", 20.0, 8.0),)
+SEEDS = (100_000, 100_001, 100_002)
+REFERENCE = "sh-add"
+FRONT = "wheelbase=2.7"
+FEW = 5
+"""seeds of the cases that are yardsticks"""
+LOADED = 1.3
+"""sprung mass of the loaded car over that of the empty one"""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A law with what it has of the road: tuned under ``values_of`` where that is another case, `seeds` at most."""
+
+    label: str
+    law: str
+    preview: str = "none"
+    sensors: str = "stroke-body"
+    values_of: str = ""
+    seeds: int | None = None
+
+    @property
+    def settings(self) -> RideSettings:
+        """Of its rides."""
+        return RideSettings(ChainSettings(sensors=SETS[self.sensors]), preview=preview_from_text(self.preview))
+
+
+MAIN = (
+    Case("sh-add", "sh-add"), Case("skyhook-linear", "skyhook-linear"), Case("hybrid", "hybrid"),
+    Case("clipped-optimal", "clipped-optimal"),
+    Case("preview-lqr, no preview", "preview-lqr"), Case("mpc, no preview", "mpc"),
+    Case("sh-add, front", "sh-add", FRONT, values_of="sh-add"),
+    Case("preview-lqr, front", "preview-lqr", FRONT), Case("mpc, front", "mpc", FRONT),
+    Case("mpc, front with wheel sensor", "mpc", f"{FRONT},sensors=stroke-body-wheel", values_of="mpc, front"),
+    Case("mpc, front known", "mpc", f"{FRONT},front=known", values_of="mpc, front"),
+    Case("mpc, 0.05 s known", "mpc", "time=0.05,front=known", values_of="mpc, front", seeds=FEW),
+    Case("mpc, 0.1 s known", "mpc", "time=0.1,front=known", values_of="mpc, front", seeds=FEW),
+    Case("mpc, 0.2 s known", "mpc", "time=0.2,front=known", values_of="mpc, front", seeds=FEW),
+    Case("mpc, perfect states, no preview", "mpc", sensors="ideal", values_of="mpc, no preview", seeds=FEW),
+    Case("mpc, perfect states, 0.1 s known", "mpc", "time=0.1,front=known", "ideal", "mpc, front", FEW),
+    Case("mpc, perfect states, front known", "mpc", f"{FRONT},front=known", "ideal", "mpc, front", FEW))
+CARRIED = ("sh-add", "mpc, no preview", "preview-lqr, front", "mpc, front")
+"""cases that ride under the other conditions"""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A car on a road; `known` is the car as laws and observer have it where that is another."""
+
+    label: str
+    road: RideRoad
+    car: QuarterCar
+    known: CarParameters | None = None
+
+
+def conditions(dampers: Mapping[str, QuarterCar]) -> list[Condition]:
+    """Everything but ISO C with the Mégane and the embedded damper."""
+    car = build_car()
+    heavy = replace(car, parameters=MEGANE.replace(sprung_mass=LOADED * MEGANE.sprung_mass))
+    road = IsoRoad("C", 20.0, 10.0)
+    iso = {c: Condition(f"ISO {c} at 20 m/s", IsoRoad(c, 20.0, 10.0), car) for c in "ABDE"}
+    found = [iso["B"], iso["D"], Condition("bump 50 mm at 8 m/s", Bump(), car)]
+    data = os.environ.get("LPVID_DATA")
+    track = None if data is None else Path(data) / "belgian_block_road" / "profiles.csv"
+    if track is not None and track.exists():
+        found.append(Condition("Belgian blocks at 8 m/s", MeasuredRoad.read(track, 8.0, 0), car))
+    soft = MEGANE.replace(tyre_stiffness=0.9 * MEGANE.tyre_stiffness)
+    found += [Condition("ISO C, loaded, laws have it empty", road, heavy, MEGANE), iso["A"], iso["E"],
+              Condition("ISO C, loaded", road, heavy),
+              Condition("ISO C, tyre 10 % softer than laws have it", road, replace(car, parameters=soft), MEGANE)]
+    found += [Condition(f"ISO C at {v:g} m/s", IsoRoad("C", v, 10.0), car) for v in (10.0, 30.0)]
+    return [Condition(f"ISO C, damper {n}", road, c) for n, c in dampers.items()] + found
+
+
+def tuned(case: Case, budget: int, folder: Path) -> Controller:
+    """The law of a case at its best; from its file where that is there."""
+    path = folder / f"{(case.values_of or case.label).replace(', ', '-').replace(' ', '-')}.json"
+    if path.exists():
+        return load(path)
+    started = time.process_time()
+    trial = Trial(build_car(), TUNED_ON, SEEDS, case.settings)
+    found = tune(law_class(case.law)(), trial, budget)
+    save(found.controller, path)
+    print(f"{case.label}: {found}  {time.process_time() - started:.0f} s", flush=True)
+    return found.controller
+
+
+def ridden(case: Case, law: Controller, car: QuarterCar, road: RideRoad, seeds: Sequence[int], path: Path,
+           known: CarParameters | None = None) -> dict:
+    """Figures of a case, one per seed; from its file where that is there with the same law."""
+    stamp = json.loads(json.dumps(law.to_dict()))
+    if path.exists() and (kept := json.loads(path.read_text()))["law"] == stamp and len(kept["comfort"]) == len(seeds):
+        return kept
+    started = time.process_time()
+    try:
+        rides = drive(car, road, [law] * len(seeds), list(seeds), replace(case.settings, parameters=known))
+    except LpvError as error:
+        print(f"    {case.label}: {error}", flush=True)
+        return {}
+    found = {"law": stamp, "comfort": [r.figures.comfort for r in rides],
+             "tyre_load": [r.figures.tyre_load for r in rides], "stroke": [r.figures.stroke for r in rides],
+             "given": [r.passivity.negative_energy for r in rides], "at_limits": [r.at_limits for r in rides],
+             "off": [r.road_ahead_error for r in rides], "space": [r.figures.space_used for r in rides],
+             "seconds": time.process_time() - started}
+    path.write_text(json.dumps(found))
+    return found
+
+
+def difference(mine: dict, other: dict, figure: str) -> str:
+    """Mean and half of the interval, in per cent, paired by seed over those that both rode."""
+    a = np.array(mine[figure])
+    b = np.array(other[figure])[:a.size]
+    i = Interval.of((a - b) / b.mean())
+    half = "" if i.high is None else f" ± {100 * (i.high - i.mean):.2f}"
+    return f"{100 * i.mean:+.2f}{half}"
+
+
+def line(label: str, mine: dict, reference: dict, shares: str = "") -> str:
+    """A row of a table."""
+    off = "" if mine["off"][0] in (None, 0.0) else f"{1e3 * np.sqrt(np.mean(np.square(mine['off']))):.2f} mm"
+    return (f"{label:<34}{np.mean(mine['comfort']):8.4f}{np.mean(mine['tyre_load']):8.1f}"
+            f"{difference(mine, reference, 'comfort'):>16}{difference(mine, reference, 'tyre_load'):>16}"
+            f"{np.mean(mine['given']):8.2f} J{np.mean(mine['at_limits']):6.0%}{off:>9}{shares}")
+
+
+def bound_of(laws: Mapping[str, Controller], road: RideRoad, seeds: int, path: Path) -> dict:
+    """Figures of the passive car at the lowest current and of the bound, seed by seed."""
+    if path.exists():
+        return json.loads(path.read_text())
+    car, case = build_car(), MAIN[0]
+    found = compare_rides(car, [road], {REFERENCE: laws[REFERENCE]}, range(seeds), case.settings)
+    best = bound_rides(car, [road], found, case.settings, BoundSettings(seeds, ends=False, linear=False))[0]
+    passive = [lowest_current(car, road, s, case.settings.period(car)) for s in range(seeds)]
+    kept = {n: {"comfort": [f.comfort for f in v], "tyre_load": [f.tyre_load for f in v]}
+            for n, v in (("passive", passive), ("bound", best.at()))}
+    path.write_text(json.dumps(kept))
+    return kept
+
+
+def share(mine: dict, bound: dict) -> str:
+    """Of the way from passive to bound: objective, comfort, tyre load [%]."""
+    o, n = Objective(), len(bound["passive"]["comfort"])
+
+    def value(row: dict, name: str) -> np.ndarray:
+        if name != "objective":
+            return np.array(row[name][:n])
+        comfort, tyre = (np.array(row[m][:n]) / np.array(bound["passive"][m]) for m in ("comfort", "tyre_load"))
+        return o.comfort * comfort + o.tyre_load * tyre
+
+    out = ""
+    for name in ("objective", "comfort", "tyre_load"):
+        passive = value(bound["passive"], name)
+        i = Interval.of((passive - value(mine, name)) / np.mean(passive - value(bound["bound"], name)))
+        out += f"{100 * i.mean:9.0f}" + ("" if i.high is None else f" ± {100 * (i.high - i.mean):.0f}")
+    return out
+
+
+def main() -> None:
+    """Tune what is missing, ride what is missing, print."""
+    parser = argparse.ArgumentParser(description="Laws with and without preview.")
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--budget", type=int, default=16)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--others", type=int, default=5)
+    parser.add_argument("--bound", type=int, default=3)
+    parser.add_argument("--damper", action="append", default=[], metavar="NAME=FILE", help="further dampers")
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    laws = {c.label: tuned(c, given.budget, given.out) for c in MAIN}
+    road = IsoRoad("C", 20.0, 20.0)
+    bound = bound_of(laws, road, given.bound, given.out / "bound.json") if given.bound else None
+    print(f"\n{road.name}, {given.seeds} seeds ({FEW} of the yardsticks): comfort [m/s²], tyre load [N], both against "
+          f"{REFERENCE} [%], energy given, at limits, road ahead off; shares of passive to bound: objective, comfort, "
+          "tyre load [%]")
+    reference: dict = {}
+    for k, case in enumerate(MAIN):
+        seeds = range(min(given.seeds, case.seeds or given.seeds))
+        mine = ridden(case, laws[case.label], build_car(), road, seeds, given.out / f"main-{k}.json")
+        reference = mine if case.label == REFERENCE else reference
+        print(line(case.label, mine, reference, "" if bound is None else share(mine, bound)), flush=True)
+    dampers = {n: build_car(damper=f) for n, _, f in (d.partition("=") for d in given.damper)}
+    for place, condition in enumerate(conditions(dampers)):
+        print(f"\n{condition.label}, {given.others} seeds")
+        for k, case in enumerate(c for c in MAIN if c.label in CARRIED):
+            mine = ridden(case, laws[case.label], condition.car, condition.road, range(given.others),
+                          given.out / f"other-{place}-{k}.json", condition.known)
+            reference = mine if case.label == REFERENCE else reference
+            if mine:
+                print(line(case.label, mine, reference), flush=True)
+
+
+if __name__ == "__main__":
+    main()
