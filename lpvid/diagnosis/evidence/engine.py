@@ -21,7 +21,7 @@ from lpvid.diagnosis.evidence.judging import judge, on_all_samples
 from lpvid.diagnosis.evidence.outcome import Outcome
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.search import Search
-from lpvid.diagnosis.evidence.thinning import thinned
+from lpvid.diagnosis.evidence.thinning import for_search, thinned
 from lpvid.diagnosis.evidence.weighing import Data
 from lpvid.diagnosis.noise import WHITE, noise_level
 from lpvid.diagnosis.problem import Problem
@@ -100,7 +100,8 @@ def searched(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     thin, factor = thinned(records, baseline)
     if factor > 1:
         say(f"searching on every {factor}th sample")
-    problem = problem_of(thin, baseline)
+    signals = for_search(in_turn([baseline.signals(r) for r in thin]), baseline.static)
+    problem = Problem(signals, Blocks.of(signals, baseline.start), WHITE)
     usable, unusable = usable_of(catalogue, baseline, problem)
     scale = Scales.of(problem.signals).size
     looked_at = {e.name: np.array(e.spread_points(problem.signals, scale)).reshape(-1, len(e.parameters))
