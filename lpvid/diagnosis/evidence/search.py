@@ -35,6 +35,9 @@ MISSED, LITTLE = 2 * USUAL, 0.05
 baseline's squared error that names nothing by itself, of a law that is nearly right"""
 LAGGING = ("motion", "force", "all")
 """paths whose lags, delays and filters imitate each other and every dynamic cause; a set holds one of them"""
+HOPELESS = 20.0
+"""log-evidence by which a set with one effect more may stay behind the best one, as its look promises, and is refitted
+all the same: a refit may find more than first order does"""
 LEAST_WORTH = 0.1
 """share of independent samples that a refit of the search assumes at least, to know when to end"""
 TOGETHER, RACED = 3, 2
@@ -127,6 +130,8 @@ class Search:
         self.say(f"looking beyond {names} (best so far: {', '.join(sorted(self.best.members)) or 'nothing'})")
         found = self.look(w)
         chosen = [e for e in self._promising(w, found) if w.members | {e.name} not in self.visited]
+        if not chosen:
+            return
         for fit in in_parallel(lambda e: self._child(w, (e,), found), chosen):
             self._add(fit)
 
@@ -173,7 +178,9 @@ class Search:
                 gain = max(d.gain, d.at_face_value, 0.0)
                 left[d.effect] = min(left.get(d.effect, 1.0), 1 - gain / w.fit.cost)
         count = 0.5 * self.kept * self.problem.n_samples
-        ranked = sorted(left, key=lambda e: count * np.log(max(left[e], 1e-12)) - inclusion(e))
+        lost = {e: count * np.log(max(left[e], 1e-12)) - inclusion(e) for e in left}
+        enough = self.score(w) - self.score(self.best) + HOPELESS
+        ranked = sorted((e for e in left if lost[e] < enough), key=lambda e: lost[e])
         chosen = ranked[:CHILDREN]
         for memoryless in (True, False):
             have = sum(e.memoryless is memoryless for e in chosen)
