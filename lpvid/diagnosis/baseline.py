@@ -41,6 +41,10 @@ class Baseline(ABC):
     schedule: tuple[str, ...] = ()
     """roles that schedule it, in the sense of an LPV model"""
 
+    apart: tuple[str, ...] = ()
+    """names of coefficients whose force, zero where they are, stands beside the law: an inertia, which neither passes
+    what is in series with the damper nor its valves"""
+
     @property
     @abstractmethod
     def channels(self) -> tuple[str, ...]:

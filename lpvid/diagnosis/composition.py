@@ -14,6 +14,8 @@ from lpvid.diagnosis.signals import Core, Linearised, Remembered, Signals
 
 STEP = 1e-5
 """share of a parameter's scale by which it is moved to see what it does."""
+CARRIED = ("inside", "core", "series")
+"""stages of what the damper's own force passes; what stands beside it there is added behind them"""
 ROUNDING = 1e-13
 """share of the largest force below which a change by such a step is rounding"""
 
@@ -92,19 +94,50 @@ class Composition:
     def core(self, vector: np.ndarray, given: Core | None = None) -> Core:
         """The whole simulation at a parameter vector; `given` stands for the baseline's own.
 
-        What the baseline and its series elements give along the same signals with the same parameters is remembered:
-        effects beside and around them then cost no further run.
+        What the baseline and every effect from the inside out give along the same signals with the same parameters is
+        remembered: what lies beside and around them then costs no further run.
         """
-        core = self.baseline.core(vector[: self.own]) if given is None else given
-        return self._around(core, vector, 0, len(self.effects), given is None)
+        inner = self._carried(vector) if given is None else vector
+        core = self._around(self._base(inner) if given is None else given, inner, 0, self._outside, given is None)
+        core = self._beside(core, vector, inner)
+        return self._around(core, vector, self._outside, len(self.effects), given is None)
+
+    @cached_property
+    def _outside(self) -> int:
+        """Number of the effects up to those in series with the law."""
+        return sum(e.stage in CARRIED for e in self.effects)
+
+    def _base(self, vector: np.ndarray) -> Core:
+        own = vector[: self.own]
+        return Remembered(self.baseline.core(own), (self.baseline, (), own.tobytes()))
+
+    def _carried(self, vector: np.ndarray) -> np.ndarray:
+        """The vector of what goes through the effects up to those in series: an inertia (`Baseline.apart`) does not.
+
+        The vector itself where nothing is in its way, so that the composition is the baseline to the last bit.
+        """
+        if not self.baseline.apart or not any(
+                e.stage in CARRIED and (vector[p][: e.strengths] != e.neutral[: e.strengths]).any()
+                for e, p in zip(self.effects, self.places, strict=True)):
+            return vector
+        bare = vector.copy()
+        bare[[k for k, c in enumerate(self.baseline.coefficients) if c.name in self.baseline.apart]] = 0.0
+        return bare
+
+    def _beside(self, core: Core, vector: np.ndarray, inner: np.ndarray) -> Core:
+        """A core, and beside it what of the baseline it does not hold."""
+        if inner is vector or not (vector != inner).any():
+            return core
+        whole, bare = self._base(vector), self._base(inner)
+        return lambda s: core(s) + (whole(s) - bare(s))
 
     def _around(self, core: Core, vector: np.ndarray, first: int, last: int, remember: bool) -> Core:
         """A core with some of the effects around it, by number."""
         for k in range(first, last):
             effect, place = self.effects[k], self.places[k]
-            before = self.effects[k - 1].stage if k else "inside"
-            if remember and (before == "series" or (before == "inside" and effect.stage != "inside")
-                             or (before == "core" and effect.stage == "series")):
+            if effect.stage == "inside":  # it takes the simulation apart
+                core = core.core if isinstance(core, Remembered) else core
+            elif remember and not isinstance(core, Remembered):
                 core = Remembered(core, (self.baseline, self.effects[:k], vector[: place.start].tobytes()))
             core = effect.compose(core, vector[place], self.baseline)
         return core
@@ -135,7 +168,7 @@ class Composition:
                 moves[j] = vector.copy()
                 moves[j][j] += step if vector[j] + step <= high[j] else -step
         near = {} if self.baseline.adaptive else self._near(vector, moves)
-        for column, j in enumerate(wanted):
+        for column, j in sorted(enumerate(wanted), key=lambda t: t[1] < self.own):  # the effects' while all is at hand
             if j not in moves:
                 continue
             moved = moves[j]
@@ -154,8 +187,14 @@ class Composition:
         The effects around the element are composed with it as with any other core.
         """
         def inner(at: np.ndarray, count: int) -> Core:
-            core = self._around(self.baseline.core(at[: self.own]), at, 0, count, True)
+            at = self._carried(at)
+            core = self._around(self._base(at), at, 0, count, True)
             return core.core if isinstance(core, Remembered) else core
+
+        def whole(core: Core, at: np.ndarray, count: int) -> Core:
+            core = self._around(core, vector, count, self._outside, False)
+            core = self._beside(core, at, self._carried(at))
+            return self._around(core, vector, self._outside, len(self.effects), False)
 
         for count in range(len(self.effects), 0, -1):
             if self.effects[count - 1].stage != "series":
@@ -164,8 +203,7 @@ class Composition:
             if isinstance(here, Linearised):
                 inside = [j for j in moves if j < self.places[count - 1].stop]
                 near = here.near([inner(moves[j], count) for j in inside])
-                return {j: self._around(core, vector, count, len(self.effects), False)
-                        for j, core in zip(inside, near, strict=True)}
+                return {j: whole(core, moves[j], count) for j, core in zip(inside, near, strict=True)}
         return {}
 
     def _tangent(self, signals: Signals, vector: np.ndarray, moved: np.ndarray, j: int) -> Core:

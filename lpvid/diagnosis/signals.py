@@ -67,6 +67,8 @@ class Signals:
         All records of a diagnosis, as recorded: what one measurement did to all of them they tell together.
     stretches : tuple of Stretch
         Where these are cut together from stretches of records, what they are; else empty.
+    repeats : (Signals, int), optional
+        Signals of which these repeat all but the velocity so many times, one repetition after the other.
     """
 
     sample_time: float
@@ -82,6 +84,7 @@ class Signals:
     coarse: Signals | None = field(default=None, repr=False)
     peers: tuple[Signals, ...] = field(default=(), repr=False)
     stretches: tuple[Stretch, ...] = field(default=(), repr=False)
+    repeats: tuple[Signals, int] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "channels", MappingProxyType(dict(self.channels)))
@@ -132,7 +135,15 @@ class Signals:
 
     def asked(self, **channels: np.ndarray) -> Signals:
         """Signals with some channels replaced, at which a law is only asked: these stay the record."""
-        return replace(self.replace(**channels), record=self.record or self)
+        facts = {key: found for key, found in self.facts.copy().items() if key[0] not in channels}
+        repeats = self.repeats if channels.keys() <= {"velocity"} else None
+        return Signals(self.sample_time, {**self.channels, **channels}, self.output, self.name, self.span, facts=facts,
+                       record=self.record or self, at=self.at, finer=self.finer, peers=self.peers, repeats=repeats)
+
+    @property
+    def distinct(self) -> tuple[Signals, int]:
+        """Signals without repetitions of all but the velocity, and how often these repeat them."""
+        return self.repeats or (self, 1)
 
     def cached(self, key: object, make: Callable[[], Any]) -> Any:
         """What `make` returns, computed once for these signals."""
@@ -162,6 +173,20 @@ class Signals:
         if (role, key) not in self.facts:
             self.facts[role, key] = make(self.channels[role])
         return self.facts[role, key]
+
+    def along_record(self, role: str, key: str, make: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """(n,) what `make` finds along one channel of the record, at these samples; kept by all that are asked of them.
+
+        Whatever is asked of signals has their places in the record, so that nothing is interpolated twice.
+        """
+        record = self if self.record is None else self.record
+        found = record.fact(role, key, make)
+        if self.at is None:
+            return found
+        name = ("", role, key)  # of no channel: `replace` passes it on
+        if name not in self.facts:
+            self.facts[name] = self.of_record(found)
+        return self.facts[name]
 
 
 def in_turn(signals: Sequence[Signals]) -> tuple[Signals, ...]:

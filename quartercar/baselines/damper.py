@@ -46,11 +46,13 @@ class DamperBaseline(Baseline):
     adaptive: bool = field(init=False)
     polarity: int = field(init=False)
     schedule: tuple[str, ...] = field(init=False)
+    apart: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", self.damper.name)
         object.__setattr__(self, "static", isinstance(self.damper, (StaticDamper, Linear)))
         object.__setattr__(self, "adaptive", isinstance(self.damper, LagDamper))
+        object.__setattr__(self, "apart", ("mass",) if isinstance(self.damper, Linear) else ())
         object.__setattr__(self, "polarity", self.damper.polarity)
         object.__setattr__(self, "schedule", tuple(r for r in ("current",) if r in self.damper.reads))
 
@@ -103,9 +105,13 @@ class DamperBaseline(Baseline):
 
 
 def _drive(s: Signals) -> Drive:
-    zeros = np.zeros(s.n_samples)
-    return Drive(s.sample_time, s["velocity"], s["displacement"] if s.has("displacement") else zeros,
-                 s["current"] if s.has("current") else zeros, s.output, _rate(s))
+    return s.cached("drive", lambda: _made(s))
+
+
+def _made(s: Signals) -> Drive:
+    still = None if s.has("displacement") and s.has("current") else np.zeros(s.n_samples)
+    return Drive(s.sample_time, s["velocity"], s.channels.get("displacement", still), s.channels.get("current", still),
+                 s.output, _rate(s))
 
 
 def _rate(s: Signals) -> np.ndarray | None:
@@ -119,7 +125,7 @@ def _rate(s: Signals) -> np.ndarray | None:
     if s.record is None:
         return None
     record = s.record
-    return s.of_record(record.fact("velocity", "rate", lambda v: np.gradient(v, record.sample_time)))
+    return s.along_record("velocity", "rate", lambda v: np.gradient(v, record.sample_time))
 
 
 def _own_bounds(parameter: Parameter, value: float) -> tuple[float, float]:

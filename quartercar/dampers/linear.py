@@ -59,12 +59,21 @@ class Linear(LawDamper):
         return cls(spring=facts.has_displacement, **facts.common)
 
     def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
-        return self.jacobian(drive, vector) @ vector
+        damping, *spring, mass, offset = vector.tolist()
+        force = damping * drive.velocity
+        force += offset
+        if spring and spring[0]:
+            force += spring[0] * drive.displacement
+        if mass:
+            force += mass * drive.acceleration
+        return force
 
     def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
         spring = [drive.displacement] if self.spring else []
-        return np.column_stack([drive.velocity, *spring, drive.acceleration,
-                                np.ones(drive.n_samples)])
+        out = np.empty((len(spring) + 3, drive.n_samples))
+        for row, column in zip(out, (drive.velocity, *spring, drive.acceleration, 1.0), strict=True):
+            row[:] = column
+        return out.T
 
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
         return [self.vector]

@@ -18,7 +18,7 @@ GAMMA = 1.0 - math.sqrt(0.5)
 HEAD = 0.03
 """part of a step before a sample in which a held signal already has the sample's value"""
 CLOSE = 1e-7
-"""last move of Newton's rule, in cells; what it leaves is of second order"""
+"""last move of Newton's rule, as a share of the force; what it leaves is of second order"""
 TAKEN_UP = 5.0
 """force over which play is taken up [N]"""
 TAKEN = 20.0 * TAKEN_UP
@@ -109,6 +109,7 @@ def march(velocity, rise, corner, speeds, nodes, rows, before, tilt, element, st
                         low -= 1
                     while w >= speeds[low + 1] and low + 1 < last:
                         low += 1
+                found = low
                 force_low = force_high = 0.0
                 for r in range(b.size):
                     force_low += b[r] * nodes[low, r]
@@ -118,24 +119,20 @@ def march(velocity, rise, corner, speeds, nodes, rows, before, tilt, element, st
                 else:
                     gap_low = _gap(force_low, speeds[low], target, h, element, bends)
                     gap_high = _gap(force_high, speeds[low + 1], target, h, element, bends)
-                    while gap_low > 0.0 and low > 0:
-                        low -= 1
-                        force_high, gap_high, force_low = force_low, gap_low, 0.0
-                        for r in range(b.size):
-                            force_low += b[r] * nodes[low, r]
+                    if gap_low > 0.0 and low > 0:
+                        low = _bracket(low, -1, speeds, nodes, b, target, h, element, bends)
+                    elif gap_high <= 0.0 and low + 1 < last:
+                        low = _bracket(low, 1, speeds, nodes, b, target, h, element, bends)
+                    if low != found:
+                        force_low, force_high = _node_force(low, nodes, b), _node_force(low + 1, nodes, b)
                         gap_low = _gap(force_low, speeds[low], target, h, element, bends)
-                    while gap_high <= 0.0 and low + 1 < last:
-                        low += 1
-                        force_low, gap_low, force_high = force_high, gap_high, 0.0
-                        for r in range(b.size):
-                            force_high += b[r] * nodes[low + 1, r]
                         gap_high = _gap(force_high, speeds[low + 1], target, h, element, bends)
                     t = gap_low / (gap_low - gap_high)
                     cell = speeds[low + 1] - speeds[low]
                     taken = element[1] == 0.0 and (min(force_low, force_high) - element[5] > TAKEN
                                                    or max(force_low, force_high) - element[5] < -TAKEN)
                     if (bends and not taken) or min(force_low, force_high) < floor:
-                        t = _within(t, force_low, force_high - force_low, speeds[low], cell, target, h, element)
+                        t = _within(force_low, force_high - force_low, speeds[low], cell, target, h, element)
                     w = speeds[low] + t * cell
                 force = max(force_low + t * (force_high - force_low), floor)
                 if force <= floor and k:
@@ -246,27 +243,61 @@ def _gap(force, w, target, h, element, bends):
 
 
 @njit(error_model="numpy", fastmath={"contract"})
-def _within(t, start, rise, w, cell, target, h, element):
-    """Place in a cell, by Newton's rule inside a shrinking bracket."""
-    below, above = min(t, 0.0), max(t, 1.0)
-    for sweep in range(100):
-        force, slope = start + t * rise, max(rise, 0.0)
-        if force < element[4]:
-            force, slope = element[4], 0.0
-        d, soft = _deflection(force, element)
-        gap = d + h * (w + t * cell) - target
-        if gap > 0.0:
-            above = t
-        else:
-            below = t
-        new = t - gap / (soft * slope + h * cell)
-        if not below <= new <= above or (sweep > 5 and sweep % 2 == 1):
-            new = 0.5 * (below + above)
-        move = new - t
-        t = new
-        if abs(move) <= CLOSE:
+def _bracket(cell, way, speeds, nodes, b, target, h, element, bends):
+    """Cell in which the gap passes zero, sought from one on upwards (way 1) or downwards (way -1)."""
+    last, width = speeds.size - 2, 1
+    near, far = cell, cell
+    while True:
+        far = min(max(near + way * width, 0), last)
+        node = far + 1 if way > 0 else far
+        passed = _gap(_node_force(node, nodes, b), speeds[node], target, h, element, bends) > 0.0
+        if passed == (way > 0) or far == 0 or far == last:
             break
-    return t
+        near, width = far, 2 * width
+    low, high = min(near, far), max(near, far)
+    while low < high:
+        middle = (low + high) // 2
+        node = middle + 1
+        if _gap(_node_force(node, nodes, b), speeds[node], target, h, element, bends) > 0.0:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+@njit(error_model="numpy", fastmath={"contract"})
+def _within(start, rise, w, cell, target, h, element):
+    """Place in a cell at which the gap is zero, along the straight line of the law through it."""
+    if rise > 0.0:
+        inverse = cell / rise
+        right = target - h * (w + (element[5] - start) * inverse)
+        force = element[5] + math.copysign(_carried(abs(right), element[0] + h * inverse, element), right)
+        if force >= element[4]:
+            return (force - start) / rise
+        start = element[4]
+    return ((target - _deflection(max(start, element[4]), element)[0]) / h - w) / cell
+
+
+@njit(error_model="numpy", fastmath={"contract"})
+def _carried(right, stiff, element):
+    """Force F ≥ 0 beyond that at rest with stiff F + D(F) = right, D of play and air.
+
+    The left side rises and is concave, so that Newton's rule from below comes up to the root without passing it. Below
+    lie the tangent at no force and the line of what has given way altogether.
+    """
+    soft = 0.0
+    if element[3] > 0.0:
+        soft += element[3] / TAKEN_UP
+    if element[1] > 0.0:
+        soft += element[1] * (AIR[1] - AIR[0]) * (AIR.size - 1) / element[2]
+    force = max(right / (stiff + soft), (right - element[3] - element[1]) / stiff)
+    for _ in range(100):
+        d, soft = _given(force, element)
+        move = (right - d - stiff * force) / (stiff + soft)
+        force += move
+        if abs(move) <= CLOSE * force:
+            break
+    return force
 
 
 @njit(error_model="numpy", fastmath={"contract"})
@@ -307,18 +338,25 @@ def _node_force(node, nodes, b):
 def _deflection(force, element):
     """Deflection of spring, play and air, and its slope."""
     force -= element[5]
-    d, slope = element[0] * force, element[0]
+    d, soft = _given(abs(force), element)
+    return element[0] * force + math.copysign(d, force), element[0] + soft
+
+
+@njit(error_model="numpy", fastmath={"contract"})
+def _given(size, element):
+    """Deflection of play and air under a force of a size, and its slope."""
+    d = slope = 0.0
     if element[3] > 0.0:
-        t = math.tanh(force / TAKEN_UP) if abs(force) < TAKEN else math.copysign(1.0, force)
+        t = math.tanh(size / TAKEN_UP) if size < TAKEN else 1.0
         d += element[3] * t
         slope += element[3] * (1.0 - t * t) / TAKEN_UP
     if element[1] > 0.0:
-        size = abs(force) + element[2]
-        place = abs(force) / size * (AIR.size - 1)
+        whole = size + element[2]
+        place = size / whole * (AIR.size - 1)
         node = min(int(place), AIR.size - 2)
         rise = AIR[node + 1] - AIR[node]
-        d += math.copysign(element[1] * (AIR[node] + (place - node) * rise), force)
-        slope += element[1] * rise * (AIR.size - 1) * element[2] / (size * size)
+        d += element[1] * (AIR[node] + (place - node) * rise)
+        slope += element[1] * rise * (AIR.size - 1) * element[2] / (whole * whole)
     return d, slope
 
 

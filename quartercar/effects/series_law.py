@@ -80,15 +80,16 @@ def read_law(core: Core, s: Signals, rigid: np.ndarray, deflection: np.ndarray, 
     speeds = nodes_of(s)
     seen = _seen(s)
     few_samples = s.cached("a law's samples", lambda: _taken(s, seen))
-    if not static or not np.allclose(core(few_samples), rigid[seen], rtol=SAME, atol=SAME * np.ptp(rigid)):
+    here = core(few_samples)
+    if not static or not np.allclose(here, rigid[seen], rtol=SAME, atol=SAME * np.ptp(rigid)):
         return with_memory(core, s, rigid)
-    first = s.cached("a law's samples at every speed", lambda: _spread(s, seen, speeds))
-    table = core(first).reshape(speeds.size, seen.size)
+    table = core(s.cached("a law's samples at every speed", lambda: _spread(few_samples, speeds)))
+    table = table.reshape(speeds.size, seen.size)
     turned = None
     if s.has("displacement"):
-        x = np.tile((s["displacement"] - deflection)[seen], speeds.size)
-        turned = core(first.asked(displacement=x)).reshape(table.shape)
-        turned = None if np.array_equal(turned, table) else turned
+        moved = few_samples.asked(displacement=(s["displacement"] - deflection)[seen])
+        if not np.array_equal(core(moved), here):  # the law depends on the position
+            turned = core(_spread(moved, speeds)).reshape(table.shape)
     size = float(np.abs(table).max())
     if not size < HUGE or np.diff(table, axis=0).min() < -SAME * max(size, 1e-300):
         return with_memory(core, s, rigid)
@@ -200,12 +201,14 @@ def _seen(s: Signals) -> np.ndarray:
     return s.cached("samples at which a law is read", make)
 
 
-def _spread(s: Signals, seen: np.ndarray, speeds: np.ndarray) -> Signals:
-    """Signals that hold the chosen samples at every speed."""
-    channels = {role: np.tile(c[seen], speeds.size) for role, c in s.channels.items()}
-    channels["velocity"] = np.repeat(speeds, seen.size)
-    return Signals(s.sample_time, channels, np.tile(s.output[seen], speeds.size), s.name, s.span, record=s.record or s,
-                   at=np.tile(s.places[seen], speeds.size))
+def _spread(few_samples: Signals, speeds: np.ndarray) -> Signals:
+    """Signals that hold samples at every speed."""
+    count = speeds.size
+    channels = {role: np.tile(c, count) for role, c in few_samples.channels.items()}
+    channels["velocity"] = np.repeat(speeds, few_samples.n_samples)
+    return Signals(few_samples.sample_time, channels, np.tile(few_samples.output, count), few_samples.name,
+                   few_samples.span, record=few_samples.record, at=np.tile(few_samples.places, count),
+                   repeats=(few_samples, count))
 
 
 def _changes(s: Signals) -> tuple[np.ndarray, np.ndarray]:

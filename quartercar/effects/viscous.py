@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -53,12 +54,61 @@ def static_share(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Shares:
-    """(n,) each: the slopes in either direction, the static share; and the channels that these belong to."""
+    """Slopes in either direction, and the static share, of a core at signals, each worked out when it is asked for.
 
-    rising: np.ndarray
-    falling: np.ndarray
-    static: np.ndarray
+    Attributes
+    ----------
+    s : Signals
+    core : Core
+    top : float
+        The higher of the two speeds [m/s].
+    count : int
+        How many times the samples are repeated.
+    channels : list of arrays
+        That these belong to.
+    """
+
+    s: Signals
+    core: Core
+    top: float
+    count: int
     channels: list[np.ndarray]
+
+    def _at(self, share: float) -> np.ndarray:
+        """The core at a share of the top speed."""
+        return self.core(self.s.asked(velocity=np.full(self.s.n_samples, share * self.top)))
+
+    @cached_property
+    def _forwards(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._at(1.0), self._at(HALF)
+
+    @cached_property
+    def _backwards(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._at(-1.0), self._at(-HALF)
+
+    @cached_property
+    def rising(self) -> np.ndarray:
+        """(n,) slope at positive speeds [N·s/m]."""
+        high, low = self._forwards
+        return self._repeated(np.maximum((high - low) / ((1 - HALF) * self.top), 0.0))
+
+    @cached_property
+    def falling(self) -> np.ndarray:
+        """(n,) slope at negative speeds [N·s/m]."""
+        high, low = self._backwards
+        return self._repeated(np.maximum((low - high) / ((1 - HALF) * self.top), 0.0))
+
+    @cached_property
+    def static(self) -> np.ndarray:
+        """(n,) static share [N]."""
+        (high, low), (back_high, back_low) = self._forwards, self._backwards
+        even, even_low = (high + back_high) / 2, (low + back_low) / 2
+        even, still = even_low - (even - even_low) * HALF / (1 - HALF), self._at(0.0)
+        share = np.where(even * still > 0, np.sign(still) * np.minimum(np.abs(even), np.abs(still)), 0.0)
+        return self._repeated(share)
+
+    def _repeated(self, values: np.ndarray) -> np.ndarray:
+        return np.tile(values, self.count) if self.count > 1 else values
 
 
 def _kept(s: Signals, record: Signals, core: Core) -> _Shares:
@@ -66,25 +116,15 @@ def _kept(s: Signals, record: Signals, core: Core) -> _Shares:
     rest = [s[r] for r in s.channels if r != "velocity"]
     kept: OrderedDict = record.cached("shares of the force", OrderedDict)
     key = (core, s.n_samples, *map(id, rest))
-    found = kept.pop(key, None) or _shares(s, _top(s), core, rest)  # channels kept alive keep their identity
+    found = kept.pop(key, None)
+    if found is None:  # channels kept alive keep their identity
+        few, count = s.distinct
+        found = _Shares(few, core, _top(s), count, rest)
     kept[key] = found
     with suppress(KeyError):  # several threads may share the signals
         if len(kept) > KEPT:
             kept.popitem(last=False)
     return found
-
-
-def _shares(s: Signals, top: float, core: Core, rest: list[np.ndarray]) -> _Shares:
-    def at(speed: float) -> np.ndarray:
-        return core(s.asked(velocity=np.full(s.n_samples, speed)))
-
-    high, low, back_high, back_low = at(top), at(HALF * top), at(-top), at(-HALF * top)
-    apart = (1 - HALF) * top
-    even, even_low = (high + back_high) / 2, (low + back_low) / 2
-    even, still = even_low - (even - even_low) * HALF / (1 - HALF), at(0.0)
-    static = np.where(even * still > 0, np.sign(still) * np.minimum(np.abs(even), np.abs(still)), 0.0)
-    return _Shares(np.maximum((high - low) / apart, 0.0), np.maximum((back_low - back_high) / apart, 0.0), static,
-                   rest)
 
 
 def measured_slope(signals: Sequence[Signals]) -> float:
