@@ -10,10 +10,10 @@ from hidden import Made
 from hidden_causes import find
 from hidden_truth import IMITATED, SAME, SEPARATE, SHARE, baseline_for, build, oracle_gain
 
+from lpvid.diagnosis import engine as gates
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis import engine as gates
 from lpvid.diagnosis.evidence import engine as evidence
 from lpvid.diagnosis.noise import Whitening
 from lpvid.diagnosis.problem import Problem

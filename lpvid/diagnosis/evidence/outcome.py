@@ -11,7 +11,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Rejected, Rivals, VisitedSet, Weights
 from lpvid.diagnosis.evidence.judging import NAMED, Judged, Member
-from lpvid.diagnosis.evidence.search import MISSED, Search
+from lpvid.diagnosis.evidence.search import MISSED, Search, probabilities
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.localise import Wrong, localise
 from lpvid.diagnosis.noise import NoiseLevel
@@ -96,7 +96,7 @@ class Outcome:
             {e.effect.name: {"likelihood_ratio": e.likelihood_ratio, "p_value": e.p_value,
                              "smallest_detectable": e.smallest_detectable} for e in self.screened},
             weights=Weights(self._families(), float(sum(p for w, p in sets if not w.members)), self.of_law,
-                            _place(rest), self._stories(after.esr_held_out), self._probabilities()))
+                            _place(rest), self._stories(after.esr_held_out), probabilities(j.sets)))
 
     # -- verdict -------------------------------------------------------------------------------------------------------
     def _verdict(self, named: Sequence[Member], contested: Sequence[Member], others: Sequence[Member]
@@ -175,14 +175,6 @@ class Outcome:
         families = {e.family for w, _ in self.judged.sets for e in w.effects}
         held = {f: float(sum(p for w, p in self.judged.sets if any(e.family == f for e in w.effects)))
                 for f in families}
-        return dict(sorted(held.items(), key=lambda t: (-t[1], t[0])))
-
-    def _probabilities(self) -> dict[str, float]:
-        """Of every component, by the names of what visited sets hold of it."""
-        held: dict[str, float] = {}
-        for w, p in self.judged.sets:
-            for c in {e.component for e in w.effects}:
-                held[c] = held.get(c, 0.0) + p
         return dict(sorted(held.items(), key=lambda t: (-t[1], t[0])))
 
     def _stories(self, esr: float) -> tuple[VisitedSet, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -126,8 +126,10 @@ class Search:
         if not self._open(w):
             return
         self.enlarged.add(w.members)
-        names = ", ".join(sorted(w.members)) or "the baseline alone"
-        self.say(f"looking beyond {names} (best so far: {', '.join(sorted(self.best.members)) or 'nothing'})")
+        best, share = posterior(self)[0]
+        names, leader = (", ".join(sorted(x.members)) for x in (w, best))
+        self.say(f"looking beyond {names or 'the baseline alone'} (best so far: {leader or 'nothing'}, {share:.2f} of "
+                 f"{len(self.visited)} sets)")
         found = self.look(w)
         chosen = [e for e in self._promising(w, found) if w.members | {e.name} not in self.visited]
         if not chosen:
@@ -287,7 +289,10 @@ def posterior(search: Search) -> list[tuple[Weighed, float]]:
     return sorted(zip(every, weights.tolist(), strict=True), key=lambda t: -t[1])
 
 
-def mass(sets: Sequence[tuple[Weighed, float]], names: Iterator[str] | Sequence[str]) -> float:
-    """Probability that any of these causes is there."""
-    wanted = set(names)
-    return float(sum(p for w, p in sets if w.members & wanted))
+def probabilities(sets: Sequence[tuple[Weighed, float]]) -> dict[str, float]:
+    """Probability of every component that some set holds, wherever it sits, the most probable first."""
+    held: dict[str, float] = {}
+    for w, p in sets:
+        for c in {e.component for e in w.effects}:
+            held[c] = held.get(c, 0.0) + p
+    return dict(sorted(held.items(), key=lambda t: (-t[1], t[0])))
