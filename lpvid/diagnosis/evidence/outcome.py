@@ -71,7 +71,7 @@ class Outcome:
         """All of it."""
         j, sets = self.judged, self.judged.sets
         members = j.members if self.significant else ()
-        objections = {m.effect.name: m.objection(self.left) for m in members}
+        objections = {m.effect.name: m.objection(self.left, self.of_law) for m in members}
         named = [m for m in members if objections[m.effect.name] is None and not m.rivals]
         contested = [m for m in members if objections[m.effect.name] is None and m.rivals]
         rejected = [Rejected(m.effect.name, why) for m in members if (why := objections[m.effect.name])]
