@@ -1,4 +1,4 @@
-"""Whether probabilities mean what they say: short blind cases of both rigs by the evidence engine, and their reliability.
+"""Whether probabilities mean what they say: short blind cases of both rigs by the evidence engine; reliability.
 
     python tests/benchmarks/diagnosis_calibration.py OUT --foreign 100 --own 100 --seed 3
     python tests/benchmarks/diagnosis_calibration.py OUT --table [--picture FILE.png] [--csv FILE.csv]

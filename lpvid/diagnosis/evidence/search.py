@@ -30,9 +30,8 @@ HEAT, STEPS = 2, 8
 LOOKED, POINTS = 14, 4
 """effects beside a set that are simulated anew, those first that promise most by what they changed beside the
 baseline alone, and points at which each is looked at"""
-MISSED, LITTLE = 2 * USUAL, 0.05
-"""root mean square of an error, over the output's, that a good law may leave: twice the usual; and share of the
-baseline's squared error that names nothing by itself, of a law that is nearly right"""
+MISSED = 2 * USUAL
+"""root mean square of an error, over the output's, that a good law may leave: twice the usual"""
 LAGGING = ("motion", "force", "all")
 """paths whose lags, delays and filters imitate each other and every dynamic cause; a set holds one of them"""
 HOPELESS = 20.0
@@ -65,9 +64,6 @@ class Search:
         κ of the best set's error, by which all sets are weighed.
     predictable : float
         Share of that error which the inputs predict.
-    floor : float
-        Squared error below which sets count as equally good, once the search is over: that of the best set and what a
-        good law may miss beyond, `MISSED` of the output or `LITTLE` of what the baseline misses.
     """
 
     data: Data
@@ -79,7 +75,6 @@ class Search:
     enlarged: set[frozenset[str]] = field(default_factory=set)
     kept: float = 1.0
     predictable: float = 0.0
-    floor: float = 0.0
 
     @property
     def problem(self) -> Problem:
@@ -93,7 +88,7 @@ class Search:
 
     def score(self, w: Weighed) -> float:
         """Evidence of a set at the present κ."""
-        return w.evidence(self.kept, self.floor)
+        return w.evidence(self.kept)
 
     def run(self, root: Refit) -> None:
         """Visit sets from the baseline alone on."""

@@ -122,18 +122,18 @@ def _cut(s: Signals, last: int) -> Signals:
 
 
 def _liveliest(s: Signals, count: int, size: int) -> list[int]:
-    """First samples of so many stretches, one in each part of equal length."""
+    """First samples of so many stretches, one in each part of equal length; the start-up does not count."""
     moved = np.zeros(s.n_samples)
     for values in s.channels.values():
         step = np.diff(values, prepend=values[:1]) ** 2
         moved += step / max(float(step.mean()), 1e-300)
-    activity = np.concatenate([[0.0], np.cumsum(moved)])
+    activity, head = np.concatenate([[0.0], np.cumsum(moved)]), round(START_UP / s.sample_time)
     edges = np.linspace(0, s.n_samples, count + 1).round().astype(int)
     out = []
     for a, b in pairwise(edges):
         last = min(max(b - size, a), s.n_samples - size)
         begins = np.arange(a, last + 1)
-        out.append(int(begins[np.argmax(activity[begins + size] - activity[begins])]))
+        out.append(int(begins[np.argmax(activity[begins + size] - activity[begins + head])]))
     return out
 
 
