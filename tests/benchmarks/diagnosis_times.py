@@ -43,7 +43,8 @@ def main() -> None:
     part, parts = map(int, options.shard.split("/"))
     names = options.only.split(",") if options.only else ["none", *(c.name for c in CAUSES)]
     experiment = replace(EXPERIMENTS[options.experiment], duration=30.0)
-    lpv.diagnose(hiding("backlash").run(replace(experiment, duration=8.0), 1), options.baseline, CATALOGUE, engine=options.engine)
+    warm = hiding("backlash").run(replace(experiment, duration=8.0), 1)
+    lpv.diagnose(warm, options.baseline, CATALOGUE, engine=options.engine)
     for name in names[part::parts]:
         record = hiding(name).run(experiment, options.seed)
         wall, cpu = time.perf_counter(), time.process_time()
