@@ -94,8 +94,10 @@ class Search:
         """Visit sets from the baseline alone on."""
         self.visited[frozenset()] = Weighed(self.data, root)
         self._reweigh()
-        self.look(self.visited[frozenset()])
+        self.enlarge(self.visited[frozenset()])  # else a pair that imitates a single cause comes before it
+        self._reweigh()
         self._pairs(self.visited[frozenset()])
+        self._reweigh()
         for _ in range(DEEPEST):
             before = self.best
             open_sets = [w for w in self.visited.values() if self._open(w)]
