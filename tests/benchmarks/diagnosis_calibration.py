@@ -1,11 +1,11 @@
-"""Whether probabilities mean what they say: short blind cases of both rigs by the evidence engine; reliability.
+"""Reliability of the probabilities: short blind cases of both rigs by the evidence engine.
 
     python tests/benchmarks/diagnosis_calibration.py OUT --foreign 100 --own 100 --seed 3
     python tests/benchmarks/diagnosis_calibration.py OUT --table [--picture FILE.png] [--csv FILE.csv]
 
 A pair is a component that the diagnosis gives at least `LISTED`, its probability, and whether it is there. What a
 record truly has besides (the chain's filters; friction and springs of the law itself) is neither right nor wrong and is
-left out, and so are names that nothing in these data tells from what is hidden (own rig, `near`). Cases with even
+left out, and so are names that nothing in these data keeps apart from what is hidden (own rig, `near`). Cases with even
 numbers fit the map, those with odd numbers judge it. Foreign cases are sized as in `foreign_rig.truth`, without the
 comparison with every other cause, which takes longer than the diagnosis.
 """
@@ -151,12 +151,12 @@ def table(rows: list[Row]) -> str:
     for label, part in (("raw, all", found), ("raw, odd", odd)):
         bins, error = reliability(part)
         lines += [f"{label}: expected calibration error {error:.3f}",
-                  *(f"  {a:.3f} said, {b:.3f} true, {n}" for a, b, n in bins)]
+                  *(f"  {a:.3f} given, {b:.3f} there, {n}" for a, b, n in bins)]
     slope, offset = fitted(even)
     values = mapped(np.array([f[0] for f in odd]), slope, offset)
     bins, error = reliability([(float(v), f[1], f[2]) for v, f in zip(values, odd, strict=True)])
     lines += [f"map of the even cases: slope {slope:.3f}, offset {offset:.3f}; odd cases by it: {error:.3f}",
-              *(f"  {a:.3f} said, {b:.3f} true, {n}" for a, b, n in bins)]
+              *(f"  {a:.3f} given, {b:.3f} there, {n}" for a, b, n in bins)]
     return "\n".join(lines)
 
 

@@ -38,7 +38,7 @@ HOPELESS = 20.0
 """log-evidence by which a set with one effect more may stay behind the best one, as its look promises, and is refitted
 all the same: a refit may find more than first order does"""
 LEAST_WORTH = 0.1
-"""share of independent samples that a refit of the search assumes at least, to know when to end"""
+"""share of independent samples that a refit of the search assumes at least, for where it ends"""
 TOGETHER, RACED = 3, 2
 """points of either of a pair, and pairs of them from which it is refitted: those that leave least as they stand"""
 
@@ -138,7 +138,7 @@ class Search:
         """What the effects outside a set would change, at the points where they are looked at.
 
         All of them beside the baseline alone. Beside a set what they changed there serves first: less the set's
-        sensitivities, it says what each would take away if it acted as it did there; those that promise most, and the
+        sensitivities, it is what each would take away if it acted as it did there; those that promise most, and the
         partners of the members, are simulated anew.
         """
         outside = [e for e in self.candidates if e.name not in w.members and together((*w.effects, e))]

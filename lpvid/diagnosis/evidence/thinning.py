@@ -17,13 +17,13 @@ from lpvid.record import Record
 
 ENOUGH = 3000
 """samples for a search, whose time is in proportion. An error that is all structure is worth `independence.WORTH` = 60
-of them; of white noise of 1 %, so many tell a cause of .2 % (a log-likelihood ratio of 60)"""
+of them; in white noise of 1 %, so many show a cause of .2 % (a log-likelihood ratio of 60)"""
 BAND = 0.8
 """share of half the sample rate that an anti-alias filter leaves"""
 FEWEST = 4
 """stretches over all records at least, so that slow causes show"""
 LEAD = START_UP / 2
-"""time at the head of a stretch in which the one before leads over to it [s]; the rest of the start-up forgets it"""
+"""time at the head of a stretch in which the one before leads over to it [s]; in the rest of the start-up its trace dies away"""
 
 
 def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record], int]:
@@ -48,7 +48,7 @@ def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record]
 
 
 def for_search(signals: Sequence[Signals], static: bool) -> tuple[Signals, ...]:
-    """What a search runs on: stretches beside a law that soon forgets, the first part of every record beside others."""
+    """What a search runs on: stretches beside a law of short memory, the first part of every record beside others."""
     if static:
         return stretched(signals)
     share = min(ENOUGH / sum(s.n_samples for s in signals), 1.0)
@@ -66,7 +66,7 @@ def length_of(signals: Sequence[Signals]) -> float:
 def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
     """At most about `ENOUGH` samples: stretches, spread evenly over the records, cut together; all where they are few.
 
-    In each part of a record, the stretch in which the inputs move most: a current that jumps once in a part tells
+    In each part of a record, the stretch in which the inputs move most: a current that jumps once in a part shows
     nothing elsewhere. Between two of them the channels lead over smoothly, in a time that counts for nothing; each
     holds what came before it, of which heat is built up. A run along one record costs a fraction of runs along many.
     """
