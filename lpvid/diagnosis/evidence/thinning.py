@@ -23,7 +23,8 @@ BAND = 0.8
 FEWEST = 4
 """stretches over all records at least, so that slow causes show"""
 LEAD = START_UP / 2
-"""time at the head of a stretch in which the one before leads over to it [s]; in the rest of the start-up its trace dies away"""
+"""time at the head of a stretch in which the one before leads over to it [s]; in the rest of the start-up the trace of
+that dies away"""
 
 
 def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record], int]:

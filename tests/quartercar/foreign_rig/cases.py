@@ -29,7 +29,7 @@ OWN = {"herschel-bulkley": {"input-nonlinearity"}, "polynomial": {"input-nonline
        "dahl": {"coulomb-friction", "inner-friction", "hysteresis", "series-compliance", "entrained-air"},
        "lugre": {"coulomb-friction", "inner-friction", "hysteresis", "stribeck-friction", "series-compliance",
                  "entrained-air"}, "bouc-wen": set()}
-"""What the law truly has and the baseline has not: neither right nor wrong when named. Dahl's friction is the catalogue's
+"""What the law truly has and the baseline has not: neither right nor wrong when named. Dahl's friction is
 `hysteresis` of straightness 0, and a slider behind a spring."""
 KNOWN = {"polynomial": {"coulomb-friction", "gas-stiffness", "asymmetry", "quadratic-loss"},
          "bouc-wen": {"gas-stiffness"}}
