@@ -19,7 +19,7 @@ QUIET = {"kind": "one", "causes": ("coulomb-friction",), "baseline": "guo", "exc
 def answer(named: tuple[str, ...] = (), rivals: tuple[tuple[str, ...], ...] = ()) -> SimpleNamespace:
     """As much of a diagnosis as a row reads."""
     causes = [SimpleNamespace(name=n, parameters=(), delta_bic=-20.0, contribution=0.1) for n in named]
-    return SimpleNamespace(verdict="cannot-tell", reason="", causes=causes,
+    return SimpleNamespace(weights=None, verdict="cannot-tell", reason="", causes=causes,
                            rivals=[SimpleNamespace(names=r) for r in rivals], rejected=[], explained_share=None,
                            noise={"predictable_share": 0.0}, gain_percent=0.0, extended=None)
 
