@@ -168,10 +168,10 @@ def answer(question: Question, settings: DiagnosisSettings | None = None,
             baseline = baseline.fit(prepared.training)
         found = run(prepared.training, baseline, question.catalogue, prepared.held_out,
                     replace(settings, fit_baseline=False), told)
-    except KeyboardInterrupt:
-        from lpvid.diagnosis.interrupted import interrupted
+    except KeyboardInterrupt as stop:
+        from lpvid.diagnosis.interrupted import InterruptedSearch, interrupted
 
-        found = interrupted(baseline, prepared, stage[0])
+        found = interrupted(baseline, prepared, stage[0], stop.best if isinstance(stop, InterruptedSearch) else None)
     extended = None if found.extended is None else _with_roles(found.extended.remembering(prepared.training), question)
     told_of = {**found.baseline, "polarity": baseline.polarity, **({"esr_as_given": given} if given else {})}
     return replace(found, audit=heard, notes=(*found.notes, *notes), extended=extended, baseline=told_of)

@@ -19,7 +19,8 @@ FEWEST = 8
 GAP = 0.1
 """share of a block left out at its start, so that neighbours do not lean on each other"""
 START_UP = 0.25
-"""time left out at the head of every record [s], or a twentieth of it if that is less"""
+"""time left out at the head of every record [s], or a twentieth of it if that is less; all of it at the head of a
+stretch out of one, before which there is another motion"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,20 +54,18 @@ class Blocks:
             Records too short for it.
         """
         period = signals[0].sample_time
-        heads = [max(start, round(min(START_UP / period, 0.05 * s.n_samples))) for s in signals]
-        total = sum(max(s.n_samples - h, 0) for s, h in zip(signals, heads, strict=True)) * period
+        pieces = [(k, first, last, bool(s.stretches)) for k, s in enumerate(signals) for first, last in s.pieces]
+        heads = [max(start, round(START_UP / period if part else min(START_UP / period, 0.05 * (last - first))))
+                 for _, first, last, part in pieces]
+        total = sum(max(last - first - h, 0) for (_, first, last, _), h in zip(pieces, heads, strict=True)) * period
         length = float(np.clip(total / WANTED, SHORTEST, LONGEST))
         size = max(round(length / period), 8)
-        numbers, count, folds = [], 0, []
-        for s, head in zip(signals, heads, strict=True):
-            own = np.full(s.n_samples, -1)
-            pieces = (s.n_samples - head) // size
-            for k in range(pieces):
-                first = head + k * size
-                own[first + round(GAP * size): first + size] = count
+        numbers, count, folds = [np.full(s.n_samples, -1) for s in signals], 0, []
+        for (k, begin, last, _), head in zip(pieces, heads, strict=True):
+            for first in range(begin + head, last - size + 1, size):
+                numbers[k][first + round(GAP * size): first + size] = count
                 folds.append(count % 2)
                 count += 1
-            numbers.append(own)
         if count < FEWEST:
             raise InputError("too little data for a diagnosis", got=f"{total:.3g} s in {len(signals)} record(s)",
                              why=f"at least {FEWEST} blocks of {length:g} s are needed", mend="longer records")

@@ -159,6 +159,8 @@ class Weights:
         Where that lies, above all.
     sets : tuple of VisitedSet
         Best first.
+    causes : mapping of str to float
+        Probability of every component, wherever it sits, that some visited set holds; the most probable first.
     """
 
     families: Mapping[str, float]
@@ -166,10 +168,12 @@ class Weights:
     discrepancy: float
     where: str
     sets: tuple[VisitedSet, ...]
+    causes: Mapping[str, float] = field(default_factory=dict)
 
     def to_dict(self) -> dict:
         """Keys of diagnosis.json, schema 2."""
-        return {"families": [{"name": n, "probability": p} for n, p in self.families.items()],
+        return {"probabilities": dict(self.causes),
+                "families": [{"name": n, "probability": p} for n, p in self.families.items()],
                 "probability_of_nothing": self.nothing,
                 "discrepancy": {"share": self.discrepancy, "where": self.where},
                 "sets": [s.to_dict() for s in self.sets]}

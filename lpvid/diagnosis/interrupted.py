@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.diagnosis import Diagnosis, Errors
+from lpvid.diagnosis.diagnosis import Diagnosis, Errors, Weights
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.localise import localise
 from lpvid.diagnosis.noise import WHITE
@@ -15,8 +17,42 @@ from lpvid.diagnosis.preparing import Prepared
 from lpvid.diagnosis.problem import Problem
 
 
-def interrupted(baseline: Baseline, prepared: Prepared, stage: str) -> Diagnosis:
-    """A partial diagnosis: no verdict on any cause, the baseline's error and where it lies.
+@dataclass(frozen=True, eq=False)
+class BestSoFar:
+    """What an interrupted search had found.
+
+    Attributes
+    ----------
+    composition : Composition
+        The most probable set by then.
+    vector : (P,) array
+    probability : float
+        Its share among the sets that were visited.
+    weights : Weights
+        Of those sets.
+    """
+
+    composition: Composition
+    vector: np.ndarray
+    probability: float
+    weights: Weights
+
+
+class InterruptedSearch(KeyboardInterrupt):
+    """An interruption (Ctrl-C) of a search that had found something.
+
+    Attributes
+    ----------
+    best : BestSoFar
+    """
+
+    def __init__(self, best: BestSoFar) -> None:
+        super().__init__()
+        self.best = best
+
+
+def interrupted(baseline: Baseline, prepared: Prepared, stage: str, best: BestSoFar | None = None) -> Diagnosis:
+    """A partial diagnosis: no verdict on any cause, the baseline's error and where it lies, the best set by then.
 
     Parameters
     ----------
@@ -25,16 +61,30 @@ def interrupted(baseline: Baseline, prepared: Prepared, stage: str) -> Diagnosis
     prepared : Prepared
     stage : str
         What was being done.
+    best : BestSoFar, optional
+        Of a search that had begun; it becomes the extended model, and nothing of it is named.
     """
     signals = tuple(baseline.signals(r) for r in prepared.training)
     problem = Problem(signals, Blocks.of(signals, baseline.start), WHITE)
-    vector = baseline.vector
-    errors = problem.errors(Composition(baseline), vector)
-    stacked = problem.stack(errors, whiten=False)
-    esr = float(np.mean(stacked**2)) / max(problem.spread**2, 1e-300)
-    figures = Errors(esr, esr, float(np.sqrt(np.mean(stacked**2))))
+    bare = Composition(baseline)
+    before = _figures(problem, bare, baseline.vector)
+    wrong = localise(problem, problem.errors(bare, baseline.vector))
+    composition, vector, after = bare, baseline.vector, before
+    reason = f"interrupted while {stage}: no cause was judged"
+    if best is not None and best.composition.effects:
+        composition, vector = best.composition, best.vector
+        after = _figures(problem, composition, vector)
+        names = ", ".join(sorted(composition.members))
+        reason += f"; best set so far: {names}, {best.probability:.2f} of the sets visited"
     unknown = np.full((vector.size, vector.size), np.nan)
-    return Diagnosis("cannot-tell", f"interrupted while {stage}: no cause was judged", baseline.describe(), figures,
-                     figures, None, {"name": "not looked at"}, localise(problem, errors), (), (), (), (), None,
-                     "training samples, nothing was held out", ExtendedModel(Composition(baseline), vector, unknown),
-                     baseline.output_unit, complete=False)
+    return Diagnosis("cannot-tell", reason, baseline.describe(), before, after, None, {"name": "not looked at"}, wrong,
+                     (), (), (), (), None, "training samples, nothing was held out",
+                     ExtendedModel(composition, vector, unknown), baseline.output_unit, complete=False,
+                     weights=None if best is None else best.weights)
+
+
+def _figures(problem: Problem, composition: Composition, vector: np.ndarray) -> Errors:
+    """Free-run errors on the training samples."""
+    stacked = problem.stack(problem.errors(composition, vector), whiten=False)
+    esr = float(np.mean(stacked**2)) / max(problem.spread**2, 1e-300)
+    return Errors(esr, esr, float(np.sqrt(np.mean(stacked**2))))

@@ -138,15 +138,16 @@ def hopped_on(found: Refit, iterations: int = ITERATIONS, rough: bool = False, t
 
 
 def descend(problem: Problem, composition: Composition, start: np.ndarray, fold: int | None = None,
-            iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False, target: float = np.inf
-            ) -> Refit:
+            iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False, target: float = np.inf,
+            worth: float = 1.0) -> Refit:
     """Minimise the whitened squared error by derivatives: where `descent` is after so many iterations."""
-    *_, found = islice(descent(problem, composition, start, fold, near, rough, target), iterations + 1)
+    *_, found = islice(descent(problem, composition, start, fold, near, rough, target, worth), iterations + 1)
     return found
 
 
 def descent(problem: Problem, composition: Composition, start: np.ndarray, fold: int | None = None,
-            near: Refit | None = None, rough: bool = False, target: float = np.inf) -> Iterator[Refit]:
+            near: Refit | None = None, rough: bool = False, target: float = np.inf, worth: float = 1.0
+            ) -> Iterator[Refit]:
     """The way of a minimisation by derivatives: its start, and where each iteration leads, until none promises more.
 
     Levenberg-Marquardt with columns scaled by their norms; parameters at a bound that want to leave it are held. After
@@ -167,6 +168,9 @@ def descent(problem: Problem, composition: Composition, start: np.ndarray, fold:
         Whether to end where a carried-on Jacobian promises nothing more.
     target : float
         Cost that it is to come near: a step must promise `TOWARDS` of what lacks.
+    worth : float
+        Independent samples that each sample counts for: where the error is structure, a fall of the log-likelihood by
+        as much as a step must promise takes more.
 
     Yields
     ------
@@ -196,7 +200,7 @@ def descent(problem: Problem, composition: Composition, start: np.ndarray, fold:
         if age > SECANTS:
             jacobian, age = derivative(), 0
         step, promised = _step(jacobian, now.errors, weights, now.vector, damping, low, high)
-        little = promised < (ROUGHLY if rough else PROMISE) * now.cost / count
+        little = promised < (ROUGHLY if rough else PROMISE) * now.cost / (worth * count)
         if little or promised < TOWARDS * (now.cost - target):
             if damping > LEAST_DAMPING and not failed:  # along a valley's floor a damped step promises little
                 damping = max(damping / 100, LEAST_DAMPING)

@@ -19,6 +19,25 @@ STEPPED = 0.3
 
 
 @dataclass(frozen=True, eq=False)
+class Stretch:
+    """A part of a record among signals that are cut together.
+
+    Attributes
+    ----------
+    first : int
+        Its first sample among these.
+    span : (float, float)
+        Where it lies in the time of all records of the diagnosis, 0 their start and 1 their end.
+    past : Signals or None
+        What came before it in its record: of that a slow state, such as heat, is built up.
+    """
+
+    first: int
+    span: tuple[float, float]
+    past: Signals | None
+
+
+@dataclass(frozen=True, eq=False)
 class Signals:
     """Channels of one record by role, (n,) each, on a uniform clock, SI.
 
@@ -46,6 +65,8 @@ class Signals:
         along those, and comes here by `refined`.
     peers : tuple of Signals
         All records of a diagnosis, as recorded: what one measurement did to all of them they tell together.
+    stretches : tuple of Stretch
+        Where these are cut together from stretches of records, what they are; else empty.
     repeats : (Signals, int), optional
         Signals of which these repeat all but the velocity so many times, one repetition after the other.
     """
@@ -62,6 +83,7 @@ class Signals:
     finer: int = 1
     coarse: Signals | None = field(default=None, repr=False)
     peers: tuple[Signals, ...] = field(default=(), repr=False)
+    stretches: tuple[Stretch, ...] = field(default=(), repr=False)
     repeats: tuple[Signals, int] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -76,6 +98,12 @@ class Signals:
     def times(self) -> np.ndarray:
         """(n,) time from the first sample [s]."""
         return self.sample_time * np.arange(self.n_samples)
+
+    @property
+    def pieces(self) -> list[tuple[int, int]]:
+        """First sample and the one after the last of every stretch in which time goes on evenly."""
+        firsts = [t.first for t in self.stretches] or [0]
+        return list(zip(firsts, [*firsts[1:], self.n_samples], strict=True))
 
     @property
     def places(self) -> np.ndarray:
@@ -102,7 +130,8 @@ class Signals:
         """The same signals with some channels replaced or added; what was cached is forgotten, but for `fact`."""
         facts = {key: found for key, found in self.facts.copy().items() if key[0] not in channels}
         return Signals(self.sample_time, {**self.channels, **channels}, self.output, self.name, self.span, facts=facts,
-                       record=self.record, at=self.at, finer=self.finer, peers=self.peers)
+                       record=self.record, at=self.at, finer=self.finer, peers=self.peers,
+                       stretches=self.stretches)
 
     def asked(self, **channels: np.ndarray) -> Signals:
         """Signals with some channels replaced, at which a law is only asked: these stay the record."""

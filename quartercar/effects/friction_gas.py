@@ -93,7 +93,8 @@ class InnerFriction(ParallelForce):
 
     Of a load path ``motion → spring → (law ∥ friction)`` the element's own speed w = v − (1/k) dF/dt turns the
     friction, not the measured one: after a reversal the force crosses from one side to the other along the spring.
-    With nothing in series it is the friction of `CoulombFriction` without a deflection, and not asked for.
+    With nothing in series it is the friction of `CoulombFriction` without a deflection, and not asked for. How fast it
+    turns round with the speed is its own number: lip seals and guides slide on oil, over a tenth of the speeds.
     """
 
     name: ClassVar[str] = "inner-friction"
@@ -103,22 +104,27 @@ class InnerFriction(ParallelForce):
     title: ClassVar[str] = "dry friction behind a series spring"
     stage: ClassVar[str] = "core"
     layer: ClassVar[int] = 2
-    equation: ClassVar[str] = "F = law(w) + F_c tanh(w/eps), v = w + (1/k) dF/dt, eps = 2 mm/s"
+    equation: ClassVar[str] = "F = law(w) + F_c tanh(w/eps), v = w + (1/k) dF/dt"
     reference: ClassVar[str] = "equation sheet 3.1, 3.5; Iwan 1966, a spring and a slider in series"
     experiment: ClassVar[str] = "small strokes about a reversal, slowly: the slope of force over way is the spring's"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
     partners: ClassVar[tuple[str, ...]] = ("series-compliance", "backlash")
+    added_later: ClassVar[tuple[str, ...]] = ("turning_speed",)
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
-        return (EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,)),)
+        return (EffectParameter("friction", "N", "F_c", 0.0, (0.0, 300.0), (0.0, 1e6), (20.0,)),
+                EffectParameter("turning_speed", "m/s", "eps, at which it has turned round", REVERSAL, (1e-4, 0.05),
+                                (1e-6, 1.0), (REVERSAL,)))
 
     def is_static(self, values: np.ndarray) -> bool:
         return True
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
-        friction = float(values[0])
-        return (lambda s: core(s) + friction * direction(s, 0.0)) if friction else core
+        friction, speed = float(values[0]), float(values[1])
+        if not friction:
+            return core
+        return lambda s: core(s) + friction * s.remembered("turning", speed, lambda: np.tanh(s["velocity"] / speed))
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("the sign of the velocity as a further input, and one more state",

@@ -106,7 +106,10 @@ class MissingScheduling(Effect):
                 return core(s)
             record = s if s.record is None else s.record
             span, n = s.span, record.n_samples
-            modes = record.cached(("slow modes", span), lambda: slow_modes(np.linspace(*span, n)))
+            spans = [(t.span, last - first) for t, (first, last) in zip(record.stretches, record.pieces, strict=True)] \
+                if record.stretches else [(span, n)]
+            modes = record.cached(("slow modes", span), lambda: slow_modes(
+                np.concatenate([np.linspace(*where, size) for where, size in spans])))
             return core(s) * s.of_record(1 + modes @ values)
 
         return run

@@ -19,12 +19,27 @@ SWEEPS = 4
 
 
 def stored_heat(s: Signals, power: np.ndarray, cooling: float) -> np.ndarray:
-    """(n,) heat E in the fluid [J] above its start: dE/dt = P₊ − E/τ, exact for a power held over a sample."""
+    """(n,) heat E in the fluid [J] above its start: dE/dt = P₊ − E/τ, exact for a power held over a sample.
+
+    A stretch of a record starts with the heat that the measured work has left until then.
+    """
     from scipy.signal import lfilter
 
-    decay = np.exp(-s.sample_time / cooling)
-    warmed = np.maximum(power, 0.0) * cooling * -np.expm1(-s.sample_time / cooling)
-    return np.concatenate([[0.0], np.asarray(lfilter([1.0], [1.0, -decay], warmed))[:-1]])
+    def after(power: np.ndarray) -> np.ndarray:
+        warmed = np.maximum(power, 0.0) * cooling * -np.expm1(-s.sample_time / cooling)
+        return np.asarray(lfilter([1.0], [1.0, -np.exp(-s.sample_time / cooling)], warmed))
+
+    def before(past: Signals) -> float:
+        return past.remembered("heat", cooling, lambda: float(after(past.output * past["velocity"])[-1]))
+
+    if not s.stretches:
+        return np.concatenate([[0.0], after(power)[:-1]])
+    out = np.empty(s.n_samples)
+    for t, (first, last) in zip(s.stretches, s.pieces, strict=True):
+        out[first:last] = np.concatenate([[0.0], after(power[first:last])[:-1]])
+        if t.past is not None:
+            out[first:last] += before(t.past) * np.exp(-s.times[: last - first] / cooling)
+    return out
 
 
 Parts = tuple[np.ndarray, ...]

@@ -80,7 +80,8 @@ def summary(found: dict) -> dict:
     return {"verdict": found["verdict"], "reason": found["reason"], "named": [c["name"] for c in found["causes"]],
             "parameters": {c["name"]: {p["name"]: p["value"] for p in c["parameters"]} for c in found["causes"]},
             "probabilities": [c.get("probability") for c in found["causes"]],
-            "families": found.get("families", []),
+            "families": found.get("families", []), "posterior": found.get("probabilities", {}),
+            "sets": [[s["names"], s["probability"]] for s in found.get("sets", [])][:4],
             "rivals": [r["names"] for r in found["rivals"]], "stand_ins": found["extended"]["stand_ins"],
             "before": found["baseline"]["esr"]["held_out"], "after": found["extended"]["esr"]["held_out"],
             "rejected": [[r["name"], r["why"]] for r in found["rejected"]][:8]}

@@ -1,6 +1,9 @@
 """Seconds that the whole catalogue takes on 30 s at 512 Hz, for every cause that the virtual rig can hide.
 
     python tests/benchmarks/diagnosis_times.py [--shard 0/2] [--only coil-lag,none] [--baseline guo] [--seed 0]
+                                               [--engine evidence]
+
+Several causes at once are joined by +: ``--only coulomb-friction+series-compliance+coil-lag``.
 
 Each diagnosis runs on one core; the process is warmed up on another record first, so that no compilation is counted.
 """
@@ -17,6 +20,7 @@ import time  # noqa: E402
 from dataclasses import replace  # noqa: E402
 
 import lpvid as lpv  # noqa: E402
+from lpvid.diagnosis.asking import ENGINES  # noqa: E402
 from quartercar.effects import CATALOGUE  # noqa: E402
 from quartercar.rig import CAUSES, EXPERIMENTS, Rig, RigDamper, effect  # noqa: E402
 
@@ -34,15 +38,17 @@ def main() -> None:
     parser.add_argument("--baseline", default="guo")
     parser.add_argument("--experiment", default="test-1", choices=list(EXPERIMENTS))
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--engine", default=ENGINES[0], choices=ENGINES)
     options = parser.parse_args()
     part, parts = map(int, options.shard.split("/"))
     names = options.only.split(",") if options.only else ["none", *(c.name for c in CAUSES)]
     experiment = replace(EXPERIMENTS[options.experiment], duration=30.0)
-    lpv.diagnose(hiding("backlash").run(replace(experiment, duration=8.0), 1), options.baseline, CATALOGUE)
+    warm = hiding("backlash").run(replace(experiment, duration=8.0), 1)
+    lpv.diagnose(warm, options.baseline, CATALOGUE, engine=options.engine)
     for name in names[part::parts]:
         record = hiding(name).run(experiment, options.seed)
         wall, cpu = time.perf_counter(), time.process_time()
-        found = lpv.diagnose(record, options.baseline, CATALOGUE)
+        found = lpv.diagnose(record, options.baseline, CATALOGUE, engine=options.engine)
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         said = ", ".join(c.name for c in found.causes) or "; ".join(" or ".join(r.names) for r in found.rivals)
         late = "  TOO LONG" if cpu > (NOTHING if name == "none" else LIMIT) else ""
@@ -50,9 +56,9 @@ def main() -> None:
 
 
 def hiding(name: str) -> Rig:
-    """The rig with one cause, at the size that the rig gives it by default."""
-    damper = RigDamper.static()
-    return Rig(damper=damper, effects=() if name == "none" else (effect(name, 1.0, **MORE.get(name, {})),))
+    """The rig with causes joined by +, each at the size that the rig gives it by default."""
+    names = [] if name == "none" else name.split("+")
+    return Rig(damper=RigDamper.static(), effects=tuple(effect(n, 1.0, **MORE.get(n, {})) for n in names))
 
 
 if __name__ == "__main__":

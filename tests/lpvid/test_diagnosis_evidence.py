@@ -9,12 +9,13 @@ import pytest
 from scipy.integrate import quad
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
-from toy_diagnosis import CAUSES, NOISES, Bent, Dry, DryTwin, problem_of, record
+from toy_diagnosis import CAUSES, NOISES, Bent, Cubic, Dry, DryTwin, problem_of, record
 
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.evidence.discrepancy import SIZES, USUAL, Discrepancy, marginal
-from lpvid.diagnosis.evidence.engine import diagnose
+from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
 from lpvid.diagnosis.evidence.independence import independent
+from lpvid.diagnosis.evidence.judging import LEAST, NOTABLE, Member
 from lpvid.diagnosis.evidence.priors import STRENGTH, inclusion, of_strength
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
@@ -149,3 +150,30 @@ def test_a_small_misfit_of_the_law_is_no_cause():
     run = record(np.random.default_rng(7), level=0.02, hidden=lambda u: misfit(u) + 0.5 * np.sign(u))
     both = diagnose([run], Bent(), (Dry(), *CAUSES[3:]))
     assert "dry" in [c.name for c in both.causes]
+
+
+class Linked(Dry):
+    """Dry friction that is sought together with another cause."""
+
+    name = "linked"
+    partners = ("cubic",)
+
+
+def test_single_causes_are_visited_beside_the_pairs_that_could_imitate_them():
+    run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
+    lines: list[str] = []
+    search, _ = prepared([run], Bent(), (Linked(), Cubic()), lines.append)
+    search.run(root_of(search.problem, Bent()))
+    assert {frozenset(), frozenset({"linked"}), frozenset({"linked", "cubic"})} <= set(search.visited)
+    assert search.best.members == {"linked"}
+    assert any("best so far: linked" in line and "sets" in line for line in lines)
+
+
+@pytest.mark.parametrize("change, left, of_law, small", [
+    (0.03, 0.1, 0.0, False), (0.015, 0.3, 0.0, True), (0.015, 0.1, 0.0, False), (0.004, 0.01, 0.0, True),
+    (0.03, 0.1, 0.05, True)])
+def test_what_is_small_beside_the_output_or_the_error_of_the_law_is_not_named(change, left, of_law, small):
+    member = Member(Dry(), np.array([1.0]), 1.0, 1.0, (), 1.0, 50.0, 1.0, change, 10.0)
+    said = member.objection(left, of_law)
+    assert (said is not None) is small and (said is None or "small print" in said)
+    assert LEAST < NOTABLE

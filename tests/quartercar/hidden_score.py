@@ -10,10 +10,11 @@ from hidden import Made
 from hidden_causes import find
 from hidden_truth import IMITATED, SAME, SEPARATE, SHARE, baseline_for, build, oracle_gain
 
+from lpvid.diagnosis import engine as gates
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.engine import diagnose
+from lpvid.diagnosis.evidence import engine as evidence
 from lpvid.diagnosis.noise import Whitening
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit
@@ -27,11 +28,14 @@ to 1 ms here, and a force that builds up over a deflection (Dahl's friction is a
 CHAIN = "shared-filter"
 
 
-def case(seed: int, catalogue: tuple[Effect, ...], **fixed: object) -> Row:
+ENGINES = {"gates": gates.diagnose, "evidence": evidence.diagnose}
+
+
+def case(seed: int, catalogue: tuple[Effect, ...], engine: str = "gates", **fixed: object) -> Row:
     """Draw, diagnose and mark one case; plain data."""
     made, truth = build(seed, catalogue, **fixed)
     begun, cpu = time.perf_counter(), time.process_time()
-    answer = diagnose(made.records, baseline_for(made.plan, made.records), catalogue)
+    answer = ENGINES[engine](made.records, baseline_for(made.plan, made.records), catalogue)
     seconds, cpu = time.perf_counter() - begun, time.process_time() - cpu
     row = made.plan.to_dict() | {
         "sizes": [s for _, s in made.hidden], "smallest": list(truth.smallest), "share": truth.share,
@@ -43,6 +47,7 @@ def case(seed: int, catalogue: tuple[Effect, ...], **fixed: object) -> Row:
         "explained": answer.explained_share, "predictable": answer.noise["predictable_share"],
         "gain": answer.gain_percent,
         "won": {c.name: [c.delta_bic, c.contribution] for c in answer.causes},
+        "posterior": dict(answer.weights.causes) if answer.weights else {},
         "seconds": round(seconds, 2), "cpu": round(cpu, 2)}
     row["unsteady"] = unsteady(made, answer)
     row |= _estimate(made.plan, made.hidden, answer)

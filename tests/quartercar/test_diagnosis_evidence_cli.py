@@ -41,6 +41,20 @@ def test_an_engine_that_does_not_exist_is_refused():
         lpv.diagnose(hidden("coulomb-friction"), "guo", FEW, engine="oracle")
 
 
+def test_an_interruption_keeps_the_best_set_so_far():
+    def stop(text: str) -> None:
+        if text.startswith("held-out check"):
+            raise KeyboardInterrupt
+
+    record = hidden("coulomb-friction")
+    found = lpv.diagnose(record, "guo", FEW, engine="evidence", progress=stop)
+    assert not found.complete and not found.causes and "best set so far: coulomb-friction" in found.reason
+    assert found.extended is not None and "coulomb-friction" in found.extended.effects
+    assert found.after.esr_training < 0.6 * found.before.esr_training
+    assert found.weights is not None and found.weights.causes["coulomb-friction"] > 0.9
+    assert found.to_dict()["complete"] is False
+
+
 @pytest.mark.slow
 def test_the_command_writes_schema_two(tmp_path):
     file = write_csv(hidden("coulomb-friction"), tmp_path / "run.csv")

@@ -19,7 +19,7 @@ QUIET = {"kind": "one", "causes": ("coulomb-friction",), "baseline": "guo", "exc
 def answer(named: tuple[str, ...] = (), rivals: tuple[tuple[str, ...], ...] = ()) -> SimpleNamespace:
     """As much of a diagnosis as a row reads."""
     causes = [SimpleNamespace(name=n, parameters=(), delta_bic=-20.0, contribution=0.1) for n in named]
-    return SimpleNamespace(verdict="cannot-tell", reason="", causes=causes,
+    return SimpleNamespace(weights=None, verdict="cannot-tell", reason="", causes=causes,
                            rivals=[SimpleNamespace(names=r) for r in rivals], rejected=[], explained_share=None,
                            noise={"predictable_share": 0.0}, gain_percent=0.0, extended=None)
 
@@ -36,7 +36,7 @@ def test_what_is_separable_does_not_depend_on_the_answer(monkeypatch: pytest.Mon
                                                          said: SimpleNamespace) -> None:
     truth = built[1]
     monkeypatch.setattr(hidden_score, "build", lambda *_, **__: built)
-    monkeypatch.setattr(hidden_score, "diagnose", lambda *_: said)
+    monkeypatch.setitem(hidden_score.ENGINES, "gates", lambda *_: said)
     monkeypatch.setattr(hidden_score, "oracle_gain", lambda *_: (0.0, 1.0))
     row = hidden_score.case(31, FEW, **QUIET)
     assert row["separable"] == truth.separable

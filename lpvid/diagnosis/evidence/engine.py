@@ -13,16 +13,17 @@ from lpvid._threads import single_thread
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis
+from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis, VisitedSet, Weights
 from lpvid.diagnosis.effect import Effect, by_name
 from lpvid.diagnosis.engine import DiagnosisSettings
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy
 from lpvid.diagnosis.evidence.judging import judge, on_all_samples
-from lpvid.diagnosis.evidence.outcome import Outcome
+from lpvid.diagnosis.evidence.outcome import STORIES, Outcome
 from lpvid.diagnosis.evidence.scaling import Scales
-from lpvid.diagnosis.evidence.search import Search
-from lpvid.diagnosis.evidence.thinning import thinned
+from lpvid.diagnosis.evidence.search import Search, posterior, probabilities
+from lpvid.diagnosis.evidence.thinning import for_search, thinned
 from lpvid.diagnosis.evidence.weighing import Data
+from lpvid.diagnosis.interrupted import BestSoFar, InterruptedSearch
 from lpvid.diagnosis.noise import WHITE, noise_level
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
@@ -59,6 +60,8 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     ------
     InputError
         Too little data, missing channels, no candidates.
+    InterruptedSearch
+        Ctrl-C during the search, with the best set by then.
     """
     begun, settings = time.perf_counter(), settings or DiagnosisSettings()
 
@@ -74,8 +77,14 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
         if settings.fit_baseline:
             say(f"fitting {baseline.name}")
             baseline = baseline.fit(records)
-        search, unusable = searched(records, baseline, catalogue, say)
-        found = concluded(search, records, baseline, held_out, unusable, settings.seed, say)
+        search, unusable = prepared(records, baseline, catalogue, say)
+        try:
+            search.run(root_of(search.problem, baseline))
+            found = concluded(search, records, baseline, held_out, unusable, settings.seed, say)
+        except KeyboardInterrupt as stop:
+            if not search.visited:
+                raise
+            raise InterruptedSearch(best_of(search)) from stop
     return replace(found, seconds=time.perf_counter() - begun)
 
 
@@ -94,13 +103,24 @@ def concluded(search: Search, records: Sequence[Record], baseline: Baseline, hel
     return Outcome(baseline, search, judged, screened, unusable, level, held_out).diagnosis()
 
 
-def searched(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[Effect],
+def best_of(search: Search) -> BestSoFar:
+    """What a search has found by now."""
+    sets = posterior(search)
+    best, share = sets[0]
+    nothing = sum(p for w, p in sets if not w.members)
+    weights = Weights({}, float(nothing), 0.0, "not looked at", tuple(
+        VisitedSet(tuple(e.name for e in w.effects), p, None) for w, p in sets[:STORIES]), probabilities(sets))
+    return BestSoFar(best.fit.composition, best.fit.vector, share, weights)
+
+
+def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[Effect],
              say: Callable[[str], None]) -> tuple[Search, tuple[CannotTell, ...]]:
-    """Visit the sets of causes that these records call for."""
+    """A search over the sets of causes that these records call for, and what they cannot be asked for."""
     thin, factor = thinned(records, baseline)
     if factor > 1:
         say(f"searching on every {factor}th sample")
-    problem = problem_of(thin, baseline)
+    signals = for_search(in_turn([baseline.signals(r) for r in thin]), baseline.static)
+    problem = Problem(signals, Blocks.of(signals, baseline.start), WHITE)
     usable, unusable = usable_of(catalogue, baseline, problem)
     scale = Scales.of(problem.signals).size
     looked_at = {e.name: np.array(e.spread_points(problem.signals, scale)).reshape(-1, len(e.parameters))
@@ -108,9 +128,7 @@ def searched(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     data = Data(problem, Discrepancy.of(problem, baseline), looked_at)
     channels = [c for c in problem.signals[0].channels if c != baseline.output
                 and all(s.has(c) for s in problem.signals)]
-    search = Search(data, usable, channels, say)
-    search.run(root_of(problem, baseline))
-    return search, unusable
+    return Search(data, usable, channels, say), unusable
 
 
 def problem_of(records: Sequence[Record], baseline: Baseline) -> Problem:

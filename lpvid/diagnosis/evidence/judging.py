@@ -62,9 +62,18 @@ class Member:
     change: float
     evidence: float
 
-    def objection(self, left: float) -> str | None:
-        """Why it is not named; None where it is, or has rivals. `left` is the error that stays, over the output."""
-        least = max(min(NOTABLE, BESIDE * left), LEAST)
+    def objection(self, left: float, of_law: float) -> str | None:
+        """Why it is not named; None where it is, or has rivals.
+
+        Parameters
+        ----------
+        left : float
+            Error that stays, over the output.
+        of_law : float
+            That part of it which the inputs predict: what the law still gets wrong. A cause that changes less than that
+            may be no more than another piece of it.
+        """
+        least = max(min(NOTABLE, BESIDE * left), LEAST, of_law)
         if self.change < least:
             return f"it changes the output by {self.change:.1%}, less than {least:.1%}: small print"
         if self.probability < NAMED and not self.rivals:

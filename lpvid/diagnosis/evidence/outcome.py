@@ -11,7 +11,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Rejected, Rivals, VisitedSet, Weights
 from lpvid.diagnosis.evidence.judging import NAMED, Judged, Member
-from lpvid.diagnosis.evidence.search import MISSED, Search
+from lpvid.diagnosis.evidence.search import MISSED, Search, probabilities
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.localise import Wrong, localise
 from lpvid.diagnosis.noise import NoiseLevel
@@ -71,7 +71,7 @@ class Outcome:
         """All of it."""
         j, sets = self.judged, self.judged.sets
         members = j.members if self.significant else ()
-        objections = {m.effect.name: m.objection(self.left) for m in members}
+        objections = {m.effect.name: m.objection(self.left, self.of_law) for m in members}
         named = [m for m in members if objections[m.effect.name] is None and not m.rivals]
         contested = [m for m in members if objections[m.effect.name] is None and m.rivals]
         rejected = [Rejected(m.effect.name, why) for m in members if (why := objections[m.effect.name])]
@@ -96,7 +96,7 @@ class Outcome:
             {e.effect.name: {"likelihood_ratio": e.likelihood_ratio, "p_value": e.p_value,
                              "smallest_detectable": e.smallest_detectable} for e in self.screened},
             weights=Weights(self._families(), float(sum(p for w, p in sets if not w.members)), self.of_law,
-                            _place(rest), self._stories(after.esr_held_out)))
+                            _place(rest), self._stories(after.esr_held_out), probabilities(j.sets)))
 
     # -- verdict -------------------------------------------------------------------------------------------------------
     def _verdict(self, named: Sequence[Member], contested: Sequence[Member], others: Sequence[Member]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,9 +14,8 @@ from lpvid.diagnosis.evidence.discrepancy import USUAL
 from lpvid.diagnosis.evidence.independence import independent
 from lpvid.diagnosis.evidence.priors import inclusion
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
-from lpvid.diagnosis.problem import Problem
-from lpvid.diagnosis.racing import race
-from lpvid.diagnosis.refitting import Refit, descend
+from lpvid.diagnosis.problem import Problem, projector, without
+from lpvid.diagnosis.refitting import Refit, descend, hopped_on
 from lpvid.diagnosis.screening import Direction, Move, directions, move, placed
 from lpvid.diagnosis.starting import starts
 
@@ -26,15 +25,22 @@ OF_EACH = 2
 """of the children at least so many without memory and so many with one: each imitates the other at first"""
 ROUNDS = 2
 """times that the best set is pulled apart, each member dropped and swapped"""
-STEPS = 8
-"""iterations of a child's refit after its race"""
-MISSED, LITTLE = 2 * USUAL, 0.05
-"""root mean square of an error, over the output's, that a good law may leave: twice the usual; and share of the
-baseline's squared error that names nothing by itself, of a law that is nearly right"""
+HEAT, STEPS = 2, 8
+"""iterations from every starting point of a child, and further ones from where the best of them ended"""
+LOOKED, POINTS = 14, 4
+"""effects beside a set that are simulated anew, those first that promise most by what they changed beside the
+baseline alone, and points at which each is looked at"""
+MISSED = 2 * USUAL
+"""root mean square of an error, over the output's, that a good law may leave: twice the usual"""
 LAGGING = ("motion", "force", "all")
 """paths whose lags, delays and filters imitate each other and every dynamic cause; a set holds one of them"""
-TOGETHER = 3
-"""starting points of either of a pair"""
+HOPELESS = 20.0
+"""log-evidence by which a set with one effect more may stay behind the best one, as its look promises, and is refitted
+all the same: a refit may find more than first order does"""
+LEAST_WORTH = 0.1
+"""share of independent samples that a refit of the search assumes at least, for where it ends"""
+TOGETHER, RACED = 3, 2
+"""points of either of a pair, and pairs of them from which it is refitted: those that leave least as they stand"""
 
 
 @dataclass
@@ -50,15 +56,14 @@ class Search:
     say : callable
     visited : dict
         By the names of their effects.
+    moved : list of Move
+        What the effects changed beside the baseline alone.
     enlarged : set
         Of those, the ones whose children are known.
     kept : float
         κ of the best set's error, by which all sets are weighed.
     predictable : float
         Share of that error which the inputs predict.
-    floor : float
-        Squared error below which sets count as equally good, once the search is over: that of the best set and what a
-        good law may miss beyond, `MISSED` of the output or `LITTLE` of what the baseline misses.
     """
 
     data: Data
@@ -66,10 +71,10 @@ class Search:
     channels: Sequence[str]
     say: Callable[[str], None]
     visited: dict[frozenset[str], Weighed] = field(default_factory=dict)
+    moved: list[Move] = field(default_factory=list)
     enlarged: set[frozenset[str]] = field(default_factory=set)
     kept: float = 1.0
     predictable: float = 0.0
-    floor: float = 0.0
 
     @property
     def problem(self) -> Problem:
@@ -83,13 +88,16 @@ class Search:
 
     def score(self, w: Weighed) -> float:
         """Evidence of a set at the present κ."""
-        return w.evidence(self.kept, self.floor)
+        return w.evidence(self.kept)
 
     def run(self, root: Refit) -> None:
         """Visit sets from the baseline alone on."""
         self.visited[frozenset()] = Weighed(self.data, root)
         self._reweigh()
+        self.enlarge(self.visited[frozenset()])  # else a pair that imitates a single cause comes before it
+        self._reweigh()
         self._pairs(self.visited[frozenset()])
+        self._reweigh()
         for _ in range(DEEPEST):
             before = self.best
             open_sets = [w for w in self.visited.values() if self._open(w)]
@@ -115,24 +123,51 @@ class Search:
         if not self._open(w):
             return
         self.enlarged.add(w.members)
-        names = ", ".join(sorted(w.members)) or "the baseline alone"
-        self.say(f"looking beyond {names} (best so far: {', '.join(sorted(self.best.members)) or 'nothing'})")
+        best, share = posterior(self)[0]
+        names, leader = (", ".join(sorted(x.members)) for x in (w, best))
+        self.say(f"looking beyond {names or 'the baseline alone'} (best so far: {leader or 'nothing'}, {share:.2f} of "
+                 f"{len(self.visited)} sets)")
         found = self.look(w)
         chosen = [e for e in self._promising(w, found) if w.members | {e.name} not in self.visited]
+        if not chosen:
+            return
         for fit in in_parallel(lambda e: self._child(w, (e,), found), chosen):
             self._add(fit)
 
     def look(self, w: Weighed) -> list[Direction]:
-        """What every effect outside a set would change, at every point where it is looked at."""
+        """What the effects outside a set would change, at the points where they are looked at.
+
+        All of them beside the baseline alone. Beside a set what they changed there serves first: less the set's
+        sensitivities, it is what each would take away if it acted as it did there; those that promise most, and the
+        partners of the members, are simulated anew.
+        """
         outside = [e for e in self.candidates if e.name not in w.members and together((*w.effects, e))]
+        points = self.data.looked_at
+        if w.members and self.moved:
+            outside = self._foremost(w, outside)
+            points = {e.name: _spread(points[e.name], POINTS) for e in outside}
         now = [s.output - e for s, e in zip(self.problem.signals,
                                             self.problem.errors(w.fit.composition, w.fit.vector), strict=True)]
+
         def moves(e: Effect) -> list[Move]:
-            tried = (move(self.problem, w.fit, e, v, now) for v in self.data.looked_at[e.name])
+            tried = (move(self.problem, w.fit, e, v, now) for v in points[e.name])
             return [m for m in tried if m is not None]
 
-        every = in_parallel(moves, outside)
-        return directions(self.problem, w.fit, [m for of_effect in every for m in of_effect])
+        found = [m for of_effect in in_parallel(moves, outside) for m in of_effect]
+        if not w.members:
+            self.moved = found
+        return directions(self.problem, w.fit, found)
+
+    def _foremost(self, w: Weighed, outside: Sequence[Effect]) -> list[Effect]:
+        """Effects worth a look beside a set."""
+        promised = {e.name: 0.0 for e in outside}
+        for d in directions(self.problem, w.fit, [m for m in self.moved if m.effect.name in promised]):
+            if d.visible:
+                promised[d.effect.name] = max(promised[d.effect.name], d.gain)
+        linked = {p for e in w.effects for p in e.partners}
+        unseen = {e.name for e in outside} - {m.effect.name for m in self.moved}
+        ranked = sorted(outside, key=lambda e: (e.name not in linked | unseen, -promised[e.name]))
+        return ranked[: LOOKED + len((linked | unseen) & promised.keys())]
 
     def _promising(self, w: Weighed, found: Sequence[Direction]) -> list[Effect]:
         """Children worth a refit: the best by what they would take away, and the best of either kind."""
@@ -142,7 +177,9 @@ class Search:
                 gain = max(d.gain, d.at_face_value, 0.0)
                 left[d.effect] = min(left.get(d.effect, 1.0), 1 - gain / w.fit.cost)
         count = 0.5 * self.kept * self.problem.n_samples
-        ranked = sorted(left, key=lambda e: count * np.log(max(left[e], 1e-12)) - inclusion(e))
+        lost = {e: count * np.log(max(left[e], 1e-12)) - inclusion(e) for e in left}
+        enough = self.score(w) - self.score(self.best) + HOPELESS
+        ranked = sorted((e for e in left if lost[e] < enough), key=lambda e: lost[e])
         chosen = ranked[:CHILDREN]
         for memoryless in (True, False):
             have = sum(e.memoryless is memoryless for e in chosen)
@@ -160,9 +197,15 @@ class Search:
     def _settled(self, composition: Composition, begun: Sequence[np.ndarray], near: Refit,
                  added: Sequence[Effect] = ()) -> Refit:
         """The best of a few steps from several starts; strengths that no derivative moves by trial, if just added."""
-        hopping = any(e.stepwise or e.rugged for e in added)
-        best = race(self.problem, composition, [(start, near) for start in begun], hopping)
-        return descend(self.problem, composition, best.vector, iterations=STEPS, rough=True)
+        worth = max(self.kept, LEAST_WORTH)
+        low, high = composition.bounds
+        starts = {np.clip(v, low, high).tobytes(): v for v in begun}.values()
+        found = [descend(self.problem, composition, v, iterations=HEAT, near=near, rough=True, worth=worth)
+                 for v in starts]
+        best = min(found, key=lambda f: f.cost)
+        if any(e.stepwise or e.rugged for e in added):
+            best = hopped_on(best, HEAT, rough=True)
+        return descend(self.problem, composition, best.vector, iterations=STEPS, rough=True, worth=worth)
 
     def _pairs(self, root: Weighed) -> None:
         """Visit pairs of effects that physics links, which may act only together."""
@@ -170,15 +213,23 @@ class Search:
         pairs = sorted({tuple(sorted((e.name, p))) for e in self.candidates for p in e.partners if p in names
                         and together((e, names[p]))})
         self.say(f"{len(pairs)} linked pairs")
+        basis = projector(root.fit.jacobian)
 
         def refitted(pair: tuple[str, ...]) -> Refit:
             composition = Composition(root.fit.composition.baseline, tuple(names[n] for n in pair))
             grids = [_spread(self.data.looked_at[n], TOGETHER) for n in pair]
             begun = [placed(composition, root.fit, {pair[0]: a, pair[1]: b}) for a in grids[0] for b in grids[1]]
-            return self._settled(composition, begun, root.fit, composition.effects)
+            left = [self._left(composition, v, basis) for v in begun]
+            return self._settled(composition, [begun[k] for k in np.argsort(left)[:RACED]], root.fit,
+                                 composition.effects)
 
         for fit in in_parallel(refitted, pairs):
             self._add(fit)
+
+    def _left(self, composition: Composition, vector: np.ndarray, basis: np.ndarray) -> float:
+        """Squared error at a vector that the baseline's own parameters cannot take away, to first order."""
+        error = without(basis, self.problem.stack(self.problem.errors(composition, vector)))
+        return float(np.minimum(error**2, 1e100).sum())
 
     def _pull_apart(self, w: Weighed) -> None:
         """Visit the set without each of its members, and with another in its place."""
@@ -235,7 +286,10 @@ def posterior(search: Search) -> list[tuple[Weighed, float]]:
     return sorted(zip(every, weights.tolist(), strict=True), key=lambda t: -t[1])
 
 
-def mass(sets: Sequence[tuple[Weighed, float]], names: Iterator[str] | Sequence[str]) -> float:
-    """Probability that any of these causes is there."""
-    wanted = set(names)
-    return float(sum(p for w, p in sets if w.members & wanted))
+def probabilities(sets: Sequence[tuple[Weighed, float]]) -> dict[str, float]:
+    """Probability of every component that some set holds, wherever it sits, the most probable first."""
+    held: dict[str, float] = {}
+    for w, p in sets:
+        for c in {e.component for e in w.effects}:
+            held[c] = held.get(c, 0.0) + p
+    return dict(sorted(held.items(), key=lambda t: (-t[1], t[0])))

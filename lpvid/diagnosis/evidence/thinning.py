@@ -1,38 +1,141 @@
-"""Thinning: records on a slower clock for a search, where nothing of the output lies beyond its band."""
+"""Thinning: few samples for a search, as stretches of the records on their own clock, or on a slower one."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.blocks import SHORTEST, START_UP
 from lpvid.diagnosis.evidence.discrepancy import USUAL
-from lpvid.diagnosis.signals import Signals, jumps
+from lpvid.diagnosis.evidence.scaling import Scales
+from lpvid.diagnosis.signals import Signals, Stretch, jumps
 from lpvid.record import Record
 
-ENOUGH = 5000
-"""samples for a search: its time is in proportion, about half a minute for so many"""
+ENOUGH = 3000
+"""samples for a search, whose time is in proportion. An error that is all structure is worth `independence.WORTH` = 60
+of them; in white noise of 1 %, so many show a cause of .2 % (a log-likelihood ratio of 60)"""
 BAND = 0.8
 """share of half the sample rate that an anti-alias filter leaves"""
+FEWEST = 4
+"""stretches over all records at least, so that slow causes show"""
+LEAD = START_UP / 2
+"""time at the head of a stretch in which the one before leads over to it [s]; in the rest of the start-up the trace of
+that dies away"""
 
 
 def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record], int]:
-    """Records decimated by a whole number, and it: 1 where they are short, or move or jump too fast for less."""
+    """Records decimated by a whole number, and it: 1 where stretches of them are few enough samples, or not allowed.
+
+    Not allowed where they move or jump too fast for a slower clock.
+    """
     from lpvid.condition import segments
 
     signals = [baseline.signals(r) for r in records]
-    total = sum(s.n_samples for s in signals)
-    factor = -(-total // ENOUGH)
+    period, total = signals[0].sample_time, sum(s.n_samples for s in signals)
+    least = max(FEWEST, len(signals)) * length_of(signals) / period
+    factor = -(-round(min(total, least)) // ENOUGH)
     roles = list(records[0].channels)
     while factor > 1:
         if all(_quiet(s, factor) for s in signals):
-            slow = [p for r in records for p in segments([r], roles, sample_rate=1 / (factor * signals[0].sample_time),
-                                                         minimum=2)]
+            slow = [p for r in records for p in segments([r], roles, sample_rate=1 / (factor * period), minimum=2)]
             if len(slow) == len(records):
                 return slow, factor
         factor -= 1
     return list(records), 1
+
+
+def for_search(signals: Sequence[Signals], static: bool) -> tuple[Signals, ...]:
+    """What a search runs on: stretches beside a law of short memory, the first part of every record beside others."""
+    if static:
+        return stretched(signals)
+    share = min(ENOUGH / sum(s.n_samples for s in signals), 1.0)
+    short = [replace(_cut(s, round(share * s.n_samples)), span=(s.span[0], s.span[0] + share * (s.span[1] - s.span[0]))
+                     if s.span else None) for s in signals]
+    return tuple(replace(s, peers=tuple(short)) for s in short) if share < 1 else tuple(signals)
+
+
+def length_of(signals: Sequence[Signals]) -> float:
+    """Length of a stretch [s]: the start-up, and two blocks or a period of the motion."""
+    period = 2 * np.pi * Scales.of(signals).time
+    return START_UP + max(2 * SHORTEST, period)
+
+
+def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
+    """At most about `ENOUGH` samples: stretches, spread evenly over the records, cut together; all where they are few.
+
+    In each part of a record, the stretch in which the inputs move most: a current that jumps once in a part shows
+    nothing elsewhere. Between two of them the channels lead over smoothly, in a time that counts for nothing; each
+    holds what came before it, of which heat is built up. A run along one record costs a fraction of runs along many.
+    """
+    period, total = signals[0].sample_time, sum(s.n_samples for s in signals)
+    size = round(length_of(signals) / period)
+    wanted = max(ENOUGH // size, FEWEST, len(signals))
+    if total <= max(wanted * size, ENOUGH):
+        return tuple(signals) if len(signals) == 1 else (_whole(signals, round(LEAD / period)),)
+    parts: list[tuple[Signals, int, int]] = []
+    spans, begun = [], 0
+    for s in signals:
+        count = max(min(round(wanted * s.n_samples / total), s.n_samples // size), 1)
+        firsts = _liveliest(s, count, size) if s.n_samples > size else [0]
+        parts += [(s, a, min(a + size, s.n_samples)) for a in firsts]
+        spans += [((begun + a) / total, (begun + min(a + size, s.n_samples)) / total) for a in firsts]
+        begun += s.n_samples
+    return (_cut_together(parts, spans, round(LEAD / period)),)
+
+
+def _whole(signals: Sequence[Signals], lead: int) -> Signals:
+    """All of the records, one after the other."""
+    return _cut_together([(s, 0, s.n_samples) for s in signals], [s.span or (0.0, 1.0) for s in signals], lead)
+
+
+def _cut_together(parts: Sequence[tuple[Signals, int, int]], spans: Sequence[tuple[float, float]], lead: int
+                  ) -> Signals:
+    """Stretches (signals, first, last), one after the other; in the first `lead` samples of each leading over."""
+    head = parts[0][0]
+    roles = [r for r in head.channels if all(s.has(r) for s, _, _ in parts)]
+    channels = {r: _joined([s[r][a:b] for s, a, b in parts], lead) for r in roles}
+    firsts = np.cumsum([0, *(b - a for _, a, b in parts)])[:-1]
+    found = Signals(head.sample_time, channels, np.concatenate([s.output[a:b] for s, a, b in parts]), "stretches",
+                    (0.0, 1.0), stretches=tuple(
+                        Stretch(int(at), span, _cut(s, a) if a else None)
+                        for at, span, (s, a, _) in zip(firsts, spans, parts, strict=True)))
+    return replace(found, peers=(found,))
+
+
+def _joined(pieces: Sequence[np.ndarray], lead: int) -> np.ndarray:
+    """Values one after the other; the first of each replaced by a cubic that leads over from the ones before."""
+    out, at = np.concatenate(pieces), 0
+    ease = np.linspace(0.0, 1.0, lead + 1)[:-1]
+    ease = ease**2 * (3 - 2 * ease)
+    for before, piece in pairwise(pieces):
+        at += before.size
+        n = min(lead, piece.size - 1)
+        out[at: at + n] = before[-1] + ease[:n] * (piece[n] - before[-1])
+    return out
+
+
+def _cut(s: Signals, last: int) -> Signals:
+    return Signals(s.sample_time, {r: c[:last] for r, c in s.channels.items()}, s.output[:last], s.name)
+
+
+def _liveliest(s: Signals, count: int, size: int) -> list[int]:
+    """First samples of so many stretches, one in each part of equal length; the start-up does not count."""
+    moved = np.zeros(s.n_samples)
+    for values in s.channels.values():
+        step = np.diff(values, prepend=values[:1]) ** 2
+        moved += step / max(float(step.mean()), 1e-300)
+    activity, head = np.concatenate([[0.0], np.cumsum(moved)]), round(START_UP / s.sample_time)
+    edges = np.linspace(0, s.n_samples, count + 1).round().astype(int)
+    out = []
+    for a, b in pairwise(edges):
+        last = min(max(b - size, a), s.n_samples - size)
+        begins = np.arange(a, last + 1)
+        out.append(int(begins[np.argmax(activity[begins + size] - activity[begins + head])]))
+    return out
 
 
 def _quiet(s: Signals, factor: int) -> bool:

@@ -82,25 +82,22 @@ class Weighed:
         """Per effect, what it changes in the output as it stands, the others in place, as a share of its rms."""
         return tuple(change_by(self.data.problem, self.fit, e) / self.data.discrepancy.force for e in self.effects)
 
-    def marginal(self, kept: float, floor: float = 0.0) -> Marginal:
-        """Noise and discrepancy where they are most probable; `kept` is the share of independent samples.
+    def marginal(self, kept: float) -> Marginal:
+        """Noise and discrepancy where they are most probable; `kept` is the share of independent samples."""
+        return marginal(self.fit.cost, self.along, self.data.discrepancy, self.data.problem.n_samples, kept)
 
-        An error below `floor` counts as that: the difference is what every good law gets wrong, and names nothing.
-        """
-        return marginal(max(self.fit.cost, floor), self.along, self.data.discrepancy, self.data.problem.n_samples, kept)
-
-    def evidence(self, kept: float, floor: float = 0.0) -> float:
+    def evidence(self, kept: float) -> float:
         """ln p(y | set) + ln p(set), up to what all sets share.
 
         ln p(y|θ̂) + ln p(θ̂) + d/2 ln 2π − ½ ln|H|, H = κ/σ² J'(I − Φ diag(taken) Φ')J + prior precision (Tierney,
         Kadane 1986); a parameter that these data do not reach keeps its prior and costs nothing.
         """
-        return self.fit.cached(("evidence", kept, floor), lambda: self._weighed(kept, floor))
+        return self.fit.cached(("evidence", kept), lambda: self._weighed(kept))
 
-    def _weighed(self, kept: float, floor: float) -> float:
+    def _weighed(self, kept: float) -> float:
         if min(self.changes, default=1.0) < ABSENT:
             return -np.inf
-        m = self.marginal(kept, floor)
+        m = self.marginal(kept)
         prior, precision = self._prior
         hessian = (self.curvature - self.turned.T @ (m.taken[:, None] * self.turned)) * (kept / m.noise)
         scale = 1 / np.sqrt(np.diag(hessian).clip(0) + precision)

@@ -26,9 +26,11 @@ BASELINES = {"herschel-bulkley": "guo", "polynomial": "power-law-friction-gas", 
              "bouc-wen": "bouc-wen"}
 """Law of the project's catalogue that suits; none is exact, for every law here has an error and another form."""
 OWN = {"herschel-bulkley": {"input-nonlinearity"}, "polynomial": {"input-nonlinearity"},
-       "dahl": {"coulomb-friction", "series-compliance", "entrained-air"},
-       "lugre": {"coulomb-friction", "stribeck-friction", "series-compliance", "entrained-air"}, "bouc-wen": set()}
-"""What the law truly has and the baseline has not: neither right nor wrong when named."""
+       "dahl": {"coulomb-friction", "inner-friction", "hysteresis", "series-compliance", "entrained-air"},
+       "lugre": {"coulomb-friction", "inner-friction", "hysteresis", "stribeck-friction", "series-compliance",
+                 "entrained-air"}, "bouc-wen": set()}
+"""What the law truly has and the baseline has not: neither right nor wrong when named. Dahl's friction is
+`hysteresis` of straightness 0, and a slider behind a spring."""
 KNOWN = {"polynomial": {"coulomb-friction", "gas-stiffness", "asymmetry", "quadratic-loss"},
          "bouc-wen": {"gas-stiffness"}}
 """What the baseline has itself: not hidden behind it."""

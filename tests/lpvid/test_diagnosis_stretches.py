@@ -1,0 +1,106 @@
+"""Stretches of records cut together for a search: same samples, blocks apart, heat and time of the whole record."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lpvid.diagnosis.blocks import START_UP, Blocks
+from lpvid.diagnosis.evidence.thinning import ENOUGH, FEWEST, LEAD, for_search, length_of, stretched
+from lpvid.diagnosis.signals import Signals, in_turn
+from quartercar.effects import CATALOGUE
+from quartercar.effects.thermal import stored_heat
+
+RATE = 500.0
+
+
+def moving(n: int, seed: int = 0, current: bool = False) -> Signals:
+    t = np.arange(n) / RATE
+    rng = np.random.default_rng(seed)
+    x = 0.01 * np.sin(2 * np.pi * 3 * t + seed) + 0.003 * np.sin(2 * np.pi * 7.3 * t)
+    channels = {"displacement": x, "velocity": np.gradient(x, 1 / RATE)}
+    if current:
+        channels["current"] = np.where(t > 0.7 * t[-1], 2.0, 0.0)
+    return Signals(1 / RATE, channels, 800 * channels["velocity"] + rng.standard_normal(n))
+
+
+def test_few_samples_of_one_record_stay_as_they_are():
+    one = in_turn([moving(ENOUGH)])
+    assert stretched(one) == one
+
+
+def test_a_stretch_is_the_record_behind_the_time_that_leads_over_to_it():
+    long = in_turn([moving(20000)])
+    (found,) = stretched(long)
+    assert len(found.stretches) >= FEWEST and found.n_samples <= ENOUGH + length_of(long) * RATE
+    lead = round(LEAD * RATE)
+    for t, (first, last) in zip(found.stretches, found.pieces, strict=True):
+        at = round(t.span[0] * long[0].n_samples)
+        begin = first + (lead if first else 0)
+        for role, values in found.channels.items():
+            np.testing.assert_array_equal(values[begin:last], long[0][role][at + begin - first: at + last - first])
+        np.testing.assert_array_equal(found.output[first:last], long[0].output[at: at + last - first])
+        assert t.past is None or t.past.n_samples == at
+
+
+def test_where_one_leads_over_to_the_next_nothing_jumps():
+    (found,) = stretched(in_turn([moving(20000), moving(20000, seed=1)]))
+    assert np.abs(np.diff(found["displacement"])).max() < 3 * np.abs(np.diff(moving(20000)["displacement"])).max()
+
+
+def test_a_jump_of_the_current_is_in_a_stretch():
+    (found,) = stretched(in_turn([moving(40000, current=True)]))
+    jumped = np.flatnonzero(np.abs(np.diff(found["current"])) > 1.0)
+    assert jumped.size == 1
+    begun = max(first for first, _ in found.pieces if first <= jumped[0])
+    assert jumped[0] - begun >= round(START_UP * RATE)
+
+
+def test_blocks_keep_away_from_the_joints():
+    (found,) = stretched(in_turn([moving(20000)]))
+    blocks = Blocks.of([found])
+    number = blocks.number[0]
+    for first, _ in found.pieces:
+        assert (number[first: first + round(START_UP * RATE)] == -1).all()
+    for k in range(blocks.count):
+        inside = np.flatnonzero(number == k)
+        assert np.diff(inside).max() == 1
+        assert len({sum(first <= i for first, _ in found.pieces) for i in (inside[0], inside[-1])}) == 1
+
+
+@pytest.mark.parametrize("cooling", [5.0, 100.0])
+def test_the_heat_in_a_stretch_is_that_of_the_whole_record(cooling):
+    whole = moving(20000)
+    (found,) = stretched(in_turn([whole]))
+    everywhere = stored_heat(whole, whole.output * whole["velocity"], cooling)
+    heat = stored_heat(found, found.output * found["velocity"], cooling)
+    for t, (first, last) in zip(found.stretches, found.pieces, strict=True):
+        at = round(t.span[0] * whole.n_samples)
+        there = everywhere[at: at + last - first]
+        assert np.abs(heat[first:last] - there).max() < 0.05 * everywhere.max()  # of the time that leads over
+
+
+def test_a_slow_modulation_lies_where_it_does_in_the_record():
+    effect = next(e for e in CATALOGUE if e.name == "missing-scheduling")
+    whole = in_turn([moving(20000)])
+    (found,) = stretched(whole)
+    values = effect.neutral.copy()
+    values[0] = 0.3
+
+    def core(s: Signals) -> np.ndarray:
+        return np.ones(s.n_samples)
+
+    baseline = None
+    along, cut = (effect.compose(core, values, baseline)(s) for s in (whole[0], found))  # type: ignore[arg-type]
+    for t, (first, last) in zip(found.stretches, found.pieces, strict=True):
+        at = round(t.span[0] * whole[0].n_samples)
+        np.testing.assert_allclose(cut[first:last], along[at: at + last - first], atol=1e-3)
+
+
+def test_beside_a_law_with_a_long_memory_the_records_begin_where_they_began():
+    whole = in_turn([moving(20000), moving(10000, seed=1)])
+    short = for_search(whole, static=False)
+    assert sum(s.n_samples for s in short) == pytest.approx(ENOUGH, abs=2)
+    assert all(not s.stretches and np.array_equal(s.output, w.output[: s.n_samples])
+               for s, w in zip(short, whole, strict=True))
+    assert for_search(in_turn([moving(1000)]), static=False)[0].n_samples == 1000
