@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from threading import Lock
-from typing import TypeVar
+from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -96,6 +96,36 @@ def _shared(function: Callable[[T], R], items: Sequence[T], workers: int) -> lis
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
         _crew.dismiss(hired - 1)
+
+
+class found_once(Generic[R]):
+    """A property that is computed when it is first asked for, without a lock.
+
+    `functools.cached_property` of Python 3.11 holds one lock per class while it computes: two threads whose properties
+    ask for each other's wait for ever. Here both may compute, and the later one is kept.
+
+    Examples
+    --------
+    >>> class Square:
+    ...     @found_once
+    ...     def area(self):
+    ...         print("computed")
+    ...         return 4
+    >>> s = Square()
+    >>> s.area, s.area
+    computed
+    (4, 4)
+    """
+
+    def __init__(self, make: Callable[[Any], R]) -> None:
+        self.make, self.__doc__ = make, make.__doc__
+
+    def __get__(self, of: Any, kind: Any = None) -> R:
+        if of is None:
+            return self  # type: ignore[return-value]
+        found = self.make(of)
+        of.__dict__[self.make.__name__] = found
+        return found
 
 
 def processors() -> int:

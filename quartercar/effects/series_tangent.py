@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid._threads import found_once
 from lpvid.diagnosis.signals import Core, Remembered, Signals
 from quartercar.effects.series_law import SAME, Law, force_at_rest, with_memory
 
@@ -149,7 +149,7 @@ class Stages:
             return None
         return self._asked(core) - self._here
 
-    @cached_property
+    @found_once
     def signals(self) -> tuple[Signals, ...]:
         """A sample for each stage: the speed and position of the core's side, other channels straight in between."""
         s, law = self.s, self.law
@@ -166,11 +166,11 @@ class Stages:
     def _asked(self, core: Core) -> np.ndarray:
         return np.concatenate([core(part) for part in self.signals])
 
-    @cached_property
+    @found_once
     def _here(self) -> np.ndarray:
         return self._asked(self.core)
 
-    @cached_property
+    @found_once
     def _probes(self) -> tuple[Signals, Signals]:
         """Some of the stages alone, and before the same ones at other speeds."""
         first = self.signals[0]

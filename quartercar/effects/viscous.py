@@ -6,10 +6,10 @@ from collections import OrderedDict
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
+from lpvid._threads import found_once
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.signals import Core, Signals
 
@@ -78,27 +78,27 @@ class _Shares:
         """The core at a share of the top speed."""
         return self.core(self.s.asked(velocity=np.full(self.s.n_samples, share * self.top)))
 
-    @cached_property
+    @found_once
     def _forwards(self) -> tuple[np.ndarray, np.ndarray]:
         return self._at(1.0), self._at(HALF)
 
-    @cached_property
+    @found_once
     def _backwards(self) -> tuple[np.ndarray, np.ndarray]:
         return self._at(-1.0), self._at(-HALF)
 
-    @cached_property
+    @found_once
     def rising(self) -> np.ndarray:
         """(n,) slope at positive speeds [N·s/m]."""
         high, low = self._forwards
         return self._repeated(np.maximum((high - low) / ((1 - HALF) * self.top), 0.0))
 
-    @cached_property
+    @found_once
     def falling(self) -> np.ndarray:
         """(n,) slope at negative speeds [N·s/m]."""
         high, low = self._backwards
         return self._repeated(np.maximum((low - high) / ((1 - HALF) * self.top), 0.0))
 
-    @cached_property
+    @found_once
     def static(self) -> np.ndarray:
         """(n,) static share [N]."""
         (high, low), (back_high, back_low) = self._forwards, self._backwards
