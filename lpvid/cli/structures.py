@@ -35,7 +35,7 @@ TAKES: Mapping[str, tuple[str, ...]] = {
 WITHOUT_FORMS = ("subspace", "pem-ss", "coprime", "quasi", "compliance")
 """Structures whose model is no transfer function."""
 BUDGET = 300.0
-"""time for the search of --auto [s]: the measured quarter car (15,000 samples, two inputs) took 217 s on a busy host."""
+"""time for the search of --auto [s]: the measured quarter car (15,000 samples, two inputs) took 217 s of it."""
 LAGS = 4
 """Output and input lags where none are asked for."""
 
