@@ -30,8 +30,10 @@ def between(s: Signals, finer: int) -> Signals:
             n, current = np.arange(s.n_samples), s["current"]
             at = np.minimum(np.arange(finer * s.n_samples) / finer, n[-1])
             channels["current"] = np.repeat(current, finer) if clocked(s) else np.interp(at, n, current)
+        own = s.record is None
+        at = None if own else np.interp(np.arange(finer * s.n_samples) / finer, np.arange(s.n_samples), s.places)
         found = Signals(s.sample_time / finer, channels, np.repeat(s.output, finer), s.name, s.span, record=s.record,
-                        finer=finer * s.finer, coarse=s)
+                        at=at, finer=finer * s.finer, coarse=s)
         return weighed_alike(found, s)
 
     return s if finer == 1 else s.cached(("between samples", finer), ask)

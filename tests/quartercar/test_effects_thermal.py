@@ -8,6 +8,7 @@ from effect_signals import PERIOD, composed, road_like, speed_itself
 from scipy.integrate import solve_ivp
 
 from lpvid.diagnosis.signals import Signals
+from quartercar.effects.between_samples import between
 from quartercar.effects.thermal import ThermalFade, ViscousFade, stored_heat
 
 DAMPING = 2000.0
@@ -108,3 +109,14 @@ def test_a_long_fade_never_turns_the_force_round() -> None:
 def test_no_motion_no_heat() -> None:
     still = Signals(PERIOD, {"velocity": np.zeros(100)}, np.zeros(100))
     np.testing.assert_array_equal(composed(ThermalFade(), [1e-3, 20.0], still, speed_itself), np.zeros(100))
+
+
+def test_a_law_that_is_only_asked_fades_between_samples_by_the_heat_of_its_record() -> None:
+    """A faster clock over signals that stand for a record: their heat is the record's, at the faster samples."""
+    s = road_like(4, 1024)
+    asked = s.asked(velocity=1.1 * s["velocity"])
+    fine = between(asked, 4)
+    assert fine.n_samples == 4 * s.n_samples
+    np.testing.assert_allclose(fine.of_record(s.times), np.minimum(fine.times, s.times[-1]), atol=1e-12)
+    faded = composed(ThermalFade(), [1e-3, 20.0], fine, viscous)
+    np.testing.assert_allclose(faded[::4], composed(ThermalFade(), [1e-3, 20.0], asked, viscous), rtol=1e-6, atol=1e-6)
