@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from gain_systems import random_stable, time_invariant, vanishing
 
+import lpvid as lpv
 from lpvid.analysis.frozen_norms import largest_frozen_norm
 from lpvid.analysis.worst_case import WorstCase, worst_trajectory
 from lpvid.lmi.autonomous import box_of
@@ -89,3 +90,13 @@ def test_paths_go_uphill_beyond_triangles():
     assert 1.03 * before.gain < found.gain < 3.41  # the upper bound of l2_gain is 3.408
     turns = np.abs(np.diff(np.vstack([found.points, found.points[:1]]), axis=0)).max()
     assert turns <= 2.0 * found.period / len(found.points) * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("rate", [0.01, 0.03, 0.3])
+def test_what_is_owed_to_steps_of_a_slow_scheduling_is_not_reached(rate: float) -> None:
+    """Two lags whose difference feeds through as d moves: the gain falls with the rate, the jumps of a grid do not."""
+    eye = np.eye(2)
+    model = lpv.LPVStateSpace([-eye, 0 * eye], [[[1], [0]], [[0], [1]]], [[[0, -1]], [[1, 0]]], np.zeros((2, 1, 1)),
+                              lpv.Polynomial("d", degree=1), None, lpv.Scheduling(("d",), (-1,), (1,)))
+    found = lpv.l2_gains(model, (rate,), trajectories=True)[0]
+    assert 0 <= found.lower <= found.upper <= 1.1 * rate
