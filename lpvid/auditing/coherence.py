@@ -107,9 +107,51 @@ def input_coherence(views: Sequence[View], names: Sequence[str]) -> InputCoheren
                           complex(spectra[top, -1, 0] / power[top, 0]), float(frequency[top]))
 
 
+def one_per_motion(views: Sequence[View], names: Sequence[str]) -> tuple[str, ...]:
+    """The inputs without those that are the time derivative of another one.
+
+    A displacement and its velocity are coherent in every record that can be made: no excitation breaks what kinematics
+    joins, so that nothing is lost by it either. A channel counts as the derivative of another where
+    Σ|V(f) − j2πf X(f)|² is at most 1/`INFLATION` of Σ|V(f)|², below half of the highest frequency.
+
+    Parameters
+    ----------
+    views : sequence of View
+    names : sequence of str
+
+    Returns
+    -------
+    tuple of str
+    """
+    kept = list(names)
+    for slow in names:
+        for fast in names:
+            if fast != slow and slow in kept and fast in kept and _is_derivative(views, slow, fast):
+                kept.remove(fast)
+    return tuple(kept)
+
+
+def _is_derivative(views: Sequence[View], slow: str, fast: str) -> bool:
+    wrong, power = 0.0, 0.0
+    for v in views:
+        found = None if v.period is None or not all(v.record.has(n) for n in (slow, fast)) else \
+            v.run(v.record.resolve(slow), v.record.resolve(fast))
+        if found is None or found[0].size < 32:
+            continue
+        window = np.hanning(found[0].size)
+        x, u = (np.fft.rfft((c - c.mean()) * window) for c in found)
+        frequency = np.fft.rfftfreq(found[0].size, v.period)
+        low = slice(4, max(5, frequency.size // 2))  # below it the window's own slope counts
+        wrong += float(np.sum(np.abs(u[low] - 2j * np.pi * frequency[low] * x[low]) ** 2))
+        power += float(np.sum(np.abs(u[low]) ** 2))
+    return power > 0 and wrong < power / INFLATION
+
+
 def coherent_inputs(views: Sequence[View], names: Sequence[str]) -> Iterator[Finding]:
     """Inputs of a model that move together in all records, so that their shares in the output cannot be told apart."""
-    found = input_coherence(views, names) if len(names) > 1 else None
+    motions = one_per_motion(views, names)
+    apart = input_coherence(views, motions) if len(motions) > 1 else None
+    found = None if apart is None or apart.separable else input_coherence(views, names)
     if found is None or found.separable:
         return
     worst = int(np.argmin(found.share))

@@ -35,7 +35,7 @@ from functools import reduce
 import numpy as np
 
 from lpvid._threads import single_thread
-from lpvid.auditing.coherence import INFLATION, InputCoherence, input_coherence
+from lpvid.auditing.coherence import INFLATION, InputCoherence, input_coherence, one_per_motion
 from lpvid.auditing.view import View
 from lpvid.condition.tables import as_records
 from lpvid.identification.layout import Layout
@@ -64,9 +64,12 @@ come from are exact to about 1e-12, and the split must hold on their squares."""
 
 def coherence_of(records: Sequence[Record], names: Sequence[str]) -> InputCoherence | None:
     """Coherence of the inputs over all records together, where they are several and do not move enough on their own."""
-    if len(names) < 2:
+    views = [View(r, ()) for r in records]
+    motions = one_per_motion(views, names)
+    apart = input_coherence(views, motions) if len(motions) > 1 else None
+    if apart is None or apart.separable:
         return None
-    found = input_coherence([View(r, ()) for r in records], names)
+    found = input_coherence(views, names)
     return None if found is None or found.separable else found
 
 

@@ -8,6 +8,8 @@ from scipy.signal import lfilter
 
 import lpvid as lpv
 from lpvid.analysis.bands import free_run_band
+from lpvid.auditing.coherence import coherent_inputs, one_per_motion
+from lpvid.auditing.view import View
 from lpvid.identification import separation
 from lpvid.record import Record
 
@@ -156,3 +158,20 @@ def test_the_split_is_one_of_information_and_metric() -> None:
                                values[values <= 1 / 20], rtol=1e-6)
     np.testing.assert_allclose(split.directions.T @ metric @ split.directions, np.eye(len(split.weight)), atol=1e-8)
     np.testing.assert_allclose(split.duals, metric @ split.directions, rtol=1e-6)
+
+
+def test_a_displacement_and_its_velocity_are_one_motion_that_nothing_can_part() -> None:
+    rng = np.random.default_rng(3)
+    x = lfilter([0.02], [1, -1.9, 0.92], rng.normal(size=N))
+    v = np.gradient(x, 0.01)
+    y = lfilter([0, 0.5], [1, -0.6], v) + 3 * x + 0.01 * rng.normal(size=N)
+    moved = Record({"displacement": x, "velocity": v, "force": y}, sample_time=0.01,
+                   units={"displacement": "m", "velocity": "m/s", "force": "N"})
+    found = lpv.identify(moved, lpv.ARX(1, 2, 1, ("velocity", "displacement"), "force"))
+    assert "coherent_inputs" not in found.model.metadata
+    views = [View(moved, ())]
+    assert one_per_motion(views, ("velocity", "displacement")) == ("displacement",)
+    assert list(coherent_inputs(views, ("velocity", "displacement"))) == []
+    assert one_per_motion(views, ("velocity", "force")) == ("velocity", "force")
+    copied = Record({"displacement": x, "other": 2 * x, "force": y}, sample_time=0.01)
+    assert [f.name for f in coherent_inputs([View(copied, ())], ("displacement", "other"))] == ["coherent-inputs"]
