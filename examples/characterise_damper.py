@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import quartercar as qc
+from lpvid.plot import show
 from quartercar.characterisation import Characterisation, CharacteriseSettings, write_tables
 from quartercar.rig import Constant, Creep, Experiment, Prbs, Rig, Sine, Triangle
 
@@ -34,8 +35,9 @@ def main(folder: str | Path = ".") -> Characterisation:
     write_tables(found, folder)
     from quartercar.characterisation.figures import figures_of
 
-    next(f for f in figures_of(found) if f.name == "continuous_velocity").figure.savefig(
-        Path(folder) / "characteristics.png", dpi=120)
+    figure = next(f for f in figures_of(found) if f.name == "continuous_velocity").figure
+    show(figure, Path(folder) / "characteristics.png")
+    show(figure)
     return found
 
 

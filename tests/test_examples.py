@@ -166,7 +166,7 @@ def test_characterise_damper(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_preview() -> None:
-    found = load("preview").main(2.0, 1)
+def test_preview(tmp_path: Path) -> None:
+    found = load("preview").main(tmp_path / "front.png", 2.0, 1)
     ours, theirs = found["MPC, front axle"], found["SH-ADD"]
     assert ours[0] < theirs[0] and ours[1] < 0.95 * theirs[1]
