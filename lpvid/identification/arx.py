@@ -237,14 +237,19 @@ class ARX(Structure):
         names = [n.split(":")[-1] for n in layout.names(model)[: factor.columns]]
         with single_thread():
             if not isinstance(self.ridge, Ridge):
-                return self._package(records, model, layout, factor, factor.solve(self.ridge, names, self._spare()))
+                solved = factor.solve(self.ridge, names, self._spare(records))
+                return self._package(records, model, layout, factor, solved)
             solution, strength = self.ridge.solve(factor, self.places(), self.basis)
         found = self._package(records, model, layout, factor, solution)
         return found.replace(notes=(*found.notes, f"{self.ridge.describe()}: strength {strength:.3g}"))
 
-    def _spare(self) -> np.ndarray | None:
-        """Columns of the inputs, where there are several: `separation` says what coherent ones leave open."""
-        return self.places()[:, 0] == 1 if len(self.input) > 1 and self.stage is None else None
+    def _spare(self, records: Sequence[Record]) -> np.ndarray | None:
+        """Columns of inputs that move together: `separation` says what they leave open. None where it does not."""
+        from lpvid.identification.separation import coherence_of
+
+        if len(self.input) < 2 or self.stage is not None or coherence_of(records, self.input) is None:
+            return None
+        return self.places()[:, 0] == 1
 
     def _empty_model(self, record: Record, box: Scheduling, width: int) -> LPVTransferFunction:
         ny, m = len(self.output), self.basis.size

@@ -230,6 +230,7 @@ def test_a_long_record_is_drawn_and_zoomed(width, n, tmp_path):
 
 
 @needs_browser
+@pytest.mark.slow
 def test_a_long_record_opens_in_under_a_second(tmp_path):
     """Processor time of all the browser's processes beyond that for an empty page, the better of two runs."""
     empty, full = tmp_path / "empty.html", tmp_path / "full.html"
@@ -240,6 +241,7 @@ def test_a_long_record_opens_in_under_a_second(tmp_path):
     assert min(spent[1::2]) - min(spent[::2]) < 1.0
 
 
+@pytest.mark.slow
 def test_a_long_record_is_written_quickly():
     start = time.process_time()
     render(whole_page(traces(LONG), traces(LONG)))

@@ -47,7 +47,7 @@ def test_of_a_spring_before_damper_and_friction_with_a_mass_outside(friction: fl
     w = solve_ivp(rate, (0.0, t[-1]), [v[0]], "Radau", t, rtol=1e-7, atol=1e-10, max_step=PERIOD).y[0]
     exact = DAMPING * w + friction * np.tanh(w / 2e-3) + MASS * a + OFFSET
     names = ("inner-friction", "series-compliance") if friction else ("series-compliance",)
-    composition, vector = composed(names, [friction, COMPLIANCE] if friction else [COMPLIANCE])
+    composition, vector = composed(names, [friction, 2e-3, COMPLIANCE] if friction else [COMPLIANCE])
     got = composition.predict(Signals(PERIOD, {"velocity": v, "displacement": x}, 0 * t), vector)
     inside = slice(200, -5)
     assert np.sqrt(np.mean((got - exact)[inside] ** 2)) < 0.01 * exact.std()

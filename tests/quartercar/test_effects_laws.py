@@ -71,7 +71,7 @@ def test_friction_behind_a_spring_is_a_rounded_iwan_element():
     """Friction alone behind a spring, dF/dt = k (v − w), F = F_c tanh(w/ε): elastic, then plastic."""
     s, friction, stiffness, eps = motion(1.5), 100.0, 2e5, 2e-3
     composition = Composition(linear(), (InnerFriction(), SeriesCompliance()))
-    force = composition.predict(s, np.array([0.0, 0.0, 0.0, 0.0, friction, 1 / stiffness]))
+    force = composition.predict(s, np.array([0.0, 0.0, 0.0, 0.0, friction, eps, 1 / stiffness]))
     fine, exact, now = 8, np.empty(s.n_samples), force[0]
     exact[0], h = now, 1 / RATE / 8
     for k in range(1, s.n_samples):
