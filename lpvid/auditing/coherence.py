@@ -136,7 +136,7 @@ def _is_derivative(views: Sequence[View], slow: str, fast: str) -> bool:
     for v in views:
         found = None if v.period is None or not all(v.record.has(n) for n in (slow, fast)) else \
             v.run(v.record.resolve(slow), v.record.resolve(fast))
-        if found is None or found[0].size < 32:
+        if found is None or found[0].size < 32 or v.period is None:
             continue
         window = np.hanning(found[0].size)
         x, u = (np.fft.rfft((c - c.mean()) * window) for c in found)
