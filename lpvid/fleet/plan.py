@@ -75,12 +75,12 @@ class FleetPlan:
 
     def key(self, step: str) -> str:
         """Hash of what the result of a step depends on beside its file."""
-        told: dict[str, Any] = {"step": step, "roles": dict(self.roles)}
+        about: dict[str, Any] = {"step": step, "roles": dict(self.roles)}
         if step != "audit":
-            told["structure"] = self.structure.to_dict()
+            about["structure"] = self.structure.to_dict()
         if step == "diagnose":
-            told |= {"baseline": self.baseline, "options": list(self.diagnose_options)}
-        return hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()[:16]
+            about |= {"baseline": self.baseline, "options": list(self.diagnose_options)}
+        return hashlib.sha256(json.dumps(about, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
 def plan_fleet(paths: Sequence[str], out: str | os.PathLike, *, do: Sequence[str] = ("audit", "identify"),
