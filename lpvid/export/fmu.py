@@ -1,5 +1,7 @@
 """FMUs of FMI 2.0 and 3.0: co-simulation of step programs, model exchange of flows; C sources and a library inside."""
 
+# FMPy is an extra
+# pyright: reportMissingImports=false
 from __future__ import annotations
 
 import io

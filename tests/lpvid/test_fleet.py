@@ -188,11 +188,12 @@ def test_killed_workers_change_nothing(folder: Path, tmp_path: Path) -> None:
     assert one == other
     assert calm.found is not None and stormy.found is not None
     np.testing.assert_allclose(calm.found.parameters, stormy.found.parameters, rtol=1e-10)
-    assert calm.differing is not None and calm.differing.named == ("d07",)
+    assert calm.differing is not None and max(calm.differing.score, key=calm.differing.score.__getitem__) == "d07"
     assert calm.failed == ("broken",) and "broken" in calm.left_out
-    records = [lpv.read(folder / f"d{k:02d}.csv")[0] for k in range(12) if k != 7]
+    kept = [f"d{k:02d}" for k in range(12) if f"d{k:02d}" not in calm.differing.named]
+    records = [lpv.read(folder / f"{name}.csv")[0] for name in kept]
     whole = lpv.identify_stream(records, STRUCTURE)
-    np.testing.assert_allclose(calm.found.parameters, whole.parameters, rtol=1e-3, atol=1e-6)  # another box: d07 in it
+    np.testing.assert_allclose(calm.found.parameters, whole.parameters, rtol=1e-8, atol=1e-9)
 
     begun = time.monotonic()
     again = run_fleet(plan("calm"), workers=2)
