@@ -52,8 +52,6 @@ class FleetPlan:
     roles : mapping of str to str
     baseline : str or None
         What `diagnose` judges instead of the fleet's own model: a law or a model.json.
-    diagnose_options : tuple of str
-        Further words of its command line.
     fdr : float
         Share of false names among the files that are named, at most.
     limit : float
@@ -68,7 +66,6 @@ class FleetPlan:
     structure: ARX
     roles: Mapping[str, str] = field(default_factory=dict)
     baseline: str | None = None
-    diagnose_options: tuple[str, ...] = ()
     fdr: float = 0.05
     limit: float = 600.0
     retries: int = 2
@@ -79,13 +76,13 @@ class FleetPlan:
         if step != "audit":
             about["structure"] = self.structure.to_dict()
         if step == "diagnose":
-            about |= {"baseline": self.baseline, "options": list(self.diagnose_options)}
+            about |= {"baseline": self.baseline}
         return hashlib.sha256(json.dumps(about, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
 def plan_fleet(paths: Sequence[str], out: str | os.PathLike, *, do: Sequence[str] = ("audit", "identify"),
                structure: ARX | None = None, roles: Mapping[str, str] | None = None, baseline: str | None = None,
-               diagnose_options: Sequence[str] = (), fdr: float = 0.05, limit: float = 600.0,
+               fdr: float = 0.05, limit: float = 600.0,
                retries: int = 2) -> FleetPlan:
     """A plan over files, patterns (``**`` goes through folders) and folders.
 
@@ -97,7 +94,7 @@ def plan_fleet(paths: Sequence[str], out: str | os.PathLike, *, do: Sequence[str
         Of `STEPS`; "diagnose" needs "identify" unless it has a baseline of its own.
     structure : ARX, optional
         Left out: velocity to force, four lags each from lag 0, with a constant.
-    roles, baseline, diagnose_options, fdr, limit, retries
+    roles, baseline, fdr, limit, retries
         As in `FleetPlan`.
 
     Returns
@@ -133,8 +130,8 @@ def plan_fleet(paths: Sequence[str], out: str | os.PathLike, *, do: Sequence[str
     names = _names(found)
     arx = structure or ARX(4, 4, 0, "velocity", "force", Polynomial(), affine=1)
     return FleetPlan(tuple(Job(p, n, home / "files" / n) for p, n in zip(found, names, strict=True)),
-                     tuple(s for s in STEPS if s in do), home, arx, dict(roles or {}), baseline,
-                     tuple(diagnose_options), fdr, _checks.positive(limit, "limit", "s"), retries)
+                     tuple(s for s in STEPS if s in do), home, arx, dict(roles or {}), baseline, fdr,
+                     _checks.positive(limit, "limit", "s"), retries)
 
 
 def _names(paths: Sequence[Path]) -> list[str]:

@@ -90,7 +90,7 @@ def judge(job: Job, plan: FleetPlan, model: Path, rate: float, tag: str) -> Outc
 def diagnose(job: Job, plan: FleetPlan, model: Path, tag: str) -> Outcome:
     """`lpvid diagnose` against the fleet's model, in a process of its own."""
     words = ["diagnose", str(job.path), "--baseline", plan.baseline or str(model), "--out",
-             str(job.folder / "diagnosis"), "--json", *_roles(plan), *plan.diagnose_options]
+             str(job.folder / "diagnosis"), "--json", *_roles(plan)]
     return _command("diagnose", job, plan, words, f"{stamp(job.path, plan.key('diagnose'))}-{tag}")
 
 

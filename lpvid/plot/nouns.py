@@ -31,8 +31,6 @@ CARD_WIDTH = 6.0
 """Of a card's figure [inch]."""
 CARD_DPI = 96
 """Pixels per inch of it: one for one in a notebook."""
-POINTS = 9
-"""Frozen models of a locus or of a family of gains."""
 STYLE = """<style>.lpvid-card{font:13px system-ui,sans-serif;max-width:640px;border:1px solid #8886;border-radius:6px;
 padding:.6em .9em}.lpvid-card pre{margin:.4em 0 0;white-space:pre-wrap;font-size:12px;background:none;color:inherit}
 .lpvid-card img{display:block;max-width:100%;margin-top:.5em}@media(prefers-color-scheme:dark){.lpvid-card img{
