@@ -8,13 +8,13 @@ import numpy as np
 
 import quartercar as qc
 from lpvid.plot import show
-from quartercar.car import BumpStops, Coil
-from quartercar.controllers.lpv_hinf import LpvHinf
-from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
-from quartercar.designing import FREQUENCIES, Design, design
-from quartercar.embedded import identified_damper
-from quartercar.plot.designing import gains
-from quartercar.ride_roads import Bump
+from quartercar.controllers.designed.lpv_hinf import LpvHinf
+from quartercar.controllers.designed.lpv_hinf_clipped import LpvHinfClipped
+from quartercar.design.nominal import FREQUENCIES, Design, design
+from quartercar.design.plot import gains
+from quartercar.rides.default_damper import identified_damper
+from quartercar.roads.ride_roads import Bump
+from quartercar.vehicle.nonlinear import BumpStops, Coil
 
 
 def main(figure: str | None = None, road: Bump | None = None) -> dict[str, Design]:

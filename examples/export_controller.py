@@ -19,13 +19,13 @@ from lpvid.export.exporting import content
 from lpvid.export.matlab import find_octave
 from lpvid.plot import show
 from lpvid.plot.style import look, panels
-from quartercar.car import Coil
 from quartercar.controllers import law_class
 from quartercar.controllers.contract import Setting
-from quartercar.embedded import identified_damper
 from quartercar.export import EXPORTER
 from quartercar.export.loop_steps import LoopLaw
 from quartercar.parameters import MEGANE
+from quartercar.rides.default_damper import identified_damper
+from quartercar.vehicle.nonlinear import Coil
 
 
 def main(folder: str | Path, figure: str | None = None) -> dict[str, float]:

@@ -11,9 +11,9 @@ import lpvid as lpv
 from lpvid import excitation
 from lpvid.plot import show
 from lpvid.plot.style import label, look, panels
-from quartercar.dampers.creep import static_forces
-from quartercar.dampers.gas_damper_study import measured, work_table
-from quartercar.dampers.ramps import fit_ramps
+from quartercar.dampers.bench.creep import static_forces
+from quartercar.dampers.bench.gas_damper_study import measured, work_table
+from quartercar.dampers.bench.ramps import fit_ramps
 
 CREEP = ((0.010, 0.002), (0.063, 0.020))    # X [m], speed [m/s]
 

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 import lpvid as lpv
 from lpvid.plot import show
 from quartercar.dampers import FitSettings
-from quartercar.dampers.characteristic import characteristic_line
-from quartercar.dampers.relief_valve import LagDamper, ReliefValve, ReliefValveOrifice
+from quartercar.dampers.bench.characteristic import characteristic_line
+from quartercar.dampers.laws.relief_valve import LagDamper, ReliefValve, ReliefValveOrifice
 
 AMPLITUDES = np.geomspace(0.23e-3, 27.28e-3, 11)
 FREQUENCY, RATE = 3.5, 512.0

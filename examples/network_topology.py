@@ -12,7 +12,7 @@ from lpvid import Channel, Record
 from lpvid.excitation import triangle
 from lpvid.plot import show
 from quartercar.dampers import NetworkChoice, choose_network, static_points
-from quartercar.dampers.hydraulics import mixed_flow
+from quartercar.dampers.laws.hydraulics import mixed_flow
 
 SPEEDS = np.geomspace(1e-5, 2e-3, 23)  # below 2 mm/s
 TRUTHS = {"series": (5e4, 2e8, 0.0), "mixed": (2e5, 2e10, 5e-7)}  # c_L [N s/m], c_Q [N s²/m²], 1/c_leak [m/(N s)]

@@ -17,10 +17,10 @@ from matplotlib.figure import Figure
 
 import quartercar as qc
 from lpvid.plot import show
-from quartercar.preview import preview_from_text
-from quartercar.ride_config import build_car
-from quartercar.ride_roads import IsoRoad
-from quartercar.riding import RideSettings, drive
+from quartercar.rides.config import build_car
+from quartercar.rides.preview import preview_from_text
+from quartercar.rides.simulation import RideSettings, drive
+from quartercar.roads.ride_roads import IsoRoad
 
 CASES = {"SH-ADD": ("sh-add", "none"), "MPC without preview": ("mpc", "none"),
          "preview LQ, front axle": ("preview-lqr", "wheelbase=2.7"), "MPC, front axle": ("mpc", "wheelbase=2.7"),

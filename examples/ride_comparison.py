@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 import quartercar as qc
 from lpvid.plot import show
-from quartercar.car import BumpStops, Coil
-from quartercar.embedded import identified_damper
-from quartercar.plot.riding import trade_offs
-from quartercar.ride_comparison import RideComparison, compare_rides
-from quartercar.ride_roads import Bump, IsoRoad, RideRoad
-from quartercar.tuning import Trial, tune
+from quartercar.plot.rides import trade_offs
+from quartercar.rides.comparison import RideComparison, compare_rides
+from quartercar.rides.default_damper import identified_damper
+from quartercar.rides.tuning import Trial, tune
+from quartercar.roads.ride_roads import Bump, IsoRoad, RideRoad
+from quartercar.vehicle.nonlinear import BumpStops, Coil
 
 LAWS = ("passive", "skyhook-linear", "add", "sh-add", "clipped-optimal")
 TUNED_ON = (100_000, 100_001)

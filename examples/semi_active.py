@@ -11,7 +11,7 @@ import lpvid as lpv
 from lpvid.plot import show
 from lpvid.plot.style import label, look, panels
 from quartercar.dampers import ExtendedBoucWen, ForceMap, identify_stepwise
-from quartercar.dampers.semi_active_study import fixed_steps, measured, paper_plan, virtual_device
+from quartercar.dampers.bench.semi_active_study import fixed_steps, measured, paper_plan, virtual_device
 
 NODES = (0.1, 0.2, 0.3, 0.4, 0.5)
 KNOTS = (-0.12, -0.08, -0.04, -0.015, -0.004, 0.0, 0.004, 0.015, 0.04, 0.08, 0.12)    # m/s

@@ -13,21 +13,22 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from quartercar import controllers, criteria, dampers, effects, parameters, plant, rig, roads
-    from quartercar.car import QuarterCar
+    from quartercar import controllers, criteria, dampers, effects, lpv_models, parameters, rides, rig, roads, vehicle
     from quartercar.characterisation import characterise
     from quartercar.dampers.fitting import fit
     from quartercar.parameters import CarParameters
-    from quartercar.riding import ride
+    from quartercar.rides.simulation import ride
+    from quartercar.vehicle.nonlinear import QuarterCar
 
-_MODULES = ("controllers", "criteria", "dampers", "effects", "parameters", "plant", "rig", "roads")
-_EXPORTS = {"quartercar.car": ("QuarterCar",), "quartercar.characterisation": ("characterise",),
+_MODULES = ("controllers", "criteria", "dampers", "effects", "lpv_models", "parameters", "rides", "rig", "roads",
+            "vehicle")
+_EXPORTS = {"quartercar.vehicle.nonlinear": ("QuarterCar",), "quartercar.characterisation": ("characterise",),
             "quartercar.dampers.fitting": ("fit",),
-            "quartercar.parameters": ("CarParameters",), "quartercar.riding": ("ride",)}
+            "quartercar.parameters": ("CarParameters",), "quartercar.rides.simulation": ("ride",)}
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = ["CarParameters", "QuarterCar", "characterise", "controllers", "criteria", "dampers", "effects", "fit",
-           "parameters", "plant", "ride", "rig", "roads"]
+           "lpv_models", "parameters", "ride", "rides", "rig", "roads", "vehicle"]
 
 
 def __getattr__(name: str) -> Any:

@@ -125,7 +125,7 @@ def test_own_effect() -> None:
 
 @pytest.mark.slow
 def test_ride_comparison(tmp_path: Path) -> None:
-    from quartercar.ride_roads import IsoRoad
+    from quartercar.roads.ride_roads import IsoRoad
 
     found = load("ride_comparison").main(2, 4, [IsoRoad("C", 20.0, 1.0)], ["passive", "sh-add"],
                                          str(tmp_path / "front.png"))
@@ -141,7 +141,7 @@ def test_synthesize_lpv() -> None:
 
 @pytest.mark.slow
 def test_design_lpv_suspension(tmp_path: Path) -> None:
-    from quartercar.ride_roads import Bump
+    from quartercar.roads.ride_roads import Bump
 
     found = load("design_lpv_suspension").main(str(tmp_path / "gains.png"), Bump(duration=0.5))
     assert (tmp_path / "gains.png").stat().st_size > 10_000

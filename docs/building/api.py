@@ -35,7 +35,7 @@ MODULES: Mapping[str, str] = {
     "quartercar.parameters": "Parameters of cars",
     "quartercar.criteria": "Criteria of a ride",
     "quartercar.controllers": "Control laws",
-    "quartercar.plant": "Plants of the quarter car",
+    "quartercar.lpv_models": "Plants of the quarter car",
     "quartercar.effects": "Effects that a diagnosis can name",
     "quartercar.plot": "Figures of quartercar",
 }

@@ -13,15 +13,15 @@ from writing import number, picture, table, write
 import lpvid as lpv
 from lpvid import excitation
 from lpvid.plot.style import INK, MUTED, VERMILION, label, look, panels
-from quartercar.dampers.creep import static_forces
-from quartercar.dampers.gas_damper_study import RIG_SPEED, measured, work_table
-from quartercar.dampers.ramps import fit_ramps
-from quartercar.dampers.sine_work import SWIFT_2012
+from quartercar.dampers.bench.creep import static_forces
+from quartercar.dampers.bench.gas_damper_study import RIG_SPEED, measured, work_table
+from quartercar.dampers.bench.ramps import fit_ramps
+from quartercar.dampers.bench.sine_work import SWIFT_2012
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from quartercar.dampers.ramps import RampFit
+    from quartercar.dampers.bench.ramps import RampFit
 
 RATE = 1000.0
 """Hz: of our rig; the source names none"""

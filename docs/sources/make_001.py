@@ -24,12 +24,12 @@ from writing import number, picture, table, write
 
 import lpvid as lpv
 from lpvid.plot.style import BLUE, INK, MUTED, VERMILION, label, look, panels
-from quartercar.dampers.characteristic import CharacteristicLine, characteristic_line
+from quartercar.dampers.bench.characteristic import CharacteristicLine, characteristic_line
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from quartercar.dampers.relief_valve import LagDamper
+    from quartercar.dampers.laws.relief_valve import LagDamper
 
 BAND = 0.15
 """half width of our qualification band, a share of unit 1's force; the source's band is not printed in numbers"""

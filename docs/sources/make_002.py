@@ -13,12 +13,12 @@ from writing import number, picture, table, write
 import lpvid as lpv
 from lpvid.plot.style import BLUE, INK, MUTED, VERMILION, label, look, panels
 from quartercar.dampers import ExtendedBoucWen
-from quartercar.dampers.semi_active_study import fixed_steps
+from quartercar.dampers.bench.semi_active_study import fixed_steps
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from quartercar.dampers.stepwise import Stepwise
+    from quartercar.dampers.fitting.stepwise import Stepwise
 
 PRINTED = {"extended Bouc-Wen": (0.097, 0.090), "Force Map": (0.095, 0.117)}
 """J at u = 10 and 50 %, Table 1 of the source, measured, on the data of the identification"""

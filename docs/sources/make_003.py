@@ -204,7 +204,7 @@ def main() -> None:
             table(
                 ["source", "what it shows", "here"],
                 [
-                    ["Figs. 1, 2, 5", "damper, rig, networks", "drawings; `quartercar.dampers.hydraulics`"],
+                    ["Figs. 1, 2, 5", "damper, rig, networks", "drawings; `quartercar.dampers.laws.hydraulics`"],
                     ["Fig. 3", "steady force levels of two runs", "below"],
                     ["Fig. 4", "static characteristic, linear and logarithmic", "below, points"],
                     ["Figs. 6, 7", "both networks, linear and logarithmic", "below, lines"],

@@ -23,7 +23,7 @@ from scipy.integrate import solve_ivp
 
 import lpvid as lpv
 from quartercar.dampers import FitSettings
-from quartercar.dampers.relief_valve import LagDamper, ReliefValve, ReliefValveOrifice
+from quartercar.dampers.laws.relief_valve import LagDamper, ReliefValve, ReliefValveOrifice
 
 AMPLITUDES = np.geomspace(0.23e-3, 27.28e-3, 11)
 """m: eleven, as in the source, from its smallest to its largest; the source's own steps are not printed"""

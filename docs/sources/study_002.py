@@ -26,8 +26,8 @@ import numpy as np
 
 import lpvid as lpv
 from quartercar.dampers import ExtendedBoucWen, ForceMap, identify_stepwise
-from quartercar.dampers.semi_active_study import measured, paper_plan
-from quartercar.dampers.stepwise import Stepwise
+from quartercar.dampers.bench.semi_active_study import measured, paper_plan
+from quartercar.dampers.fitting.stepwise import Stepwise
 
 NODES = (0.1, 0.2, 0.3, 0.4, 0.5)
 KNOTS = (-0.16, -0.12, -0.08, -0.04, -0.015, -0.004, 0.0, 0.004, 0.015, 0.04, 0.08, 0.12, 0.16)

@@ -14,9 +14,9 @@ from lpvid.record import Record
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import LawDamper, StaticDamper
 from quartercar.dampers.fitting.settings import FitSettings
-from quartercar.dampers.linear import Linear
+from quartercar.dampers.laws.linear import Linear
+from quartercar.dampers.laws.relief_valve import LagDamper
 from quartercar.dampers.parameter import Parameter
-from quartercar.dampers.relief_valve import LagDamper
 
 STARTS = 6
 """points from which a search over a law's parameters may begin"""

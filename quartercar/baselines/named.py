@@ -67,7 +67,7 @@ def _baseline(damper: Damper) -> Baseline:
 
         return DamperBaseline(damper)
     from lpvid.diagnosis.lpv_baseline import LpvBaseline
-    from quartercar.dampers.sampled import SampledDamper
+    from quartercar.dampers.blackbox.sampled import SampledDamper
 
     if isinstance(damper, SampledDamper):
         return LpvBaseline(damper.held.at(damper.vector), damper.name, "device", damper.polarity,

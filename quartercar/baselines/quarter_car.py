@@ -12,8 +12,8 @@ from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.errors import InputError
 from lpvid.record import Record
-from quartercar.baselines.car_core import OUTPUTS, CarCore, discretised
 from quartercar.parameters import BENCH, CarParameters
+from quartercar.vehicle.strut_friction import OUTPUTS, CarCore, discretised
 
 ROLES = ("road", "unsprung", "sprung", "actuator")
 UNITS = {"spring_stiffness": "N/m", "damping": "N*s/m", "sprung_mass": "kg", "unsprung_mass": "kg",

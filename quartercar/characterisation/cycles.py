@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from quartercar.characterisation.runs import NOISE, Run
-from quartercar.dampers.static_characteristic import SAME_SPEED
-from quartercar.dampers.strokes import turning_points
+from quartercar.dampers.bench.static_characteristic import SAME_SPEED
+from quartercar.dampers.bench.strokes import turning_points
 
 SMALLEST = 0.01
 """stroke, as a share of the run's travel, below which a reversal is no stroke"""

@@ -11,7 +11,7 @@ from quartercar.characterisation.cycles import Block
 from quartercar.characterisation.local_fit import local_fit
 from quartercar.characterisation.points import DIRECTIONS, BranchForce, branch_force, peak_point
 from quartercar.characterisation.runs import Run
-from quartercar.dampers.static_characteristic import SAME_SPEED
+from quartercar.dampers.bench.static_characteristic import SAME_SPEED
 
 SLICES = 20
 """Stretches of a random record that count as independent for its standard error: enough for a 16 % error of it."""

@@ -9,7 +9,7 @@ import numpy as np
 from quartercar.characterisation.cycles import Block, Cycle
 from quartercar.characterisation.local_fit import LEAST, LocalFit, local_fit
 from quartercar.characterisation.settings import CENTRE
-from quartercar.dampers.static_characteristic import SAME_SPEED
+from quartercar.dampers.bench.static_characteristic import SAME_SPEED
 
 DIRECTIONS = {1: "rebound", -1: "compression"}
 """Sign of the velocity by the name of the direction."""

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from quartercar.characterisation.runs import NOISE, Run
-from quartercar.dampers.static_characteristic import SAME_SPEED
+from quartercar.dampers.bench.static_characteristic import SAME_SPEED
 
 CLASSES = 50
 """classes of the current's histogram over its range"""

@@ -9,7 +9,7 @@ import numpy as np
 
 from quartercar.characterisation.runs import NOISE, Run
 from quartercar.characterisation.steps import Step, steps_of
-from quartercar.dampers.static_characteristic import SAME_SPEED
+from quartercar.dampers.bench.static_characteristic import SAME_SPEED
 
 SETTLED = 0.05
 """Band about the final force within which a step has settled, as a share of the step."""

@@ -14,8 +14,8 @@ from lpvid.errors import InputError
 from lpvid.units import parse_header, to_si
 from quartercar.characterisation.forces import StandardForce
 from quartercar.characterisation.points import DIRECTIONS
+from quartercar.dampers.bench.static_characteristic import SAME_SPEED
 from quartercar.dampers.facts import DISTINCT
-from quartercar.dampers.static_characteristic import SAME_SPEED
 
 MEND = ("a CSV with columns 'speed [m/s]', 'direction', 'force [N]' and, as needed, 'current [A]', 'lower [N]', "
         "'upper [N]'")

@@ -15,7 +15,7 @@ from quartercar.cli.rig import writer
 
 if TYPE_CHECKING:
     from lpvid.record import Record
-    from quartercar.demo import Demo
+    from quartercar.demo.run import Demo
 
 DEMO_FOLDER = Path("quartercar-demo")
 
@@ -25,7 +25,7 @@ def demo(out: options.Out = DEMO_FOLDER,
          seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the virtual rig.")] = 0,
          json: options.Json = False) -> None:
     """The whole road on embedded data: rig, identification, stability, diagnosis, a controller and its ride, report."""
-    from quartercar.demo import run_demo
+    from quartercar.demo.run import run_demo
 
     results = Results(out)
     with working("starting") as say:
@@ -39,7 +39,7 @@ def _deliver(results: Results, found: Demo) -> None:
     from lpvid import plot as lpv_plot
     from lpvid.export.serialise import save
     from quartercar import plot
-    from quartercar.demo import TARGET, comparisons, demo_page
+    from quartercar.demo.run import TARGET, comparisons, demo_page
     from quartercar.rig import write_csv
 
     shown = comparisons(found)
@@ -118,7 +118,7 @@ def _counted(records: list[Record]) -> str:
 def _experiment_lines(figures) -> list:
     from rich.table import Table
 
-    from quartercar.demo import experiments_table
+    from quartercar.demo.run import experiments_table
 
     told = experiments_table(figures)
     table = Table(box=None, pad_edge=False, header_style="dim")

@@ -13,12 +13,12 @@ from lpvid.cli.running import SHORTFALL, Results, command, conclude, solvers_unh
 from lpvid.errors import InputError
 
 if TYPE_CHECKING:
-    from quartercar.controllers.lpv_hinf import LpvHinf
-    from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
-    from quartercar.controllers.lpv_hinf_identified import LpvHinfIdentified
-    from quartercar.design_config import DesignConfig
-    from quartercar.designing import Design
-    from quartercar.designing_identified import IdentifiedDesign
+    from quartercar.controllers.designed.lpv_hinf import LpvHinf
+    from quartercar.controllers.designed.lpv_hinf_clipped import LpvHinfClipped
+    from quartercar.controllers.designed.lpv_hinf_identified import LpvHinfIdentified
+    from quartercar.design.config import DesignConfig
+    from quartercar.design.identified import IdentifiedDesign
+    from quartercar.design.nominal import Design
 
 ConfigFile = Annotated[Path | None, typer.Argument(metavar="CONFIG", help="A TOML file; --template prints one. Options "
                                                    "count before it.", show_default=False)]
@@ -46,8 +46,8 @@ def design(
     certificate.json, which `lpvid verify` takes, report.html and its figures.
     Without CONFIG: the default weights, for --car and --damper or the embedded damper in the default car.
     """
-    from quartercar.design_config import design_schema, design_template, load_design, read_design
-    from quartercar.designing import design as designed
+    from quartercar.design.config import design_schema, design_template, load_design, read_design
+    from quartercar.design.nominal import design as designed
 
     if template or schema:
         import json as writer
@@ -84,8 +84,8 @@ def _tuned(chosen: DesignConfig, budget: int,
     """The law, tuned where that was asked for."""
     if not budget:
         return chosen.law
-    from quartercar.ride_roads import Bump, IsoRoad
-    from quartercar.tuning import Trial, tune
+    from quartercar.rides.tuning import Trial, tune
+    from quartercar.roads.ride_roads import Bump, IsoRoad
 
     trial = Trial(chosen.car, (IsoRoad(duration=8.0), Bump()), seeds=(100_000, 100_001))
     return chosen.law.with_vector(tune(chosen.law, trial, max(budget, 4), say=say).controller.vector)
@@ -97,7 +97,7 @@ def _deliver(results: Results, found: Design | IdentifiedDesign, say: Callable[[
         return
     from lpvid.export.serialise import save
     from lpvid.plot import png
-    from quartercar.report_design import design_figures, design_page
+    from quartercar.design.report import design_figures, design_page
 
     say("riding over a bump")
     rides = found.bump() if found.synthesis.solved else None

@@ -55,7 +55,7 @@ def _loop(config: Path | None, controller: str, car: str | None, damper: Path | 
           measurements: str | None) -> LoopLaw:
     """The loop of a configuration with one of its laws, or with another one."""
     from quartercar.export.loop_steps import LoopLaw
-    from quartercar.ride_config import RideConfig, build_car, given_laws, load_config, measuring
+    from quartercar.rides.config import RideConfig, build_car, given_laws, load_config, measuring
 
     if config is not None and (car is not None or damper is not None):
         raise InputError("--car and --damper belong to an export without CONFIG", mend="write them into the "

@@ -14,8 +14,8 @@ from lpvid.errors import InputError
 
 if TYPE_CHECKING:
     from lpvid.record import Record
-    from quartercar.dampers.compared import Comparison
     from quartercar.dampers.contract import Damper
+    from quartercar.dampers.evaluation.compared import Comparison
 
 HOLD_OUT = "last-third"
 
@@ -56,7 +56,7 @@ def fit(
     from lpvid.cli.data import asked_rate, split_names
     from lpvid.cli.parts import damper_parts
     from lpvid.condition.preparing import common_rate
-    from quartercar.dampers.comparison import CompareSettings, compare
+    from quartercar.dampers.evaluation.comparison import CompareSettings, compare
 
     results = Results(out)
     with working("reading") as say:
@@ -129,7 +129,7 @@ def _deliver(results: Results, found: Comparison, say: Callable[[str], None]) ->
         return
     from lpvid.export.serialise import save
     from lpvid.plot import png
-    from quartercar.report_fit import comparison_figures, comparison_page
+    from quartercar.report.fit import comparison_figures, comparison_page
 
     say("drawing")
     results.json("comparison.json", found.to_dict())

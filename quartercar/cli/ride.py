@@ -13,11 +13,11 @@ from lpvid.cli.running import SHORTFALL, Results, command, conclude, solvers_unh
 from lpvid.errors import InputError, NumericalError
 
 if TYPE_CHECKING:
-    from quartercar.car import QuarterCar
-    from quartercar.ride_bound import Bound
-    from quartercar.ride_comparison import RideComparison
-    from quartercar.ride_config import RideConfig
-    from quartercar.tuning import Tuned
+    from quartercar.rides.bound import Bound
+    from quartercar.rides.comparison import RideComparison
+    from quartercar.rides.config import RideConfig
+    from quartercar.rides.tuning import Tuned
+    from quartercar.vehicle.nonlinear import QuarterCar
 
 ConfigFile = Annotated[Path | None, typer.Argument(metavar="CONFIG", help="A TOML file; --template prints one. Options "
                                                    "count before it.", show_default=False)]
@@ -56,8 +56,8 @@ def ride(
     The nonlinear car with its identified damper, sensors with noise, an observer, the inverse of the damper model down
     to the coil's current. Writes ride.json, a file for each law, report.html and its figures.
     """
-    from quartercar.ride_comparison import compare_rides
-    from quartercar.ride_config import ride_template
+    from quartercar.rides.comparison import compare_rides
+    from quartercar.rides.config import ride_template
 
     if template:
         typer.echo(ride_template(), nl=False)
@@ -98,7 +98,7 @@ def _chosen(config: Path | None, car: str | None, damper: Path | None, road: lis
             tune: int | None, preview: str | None) -> RideConfig:
     """The configuration with the options put in."""
     from lpvid.cli.data import split_names
-    from quartercar.ride_config import RideConfig, build_car, given_laws, load_config, measuring, road_from_text
+    from quartercar.rides.config import RideConfig, build_car, given_laws, load_config, measuring, road_from_text
 
     base = None if config is None else load_config(config)
     if base is not None and (car is not None or damper is not None):
@@ -116,8 +116,8 @@ def _with_preview(chosen: RideConfig, text: str, free: bool) -> RideConfig:
     """With the road ahead; where no laws are asked for, also those that make use of it."""
     from dataclasses import replace
 
-    from quartercar.preview import preview_from_text
-    from quartercar.ride_config import given_laws, laws_with_preview
+    from quartercar.rides.config import given_laws, laws_with_preview
+    from quartercar.rides.preview import preview_from_text
 
     found = preview_from_text(text)
     laws = given_laws(laws_with_preview(chosen.car)) if free and found is not None else None
@@ -126,7 +126,7 @@ def _with_preview(chosen: RideConfig, text: str, free: bool) -> RideConfig:
 
 def _tuned(chosen: RideConfig, say: Callable[[str], None]) -> tuple[dict, dict[str, Tuned]]:
     """The laws, tuned where that was asked for."""
-    from quartercar.tuning import Trial, tune
+    from quartercar.rides.tuning import Trial, tune
 
     if not chosen.tune:
         return dict(chosen.controllers), {}
@@ -145,7 +145,7 @@ def _tuned(chosen: RideConfig, say: Callable[[str], None]) -> tuple[dict, dict[s
 def _check_bound(chosen: RideConfig) -> None:
     """Refuse a bound that cannot be had before anything is computed."""
     if chosen.bound:
-        from quartercar.adjoint import refuse_without_gradient
+        from quartercar.vehicle.adjoint import refuse_without_gradient
 
         refuse_without_gradient(chosen.car.damper)
 
@@ -161,7 +161,7 @@ def _bounds(chosen: RideConfig, found: RideComparison, say: Callable[[str], None
     """What the damper could have reached, where that was asked for."""
     if not chosen.bound:
         return ()
-    from quartercar.ride_bound import BoundSettings, bound_rides
+    from quartercar.rides.bound import BoundSettings, bound_rides
 
     return bound_rides(chosen.car, chosen.roads, found, chosen.settings, BoundSettings(chosen.bound_seeds), say)
 
@@ -192,7 +192,7 @@ def _deliver(results: Results, data: dict, found: RideComparison, chosen: RideCo
         return
     from lpvid.export.serialise import save
     from lpvid.plot import png
-    from quartercar.report_ride import ride_figures, ride_page
+    from quartercar.report.rides import ride_figures, ride_page
 
     say("drawing")
     results.json("ride.json", data)

@@ -40,7 +40,7 @@ def rig(plan: PlanFile = None,
             records.append(record)
             say(f"running the rig: {record.name} done")
         from lpvid.auditing import audit
-        from quartercar.report_rig import rig_page
+        from quartercar.report.rig import rig_page
 
         for record in records:
             results.add(f"{record.name}.csv", writer(write_csv, record))

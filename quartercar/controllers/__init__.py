@@ -11,29 +11,30 @@ if TYPE_CHECKING:
     from quartercar.controllers.contract import Controller
 
 LAWS: tuple[tuple[str, str, str], ...] = (
-    ("passive", "quartercar.controllers.passive", "Passive"),
-    ("skyhook", "quartercar.controllers.skyhook", "Skyhook"),
-    ("skyhook-linear", "quartercar.controllers.skyhook_linear", "LinearSkyhook"),
-    ("groundhook", "quartercar.controllers.groundhook", "Groundhook"),
-    ("hybrid", "quartercar.controllers.hybrid", "Hybrid"),
-    ("add", "quartercar.controllers.add", "AccelerationDriven"),
-    ("sh-add", "quartercar.controllers.sh_add", "SkyhookAccelerationDriven"),
-    ("sh-add-1s", "quartercar.controllers.sh_add_one_sensor", "SkyhookAccelerationDrivenOneSensor"),
-    ("pdd", "quartercar.controllers.pdd", "PowerDriven"),
-    ("clipped-optimal", "quartercar.controllers.clipped_optimal", "ClippedOptimal"),
-    ("preview-lqr", "quartercar.controllers.preview_lqr", "PreviewQuadratic"),
-    ("mpc", "quartercar.controllers.mpc", "Predictive"),
-    ("lpv-hinf-clipped", "quartercar.controllers.lpv_hinf_clipped", "LpvHinfClipped"),
-    ("lpv-hinf", "quartercar.controllers.lpv_hinf", "LpvHinf"),
-    ("lpv-hinf-identified", "quartercar.controllers.lpv_hinf_identified", "LpvHinfIdentified"),
-    ("scheduled", "quartercar.controllers.scheduled", "ScheduledController"),
-    ("identified-plant", "quartercar.controllers.lpv_hinf_identified", "IdentifiedController"),
+    ("passive", "quartercar.controllers.laws.passive", "Passive"),
+    ("skyhook", "quartercar.controllers.laws.skyhook", "Skyhook"),
+    ("skyhook-linear", "quartercar.controllers.laws.skyhook_linear", "LinearSkyhook"),
+    ("groundhook", "quartercar.controllers.laws.groundhook", "Groundhook"),
+    ("hybrid", "quartercar.controllers.laws.hybrid", "Hybrid"),
+    ("add", "quartercar.controllers.laws.add", "AccelerationDriven"),
+    ("sh-add", "quartercar.controllers.laws.sh_add", "SkyhookAccelerationDriven"),
+    ("sh-add-1s", "quartercar.controllers.laws.sh_add_one_sensor", "SkyhookAccelerationDrivenOneSensor"),
+    ("pdd", "quartercar.controllers.laws.pdd", "PowerDriven"),
+    ("clipped-optimal", "quartercar.controllers.laws.clipped_optimal", "ClippedOptimal"),
+    ("preview-lqr", "quartercar.controllers.laws.preview_lqr", "PreviewQuadratic"),
+    ("mpc", "quartercar.controllers.laws.mpc", "Predictive"),
+    ("lpv-hinf-clipped", "quartercar.controllers.designed.lpv_hinf_clipped", "LpvHinfClipped"),
+    ("lpv-hinf", "quartercar.controllers.designed.lpv_hinf", "LpvHinf"),
+    ("lpv-hinf-identified", "quartercar.controllers.designed.lpv_hinf_identified", "LpvHinfIdentified"),
+    ("scheduled", "quartercar.controllers.designed.scheduled", "ScheduledController"),
+    ("identified-plant", "quartercar.controllers.designed.lpv_hinf_identified", "IdentifiedController"),
 )
 """Every law by its name on the command line: name, module, class. A new law adds its line here."""
 
 _EXPORTS = {
     "quartercar.controllers.contract": ("Controller", "Law", "Setting"),
-    "quartercar.controllers.schedule_rules": ("Excess", "GivenShare", "Measured", "Rule", "SaturationRatio", "Yield"),
+    "quartercar.controllers.designed.schedule_rules": ("Excess", "GivenShare", "Measured", "Rule", "SaturationRatio",
+                                                       "Yield"),
     **{module: (cls,) for _, module, cls in LAWS},
 }
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}

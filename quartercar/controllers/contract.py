@@ -16,9 +16,9 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from quartercar.car import Coil
 from quartercar.dampers.parameter import Parameter
 from quartercar.parameters import CarParameters
+from quartercar.vehicle.nonlinear import Coil
 
 if TYPE_CHECKING:
     from quartercar.dampers.contract import Damper

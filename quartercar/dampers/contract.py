@@ -23,10 +23,10 @@ from quartercar.dampers.parameter import Parameter
 if TYPE_CHECKING:
     import control
 
-    from quartercar.dampers.energy import Cycle
+    from quartercar.dampers.evaluation.energy import Cycle
+    from quartercar.dampers.evaluation.passivity import Passivity
     from quartercar.dampers.facts import Facts
     from quartercar.dampers.fitting import DamperFit, Estimate, FitSettings
-    from quartercar.dampers.passivity import Passivity
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,7 +264,7 @@ class Damper(Adaptable, Shown):
         """Fitted range without the ripple of filters and the rarest hundredth at either end, where that is known.
 
         What a filter overshoots at steps of the current is in `current_range`, since the fit has seen it and a run may
-        meet it, but no damper is driven there; see `quartercar.dampers.training.usual_currents`.
+        meet it, but no damper is driven there; see `quartercar.dampers.fitting.training.usual_currents`.
         """
         training = self.metadata.get("training", {})
         given = training.get("usual_currents") if isinstance(training, Mapping) else None
@@ -292,8 +292,8 @@ class Damper(Adaptable, Shown):
         return fit(self, records, held_out, settings)
 
     def cycle(self, amplitude: float, frequency: float, current: float = 0.0) -> Cycle:
-        """A steady sine cycle and its work; see `quartercar.dampers.energy.steady_cycle`."""
-        from quartercar.dampers.energy import steady_cycle
+        """A steady sine cycle and its work; see `quartercar.dampers.evaluation.energy.steady_cycle`."""
+        from quartercar.dampers.evaluation.energy import steady_cycle
 
         return steady_cycle(self, amplitude, frequency, current)
 
@@ -302,8 +302,8 @@ class Damper(Adaptable, Shown):
         return self.cycle(amplitude, frequency, current).work
 
     def passivity(self, speed: float = 2.0) -> Passivity:
-        """Whether it only ever takes energy; see `quartercar.dampers.passivity.check_passivity`."""
-        from quartercar.dampers.passivity import check_passivity
+        """Whether it only ever takes energy; see `quartercar.dampers.evaluation.passivity.check_passivity`."""
+        from quartercar.dampers.evaluation.passivity import check_passivity
 
         return check_passivity(self, speed)
 

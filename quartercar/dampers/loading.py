@@ -80,7 +80,7 @@ def _damper_of(found: Any, path: Path) -> Damper:
     if isinstance(found, ExtendedModel):
         raise InputError(f"'{path}' holds a law with causes added to it, which a car cannot step", got=what,
                          mend="extended_lpv.json beside it, where the causes have an LPV form")
-    from quartercar.dampers.identified import Identified
+    from quartercar.dampers.blackbox.identified import Identified
 
     damper = Identified.of(found, f"'{path}'")
     return damper.replace(metadata={"label": path.stem, **damper.metadata})

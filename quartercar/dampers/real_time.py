@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lpvid import _checks
-from quartercar.dampers.current_lag import LATEST
+from quartercar.dampers.laws.current_lag import LATEST
 
 
 class RealTime:
@@ -30,7 +30,7 @@ class RealTime:
 
     Examples
     --------
-    >>> from quartercar.dampers.force_map import ForceMap
+    >>> from quartercar.dampers.laws.force_map import ForceMap
     >>> stepper = ForceMap().real_time(step=1e-3)
     >>> bool(stepper(0.0, 0.1) == ForceMap().static_force(np.array([0.1]))[0])
     True

@@ -9,8 +9,8 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
-from quartercar.baselines.car_core import CarCore
 from quartercar.baselines.quarter_car import QuarterCarBaseline
+from quartercar.vehicle.strut_friction import CarCore
 
 SMALL = (-1e-6, 1e-6)
 """relative changes at which a parameter is looked at: so small that their effect is the derivative, which a free

@@ -13,12 +13,20 @@ from lpvid.export.expression import Expr, Number, call, clipped, select
 from lpvid.export.state_space_steps import mixed
 from lpvid.export.step_builder import StepBuilder
 from lpvid.export.transfer_function_steps import vector
-from quartercar.controllers.clipped_optimal import STATES, ClippedOptimal, optimal_gain
 from quartercar.controllers.contract import DEADBAND, DEMANDS, SIGNALS, Controller, Setting
-from quartercar.controllers.lpv_hinf import LpvHinf
-from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
-from quartercar.controllers.schedule_rules import SMALL, Excess, GivenShare, Measured, Rule, SaturationRatio, Yield
-from quartercar.controllers.scheduled import ScheduledController
+from quartercar.controllers.designed.lpv_hinf import LpvHinf
+from quartercar.controllers.designed.lpv_hinf_clipped import LpvHinfClipped
+from quartercar.controllers.designed.schedule_rules import (
+    SMALL,
+    Excess,
+    GivenShare,
+    Measured,
+    Rule,
+    SaturationRatio,
+    Yield,
+)
+from quartercar.controllers.designed.scheduled import ScheduledController
+from quartercar.controllers.laws.clipped_optimal import STATES, ClippedOptimal, optimal_gain
 from quartercar.parameters import MEGANE
 
 Seen = Mapping[str, Expr]

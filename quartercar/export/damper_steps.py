@@ -14,10 +14,10 @@ from lpvid.export.step_builder import StepBuilder
 from lpvid.record import Record
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.drive import UNITS
-from quartercar.dampers.extended_bouc_wen import ExtendedBoucWen
 from quartercar.dampers.families import StaticDamper
-from quartercar.dampers.force_map import ForceMap
-from quartercar.dampers.linear import Linear
+from quartercar.dampers.laws.extended_bouc_wen import ExtendedBoucWen
+from quartercar.dampers.laws.force_map import ForceMap
+from quartercar.dampers.laws.linear import Linear
 from quartercar.export.law_steps import static_law
 from quartercar.export.semi_active_steps import extended_bouc_wen, force_map
 

@@ -10,10 +10,10 @@ from lpvid.export.exportable import Options
 from lpvid.export.expression import Expr, Number, call, select
 from lpvid.export.flow import Flow
 from lpvid.export.step_builder import StepBuilder
-from quartercar.dampers.bouc_wen import BoucWen
 from quartercar.dampers.drive import UNITS
 from quartercar.dampers.families import DynamicDamper
-from quartercar.dampers.wang_kamath import WangKamath
+from quartercar.dampers.laws.bouc_wen import BoucWen
+from quartercar.dampers.laws.wang_kamath import WangKamath
 from quartercar.export.damper_steps import excite
 
 STEP = 2e-3

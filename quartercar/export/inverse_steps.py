@@ -10,20 +10,20 @@ from lpvid.export.expression import Array, ByPrecision, Expr, Symbol, call, clip
 from lpvid.export.step_builder import StepBuilder
 from lpvid.export.transfer_function_steps import Drive, equation
 from lpvid.model.transfer_function import LPVTransferFunction
-from quartercar.car import Coil
 from quartercar.controllers.contract import Setting
-from quartercar.controllers.forces import FilterForces, StaticForces, TabulatedForces, ViscousForces
-from quartercar.controllers.inverse import ALIKE, Inverse, InverseSettings
+from quartercar.controllers.loop.forces import FilterForces, StaticForces, TabulatedForces, ViscousForces
+from quartercar.controllers.loop.inverse import ALIKE, Inverse, InverseSettings
 from quartercar.dampers.families import StaticDamper
 from quartercar.export.law_steps import static_law
-from quartercar.filter_bank import filter_of
+from quartercar.vehicle.filter_bank import filter_of
+from quartercar.vehicle.nonlinear import Coil
 
 FAR = ByPrecision(1e300, 1e30)
 """distance that any found current undercuts"""
 
 
 class InverseSteps:
-    """`quartercar.controllers.inverse.Inverse` as statements, for one car.
+    """`quartercar.controllers.loop.inverse.Inverse` as statements, for one car.
 
     Attributes
     ----------

@@ -8,11 +8,11 @@ from collections.abc import Callable
 from lpvid.errors import InputError
 from lpvid.export.expression import Expr, call, select
 from lpvid.export.step_builder import StepBuilder
-from quartercar.dampers.coefficients import Coefficient, Controlled, Proportional, Quotient
 from quartercar.dampers.families import StaticDamper
-from quartercar.dampers.kwok import Kwok
-from quartercar.dampers.power_law import PowerLawDamper, PowerLawFrictionGas
-from quartercar.dampers.tanh_law import TanhLaw
+from quartercar.dampers.laws.coefficients import Coefficient, Controlled, Proportional, Quotient
+from quartercar.dampers.laws.kwok import Kwok
+from quartercar.dampers.laws.power_law import PowerLawDamper, PowerLawFrictionGas
+from quartercar.dampers.laws.tanh_law import TanhLaw
 
 Law = Callable[[Expr, Expr, Expr], Expr]
 """(displacement from the centre, velocity, current) -> force in the damper's own sense."""

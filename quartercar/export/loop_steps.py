@@ -11,14 +11,14 @@ from lpvid.errors import InputError
 from lpvid.export.exportable import Exportable, Options, within
 from lpvid.export.expression import Expr
 from lpvid.export.step_builder import StepBuilder
-from quartercar.car import Coil
-from quartercar.controllers.chain import Chain, ChainSettings
 from quartercar.controllers.contract import DEMANDS, SIGNALS, Controller, Setting
-from quartercar.controllers.lpv_hinf import LpvHinf
-from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
-from quartercar.controllers.observer import Observer
+from quartercar.controllers.designed.lpv_hinf import LpvHinf
+from quartercar.controllers.designed.lpv_hinf_clipped import LpvHinfClipped
+from quartercar.controllers.loop.chain import Chain, ChainSettings
+from quartercar.controllers.loop.observer import Observer
 from quartercar.export.controller_steps import REACH, demanded, refuse_looking_ahead
 from quartercar.export.inverse_steps import InverseSteps
+from quartercar.vehicle.nonlinear import Coil
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class LoopLaw:
 
 
 def prepare_loop(loop: LoopLaw, options: Options) -> Exportable:
-    """Readings at a sample to the command for the coming one, as `quartercar.controllers.chain.Chain` computes it."""
+    """Readings at a sample to the command for the coming one, as `quartercar.controllers.loop.chain.Chain` has it."""
     setting, sensors, law = loop.setting, loop.settings.sensors, loop.designed
     refuse_looking_ahead(law)
     if options.sample_time is not None and not np.isclose(options.sample_time, setting.sample_time, rtol=1e-9):

@@ -12,8 +12,8 @@ from lpvid.export.exportable import Exportable, Options
 from lpvid.export.model_steps import prepare as prepare_model
 from quartercar.controllers.contract import Controller
 from quartercar.dampers.as_model import Turned
+from quartercar.dampers.blackbox.sampled import SampledDamper
 from quartercar.dampers.contract import Damper
-from quartercar.dampers.sampled import SampledDamper
 from quartercar.export.controller_steps import prepare_controller
 from quartercar.export.damper_steps import prepare_damper
 from quartercar.export.loop_steps import LoopLaw, prepare_loop

@@ -8,10 +8,10 @@ import numpy as np
 
 from lpvid.export.expression import Array, ByPrecision, Expr, Index, Real, Rounded, Symbol, call, select
 from lpvid.export.step_builder import StepBuilder
-from quartercar.dampers._bouc_wen_kernels import GAMMA, ITERATIONS, RATIO
-from quartercar.dampers.extended_bouc_wen import ExtendedBoucWen, sub_steps
-from quartercar.dampers.force_map import ForceMap
-from quartercar.dampers.semi_active import SemiActiveDamper
+from quartercar.dampers.laws._bouc_wen_kernels import GAMMA, ITERATIONS, RATIO
+from quartercar.dampers.laws.extended_bouc_wen import ExtendedBoucWen, sub_steps
+from quartercar.dampers.laws.force_map import ForceMap
+from quartercar.dampers.laws.semi_active import SemiActiveDamper
 
 CLOSE = ByPrecision(1e-8, 3e-4)
 """relative Newton step after which one further step ends the stage: about the root of the arithmetic's round-off"""
@@ -22,7 +22,7 @@ BEYOND = ByPrecision(1e300, 1e30)
 # -- current ---------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class LaggedCurrent:
-    """u_f and what moves it; see `quartercar.dampers.current_lag.CurrentLag`.
+    """u_f and what moves it; see `quartercar.dampers.laws.current_lag.CurrentLag`.
 
     Attributes
     ----------
@@ -224,7 +224,7 @@ class _Pair:
             b.set(self.z, c1 * v / alpha)
 
     def advance(self, x0: Expr, x1: Expr, v0: Expr, v1: Expr, h: float) -> None:
-        """Two implicit stages (Alexander 1977); see `quartercar.dampers._bouc_wen_kernels.advance`."""
+        """Two implicit stages (Alexander 1977); see `quartercar.dampers.laws._bouc_wen_kernels.advance`."""
         b, ah = self._b, GAMMA * h
         va, xa = b.let("v_stage", v0 + GAMMA * (v1 - v0)), b.let("x_stage", x0 + GAMMA * (x1 - x0))
         slip, za = self._stage(self.y, self.z, xa, va, ah)

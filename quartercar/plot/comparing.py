@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from lpvid.record import Record
-    from quartercar.dampers.compared import Compared, Comparison
+    from quartercar.dampers.evaluation.compared import Compared, Comparison
 
 SIDE_BY_SIDE = 6
 """models beside each other in one experiment, at most"""

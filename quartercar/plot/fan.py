@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from lpvid.record import Record
-    from quartercar.dampers.compared import Compared
+    from quartercar.dampers.evaluation.compared import Compared
 
 CURVES = 5
 """Currents with a curve, at most, where the records rest on none."""

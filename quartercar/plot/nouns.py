@@ -11,9 +11,9 @@ import numpy as np
 from lpvid.plot import nouns
 from lpvid.plot.nouns import Drawing
 from lpvid.plot.style import BLUE, CYCLE, SCALE, label, thinned
-from quartercar.car_run import CarRun
 from quartercar.dampers.contract import Damper
-from quartercar.ride_comparison import RideComparison
+from quartercar.rides.comparison import RideComparison
+from quartercar.vehicle.result import CarRun
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

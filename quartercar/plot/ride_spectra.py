@@ -13,7 +13,7 @@ from quartercar.criteria import comfort_weighting
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from quartercar.car_run import CarRun
+    from quartercar.vehicle.result import CarRun
 
 SIGNALS: Mapping[str, tuple[str, str]] = {
     "body_acceleration": ("body acceleration", "m/s²"), "tyre_load": ("tyre force", "N"),

@@ -23,16 +23,16 @@ from lpvid.export.c_build import compile_c, find_compiler, run_self_test
 from lpvid.export.c_source import FLAGS, c_files
 from lpvid.export.exportable import Exportable, Options, exportable
 from lpvid.synthesis.saturated import saturate
-from quartercar.car import Coil
 from quartercar.controllers import law_class
-from quartercar.controllers.chain import ChainSettings
 from quartercar.controllers.contract import Setting
-from quartercar.controllers.sensing import SETS
+from quartercar.controllers.loop.chain import ChainSettings
+from quartercar.controllers.loop.sensing import SETS
 from quartercar.dampers import ExtendedBoucWen, ForceMap, Guo, Kwok
-from quartercar.embedded import identified_damper
 from quartercar.export import EXPORTER
 from quartercar.export.loop_steps import LoopLaw
 from quartercar.parameters import MEGANE
+from quartercar.rides.default_damper import identified_damper
+from quartercar.vehicle.nonlinear import Coil
 
 STEPS = 1_000_000
 

@@ -22,13 +22,13 @@ import numpy as np
 
 import lpvid as lpv
 from lpvid.errors import NumericalError
-from quartercar.car import Coil, QuarterCar
-from quartercar.dampers.held import Held
-from quartercar.dampers.lpv import LpvArx
-from quartercar.demo import experiment_figures, rig_data, structure
+from quartercar.dampers.blackbox.held import Held
+from quartercar.dampers.blackbox.lpv import LpvArx
+from quartercar.demo.run import experiment_figures, rig_data, structure
 from quartercar.parameters import MEGANE
-from quartercar.ride_roads import Bump, IsoRoad
-from quartercar.storage import ride_passivity
+from quartercar.roads.ride_roads import Bump, IsoRoad
+from quartercar.vehicle.nonlinear import Coil, QuarterCar
+from quartercar.vehicle.passivity_balance import ride_passivity
 
 CURRENTS = (0.0, 0.5, 1.0, 1.75, 2.5)
 ROADS = (IsoRoad("C", 20.0, 10.0), Bump())

@@ -24,20 +24,20 @@ import numpy as np
 
 from lpvid import load, save
 from lpvid.errors import LpvError
-from quartercar.car import QuarterCar
-from quartercar.clairvoyant import lowest_current
 from quartercar.controllers import law_class
-from quartercar.controllers.chain import ChainSettings
 from quartercar.controllers.contract import Controller
-from quartercar.controllers.sensing import SETS
+from quartercar.controllers.loop.chain import ChainSettings
+from quartercar.controllers.loop.sensing import SETS
 from quartercar.parameters import MEGANE, CarParameters
-from quartercar.preview import preview_from_text
-from quartercar.ride_bound import BoundSettings, bound_rides
-from quartercar.ride_comparison import Interval, compare_rides
-from quartercar.ride_config import build_car
-from quartercar.ride_roads import Bump, IsoRoad, MeasuredRoad, RideRoad
-from quartercar.riding import RideSettings, drive
-from quartercar.tuning import Objective, Trial, tune
+from quartercar.rides.bound import BoundSettings, bound_rides
+from quartercar.rides.clairvoyant import lowest_current
+from quartercar.rides.comparison import Interval, compare_rides
+from quartercar.rides.config import build_car
+from quartercar.rides.preview import preview_from_text
+from quartercar.rides.simulation import RideSettings, drive
+from quartercar.rides.tuning import Objective, Trial, tune
+from quartercar.roads.ride_roads import Bump, IsoRoad, MeasuredRoad, RideRoad
+from quartercar.vehicle.nonlinear import QuarterCar
 
 TUNED_ON = (IsoRoad("C", 20.0, 8.0),)
 SEEDS = (100_000, 100_001, 100_002)

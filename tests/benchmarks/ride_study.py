@@ -23,15 +23,15 @@ import numpy as np
 
 from lpvid import load, save
 from quartercar.controllers import LAWS, law_class
-from quartercar.controllers.chain import ChainSettings
 from quartercar.controllers.contract import Controller
-from quartercar.controllers.sensing import SETS
-from quartercar.ride_bound import MEASURES, BoundSettings, bound_rides
-from quartercar.ride_comparison import Interval, RideComparison, compare_rides
-from quartercar.ride_config import build_car
-from quartercar.ride_roads import Bump, IsoRoad
-from quartercar.riding import RideSettings
-from quartercar.tuning import Objective, Trial, tune
+from quartercar.controllers.loop.chain import ChainSettings
+from quartercar.controllers.loop.sensing import SETS
+from quartercar.rides.bound import MEASURES, BoundSettings, bound_rides
+from quartercar.rides.comparison import Interval, RideComparison, compare_rides
+from quartercar.rides.config import build_car
+from quartercar.rides.simulation import RideSettings
+from quartercar.rides.tuning import Objective, Trial, tune
+from quartercar.roads.ride_roads import Bump, IsoRoad
 
 TUNING = {"iso": IsoRoad("C", 20.0, 8.0), "bump": Bump()}
 COMPARED = {"iso": IsoRoad("C", 20.0, 20.0), "bump": Bump()}

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from quartercar.dampers import Drive
-from quartercar.dampers.bouc_wen import BoucWen
 from quartercar.dampers.families import DynamicDamper
-from quartercar.dampers.stepping import motion_steps
-from quartercar.dampers.wang_kamath import WangKamath
+from quartercar.dampers.laws.bouc_wen import BoucWen
+from quartercar.dampers.laws.stepping import motion_steps
+from quartercar.dampers.laws.wang_kamath import WangKamath
 
 SAMPLES = 30 * 512
 
@@ -48,7 +48,7 @@ def report(model: DynamicDamper, bare: Callable[[], object], drive: Drive, aim: 
 
 
 def test_bouc_wen_of_ten_parameters(drive, benchmark) -> None:
-    from quartercar.dampers._bouc_wen_kernels import spencer_run
+    from quartercar.dampers.laws._bouc_wen_kernels import spencer_run
 
     model = BoucWen(scheduled=False, free_exponent=True, values={"yield_force": 900.0})
     theta, _ = model.coefficients(model.vector)
@@ -60,7 +60,7 @@ def test_bouc_wen_of_ten_parameters(drive, benchmark) -> None:
 
 
 def test_wang_kamath_of_ten_parameters(drive, benchmark) -> None:
-    from quartercar.dampers._wang_kamath_kernels import wang_kamath_run
+    from quartercar.dampers.laws._wang_kamath_kernels import wang_kamath_run
 
     model = WangKamath(degree=1, current_scale=2.0)
     theta = np.ascontiguousarray(model.coefficients(drive.current, model.vector))

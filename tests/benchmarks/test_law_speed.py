@@ -13,8 +13,8 @@ import pytest
 
 from quartercar.controllers import Predictive, PreviewQuadratic
 from quartercar.controllers.contract import SIGNALS, Controller, Law, Setting
-from quartercar.embedded import identified_damper
 from quartercar.parameters import MEGANE
+from quartercar.rides.default_damper import identified_damper
 
 PREVIEW = 69
 """samples of 2.7 m at 20 m/s and 512 Hz"""

@@ -13,8 +13,8 @@ import lpvid as lpv
 from lpvid.analysis import h2
 from lpvid.analysis.h2 import h2_norm
 from lpvid.scheduling import Polynomial
-from quartercar.linear_car import LinearCar
 from quartercar.parameters import MEGANE
+from quartercar.vehicle.linear import LinearCar
 
 CAR = {"body_acceleration": 51.0168, "suspension_deflection": 0.342783, "tyre_deflection": 0.126520}
 """From white road velocity (synthesis sheet, section 1), to 1e-4."""

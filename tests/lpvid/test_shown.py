@@ -16,13 +16,13 @@ import lpvid as lpv
 from lpvid._shown import Shown
 from lpvid.errors import InputError
 from lpvid.report.stability import study_stability
-from quartercar.car import Coil, QuarterCar
 from quartercar.controllers import Passive, Skyhook
 from quartercar.dampers import Guo, Guo15, PowerLaw
-from quartercar.embedded import identified_damper
 from quartercar.parameters import MEGANE
-from quartercar.ride_comparison import compare_rides
-from quartercar.ride_roads import Bump
+from quartercar.rides.comparison import compare_rides
+from quartercar.rides.default_damper import identified_damper
+from quartercar.roads.ride_roads import Bump
+from quartercar.vehicle.nonlinear import Coil, QuarterCar
 
 
 def record() -> lpv.Record:

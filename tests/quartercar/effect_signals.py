@@ -7,8 +7,8 @@ import numpy as np
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.baselines.damper import DamperBaseline
-from quartercar.dampers.guo import Guo
-from quartercar.dampers.power_law import PowerLaw
+from quartercar.dampers.laws.guo import Guo
+from quartercar.dampers.laws.power_law import PowerLaw
 
 PERIOD = 1 / 512
 

@@ -15,8 +15,8 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import butter, lfilter
 
 from lpvid.record import Channel, Record
-from quartercar.dampers.bouc_wen import BoucWen
 from quartercar.dampers.drive import Drive
+from quartercar.dampers.laws.bouc_wen import BoucWen
 from quartercar.rig import Aprbs, Chirp, Constant, Creep, Icps, Multisine, RigDamper, Road, Sensors, Stepped, Triangle
 from quartercar.rig.damper import Motion, low_passed, respond
 from quartercar.rig.sensors import measure

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from lpvid.errors import InputError
-from quartercar.adjoint import AdjointCar
-from quartercar.car import BumpStops, Coil, QuarterCar
-from quartercar.clairvoyant import replay
 from quartercar.criteria import judge
+from quartercar.criteria.gradient import SIGNALS, RideGradient
 from quartercar.dampers import BoucWen, Guo, Kwok, Linear
-from quartercar.embedded import identified_damper
 from quartercar.parameters import BENCH, MEGANE
-from quartercar.ride_gradient import SIGNALS, RideGradient
-from quartercar.ride_roads import IsoRoad
-from quartercar.storage import ride_passivity
+from quartercar.rides.clairvoyant import replay
+from quartercar.rides.default_damper import identified_damper
+from quartercar.roads.ride_roads import IsoRoad
+from quartercar.vehicle.adjoint import AdjointCar
+from quartercar.vehicle.nonlinear import BumpStops, Coil, QuarterCar
+from quartercar.vehicle.passivity_balance import ride_passivity
 
 GUO = Guo(degree=1, span=(0.0, 2.5), current_range=(0.0, 2.5))
 KWOK = Kwok(degree=1, span=(0.0, 2.5), current_range=(0.0, 2.5))

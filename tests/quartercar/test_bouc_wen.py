@@ -10,10 +10,10 @@ import lpvid as lpv
 from lpvid import InputError
 from lpvid.condition import resample
 from quartercar.dampers import Drive
-from quartercar.dampers._bouc_wen_kernels import advance, node_rate
-from quartercar.dampers.bouc_wen import BoucWen
 from quartercar.dampers.facts import Facts
-from quartercar.dampers.spencer import LORD, SpencerParameters
+from quartercar.dampers.laws._bouc_wen_kernels import advance, node_rate
+from quartercar.dampers.laws.bouc_wen import BoucWen
+from quartercar.dampers.laws.spencer import LORD, SpencerParameters
 
 RK4_LIMIT = 2785.0
 """1/s, at 1 ms: 1.2.5 of the equation sheet"""

@@ -17,15 +17,15 @@ from toy_dampers import Toy
 import quartercar
 from lpvid.errors import InputError, NumericalError
 from quartercar import roads
-from quartercar.car import BumpStops, Coil, QuarterCar
-from quartercar.car_run import CarRun
-from quartercar.coupling import StateCoupling, couple, rates_move
 from quartercar.criteria import judge
 from quartercar.dampers import BoucWen, Drive, Guo, Kwok, Linear, LpvArx, PowerLawFrictionGas
 from quartercar.dampers.contract import ExtrapolationWarning
 from quartercar.dampers.parameter import Parameter
-from quartercar.linear_car import LinearCar
 from quartercar.parameters import BENCH, MEGANE, CarParameters
+from quartercar.vehicle.coupling import StateCoupling, couple, rates_move
+from quartercar.vehicle.linear import LinearCar
+from quartercar.vehicle.nonlinear import BumpStops, Coil, QuarterCar
+from quartercar.vehicle.result import CarRun
 
 REFERENCE = MEGANE.replace(tyre_stiffness=208e3)
 STEP = 1e-3

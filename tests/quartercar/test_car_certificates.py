@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import lpvid as lpv
-from quartercar.linear_car import LinearCar
 from quartercar.parameters import MEGANE
+from quartercar.vehicle.linear import LinearCar
 
 RANGES = [(900.0, 4300.0), (300.0, 4000.0)]
 """Damping of semi-active cars [N·s/m] (equation sheet, 4.2)."""

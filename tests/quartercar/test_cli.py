@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 import lpvid as lpv
 from lpvid.cli.app import app as lpvid_app
-from quartercar import demo
 from quartercar.cli.app import app
+from quartercar.demo import run as demo
 from quartercar.rig import EXPERIMENTS
 
 PLAN = """seed = 3
@@ -146,7 +146,7 @@ def test_demo_finds_what_the_rig_hides(short_demo):
     """What the rig hid against what was named; the gain against the saved model on the rig's own record."""
     from dataclasses import replace
 
-    from quartercar.demo_diagnosis import DURATION, HIDDEN
+    from quartercar.demo.diagnosis import DURATION, HIDDEN
     from quartercar.rig import Rig, RigDamper, effect
 
     folder, _ = short_demo

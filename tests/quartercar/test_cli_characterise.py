@@ -103,7 +103,7 @@ def test_a_nominal_table_of_an_earlier_run(written, tmp_path):
 def test_a_model_is_drawn_beside_the_measurement(tmp_path):
     file = csv_of(tmp_path / "run.csv", motion())
     model = tmp_path / "linear.json"
-    from quartercar.dampers.linear import Linear
+    from quartercar.dampers.laws.linear import Linear
 
     lpv.save(Linear(values={"damping": 1500.0, "stiffness": 0.0, "mass": 0.0, "offset": 0.0}), model)
     run(file, "--damper", model, "--out", tmp_path / "out")

@@ -14,7 +14,7 @@ from quartercar.cli.app import app
 from quartercar.controllers import Controller, Skyhook
 from quartercar.dampers import BoucWen, Guo
 from quartercar.parameters import SAVARESI
-from quartercar.ride_config import RideConfig, build_car, load_config, ride_template, road_from_text
+from quartercar.rides.config import RideConfig, build_car, load_config, ride_template, road_from_text
 
 QUICK = """
 seeds = 2

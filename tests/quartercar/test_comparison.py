@@ -11,9 +11,9 @@ from lpvid import save
 from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.dampers import CompareSettings, Linear, compare, prepare, read_parameters
-from quartercar.dampers import comparison as module
+from quartercar.dampers.evaluation import comparison as module
+from quartercar.dampers.evaluation.scoring import FreeRun, experiment, score, stretches
 from quartercar.dampers.polarity import polarity_of
-from quartercar.dampers.scoring import FreeRun, experiment, score, stretches
 
 RATE = 500.0
 UNITS = {"velocity": "m/s", "displacement": "m", "current": "A", "force": "N", "voltage": "V"}

@@ -12,7 +12,7 @@ import lpvid as lpv
 from lpvid.condition import resample, split_tail
 from lpvid.errors import InputError
 from lpvid.record import Record
-from quartercar.dampers.compliance import Compliance, QuasiLpv
+from quartercar.dampers.blackbox.compliance import Compliance, QuasiLpv
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.fitting import FitSettings
 

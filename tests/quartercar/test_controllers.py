@@ -14,11 +14,11 @@ from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial, Scheduling
 from quartercar import controllers as laws
-from quartercar.controllers.clipped_optimal import STATES, optimal_gain
 from quartercar.controllers.contract import SIGNALS, Controller, Setting, start_together
-from quartercar.embedded import identified_damper
-from quartercar.linear_car import LinearCar
+from quartercar.controllers.laws.clipped_optimal import STATES, optimal_gain
 from quartercar.parameters import MEGANE, SAVARESI
+from quartercar.rides.default_damper import identified_damper
+from quartercar.vehicle.linear import LinearCar
 
 EVERY = [name for name, _, _ in laws.LAWS if name not in ("scheduled", "identified-plant")]
 NAMES = [name for name in EVERY if not name.startswith("lpv") and name != "mpc"]

@@ -8,9 +8,9 @@ from scipy.signal import lsim
 
 from lpvid.errors import InputError
 from quartercar import criteria
-from quartercar.car import BumpStops, QuarterCar
 from quartercar.dampers import Guo
 from quartercar.parameters import MEGANE
+from quartercar.vehicle.nonlinear import BumpStops, QuarterCar
 
 TABLE = {-3: 418.8, -2: 458.8, -1: 476.7, 0: 482.5, 1: 484.6, 2: 493.5, 3: 530.8, 4: 633.5, 5: 807.1, 6: 964.8,
          7: 1039.2, 8: 1054.4, 9: 1037.4, 10: 988.4, 11: 898.9, 12: 774.3, 13: 637.3, 14: 510.3, 15: 403.1, 16: 316.0,

@@ -16,12 +16,12 @@ from lpvid.errors import InputError
 from lpvid.export.serialise import Kind, known_kinds, model_hash
 from lpvid.record import Record
 from quartercar.dampers import MODELS, Linear, model_class
-from quartercar.dampers.compliance import Compliance, QuasiLpv
+from quartercar.dampers.blackbox.compliance import Compliance, QuasiLpv
+from quartercar.dampers.blackbox.lpv import LpvArx
+from quartercar.dampers.blackbox.narx import Narx2, Narx3
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.families import LawDamper
 from quartercar.dampers.fitting import FitSettings, fit
-from quartercar.dampers.lpv import LpvArx
-from quartercar.dampers.narx import Narx2, Narx3
 
 RATE = 256.0
 UNITS = {"displacement": "m", "velocity": "m/s", "current": "A", "force": "N"}
@@ -277,7 +277,7 @@ class Point:
 
 
 def test_another_package_registers_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    mine = Kind("thing", 3, (("linear", "quartercar.dampers.linear", "Linear"),), "acme")
+    mine = Kind("thing", 3, (("linear", "quartercar.dampers.laws.linear", "Linear"),), "acme")
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [Point(mine)])
     assert known_kinds()[-1] is mine
     path = lpv.save(Linear(), tmp_path / "thing.json")

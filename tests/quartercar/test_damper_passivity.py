@@ -10,7 +10,7 @@ from toy_dampers import Redundant, Tanh, record, sweep
 
 from lpvid import InputError
 from quartercar.dampers import Linear, check_passivity, fit
-from quartercar.dampers.passivity import FREQUENCIES
+from quartercar.dampers.evaluation.passivity import FREQUENCIES
 from quartercar.dampers.polarity import common_polarity, polarity_of
 
 

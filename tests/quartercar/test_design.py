@@ -14,28 +14,28 @@ from typer.testing import CliRunner
 import lpvid as lpv
 from lpvid.errors import InputError
 from lpvid.synthesis.result import Synthesis
-from quartercar.car import BumpStops, Coil, QuarterCar
 from quartercar.cli.app import app
-from quartercar.controllers.chain import ChainSettings
 from quartercar.controllers.contract import Setting
-from quartercar.controllers.inverse import InverseSettings
-from quartercar.controllers.lpv_hinf import BankedLaw, LpvHinf
-from quartercar.controllers.lpv_hinf_clipped import LpvHinfClipped
-from quartercar.controllers.lpv_hinf_identified import LpvHinfIdentified
-from quartercar.controllers.schedule_rules import GivenShare
-from quartercar.controllers.scheduled import ScheduledController
-from quartercar.controllers.suspension_design import Nodes, Task, held, nodes_of, running, synthesized
+from quartercar.controllers.designed.lpv_hinf import BankedLaw, LpvHinf
+from quartercar.controllers.designed.lpv_hinf_clipped import LpvHinfClipped
+from quartercar.controllers.designed.lpv_hinf_identified import LpvHinfIdentified
+from quartercar.controllers.designed.schedule_rules import GivenShare
+from quartercar.controllers.designed.scheduled import ScheduledController
+from quartercar.controllers.designed.suspension_design import Nodes, Task, held, nodes_of, running, synthesized
+from quartercar.controllers.loop.chain import ChainSettings
+from quartercar.controllers.loop.inverse import InverseSettings
 from quartercar.dampers import Guo
-from quartercar.design_config import design_schema, design_template, read_design
-from quartercar.designing import FREQUENCIES, design
-from quartercar.embedded import identified_damper
-from quartercar.linear_car import LinearCar
+from quartercar.design.config import design_schema, design_template, read_design
+from quartercar.design.nominal import FREQUENCIES, design
+from quartercar.lpv_models import LimitedForce
+from quartercar.lpv_models.prefilter import prefiltered
+from quartercar.lpv_models.weighted import MEASUREMENTS, SensorNoise, SuspensionWeights, WeightedCar
 from quartercar.parameters import MEGANE
-from quartercar.plant import LimitedForce
-from quartercar.plant.prefilter import prefiltered
-from quartercar.plant.weighted import MEASUREMENTS, SensorNoise, SuspensionWeights, WeightedCar
-from quartercar.ride_roads import Bump
-from quartercar.riding import RideSettings, ride
+from quartercar.rides.default_damper import identified_damper
+from quartercar.rides.simulation import RideSettings, ride
+from quartercar.roads.ride_roads import Bump
+from quartercar.vehicle.linear import LinearCar
+from quartercar.vehicle.nonlinear import BumpStops, Coil, QuarterCar
 
 DAMPER = Guo(degree=1, span=(0.0, 2.5), current_range=(0.0, 2.5), hysteresis=False,
              values={"yield_force_at_low": 60.0, "yield_force_at_high": 1500.0, "sharpness": 25.0,
@@ -306,7 +306,7 @@ def test_the_commands_exit_codes(folder: Path, monkeypatch: pytest.MonkeyPatch) 
     assert run.exit_code == 2 and "reversed polarity" in run.output
     lpv.save(DAMPER, folder / "guo.json")
     failed = Synthesis("infeasible", why="no force keeps the bound", mend="raise the levels of the weights")
-    monkeypatch.setattr("quartercar.designing.synthesized", lambda task: failed)
+    monkeypatch.setattr("quartercar.design.nominal.synthesized", lambda task: failed)
     run = runner.invoke(app, ["design", "--out", str(folder / "failed"), str(folder / "design.toml")])
     assert run.exit_code == 3 and "No controller: no force keeps the bound" in run.output
     assert json.loads((folder / "failed" / "synthesis.json").read_text())["verdict"] == "infeasible"

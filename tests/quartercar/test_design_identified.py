@@ -15,21 +15,21 @@ import lpvid as lpv
 from lpvid.errors import InputError
 from lpvid.synthesis.dissipative_feedback import KEPT
 from lpvid.synthesis.result import Synthesis
-from quartercar.car import Coil, QuarterCar
 from quartercar.cli.app import app
 from quartercar.controllers.contract import Setting
-from quartercar.controllers.damper_design import DamperTask, feasible, synthesized_gain
-from quartercar.controllers.damper_law import DamperLaw
-from quartercar.controllers.lpv_hinf_identified import LpvHinfIdentified, gain_of
+from quartercar.controllers.designed.damper_design import DamperTask, feasible, synthesized_gain
+from quartercar.controllers.designed.damper_law import DamperLaw
+from quartercar.controllers.designed.lpv_hinf_identified import LpvHinfIdentified, gain_of
 from quartercar.dampers import Guo
-from quartercar.design_config import read_design
-from quartercar.designing import design
-from quartercar.designing_identified import IdentifiedDesign
-from quartercar.embedded import identified_damper
+from quartercar.design.config import read_design
+from quartercar.design.identified import IdentifiedDesign
+from quartercar.design.nominal import design
+from quartercar.lpv_models.frozen_damper import filtered
 from quartercar.parameters import MEGANE
-from quartercar.plant.frozen_damper import filtered
-from quartercar.ride_roads import Bump
-from quartercar.riding import ride
+from quartercar.rides.default_damper import identified_damper
+from quartercar.rides.simulation import ride
+from quartercar.roads.ride_roads import Bump
+from quartercar.vehicle.nonlinear import Coil, QuarterCar
 
 SETTING = Setting(STEP, 1, MEGANE, identified_damper(), (0.0, 2.5))
 CAR = QuarterCar(MEGANE, identified_damper(), coil=Coil(highest=2.5))
@@ -129,7 +129,7 @@ def test_the_stored_controller_rides_as_the_law(found: IdentifiedDesign, tmp_pat
 def test_slow_motion_is_left_out_where_nothing_covers_it(monkeypatch: pytest.MonkeyPatch) -> None:
     task = LpvHinfIdentified().task(LpvHinfIdentified().values, SETTING)
     real = synthesized_gain(task)
-    monkeypatch.setattr("quartercar.controllers.damper_design.synthesized_gain",
+    monkeypatch.setattr("quartercar.controllers.designed.damper_design.synthesized_gain",
                         lambda t: real if t.slow >= 1e-2 else Synthesis("infeasible"))
     feasible.cache_clear()
     left = feasible(task)

@@ -12,7 +12,7 @@ from lpvid.diagnosis.effect import by_name
 from lpvid.diagnosis.signals import Signals
 from lpvid.record import Record
 from quartercar.baselines.damper import DamperBaseline
-from quartercar.dampers.linear import Linear
+from quartercar.dampers.laws.linear import Linear
 from quartercar.effects import CATALOGUE
 
 PERIOD = 1 / 512

@@ -13,7 +13,7 @@ from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.signals import Signals
 from lpvid.record import Record
 from quartercar.baselines.damper import DamperBaseline
-from quartercar.dampers.linear import Linear
+from quartercar.dampers.laws.linear import Linear
 from quartercar.effects.friction_gas import NIL, REVERSAL, CoulombFriction, GasPreload, GasStiffness, StribeckFriction
 
 STROKE = 0.02

@@ -12,7 +12,7 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.engine import diagnose
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.dampers.facts import Facts
-from quartercar.dampers.guo import Guo
+from quartercar.dampers.laws.guo import Guo
 from quartercar.effects import CATALOGUE
 from quartercar.rig import EXPERIMENTS, Rig, RigDamper, effect
 

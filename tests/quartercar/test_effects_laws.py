@@ -11,7 +11,7 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.signals import Signals
 from lpvid.record import Record
 from quartercar.baselines.damper import DamperBaseline
-from quartercar.dampers.linear import Linear
+from quartercar.dampers.laws.linear import Linear
 from quartercar.effects.compliance import SeriesCompliance
 from quartercar.effects.friction_gas import InnerFriction
 from quartercar.effects.hydraulics import Asymmetry

@@ -10,7 +10,7 @@ from lpvid.diagnosis.composition import STEP, Composition
 from lpvid.diagnosis.effect import by_name
 from lpvid.diagnosis.signals import Linearised, Signals
 from quartercar.baselines.damper import DamperBaseline
-from quartercar.dampers.guo import Guo
+from quartercar.dampers.laws.guo import Guo
 from quartercar.effects import CATALOGUE
 from quartercar.effects.series import Elements, InSeries
 

@@ -16,14 +16,13 @@ from lpvid.export.exportable import Options
 from lpvid.export.python_printer import run
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial, Product, Scheduling, Spline
-from quartercar.car import Coil
 from quartercar.controllers import LAWS, law_class
-from quartercar.controllers.chain import ChainSettings
 from quartercar.controllers.contract import Setting
-from quartercar.controllers.inverse import InverseSettings
-from quartercar.controllers.schedule_rules import Excess, GivenShare, Measured, SaturationRatio, Yield
-from quartercar.controllers.scheduled import ScheduledController
-from quartercar.controllers.sensing import SETS
+from quartercar.controllers.designed.schedule_rules import Excess, GivenShare, Measured, SaturationRatio, Yield
+from quartercar.controllers.designed.scheduled import ScheduledController
+from quartercar.controllers.loop.chain import ChainSettings
+from quartercar.controllers.loop.inverse import InverseSettings
+from quartercar.controllers.loop.sensing import SETS
 from quartercar.dampers import (
     BoucWen,
     ExtendedBoucWen,
@@ -41,10 +40,11 @@ from quartercar.dampers import (
     ReliefValve,
     WangKamath,
 )
-from quartercar.embedded import identified_damper
 from quartercar.export import EXPORTER
 from quartercar.export.loop_steps import LoopLaw
 from quartercar.parameters import MEGANE
+from quartercar.rides.default_damper import identified_damper
+from quartercar.vehicle.nonlinear import Coil
 
 RANGE = {"current_range": (0.0, 2.0)}
 DAMPERS = {
@@ -250,7 +250,7 @@ def test_a_loop_law_refuses_what_its_sensors_do_not_show_and_a_look_ahead():
 
 
 def _deflection_only():
-    from quartercar.controllers.sensing import MeasurementSet, Sensor
+    from quartercar.controllers.loop.sensing import MeasurementSet, Sensor
 
     return MeasurementSet("two", (Sensor("suspension_deflection", 1e-4), Sensor("wheel_acceleration", 0.1)))
 

@@ -11,16 +11,16 @@ from lpvid.export.c_build import find_compiler
 from lpvid.export.exportable import Options
 from lpvid.export.exporting import written
 from lpvid.export.fmu import fmi2_content
-from quartercar.car import Coil, QuarterCar
 from quartercar.controllers import law_class
-from quartercar.controllers.chain import Chain, ChainSettings
 from quartercar.controllers.contract import Setting
-from quartercar.controllers.sensing import SETS
-from quartercar.coupling import Coupling, couple
-from quartercar.embedded import identified_damper
+from quartercar.controllers.loop.chain import Chain, ChainSettings
+from quartercar.controllers.loop.sensing import SETS
 from quartercar.export import EXPORTER
 from quartercar.export.loop_steps import LoopLaw
 from quartercar.parameters import MEGANE
+from quartercar.rides.default_damper import identified_damper
+from quartercar.vehicle.coupling import Coupling, couple
+from quartercar.vehicle.nonlinear import Coil, QuarterCar
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 CURRENT = 0.8
@@ -106,7 +106,7 @@ def test_a_damper_fmu_in_a_quarter_car_drives_like_the_damper(monkeypatch, tmp_p
         made.append(FmuCoupling(chosen, step, tmp_path))
         return made[-1]
 
-    monkeypatch.setattr("quartercar.coupling.couple", with_fmu)
+    monkeypatch.setattr("quartercar.vehicle.coupling.couple", with_fmu)
     run = car.run(road, damper.clock, CURRENT)
     made[0].close()
     for name in ("damper_force", "body_acceleration", "tyre_force"):

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 
 from lpvid import InputError, Record
 from quartercar.dampers.drive import Drive
-from quartercar.dampers.extended_bouc_wen import DIRECTIONS, ExtendedBoucWen
 from quartercar.dampers.facts import Facts
+from quartercar.dampers.laws.extended_bouc_wen import DIRECTIONS, ExtendedBoucWen
 
 H = 1e-3
 A, W = 0.025, 2 * np.pi * 0.8

@@ -7,11 +7,11 @@ import pytest
 
 from lpvid.errors import InputError, NumericalError
 from quartercar import roads
-from quartercar.car import BumpStops, Coil, QuarterCar
 from quartercar.dampers import BoucWen, Guo, Linear
-from quartercar.embedded import identified_damper
-from quartercar.fleet import Log, start_fleet
 from quartercar.parameters import BENCH, MEGANE
+from quartercar.rides.default_damper import identified_damper
+from quartercar.vehicle.batch import Log, start_fleet
+from quartercar.vehicle.nonlinear import BumpStops, Coil, QuarterCar
 
 STEP = 1 / 512
 LAGGING = Coil(0.004, 0.009, 0.0, 2.5)
@@ -79,7 +79,7 @@ def test_another_rate_than_the_damper_has():
 
 @pytest.mark.slow
 def test_the_embedded_damper_is_what_its_data_give():
-    from quartercar.embedded import identify_damper
+    from quartercar.rides.default_damper import identify_damper
 
     anew, kept = identify_damper(), identified_damper()
     np.testing.assert_allclose(anew.vector, kept.vector, rtol=1e-4, atol=1e-6)

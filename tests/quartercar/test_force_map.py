@@ -10,10 +10,10 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import RegularGridInterpolator
 
 from lpvid import InputError, Record
-from quartercar.dampers.current_lag import CurrentLag
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
-from quartercar.dampers.force_map import ForceMap
+from quartercar.dampers.laws.current_lag import CurrentLag
+from quartercar.dampers.laws.force_map import ForceMap
 
 H = 1e-3
 FULL = {"rise_time_compression": 0.010, "rise_delay_compression": 0.0043, "fall_time_compression": 0.020,

@@ -8,11 +8,11 @@ import pytest
 from lpvid import excitation
 from lpvid.errors import InputError
 from lpvid.record import Record
-from quartercar.dampers.creep import static_forces
-from quartercar.dampers.gas_damper_study import RIG_SPEED, behind_spring, measured, work_table
-from quartercar.dampers.power_law import PowerLawFrictionGas
-from quartercar.dampers.ramps import RampFit, fit_ramps
-from quartercar.dampers.sine_work import SWIFT_2012, sine_work
+from quartercar.dampers.bench.creep import static_forces
+from quartercar.dampers.bench.gas_damper_study import RIG_SPEED, behind_spring, measured, work_table
+from quartercar.dampers.bench.ramps import RampFit, fit_ramps
+from quartercar.dampers.bench.sine_work import SWIFT_2012, sine_work
+from quartercar.dampers.laws.power_law import PowerLawFrictionGas
 from quartercar.rig import Constant, Creep, Experiment, Rig, Triangle
 
 SHARP = SWIFT_2012.replace(friction_speed=1e-4)

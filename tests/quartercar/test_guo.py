@@ -14,10 +14,10 @@ from lpvid.files import read
 from lpvid.record import Record
 from lpvid.simulation import simulate
 from quartercar.dampers import Drive, Facts, FitSettings, fit
-from quartercar.dampers.coefficients import Controlled
-from quartercar.dampers.guo import Guo, Guo5, Guo6, Guo7, Guo15, jenkins_ratio
+from quartercar.dampers.laws.coefficients import Controlled
+from quartercar.dampers.laws.guo import Guo, Guo5, Guo6, Guo7, Guo15, jenkins_ratio
+from quartercar.dampers.laws.tanh_law import TanhLaw
 from quartercar.dampers.parameter import Parameter
-from quartercar.dampers.tanh_law import TanhLaw
 
 GOLDEN = {"yield_force": 600.0, "sharpness": 20.0, "post_yield_damping": 1500.0, "critical_ratio": 3.0}
 FAMILY = [Guo(), Guo(degree=2, offset=True), Guo(degree=1, span=(0.0, 2.5)), Guo(hysteresis=False), Guo5(),

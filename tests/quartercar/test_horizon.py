@@ -16,15 +16,15 @@ from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial, Scheduling
 from quartercar import dampers
-from quartercar._horizon_kernels import back, predict
-from quartercar._horizon_search_kernels import improve_all
-from quartercar.adjoint import AdjointCar, has_gradient
-from quartercar.car import Coil, QuarterCar
+from quartercar.controllers.laws._horizon_kernels import back, predict
+from quartercar.controllers.laws._horizon_search_kernels import improve_all
+from quartercar.controllers.laws.horizon import Horizon, Weights, comfort_filter
 from quartercar.criteria import comfort_transition, comfort_weighting
-from quartercar.embedded import identified_damper
-from quartercar.filter_bank import filter_of
-from quartercar.horizon import Horizon, Weights, comfort_filter
 from quartercar.parameters import MEGANE
+from quartercar.rides.default_damper import identified_damper
+from quartercar.vehicle.adjoint import AdjointCar, has_gradient
+from quartercar.vehicle.filter_bank import filter_of
+from quartercar.vehicle.nonlinear import Coil, QuarterCar
 
 RATE, N = 512.0, 60
 GUO = dampers.Guo(degree=1, span=(0.0, 2.0), current_range=(0.0, 2.0))

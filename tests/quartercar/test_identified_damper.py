@@ -13,13 +13,13 @@ from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.record import Record
 from lpvid.scheduling import Polynomial, Scheduling
-from quartercar.car import Coil, QuarterCar
-from quartercar.car_damper import car_damper, check_rate, current_limits
 from quartercar.dampers import Identified, load_damper
 from quartercar.dampers.moved import moved
-from quartercar.fleet import start_fleet
 from quartercar.parameters import MEGANE
-from quartercar.riding import extrapolation
+from quartercar.rides.simulation import extrapolation
+from quartercar.vehicle.batch import start_fleet
+from quartercar.vehicle.damper_from_file import car_damper, check_rate, current_limits
+from quartercar.vehicle.nonlinear import Coil, QuarterCar
 
 SLOW = ("coprime", "quasi", "arx-tanh", "pem-ss")
 KINDS = [pytest.param(n, marks=pytest.mark.slow) if n in SLOW else n for n in MODELS]
@@ -251,7 +251,7 @@ def test_a_reversed_model_runs_along_its_records_and_is_turned_for_the_damper():
 @pytest.mark.parametrize("name", ["arx", "arx-displacement", "arx-both", "subspace", "arx-three-zone"])
 def test_the_frequency_response_about_rest_is_that_of_a_small_sine(name):
     """Oracle: a least-squares sine through the end of a long run at 7 Hz and a held current."""
-    from quartercar.plant.active import _mechanical
+    from quartercar.lpv_models.active import _mechanical
 
     damper, f, n, i = Identified.of(model(name)), 7.0, 4000, 1.1
     t = np.arange(n) / RATE
@@ -269,7 +269,7 @@ def test_the_frequency_response_about_rest_is_that_of_a_small_sine(name):
 
 def test_a_model_that_is_active_at_high_frequency_only_is_found():
     """F(k) = −200 v(k) + 800 v(k−1): 600 N·s/m settled, −1000 where v alternates."""
-    from quartercar.plant.active import active_frequency, active_region
+    from quartercar.lpv_models.active import active_frequency, active_region
 
     quick = Identified.of(linear(a=[[0.0, 0.0]], b=[[-200.0, 0.0], [800.0, 0.0]]))
     assert active_region(quick, (0.0, 2.0)) is None

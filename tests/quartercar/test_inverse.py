@@ -7,13 +7,13 @@ import pytest
 from damper_cases import truth
 
 from lpvid.errors import InputError
-from quartercar.car import Coil
 from quartercar.controllers.contract import Setting
-from quartercar.controllers.forces import SPEEDS, along
-from quartercar.controllers.inverse import Inverse, InverseSettings, nearest
+from quartercar.controllers.loop.forces import SPEEDS, along
+from quartercar.controllers.loop.inverse import Inverse, InverseSettings, nearest
 from quartercar.dampers import Guo, Linear, PowerLawFrictionGas
-from quartercar.embedded import identified_damper
 from quartercar.parameters import MEGANE
+from quartercar.rides.default_damper import identified_damper
+from quartercar.vehicle.nonlinear import Coil
 
 CURRENTS = (0.0, 2.0)
 LIMITS = Coil(highest=2.0)

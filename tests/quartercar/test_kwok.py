@@ -9,7 +9,7 @@ from lpvid.errors import InputError
 from lpvid.record import Record
 from lpvid.simulation import simulate
 from quartercar.dampers import Drive, Facts
-from quartercar.dampers.kwok import Kwok
+from quartercar.dampers.laws.kwok import Kwok
 
 VALUES = {"viscous_damping": 1200.0, "stiffness": 5000.0, "hysteresis_force": 300.0, "hysteresis_shift": 0.6,
           "offset": 50.0, "sharpness": 100.0}

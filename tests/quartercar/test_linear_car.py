@@ -7,8 +7,8 @@ import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
 from lpvid.errors import InputError, NumericalError
-from quartercar.linear_car import OUTPUTS, RELATIVE, LinearCar
 from quartercar.parameters import BENCH, DEMO, INOVE, MEGANE, MOTORCYCLE, SAVARESI, SETS, SH_ADD, CarParameters
+from quartercar.vehicle.linear import OUTPUTS, RELATIVE, LinearCar
 
 REFERENCE = LinearCar(MEGANE.replace(tyre_stiffness=208e3))
 """the car of synthesis.md, section 1"""

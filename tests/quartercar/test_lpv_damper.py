@@ -12,10 +12,10 @@ import lpvid as lpv
 from lpvid.condition import resample
 from lpvid.errors import InputError
 from lpvid.record import Record
+from quartercar.dampers.blackbox.lpv import LpvArx
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.fitting import FitSettings
-from quartercar.dampers.lpv import LpvArx
 
 RATE = 512.0
 KNEE = 0.06

@@ -8,10 +8,10 @@ import pytest
 import lpvid as lpv
 from lpvid.errors import InputError
 from lpvid.record import Record
+from quartercar.dampers.blackbox.narx import Narx2, Narx3
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.fitting import FitSettings, fit
-from quartercar.dampers.narx import Narx2, Narx3
 
 RATE = 256.0
 UNITS = {"displacement": "m", "velocity": "m/s", "current": "A", "force": "N"}

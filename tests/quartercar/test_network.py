@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.dampers.facts import Facts
-from quartercar.dampers.hydraulics import (
+from quartercar.dampers.laws.hydraulics import (
     Laminar,
     Parallel,
     Series,
@@ -23,7 +23,7 @@ from quartercar.dampers.hydraulics import (
     series_flow,
     series_pressure,
 )
-from quartercar.dampers.network import (
+from quartercar.dampers.laws.network import (
     MixedNetwork,
     NetworkDamper,
     ParallelNetwork,

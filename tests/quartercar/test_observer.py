@@ -8,12 +8,12 @@ from scipy.signal import lsim
 
 from lpvid.errors import InputError
 from quartercar import roads
-from quartercar.car import QuarterCar
 from quartercar.controllers.contract import Setting
-from quartercar.controllers.observer import STATES, Observer, ObserverSettings
-from quartercar.controllers.sensing import BODY, SETS, STROKE, TRUE, MeasurementSet, Sensing, Sensor
+from quartercar.controllers.loop.observer import STATES, Observer, ObserverSettings
+from quartercar.controllers.loop.sensing import BODY, SETS, STROKE, TRUE, MeasurementSet, Sensing, Sensor
 from quartercar.dampers import Linear
 from quartercar.parameters import MEGANE
+from quartercar.vehicle.nonlinear import QuarterCar
 
 STEP = 0.002
 SETTING = Setting(STEP, 1, MEGANE)

@@ -7,13 +7,13 @@ import pytest
 
 from lpvid.errors import InputError
 from lpvid.record import Record
-from quartercar.car import Coil, QuarterCar
 from quartercar.dampers import compare, fit
-from quartercar.dampers.comparison import CompareSettings
-from quartercar.dampers.lpv import LpvArx
-from quartercar.dampers.sampled_passivity import certificate_for, margin_of, stored_energy
+from quartercar.dampers.blackbox.lpv import LpvArx
+from quartercar.dampers.evaluation.comparison import CompareSettings
+from quartercar.dampers.evaluation.sampled_passivity import certificate_for, margin_of, stored_energy
 from quartercar.parameters import MEGANE
-from quartercar.storage import ride_passivity
+from quartercar.vehicle.nonlinear import Coil, QuarterCar
+from quartercar.vehicle.passivity_balance import ride_passivity
 
 STEP = 1 / 500
 

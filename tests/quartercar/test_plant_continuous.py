@@ -9,15 +9,15 @@ from test_plant_identified import ONE, STEP, damper, held_force_run, road_and_cu
 from lpvid.errors import InputError
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Polynomial
-from quartercar.car import QuarterCar
-from quartercar.controllers.damper_design import DamperTask, synthesized_gain
+from quartercar.controllers.designed.damper_design import DamperTask, synthesized_gain
 from quartercar.dampers import Guo6, LpvArx
-from quartercar.dampers.held import Held
-from quartercar.embedded import identified_damper
+from quartercar.dampers.blackbox.held import Held
+from quartercar.lpv_models import ContinuousDamper, FrozenDamper, IdentifiedDamper, replay
+from quartercar.lpv_models.frozen_damper import filtered, response
+from quartercar.lpv_models.identified_study import EmbeddedDamper, conversion_error, frozen_stable, replay_error, study
 from quartercar.parameters import MEGANE
-from quartercar.plant import ContinuousDamper, FrozenDamper, IdentifiedDamper, replay
-from quartercar.plant.frozen_damper import filtered, response
-from quartercar.plant.identified_study import EmbeddedDamper, conversion_error, frozen_stable, replay_error, study
+from quartercar.rides.default_damper import identified_damper
+from quartercar.vehicle.nonlinear import QuarterCar
 
 CURRENTS = (0.0, 2.5)
 

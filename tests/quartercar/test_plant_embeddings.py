@@ -8,12 +8,8 @@ from scipy.spatial import ConvexHull
 
 from lpvid.errors import InputError
 from quartercar import roads
-from quartercar.car import Coil, QuarterCar
-from quartercar.car_run import CarRun
 from quartercar.dampers import Guo, Guo6, Linear, PowerLawFrictionGas
-from quartercar.linear_car import LinearCar
-from quartercar.parameters import BENCH, MEGANE
-from quartercar.plant import (
+from quartercar.lpv_models import (
     AdmissibleForce,
     LimitedForce,
     LimitedPair,
@@ -28,9 +24,13 @@ from quartercar.plant import (
     pair_hull,
     replay,
 )
-from quartercar.plant.car_part import SPEED, bare_car, passive_sense
-from quartercar.plant.embedding import output_gap
-from quartercar.plant.region import Region
+from quartercar.lpv_models.car_part import SPEED, bare_car, passive_sense
+from quartercar.lpv_models.embedding import output_gap
+from quartercar.lpv_models.region import Region
+from quartercar.parameters import BENCH, MEGANE
+from quartercar.vehicle.linear import LinearCar
+from quartercar.vehicle.nonlinear import Coil, QuarterCar
+from quartercar.vehicle.result import CarRun
 
 SPAN = (0.0, 2.5)
 VALUES = {"yield_force_at_low": 100.0, "yield_force_at_high": 1500.0, "sharpness": 13.8,

@@ -15,14 +15,14 @@ from lpvid.model.scheduling_stage import SchedulingLag
 from lpvid.model.signals import Signal
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Polynomial, Scheduling
-from quartercar.car import QuarterCar
 from quartercar.dampers import Guo6, LpvArx
-from quartercar.dampers.held import Held
-from quartercar.embedded import identified_damper
-from quartercar.linear_car import LinearCar
+from quartercar.dampers.blackbox.held import Held
+from quartercar.lpv_models import IdentifiedDamper, Prefiltered, RampedDamper, replay
+from quartercar.lpv_models.prefilter import prefiltered
 from quartercar.parameters import MEGANE
-from quartercar.plant import IdentifiedDamper, Prefiltered, RampedDamper, replay
-from quartercar.plant.prefilter import prefiltered
+from quartercar.rides.default_damper import identified_damper
+from quartercar.vehicle.linear import LinearCar
+from quartercar.vehicle.nonlinear import QuarterCar
 
 STEP = 1 / 512
 ONE = Layout(np.zeros((1, 5), dtype=int))

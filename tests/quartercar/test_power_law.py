@@ -7,8 +7,8 @@ import pytest
 
 from lpvid.errors import InputError
 from quartercar.dampers import Drive, Facts
-from quartercar.dampers.power_law import PowerLaw, PowerLawFrictionGas
-from quartercar.dampers.sine_work import SWIFT_2012, power_integral, sine_work
+from quartercar.dampers.bench.sine_work import SWIFT_2012, power_integral, sine_work
+from quartercar.dampers.laws.power_law import PowerLaw, PowerLawFrictionGas
 
 SPEEDS = np.array([0.05, 0.1, 0.25, 0.3, 0.5, 0.7])
 

@@ -11,19 +11,19 @@ from scipy.linalg import block_diag, solve_discrete_are
 import lpvid as lpv
 from lpvid.errors import InputError
 from quartercar import controllers as laws
-from quartercar.controllers.chain import ChainSettings
 from quartercar.controllers.contract import Setting
-from quartercar.controllers.observer import Observer, ObserverSettings
-from quartercar.controllers.preview_lqr import PreviewLoop, preview_loop
-from quartercar.controllers.road_estimate import RoadEstimator
-from quartercar.controllers.sensing import SETS, MeasurementSet, Sensor
-from quartercar.embedded import identified_damper
-from quartercar.front_axle import FrontAxle, Known, look_ahead
+from quartercar.controllers.laws.preview_lqr import PreviewLoop, preview_loop
+from quartercar.controllers.loop.chain import ChainSettings
+from quartercar.controllers.loop.observer import Observer, ObserverSettings
+from quartercar.controllers.loop.road_estimate import RoadEstimator
+from quartercar.controllers.loop.sensing import SETS, MeasurementSet, Sensor
 from quartercar.parameters import MEGANE
-from quartercar.preview import Preview, preview_from_text
-from quartercar.ride_config import build_car
-from quartercar.ride_roads import IsoRoad, SineSweep
-from quartercar.riding import RideSettings, drive, ride
+from quartercar.rides.config import build_car
+from quartercar.rides.default_damper import identified_damper
+from quartercar.rides.front_axle import FrontAxle, Known, look_ahead
+from quartercar.rides.preview import Preview, preview_from_text
+from quartercar.rides.simulation import RideSettings, drive, ride
+from quartercar.roads.ride_roads import IsoRoad, SineSweep
 
 RATE = 512.0
 SETTING = Setting(1 / RATE, 1, MEGANE, identified_damper())
@@ -99,8 +99,8 @@ def test_the_register_is_the_kalman_filter_of_the_car_with_its_past():
     a[:n, :n], a[n, n - 1] = found._step, 1.0
     a[n + 1:, n:-1] = np.eye(lags - 1)
     rows = np.hstack([c, np.zeros((len(c), lags))])
-    from quartercar.controllers.observer import ObservedCar
-    from quartercar.controllers.road_estimate import CUTOFF, _with_road
+    from quartercar.controllers.loop.observer import ObservedCar
+    from quartercar.controllers.loop.road_estimate import CUTOFF, _with_road
 
     sensors = list(SETS["stroke-body-wheel"].sensors)
     model = _with_road(ObservedCar.of(SETTING, sensors, ObserverSettings()), 2 * np.pi * CUTOFF * 20.0)

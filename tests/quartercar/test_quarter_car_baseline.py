@@ -10,9 +10,9 @@ import lpvid as lpv
 from lpvid.diagnosis.signals import Signals
 from lpvid.errors import InputError
 from lpvid.record import Channel, Record
-from quartercar.baselines.car_core import SMOOTH, CarCore
 from quartercar.baselines.quarter_car import FREE, UNITS, QuarterCarBaseline
 from quartercar.parameters import BENCH, MEGANE, SAVARESI, CarParameters
+from quartercar.vehicle.strut_friction import SMOOTH, CarCore
 
 PERIOD = 1 / 256
 CAR = MEGANE.replace(tyre_damping=120.0)

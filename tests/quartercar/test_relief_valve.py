@@ -10,10 +10,10 @@ from scipy.integrate import solve_ivp
 
 from lpvid import InputError, Record
 from quartercar.dampers import FitSettings
-from quartercar.dampers.characteristic import characteristic_line
+from quartercar.dampers.bench.characteristic import characteristic_line
 from quartercar.dampers.drive import Drive
-from quartercar.dampers.relief_valve import LagDamper, ReliefValve, ReliefValveOrifice
-from quartercar.dampers.relief_valve_design import ReliefValveDesign, effective_compressibility
+from quartercar.dampers.laws.relief_valve import LagDamper, ReliefValve, ReliefValveOrifice
+from quartercar.dampers.laws.relief_valve_design import ReliefValveDesign, effective_compressibility
 
 AMPLITUDES = np.geomspace(0.23e-3, 27.28e-3, 11)
 OMEGA = 2 * np.pi * 3.5

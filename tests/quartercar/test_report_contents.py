@@ -10,17 +10,17 @@ import pytest
 
 import lpvid as lpv
 from lpvid.auditing import audit
-from quartercar.car import QuarterCar
 from quartercar.criteria import rms, weighted
-from quartercar.dampers.guo import Guo
-from quartercar.linear_car import LinearCar
+from quartercar.dampers.laws.guo import Guo
 from quartercar.parameters import MEGANE
 from quartercar.plot.fan import force_velocity_fan
 from quartercar.plot.ride_spectra import SIGNALS, estimates, spectra, third_octaves
-from quartercar.report_rig import rig_page
+from quartercar.report.rig import rig_page
 from quartercar.rig import Rig
 from quartercar.rig.causes import effect
 from quartercar.rig.plan import parse_plan
+from quartercar.vehicle.linear import LinearCar
+from quartercar.vehicle.nonlinear import QuarterCar
 
 STEP = 1 / 500.0
 

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 
 from lpvid.errors import InputError
-from quartercar.car import Coil, QuarterCar
-from quartercar.clairvoyant import HELD, Effort, Problem, best_currents, energy_limit, replay
 from quartercar.controllers import LinearSkyhook, Passive, SkyhookAccelerationDriven
 from quartercar.criteria import judge
 from quartercar.dampers import Guo
 from quartercar.parameters import MEGANE
-from quartercar.relaxation import relaxed_bound
-from quartercar.ride_bound import BoundSettings, bound_rides
-from quartercar.ride_comparison import compare_rides
-from quartercar.ride_config import build_car
-from quartercar.ride_roads import IsoRoad, RideRoad
-from quartercar.riding import drive
-from quartercar.tuning import Objective
+from quartercar.rides.bound import BoundSettings, bound_rides
+from quartercar.rides.clairvoyant import HELD, Effort, Problem, best_currents, energy_limit, replay
+from quartercar.rides.comparison import compare_rides
+from quartercar.rides.config import build_car
+from quartercar.rides.relaxation import relaxed_bound
+from quartercar.rides.simulation import drive
+from quartercar.rides.tuning import Objective
+from quartercar.roads.ride_roads import IsoRoad, RideRoad
+from quartercar.vehicle.nonlinear import Coil, QuarterCar
 
 SHORT = IsoRoad("C", 20.0, 1.0)
 LAWS = {"passive": Passive(values={"fixed_current": 0.0}), "skyhook-linear": LinearSkyhook(),

@@ -13,22 +13,22 @@ from lpvid.identification.free_run_search import VectorLayout
 from lpvid.model.compliance import ComplianceModel, Element
 from lpvid.model.signals import Signal
 from quartercar import roads
-from quartercar.car import BumpStops, Coil, QuarterCar
-from quartercar.car_run import CarRun
 from quartercar.controllers import ClippedOptimal, Groundhook, Passive, Skyhook, SkyhookAccelerationDriven
-from quartercar.controllers.chain import ChainSettings
 from quartercar.controllers.contract import Law, Setting, Values
-from quartercar.controllers.sensing import BODY, SETS, MeasurementSet, Sensor
+from quartercar.controllers.loop.chain import ChainSettings
+from quartercar.controllers.loop.sensing import BODY, SETS, MeasurementSet, Sensor
 from quartercar.criteria import judge
 from quartercar.dampers import Compliance, Guo, Linear, PowerLawFrictionGas
-from quartercar.dampers.held import Held
-from quartercar.embedded import identified_damper
+from quartercar.dampers.blackbox.held import Held
 from quartercar.parameters import MEGANE
-from quartercar.ride_comparison import Interval, compare_rides, pareto
-from quartercar.ride_roads import Bump, IsoRoad, MeasuredRoad, SineSweep
-from quartercar.riding import RideSettings, drive, ride
-from quartercar.storage import has_storage, ride_passivity
-from quartercar.tuning import Objective, Trial, tune
+from quartercar.rides.comparison import Interval, compare_rides, pareto
+from quartercar.rides.default_damper import identified_damper
+from quartercar.rides.simulation import RideSettings, drive, ride
+from quartercar.rides.tuning import Objective, Trial, tune
+from quartercar.roads.ride_roads import Bump, IsoRoad, MeasuredRoad, SineSweep
+from quartercar.vehicle.nonlinear import BumpStops, Coil, QuarterCar
+from quartercar.vehicle.passivity_balance import has_storage, ride_passivity
+from quartercar.vehicle.result import CarRun
 
 IDEAL = RideSettings(ChainSettings(sensors=SETS["ideal"]), sample_time=0.002)
 COARSE = RideSettings(ChainSettings(sensors=SETS["ideal"]), sample_time=0.004)

@@ -7,9 +7,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from lpvid import InputError
-from quartercar.dampers.extended_bouc_wen import DIRECTIONS, ExtendedBoucWen
-from quartercar.dampers.semi_active_study import fixed_steps, measured, paper_plan, runge_kutta, virtual_device
-from quartercar.dampers.stepwise import sort_records
+from quartercar.dampers.bench.semi_active_study import fixed_steps, measured, paper_plan, runge_kutta, virtual_device
+from quartercar.dampers.fitting.stepwise import sort_records
+from quartercar.dampers.laws.extended_bouc_wen import DIRECTIONS, ExtendedBoucWen
 
 
 def blunt() -> ExtendedBoucWen:

@@ -10,8 +10,8 @@ import pytest
 from lpvid.errors import InputError
 from lpvid.excitation import sine, triangle
 from lpvid.record import Channel, Record
-from quartercar.dampers.static_characteristic import StaticCharacteristic, static_points
-from quartercar.dampers.steady_windows import WindowSettings, steady_windows
+from quartercar.dampers.bench.static_characteristic import StaticCharacteristic, static_points
+from quartercar.dampers.bench.steady_windows import WindowSettings, steady_windows
 
 
 def law(v: np.ndarray) -> np.ndarray:

@@ -10,14 +10,14 @@ from scipy.optimize import least_squares
 
 from lpvid.errors import InputError
 from lpvid.record import Channel, Record
+from quartercar.dampers.bench.friction_profile import friction_profile
+from quartercar.dampers.bench.log_fit import NETWORKS, Points, fit_log_force, held_out_error, upper_bound
+from quartercar.dampers.bench.slopes import log_slopes
+from quartercar.dampers.bench.static_characteristic import StaticCharacteristic
+from quartercar.dampers.bench.topology import choose_network
 from quartercar.dampers.facts import Facts
-from quartercar.dampers.friction_profile import friction_profile
-from quartercar.dampers.hydraulics import Laminar, Parallel, Series, Turbulent, parallel_pressure
-from quartercar.dampers.log_fit import NETWORKS, Points, fit_log_force, held_out_error, upper_bound
-from quartercar.dampers.network import MixedNetwork, ParallelNetwork, SeriesNetwork
-from quartercar.dampers.slopes import log_slopes
-from quartercar.dampers.static_characteristic import StaticCharacteristic
-from quartercar.dampers.topology import choose_network
+from quartercar.dampers.laws.hydraulics import Laminar, Parallel, Series, Turbulent, parallel_pressure
+from quartercar.dampers.laws.network import MixedNetwork, ParallelNetwork, SeriesNetwork
 
 SPEEDS = np.geomspace(2e-5, 2e-3, 23)
 TRUTHS = {"series": (Series(Laminar(5e4), Turbulent(2e8)), 10.0),

@@ -12,7 +12,7 @@ from lpvid import InputError
 from lpvid.condition import resample
 from quartercar.dampers import Drive, FitSettings
 from quartercar.dampers.facts import Facts
-from quartercar.dampers.wang_kamath import WangKamath
+from quartercar.dampers.laws.wang_kamath import WangKamath
 
 
 def drive(duration: float, rate: float = 512.0, current: float = 0.0, seed: int = 0) -> Drive:
@@ -62,7 +62,7 @@ def test_against_lsoda(degree: int, values: dict[str, float], tolerance: float) 
 
 def test_second_order() -> None:
     """Each halving of the sample time of a finely sampled motion quarters the error."""
-    from quartercar.dampers._wang_kamath_kernels import wang_kamath_run
+    from quartercar.dampers.laws._wang_kamath_kernels import wang_kamath_run
 
     model, given = WangKamath(), drive(0.5)
     theta = np.ascontiguousarray(model.coefficients(given.current, model.vector))

@@ -14,12 +14,12 @@ from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.dampers.contract import Damper
+from quartercar.dampers.evaluation.passivity import check_passivity
+from quartercar.dampers.evaluation.scoring import Score, score
 from quartercar.dampers.fitting.result import DamperFit
 from quartercar.dampers.fitting.settings import FitSettings
-from quartercar.dampers.passivity import check_passivity
+from quartercar.dampers.fitting.training import remembering
 from quartercar.dampers.polarity import common_polarity
-from quartercar.dampers.scoring import Score, score
-from quartercar.dampers.training import remembering
 
 FEWEST = 20
 """shortest stretch worth keeping [samples]."""
@@ -55,7 +55,7 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
 
     Examples
     --------
-    >>> from quartercar.dampers.linear import Linear
+    >>> from quartercar.dampers.laws.linear import Linear
     >>> t = np.arange(2000) / 500
     >>> x = 0.01 * np.sin(12 * t) + 0.004 * np.sin(31 * t)
     >>> record = with_velocity(Record({"displacement": x}, sample_time=1 / 500, units={"displacement": "m"}))

@@ -9,9 +9,9 @@ import numpy as np
 
 from lpvid.validation.figures import Figures
 from quartercar.dampers.contract import Damper
+from quartercar.dampers.evaluation.passivity import Passivity
+from quartercar.dampers.evaluation.scoring import Score
 from quartercar.dampers.fitting.estimate import Estimate
-from quartercar.dampers.passivity import Passivity
-from quartercar.dampers.scoring import Score
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,1 @@
+"""Control laws designed by linear matrix inequalities: synthesis, scheduling, the controller in the loop."""

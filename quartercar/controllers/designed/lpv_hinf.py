@@ -1,0 +1,158 @@
+"""LPV H-infinity control with the damper's limits inside the design: scheduled on the share of a demand it can give."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from quartercar.controllers.contract import Controller, Law, Setting, Signals, Values
+from quartercar.controllers.designed.schedule_rules import GivenShare, share
+from quartercar.controllers.designed.scheduled import ScheduledController
+from quartercar.controllers.designed.suspension_design import CRITERIA, Task, nominal_damping, running
+from quartercar.dampers.parameter import Parameter
+from quartercar.lpv_models.weighted import MEASUREMENTS, SuspensionWeights
+
+if TYPE_CHECKING:
+    from quartercar.controllers.designed.lpv_hinf_clipped import LpvHinfClipped
+
+WEIGHTS = (
+    Parameter("tyre_force", "N", "dynamic tyre force that counts as 1 m/s^2 of the body", 8000.0, 500.0, 50000.0,
+              log=True),
+    Parameter("stroke", "m", "suspension deflection that counts as that", 0.35, 0.02, 1.0, log=True),
+    Parameter("demand", "N", "demand that counts as that", 400.0, 100.0, 30000.0, log=True),
+    Parameter("comfort_high", "Hz", "upper corner of the comfort band", 15.0, 4.0, 60.0, log=True),
+    Parameter("wheel_low", "Hz", "lower corner of the wheel band", 1.6, 0.5, 10.0, log=True),
+    Parameter("nominal_share", "", "c_nom, between the damper's weakest and strongest", -0.02, -0.2, 0.3),
+)
+LIMITS = (
+    Parameter("relief", "", "share of the weights where the damper gives nothing", 0.7, 0.05, 1.0),
+    Parameter("least_share", "", "smallest share of a demand in the design", 0.87, 0.0, 0.95),
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class LpvHinf(Controller):
+    """F = c_nom v_d + u, u = K(ρ) y, ρ = sat(u)/u of the damper's own limits; K by LPV H-infinity synthesis.
+
+    The plant is the car behind the coil's lag with F = c_nom v_d + ρ u_lagged (`quartercar.lpv_models.LimitedForce`),
+    whose weights are the parameters here; ρ may jump. Equation sheet 4.3, E2, E3 and E5; Do, Sename, Dugard (2010).
+
+    Attributes
+    ----------
+    measured : str
+        What y is: a name of `quartercar.lpv_models.weighted.MEASUREMENTS`.
+    criterion : {"hinf", "h2"}
+        As in `suspension_design.Task`.
+    lag : float
+        From demand to force [s].
+    """
+
+    name: ClassVar[str] = "lpv-hinf"
+    title: ClassVar[str] = "LPV H-infinity, limits inside"
+    source: ClassVar[str] = "Do, Sename, Dugard 2010; equation sheet 4.3"
+
+    measured: str = "observed"
+    criterion: str = "hinf"
+    lag: float = 0.004
+
+    def check_settings(self) -> None:
+        _checks.one_of(self.measured, tuple(MEASUREMENTS), "measured")
+        _checks.one_of(self.criterion, CRITERIA, "criterion")
+        _checks.positive(self.lag, "lag", "s")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (*WEIGHTS, *LIMITS)
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys([*MEASUREMENTS[self.measured], "suspension_velocity", "demanded", "attained"]))
+
+    @property
+    def demands(self) -> str:
+        return "force"
+
+    def task(self, values: Mapping[str, float], setting: Setting) -> Task:
+        """The design that values stand for, in a setting."""
+        return task_of(values, setting, self, values["least_share"])
+
+    def begin(self, values: Values, setting: Setting) -> Law:
+        rows = [{n: float(a[k]) for n, a in values.items()} for k in range(setting.cars)]
+        return BankedLaw([self.task(row, setting) for row in rows], setting.sample_time)
+
+    def designed(self, setting: Setting) -> ScheduledController:
+        """The controller as it runs, to be stored: needs no synthesis any more."""
+        return scheduled(self.task(self.values, setting), setting.sample_time, self.title)
+
+
+def task_of(values: Mapping[str, float], setting: Setting, law: LpvHinf | LpvHinfClipped,
+            least_share: float | None) -> Task:
+    """A task from a law's parameters; c_nom follows from the damper of the setting."""
+    if setting.damper is None:
+        raise InputError("an H-infinity suspension law needs to know the damper", got="a viscous car",
+                         mend="give the car a damper model")
+    names = ("tyre_force", "stroke", "demand", "comfort_high", "wheel_low", "relief")
+    given = {n: values[n] for n in names if n in values}
+    damping = nominal_damping(setting.damper, setting.currents, values["nominal_share"])
+    return Task(setting.parameters, damping, SuspensionWeights(**given), least_share, law.measured, law.lag,
+                criterion=law.criterion)
+
+
+def scheduled(task: Task, sample_time: float, label: str) -> ScheduledController:
+    """A designed controller with the rule of its schedule."""
+    model = running(task, sample_time)
+    rules = () if task.least_share is None else (GivenShare(task.nominal_damping, task.least_share),)
+    return ScheduledController(model=model, schedule=rules, nominal_damping=task.nominal_damping, label=label)
+
+
+class BankedLaw(Law):
+    """Designed controllers of many cars, each with its own; the same steps as a `ScheduledController` for each."""
+
+    def __init__(self, tasks: list[Task], sample_time: float) -> None:
+        models = {task: running(task, sample_time) for task in dict.fromkeys(tasks)}
+        first = next(iter(models.values()))
+        self._names = [s.name for s in first.inputs]
+        order, places = max(m.order for m in models.values()), {t: k for k, t in enumerate(models)}
+        self._stacked = np.array([_padded(m, order) for m in models.values()])
+        self._which = np.array([places[t] for t in tasks])
+        self._cars = np.arange(len(tasks))
+        self._nodes = self._stacked.shape[1]
+        self._least = np.array([0.0 if t.least_share is None else t.least_share for t in tasks])
+        self._damping = np.array([t.nominal_damping for t in tasks])
+        self._x = np.zeros((len(tasks), order))
+        self._base = np.zeros(len(tasks))
+        self._short = np.zeros(len(tasks))
+
+    def step(self, seen: Signals) -> np.ndarray:
+        stacked = np.concatenate([self._x, *(seen[n][:, None] for n in self._names)], axis=1)
+        rho = share(seen["demanded"] - self._base, seen["attained"] - self._base, self._least)
+        self._short += rho < 1
+        if self._nodes == 1:
+            matrices = self._stacked[self._which, 0]
+        else:
+            at = (rho - self._least) / (1 - self._least) * (self._nodes - 1)
+            low = np.minimum(at.astype(int), self._nodes - 2)
+            part = (at - low)[:, None, None]
+            matrices = (1 - part) * self._stacked[self._which, low] + part * self._stacked[self._which, low + 1]
+        ahead = np.einsum("cij,cj->ci", matrices, stacked)
+        self._x = ahead[:, :-1]
+        self._base = self._damping * seen["suspension_velocity"]
+        return self._base + ahead[:, -1]
+
+    def counted(self) -> dict[str, np.ndarray]:
+        """Samples at which the damper did not give all that was asked."""
+        return {"demand_not_met": self._short}
+
+
+def _padded(model: Any, order: int) -> np.ndarray:
+    """(M, order + 1, order + inputs): [A B; C D] at every node, filled up with idle states."""
+    m, n, nu = model.A.shape[0], model.order, model.n_filter_inputs
+    out = np.zeros((m, order + 1, order + nu))
+    out[:, :n, :n], out[:, :n, order:] = model.A, model.B
+    out[:, order, :n], out[:, order, order:] = model.C[:, 0], model.D[:, 0]
+    return out

@@ -1,0 +1,209 @@
+"""Linear quadratic control with a register of the road ahead, clipped to what a damper can do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import ClassVar
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.model.signals import Signal
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Polynomial
+from quartercar.controllers.contract import Controller, Law, Setting, Signals, Values
+from quartercar.controllers.laws.clipped_optimal import STATES
+from quartercar.controllers.laws.damping import HIGH, LOW, between
+from quartercar.controllers.laws.horizon import comfort_filter
+from quartercar.controllers.laws.mpc import STROKE, TYRE
+from quartercar.dampers.parameter import Parameter
+from quartercar.parameters import CarParameters
+from quartercar.vehicle.linear import LinearCar
+
+LAG = Parameter("force_lag", "s", "tau, from the demanded force to the damper's", 0.01, 1e-3, 0.03, log=True)
+"""The embedded damper's frozen poles have 3 to 10 ms (`FrozenDamper`)"""
+EFFORT = Parameter("effort_weight", "", "r, of the demand", 0.3, 1e-2, 10.0, log=True)
+"""A demand of little effort is mostly out of a damper's reach; what clipping makes best is found by tuning"""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class PreviewQuadratic(Controller):
+    """u = −K x − Σ_j K_j w(k+j), within what dampings from c_min to c_max can do.
+
+    ::
+
+        x(k+1) = A x(k) + B u(k) + E w(k)       x = (z_d, ż_s, z_t, ż_us, F, states of W_k)
+        F(k+1) = F(k) + (1 − e^{−T/τ})(u(k) − F(k))
+        minimise E[a_w² + ρ_t (F_t/m_s)² + ρ_z (k_s z_d/m_s)² + r (u/m_s)²]
+        K   = (r' + Bᵀ P B)⁻¹ (Bᵀ P A + Sᵀ)               P of the discrete Riccati equation
+        K_j = (r' + Bᵀ P B)⁻¹ Bᵀ ((A − B K)ᵀ)^j P E,  j = 0 … P − 1   w(k+j) the road's rate over sample k+j
+
+    The gains do not depend on the speed: it says how many samples ahead the front axle sees, and so how many terms the
+    sum has. The register is a chain of delays before a stable loop: the loop is stable for every course of the speed.
+    """
+
+    name: ClassVar[str] = "preview-lqr"
+    title: ClassVar[str] = "Preview LQ, clipped"
+    source: ClassVar[str] = "Tomizuka 1976, J. Dyn. Syst. Meas. Control 98, 309-315; Louam, Wilson, Sharp 1988"
+
+    def check_settings(self) -> None:
+        pass
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return LOW, HIGH, TYRE, STROKE, EFFORT, LAG
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        return (*STATES, "suspension_velocity", "attained", "road_ahead")
+
+    @property
+    def demands(self) -> str:
+        return "force"
+
+    def begin(self, values: Values, setting: Setting) -> Law:
+        names = (TYRE.name, STROKE.name, EFFORT.name, LAG.name)
+        rows = zip(*(values[n].tolist() for n in names), strict=True)
+        loops = [preview_loop(setting.parameters, *row, setting.sample_time) for row in rows]
+        return _PreviewLaw(loops, values, setting)
+
+
+@dataclass(frozen=True, eq=False)
+class PreviewLoop:
+    """A car, its weights and the gains over them.
+
+    Attributes
+    ----------
+    step, control, road : (n, n), (n,), (n,) arrays
+        A, B, E.
+    shown, direct : (q, n), (q,) arrays
+        Weighted outputs of the cost, C x + D u.
+    gain : (n,) array
+        K.
+    riccati : (n, n) array
+        P.
+    sample_time : float
+        [s].
+    """
+
+    step: np.ndarray
+    control: np.ndarray
+    road: np.ndarray
+    shown: np.ndarray
+    direct: np.ndarray
+    gain: np.ndarray
+    riccati: np.ndarray
+    sample_time: float
+    weight: float = field(default=1.0)
+
+    def ahead(self, samples: int) -> np.ndarray:
+        """(samples,) K_j."""
+        loop, row = self.step - np.outer(self.control, self.gain), self.riccati @ self.road
+        out = np.empty(samples)
+        for j in range(samples):
+            out[j] = self.control @ row / self.weight
+            row = loop.T @ row
+        return out
+
+    def closed(self, samples: int) -> LPVStateSpace:
+        """The unclipped loop with a register of so many samples, from the road's rate that far ahead to the outputs.
+
+        States x, then w(k) … w(k + samples − 1); without preview the road's rate enters as it comes.
+        """
+        n, p = len(self.step), samples
+        a, b = np.zeros((n + p, n + p)), np.zeros((n + p, 1))
+        c = np.zeros((len(self.shown), n + p))
+        a[:n, :n] = self.step - np.outer(self.control, self.gain)
+        c[:, :n] = self.shown - np.outer(self.direct, self.gain)
+        if p:
+            k = self.ahead(p)
+            a[:n, n:] -= np.outer(self.control, k)
+            a[:n, n] += self.road
+            c[:, n:] -= np.outer(self.direct, k)
+            a[n:-1, n + 1:] = np.eye(p - 1)
+            b[-1, 0] = 1.0
+        else:
+            b[:n, 0] = self.road
+        outputs = tuple(Signal(name) for name in ("comfort", "tyre", "stroke", "effort"))
+        return LPVStateSpace(a[None], b[None], c[None], np.zeros((1, len(c), 1)), Polynomial((), 0), self.sample_time,
+                             inputs=(Signal("road_rate", "m/s"),), outputs=outputs)
+
+    def norm(self, samples: int) -> float:
+        """H2 norm of `closed`, from the Riccati equation: √(Eᵀ P E − Σ_{j<samples} (r' + Bᵀ P B) K_j²)."""
+        won = self.weight * np.sum(self.ahead(samples) ** 2)
+        return float(np.sqrt(self.road @ self.riccati @ self.road - won))
+
+
+@lru_cache(maxsize=1024)
+def preview_loop(parameters: CarParameters, tyre_weight: float, stroke_weight: float, effort_weight: float,
+                 force_lag: float, sample_time: float) -> PreviewLoop:
+    """The optimal loop of a car as its designer knows it.
+
+    Raises
+    ------
+    InputError
+        Masses, springs and weights for which there is no optimum.
+
+    Examples
+    --------
+    >>> from quartercar.parameters import MEGANE
+    >>> loop = preview_loop(MEGANE, 0.3, 0.01, 0.3, 0.01, 1 / 512)
+    >>> loop.norm(60) < loop.norm(20) < loop.norm(0)
+    True
+    """
+    from scipy.linalg import LinAlgError, expm, solve_discrete_are
+
+    car = LinearCar(parameters.replace(damping=0.0)).relative()
+    block = np.zeros((6, 6))
+    block[:4, :4], block[:4, 4:] = car.A, car.B
+    held = expm(block * sample_time)[:4]
+    shape = comfort_filter(sample_time)
+    nf = len(shape) - 1
+    n, mass = 5 + nf, parameters.sprung_mass
+    a, b, e = np.zeros((n, n)), np.zeros(n), np.zeros(n)
+    a[:4, :4], a[:4, 4], e[:4] = held[:, :4], held[:, 5], held[:, 4]
+    left = float(np.exp(-sample_time / force_lag))
+    a[4, 4], b[4] = left, 1 - left
+    body = np.append(car.C[car.outputs.index("body_acceleration")],
+                     car.D[car.outputs.index("body_acceleration"), 1])
+    tyre = np.append(car.C[car.outputs.index("tyre_force")], 0.0)
+    a[5:, 5:], a[5:, :5] = shape[:nf, :nf], np.outer(shape[:nf, nf], body)
+    c, d = np.zeros((4, n)), np.array([0.0, 0.0, 0.0, np.sqrt(effort_weight) / mass])
+    c[0, :5], c[0, 5:] = shape[nf, nf] * body, shape[nf, :nf]
+    c[1, :5] = np.sqrt(tyre_weight) / mass * tyre
+    c[2, 0] = np.sqrt(stroke_weight) * parameters.spring_stiffness / mass
+    try:
+        p = solve_discrete_are(a, b[:, None], c.T @ c, np.array([[d @ d]]), s=(c.T @ d)[:, None])
+    except (LinAlgError, ValueError) as error:
+        raise InputError("there is no optimal force with preview for this car and these weights",
+                         got=f"tyre_weight {tyre_weight:g}, stroke_weight {stroke_weight:g}", why=str(error)) from None
+    weight = float(d @ d + b @ p @ b)
+    return PreviewLoop(a, b, e, c, d, (b @ p @ a + d @ c) / weight, p, sample_time, weight)
+
+
+class _PreviewLaw(Law):
+    """Gains of many cars, with the states of force and weighting filter carried along."""
+
+    def __init__(self, loops: list[PreviewLoop], values: Values, setting: Setting) -> None:
+        self._low, self._high = values["low_damping"], values["high_damping"]
+        self._gain = np.array([loop.gain for loop in loops])
+        self._ahead = np.array([loop.ahead(setting.preview) for loop in loops])
+        self._left = np.exp(-setting.sample_time / values["force_lag"])
+        self._shape, self._car = comfort_filter(setting.sample_time), setting.parameters
+        self._period, cars = setting.sample_time, len(loops)
+        self._force, self._filtered = np.zeros(cars), np.zeros((cars, len(self._shape) - 1))
+
+    def step(self, seen: Signals) -> np.ndarray:
+        nf = len(self._shape) - 1
+        self._force = seen["attained"] + (self._force - seen["attained"]) * self._left
+        x = np.column_stack([*(seen[n] for n in STATES), self._force, self._filtered])
+        wanted = -np.einsum("cn,cn->c", self._gain, x)
+        ahead = seen["road_ahead"]
+        if ahead.shape[1]:
+            rates = np.diff(ahead, axis=1, prepend=0.0) / self._period
+            wanted = wanted - np.einsum("cp,cp->c", self._ahead, rates)
+        body = -(self._car.spring_stiffness * seen["suspension_deflection"] + self._force) / self._car.sprung_mass
+        self._filtered = (np.einsum("ij,cj->ci", self._shape[:nf, :nf], self._filtered)
+                          + body[:, None] * self._shape[:nf, nf])
+        return between(wanted, seen["suspension_velocity"], self._low, self._high)

@@ -1,0 +1,1 @@
+"""What stands around a law in the loop: sensors, observer, road estimate, inverse damper model, and their chain."""

@@ -1,0 +1,1 @@
+"""Studies of test-bench data that are not models: static characteristic, creep, ramps, network topology."""

@@ -1,0 +1,1 @@
+"""Evaluation of dampers: free-run figures, energy and passivity, the comparison of models."""

@@ -1,0 +1,219 @@
+"""What a comparison of damper models holds: a row for each model, a table, plain data for JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from lpvid.errors import InputError
+from quartercar.dampers.contract import Damper
+from quartercar.dampers.evaluation.passivity import Passivity
+from quartercar.dampers.evaluation.sampled_passivity import certificate_for, margin_of
+from quartercar.dampers.evaluation.scoring import Score
+from quartercar.dampers.fitting import DamperFit
+from quartercar.dampers.preparing import Prepared
+
+SCHEMA = "quartercar/comparison/1"
+FLAGS: Mapping[str, str] = {
+    "diverged": "the free run diverged",
+    "not-passive": "the fitted law gives energy somewhere in its range",
+    "at-bounds": "a parameter ended at a physical bound",
+    "undetermined": "the data leave a combination of parameters open",
+    "reversed-polarity": "the records measure the force against the velocity",
+    "extrapolates": "held-out currents lie outside those of the fit",
+}
+"""What each flag means."""
+SAID = "reversed-polarity"
+"""Flag that stands above the table, not in each of its rows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """One model of a comparison.
+
+    Attributes
+    ----------
+    damper : Damper
+    fit : DamperFit or None
+        None for a model compared as it was given.
+    training, held_out : Score
+        On the same samples for all models.
+    time_per_simulated_second : float
+        Compiled and warm [1].
+    passivity : Passivity
+    flags : tuple of str
+        Keys of `FLAGS`.
+    """
+
+    damper: Damper
+    fit: DamperFit | None
+    training: Score
+    held_out: Score
+    time_per_simulated_second: float
+    passivity: Passivity
+    flags: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """As on the command line; a model compared as given says so."""
+        return self.damper.name + self._given
+
+    @property
+    def title(self) -> str:
+        """As in a table."""
+        return self.damper.title + self._given
+
+    @property
+    def _given(self) -> str:
+        """What tells a model compared as given from a fitted one; a label that repeats its name would not."""
+        label = self.damper.metadata.get("label", "as given")
+        return "" if self.fit is not None else f" ({'as given' if label == self.damper.name else label})"
+
+    @property
+    def parameters(self) -> list[dict[str, Any]]:
+        """Name, value, standard error and unit of each."""
+        spread = {} if self.fit is None else self.fit.std
+        return [{"name": p.name, "value": self.damper.values[p.name], "std": spread.get(p.name), "unit": p.unit}
+                for p in self.damper.parameters]
+
+    def to_dict(self, rank: int) -> dict:
+        """Plain data for JSON."""
+        found = self.fit
+        return {"name": self.name, "title": self.title, "source": self.damper.source, "rank": rank,
+                "fitted": found is not None, "held_out": self.held_out.to_dict(), "training": self.training.to_dict(),
+                "energy_error": self.held_out.energy_error, "extrapolation_share": self.held_out.extrapolation_share,
+                "n_parameters": len(self.damper.parameters),
+                "time_per_simulated_second": self.time_per_simulated_second, "parameters": self.parameters,
+                "settings": _plain(self.damper.settings), "flags": list(self.flags),
+                "passivity": self.passivity.to_dict(), "at_bounds": [] if found is None else list(found.at_bounds),
+                "undetermined": [] if found is None else list(found.undetermined),
+                "notes": [] if found is None else list(found.notes),
+                "fit_seconds": None if found is None else found.seconds,
+                "fit_samples": None if found is None else found.n_samples}
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Damper models ranked by held-out free-run ESR.
+
+    Attributes
+    ----------
+    rows : tuple of Compared
+        Best first; those that diverged last.
+    not_fitted : tuple of (str, str)
+        Name and reason.
+    data : Prepared
+        The records as every model saw them.
+    first : int
+        Samples at the head of every record that count for no model, because one of them starts from them.
+    notes : tuple of str
+    complete : bool
+        False when it was interrupted.
+    """
+
+    rows: tuple[Compared, ...]
+    not_fitted: tuple[tuple[str, str], ...]
+    data: Prepared
+    first: int
+    notes: tuple[str, ...]
+    complete: bool = True
+
+    @property
+    def best(self) -> Compared:
+        """The first row."""
+        return self.rows[0]
+
+    def __getitem__(self, name: str) -> Compared:
+        for row in self.rows:
+            if row.name == name:
+                return row
+        raise InputError(f"no compared model '{name}'", got=", ".join(r.name for r in self.rows))
+
+    def with_notes(self, notes: Sequence[str]) -> Comparison:
+        """The same with further notes."""
+        return replace(self, notes=(*self.notes, *notes))
+
+    @property
+    def verdict(self) -> str:
+        """One sentence."""
+        best, run = self.best, self.best.held_out.total
+        if run.esr is None:
+            return "No model simulates the held-out data: every free run diverges, or the force does not move."
+        said = (f"{best.title} is best of {len(self.rows)} models: free-run ESR {run.esr:.4g} on held-out data (fit "
+                f"{run.fit_percent:.1f} %, rmse {run.rmse:.4g} N)")
+        if len(self.rows) > 1 and (second := self.rows[1].held_out.total.esr) is not None:
+            said += f", before {self.rows[1].title} with {second:.4g}"
+        return f"{said}{'' if self.complete else '. INTERRUPTED: not all models were fitted'}."
+
+    def to_dict(self) -> dict:
+        """comparison.json."""
+        data = self.data
+        return {"schema": SCHEMA, "verdict": self.verdict, "complete": self.complete,
+                "best": self.best.name if self.best.held_out.total.esr is not None else None,
+                "models": [row.to_dict(i) for i, row in enumerate(self.rows, start=1)],
+                "not_fitted": [{"name": name, "why": why} for name, why in self.not_fitted],
+                "data": {"training": [{"name": r.name, "n_samples": r.n_samples} for r in data.training],
+                         "held_out": [{"name": r.name, "n_samples": r.n_samples} for r in data.held_out],
+                         "sample_rate": data.sample_rate, "polarity": data.polarity, "first_sample": self.first,
+                         "current_unit": data.training[0].unit("current") if data.training[0].has("current") else None},
+                "notes": list(self.notes)}
+
+    def __str__(self) -> str:
+        total, count = self.best.held_out.total.n_samples, len(self.data.held_out)
+        grave = [n for n in self.notes if n.startswith("reversed polarity")]
+        lines = [*(n[0].upper() + n[1:] + "." for n in grave), self.verdict, "",
+                 f"  {'free run, held-out':<28}{'ESR':>9}{'fit %':>7}{'√SSE N':>11}{'rmse N':>9}{'energy':>9}"
+                 f"{'training':>10}{'par.':>5}{'ms/s':>8}  flags"]
+        lines += [f"{i:2d} {_row(row)}" for i, row in enumerate(self.rows, start=1)]
+        lines.append(f"  N = {total:,} samples in {count} record{'s' * (count > 1)} at {self.data.sample_rate:.6g} Hz; "
+                     "'training' is the ESR on training data, ms/s the time to simulate a second")
+        lines += [f"  {line}" for row in self.rows for line in (*energy_lines(row.damper), *_costs(row))]
+        lines += [f"  not fitted: {', '.join(names)}: {why}" for why, names in self._refusals().items()]
+        lines += [f"  note: {n}" for n in self.notes if n not in grave]
+        return "\n".join(lines)
+
+    def _refusals(self) -> dict[str, list[str]]:
+        """Models by the reason why they were not fitted."""
+        groups: dict[str, list[str]] = {}
+        for name, why in self.not_fitted:
+            groups.setdefault(why, []).append(name)
+        return groups
+
+    __repr__ = __str__
+
+
+def energy_lines(damper: Damper) -> list[str]:
+    """Where an identified damper gives energy, or what certifies that it gives none."""
+    margin = margin_of(damper)
+    if margin is None:
+        return []
+    if margin.active:
+        return [f"{damper.name} is NOT passive: {margin.statement()}: --passive"]
+    certificate = certificate_for(damper)
+    return [] if certificate is None else [f"{damper.name} {certificate.verdict}: {certificate.claim}"]
+
+
+def _costs(row: Compared) -> list[str]:
+    """What a constraint costs a fitted model."""
+    return [f"{row.name}, {n}" for n in (() if row.fit is None else row.fit.notes) if n.startswith("what it costs")]
+
+
+def _row(row: Compared) -> str:
+    run = row.held_out.total
+
+    def shown(value: float | None, pattern: str) -> str:
+        return "–" if value is None else format(value, pattern)
+
+    share = row.held_out.energy_error
+    energy = "–" if share is None else f"{100 * share:.3g} %"
+    return (f"{row.name:<28}{shown(run.esr, '.4g'):>9}{shown(run.fit_percent, '.1f'):>7}"
+            f"{shown(run.sqrt_sse, '.4g'):>11}{shown(run.rmse, '.4g'):>9}{energy:>9}"
+            f"{shown(row.training.total.esr, '.4g'):>10}{len(row.damper.parameters):>5}"
+            f"{1e3 * row.time_per_simulated_second:>8.2g}  {', '.join(f for f in row.flags if f != SAID)}".rstrip())
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items()}
+    return [_plain(v) for v in value] if isinstance(value, (list, tuple)) else value

@@ -1,0 +1,264 @@
+"""Comparison: every damper model that the data allow, fitted and ranked by its free run on data no fit has seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError, LpvError
+from lpvid.record import Record
+from quartercar.dampers import MODELS, model_class
+from quartercar.dampers.blackbox.lpv import LpvArx
+from quartercar.dampers.contract import Damper
+from quartercar.dampers.evaluation.compared import Compared, Comparison
+from quartercar.dampers.evaluation.scoring import score, stretches, time_per_simulated_second
+from quartercar.dampers.facts import Facts
+from quartercar.dampers.families import DynamicDamper, LawDamper
+from quartercar.dampers.fitting import DamperFit, FitSettings, fit
+from quartercar.dampers.preparing import Prepared, prepare
+
+SMALL = 3
+"""states up to which a step of integration costs about the same"""
+STRETCH = 512
+"""samples of a stretch, where training data are thinned"""
+QUICK = FitSettings()
+"""for models without states, whose free run is a formula"""
+SLOW = FitSettings(starts=10, polished=2, evaluations=50, tasting_evaluations=10, tasting_samples=1500)
+"""for models with states, whose free run is an integration"""
+STIFF = FitSettings(starts=4, polished=1, evaluations=30, tasting_evaluations=8, tasting_samples=800)
+"""for models of more states than `SMALL`, whose integration is many times slower still"""
+
+
+@dataclass(frozen=True)
+class CompareSettings:
+    """How much work a comparison is worth.
+
+    Attributes
+    ----------
+    seed : int
+        Of the starting points; the same seed gives the same comparison.
+    sample_rate : float or None
+        Resample to this rate [Hz] first.
+    quick_work, slow_work : int
+        Samples times parameters above which training data are thinned, for models without states and with: stretches
+        spread evenly over all records are kept, and a note says so.
+    sampled_samples : int
+        Samples above which they are thinned for models identified from samples, such as NARX and LPV.
+    thorough : bool
+        All data and twenty starts for every model, however long that takes.
+    passive : bool
+        Models that can be fitted under the constraint of passivity (lpv-arx) are; the others are checked as ever.
+    """
+
+    seed: int = 0
+    sample_rate: float | None = None
+    quick_work: int = 1_500_000
+    slow_work: int = 80_000
+    sampled_samples: int = 40_000
+    thorough: bool = False
+    passive: bool = False
+
+    def __post_init__(self) -> None:
+        _checks.count(self.seed, "seed")
+        for name in ("quick_work", "slow_work", "sampled_samples"):
+            _checks.count(getattr(self, name), name, at_least=1)
+
+
+def compare(records: Sequence[Record], models: str | Sequence[str | Damper] = "all",
+            held_out: Sequence[Record] | None = None, settings: CompareSettings | None = None,
+            progress: Callable[[str], None] = lambda text: None) -> Comparison:
+    """Fit every damper model that the data allow and rank them by held-out free-run ESR, all on the same samples.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Training data as read; see `quartercar.dampers.preparing.prepare` for what is done to them.
+    models : "all", or names and dampers
+        Names of `MODELS` are fitted; a `Damper` is compared as it is (a published parameter set, a saved fit).
+    held_out : sequence of Record, optional
+        Data that no fit sees; left out, the last third of every record.
+    settings : CompareSettings, optional
+    progress : callable
+        Told what is being done.
+
+    Returns
+    -------
+    Comparison
+        When interrupted, of the models that were done by then, and it says so.
+
+    Raises
+    ------
+    InputError
+        Unusable data; no model that could be compared, with the reasons.
+
+    Examples
+    --------
+    >>> t = np.arange(3000) / 500
+    >>> v = 0.1 * np.sin(12 * t) + 0.05 * np.sin(31 * t)
+    >>> run = Record({"velocity": v, "force": 1500 * v - 120}, sample_time=1 / 500, name="run",
+    ...              units={"velocity": "m/s", "force": "N"})
+    >>> found = compare([run], ["linear"])
+    >>> found.best.name, bool(found.best.held_out.total.esr < 1e-9), found.best.held_out.total.n_samples
+    ('linear', True, 1000)
+    """
+    settings = settings or CompareSettings()
+    wanted = _wanted(models)
+    training, kept, notes = _held_out(records, held_out)
+    progress("preparing the records")
+    data = prepare(training, kept, settings.sample_rate)
+    facts = Facts.of(data.training, data.polarity)
+    given = [_as_given(m, data) for m in wanted if isinstance(m, Damper)]
+    suited, refused = _suited([m for m in wanted if isinstance(m, str)], facts)
+    if settings.passive:
+        suited = [d.replace(passive=True) if isinstance(d, LpvArx) else d for d in suited]
+        notes = (*notes, *_constrained(suited))
+    fits, failed, complete = _fit_all(suited, data, settings, progress)
+    refused += failed
+    dampers = [*(f.damper for f in fits), *given]
+    if not dampers:
+        raise InputError("no damper model could be fitted to these data",
+                         got="; ".join(f"{name}: {why}" for name, why in refused) or "no model was named")
+    progress("comparing")
+    first = max(d.start for d in dampers)
+    rows = [_compared(d, f, data, first) for d, f in zip(dampers, [*fits, *([None] * len(given))], strict=True)]
+    rows.sort(key=lambda row: np.inf if row.held_out.total.esr is None else row.held_out.total.esr)
+    return Comparison(tuple(rows), tuple(refused), data, first, (*data.notes, *notes, *_thinned(fits, data)), complete)
+
+
+def _wanted(models: str | Sequence[str | Damper]) -> list[str | Damper]:
+    """Names, checked, and dampers; an empty list is refused."""
+    known = [name for name, _, _ in MODELS]
+    listed: Sequence[str | Damper] = models.split(",") if isinstance(models, str) else models
+    names = [m.strip() if isinstance(m, str) else m for m in listed]
+    if "all" in [n for n in names if isinstance(n, str)]:
+        names = [*known, *(n for n in names if isinstance(n, Damper))]
+    for name in names:
+        if isinstance(name, str):
+            _checks.known_name(name, known, "damper model")
+    if not names:
+        raise InputError("no damper model to compare", mend='"all", or names such as "guo,bouc-wen"')
+    return list(dict.fromkeys(names))
+
+
+def _held_out(records: Sequence[Record], held_out: Sequence[Record] | None) -> tuple[list[Record], list[Record],
+                                                                                     tuple[str, ...]]:
+    from lpvid.condition import split_tail
+
+    if held_out:
+        return list(records), list(held_out), ()
+    pairs = [split_tail(r) for r in records]
+    return [a for a, _ in pairs], [b for _, b in pairs], ("held out: the last third of every record",)
+
+
+def _as_given(damper: Damper, data: Prepared) -> Damper:
+    """A damper that is not fitted, in the polarity of the records; InputError where it needs what they lack."""
+    for role in damper.reads:
+        if not data.training[0].has(role):
+            raise InputError(f"{damper.name} as given reads the {role}, which these records do not have",
+                             mend=f"--role {role}=CHANNEL")
+    return damper.replace(polarity=data.polarity)
+
+
+def _suited(names: Sequence[str], facts: Facts) -> tuple[list[Damper], list[tuple[str, str]]]:
+    """The models that these data allow, quick ones first, and why not the others."""
+    found, refused = [], []
+    for name in names:
+        try:
+            found.append(model_class(name).suited(facts))
+        except InputError as error:
+            refused.append((name, _reason(error, name)))
+    return sorted(found, key=_effort), refused
+
+
+def _effort(damper: Damper) -> tuple[int, int]:
+    kind = 2 if isinstance(damper, DynamicDamper) else 0 if isinstance(damper, LawDamper) else 1
+    return kind, len(damper.parameters)
+
+
+def _reason(error: Exception, name: str) -> str:
+    """What stands in the way, without the model's name and without the mend."""
+    said = " ".join(str(error).split()).split(" Mend: ")[0].rstrip(".")
+    return said.removeprefix(f"{name} ").removeprefix(f"{name}: ")
+
+
+def _constrained(suited: Sequence[Damper]) -> tuple[str, ...]:
+    """Which models --passive constrains."""
+    bound = [d.name for d in suited if isinstance(d, LpvArx)]
+    free = [d.name for d in suited if not isinstance(d, LpvArx)]
+    said = f"passive: {', '.join(bound)} fitted under the constraint" if bound else "passive constrains lpv-arx only"
+    return (said + (f"; the laws of {', '.join(free)} are checked instead (flag not-passive)" if free else ""),)
+
+
+def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings,
+             progress: Callable[[str], None]) -> tuple[list[DamperFit], list[tuple[str, str]], bool]:
+    """Fits, failures, and whether the work came to its end."""
+    fits: list[DamperFit] = []
+    failed: list[tuple[str, str]] = []
+    for i, damper in enumerate(suited, start=1):
+        progress(f"fitting {damper.name} ({i} of {len(suited)})")
+        try:
+            fits.append(_fit(damper, data, settings))
+        except (LpvError, ArithmeticError, np.linalg.LinAlgError) as error:
+            failed.append((damper.name, _reason(error, damper.name)))
+        except KeyboardInterrupt:
+            if not fits:
+                raise
+            return fits, failed + [(d.name, "interrupted") for d in suited[i - 1:]], False
+    return fits, failed, True
+
+
+def _fit(damper: Damper, data: Prepared, settings: CompareSettings) -> DamperFit:
+    effort = QUICK
+    if isinstance(damper, DynamicDamper) and not settings.thorough:
+        effort = SLOW if len(damper.states) <= SMALL else STIFF
+    effort = replace(effort, seed=settings.seed, polarity=data.polarity)
+    if settings.thorough:
+        return fit(damper, data.training, settings=effort)
+    return fit(damper, stretches(data.training, _affordable(damper, settings), STRETCH), settings=effort)
+
+
+def _affordable(damper: Damper, settings: CompareSettings) -> int:
+    """Training samples that a fit may see: told from the model's size, not from a clock, so that fits repeat."""
+    if not isinstance(damper, LawDamper):
+        return settings.sampled_samples
+    count = max(len(damper.parameters), 1)
+    if not isinstance(damper, DynamicDamper):
+        return settings.quick_work // count
+    step = max(1.0, len(damper.states) ** 3 / SMALL**3)  # an implicit step solves a system of that many equations
+    return round(settings.slow_work / (count * step))
+
+
+def _thinned(fits: Sequence[DamperFit], data: Prepared) -> tuple[str, ...]:
+    """Which models saw only a part of the training data, by how much."""
+    total = sum(r.n_samples for r in data.training)
+    seen = [(f.damper.name, f.n_samples / total) for f in fits if f.n_samples < 0.9 * total]
+    if not seen:
+        return ()
+    return ("fitted to stretches spread over the training data, to save time: "
+            + ", ".join(f"{name} {share:.0%}" for name, share in seen) + " (figures are on all of them; --thorough "
+            "fits to all)",)
+
+
+def _compared(damper: Damper, found: DamperFit | None, data: Prepared, first: int) -> Compared:
+    """One row, with its figures and flags."""
+    held_out = score(damper, data.held_out, first)
+    training = score(damper, data.training, first)
+    passivity = found.passivity if found is not None else damper.passivity()
+    flags = []
+    if held_out.total.diverged_at is not None or training.total.diverged_at is not None:
+        flags.append("diverged")
+    if not passivity.passive:
+        flags.append("not-passive")
+    if found is not None and found.at_bounds:
+        flags.append("at-bounds")
+    if found is not None and found.undetermined:
+        flags.append("undetermined")
+    if damper.polarity < 0:
+        flags.append("reversed-polarity")
+    if held_out.extrapolation_share > 0:
+        flags.append("extrapolates")
+    speed = time_per_simulated_second(damper, data.held_out)
+    return Compared(damper, found, training, held_out, speed, passivity, tuple(flags))

@@ -1,0 +1,1 @@
+"""Damper laws with physical parameters, one model per file, with their compiled kernels and starting points."""

@@ -1,0 +1,306 @@
+"""The stiff free run of the relief-valve damper: linearly implicit steps that end where a poppet meets a stop.
+
+The grid is dyadic: steps of T_s/2^m, m by error control. Between two changes of m the result is smooth in the
+parameters, and the events are solved for in complex arithmetic where the parameters are complex: the complex
+step differentiates through them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lpvid._compiling import njit
+from quartercar.dampers.laws._relief_valve_kernels import passage, root_of, settled_lift
+
+HELD, FREE, STOPPED = 0, 1, 2
+"""a poppet on its seat, between its stops, at its lift stop"""
+FINEST = 20
+"""most halvings of a sample"""
+EVENTS = 16
+"""most events within one step"""
+SEARCH = 30
+"""most trial steps towards one event"""
+
+
+@njit(error_model="numpy")
+def run(velocity, displacement, period, start, vector, shape, tolerance, out):
+    """Hydraulic force [N] at every sample into `out`, of the type of `vector`; NaN from where it diverges.
+
+    Rodas3 (Sandu et al. 1997, Atmos. Environ. 31, 3459-3472): linearly implicit, third order, L-stable and stiffly
+    accurate. A poppet leaves its seat where F = F_c and lands on it, or on its lift stop, without rebound.
+
+    Parameters
+    ----------
+    velocity, displacement : (n,) float array
+        Linear between samples [m/s], [m].
+    period : float
+        [s].
+    start : float or complex
+        Hydraulic force at the first sample [N]; the poppets start at rest where it holds them.
+    vector : (7,) float or complex array
+        The law.
+    shape : tuple
+    tolerance : float
+        Relative error of a step.
+    out : (n,) array
+    """
+    law = (vector[0], vector[1], vector[2], vector[3], vector[4], vector[5], vector[6])
+    z = np.zeros(5, dtype=out.dtype)
+    z[4] = start
+    z[0], z[2] = settled_lift(z[4], law, shape), settled_lift(-z[4], law, shape)
+    mode = np.zeros(2, dtype=np.int64)
+    for j in range(2):
+        if z[2 * j].real > 0.0:
+            mode[j] = STOPPED if z[2 * j].real >= shape[2] else FREE
+    fastest = np.max(np.abs(velocity))
+    typical = min(law[2].real, law[1].real * fastest * fastest)
+    stages, slopes = np.zeros((5, 5), dtype=out.dtype), np.zeros((2, 2, 6), dtype=out.dtype)
+    out[0] = z[4]
+    level = 0
+    for k in range(velocity.size - 1):
+        motion = (velocity[k], (velocity[k + 1] - velocity[k]) / period,
+                  displacement[k], (displacement[k + 1] - displacement[k]) / period)
+        level = sample(z, mode, motion, period, level, law, shape, tolerance, typical, stages, slopes)
+        if not math.isfinite(z[4].real):
+            out[k + 1:] = np.nan
+            return
+        out[k + 1] = z[4]
+
+
+@njit(error_model="numpy")
+def sample(z, mode, motion, period, level, law, shape, tolerance, typical, stages, slopes):
+    """Advance through one sample on the dyadic grid; the level that the next sample starts with."""
+    whole = 1 << FINEST
+    place = 0
+    kept, kept_mode = z.copy(), mode.copy()
+    while place < whole:
+        stride = 1 << (FINEST - level)
+        error = _stretch(z, mode, motion, period * (place / whole), period * (stride / whole), law, shape, tolerance,
+                         typical, stages, slopes)
+        if not error <= 1.0 and level < FINEST:
+            z[:], mode[:] = kept, kept_mode
+            level = min(level + (1 if error < 16.0 else 2), FINEST)
+            continue
+        if not math.isfinite(z[4].real):
+            return level
+        kept[:], kept_mode[:] = z, mode
+        place += stride
+        if error < 0.04 and level > 0 and place % (2 * stride) == 0:
+            level -= 1
+    return level
+
+
+@njit(error_model="numpy")
+def _stretch(z, mode, motion, begin, length, law, shape, tolerance, typical, stages, slopes):
+    """Advance the state by one stride of the grid, through the events in it; the largest error, 1 being allowed."""
+    now, left = begin + 0.0 * z[4], length + 0.0 * z[4]
+    new = stages[4]
+    worst = 0.0
+    for _ in range(EVENTS):
+        _release(z, mode, law, shape)
+        _step(z, mode, motion, now, left, law, shape, stages, slopes)
+        valve = _first_event(z, new, mode, law, shape)
+        h = left
+        if valve >= 0:
+            h = _locate(z, mode, motion, now, left, valve, law, shape, stages, slopes)
+        for i in range(5):
+            size = abs(z[i].real) + (typical if i == 4 else 0.05 * (law[4].real if i % 2 else 1.0))
+            share = abs(stages[3, i].real) / (tolerance * size)
+            if not share <= worst:
+                worst = share
+        if not worst <= 1.0:
+            z[4] = new[4]
+            return worst
+        z[:] = new
+        now, left = now + h, left - h
+        if valve < 0:
+            _land(z, mode, shape)
+            return worst
+        _meet(z, mode, valve, shape)
+        if left.real <= 1e-14 * length:
+            return worst
+    return math.inf
+
+
+@njit(error_model="numpy")
+def _gap(z, mode, j, law, shape):
+    """What is left, in the real part, before poppet j meets its next event; negative where it is past."""
+    side = z[4] if j == 0 else -z[4]
+    lift = z[2 * j]
+    if mode[j] == HELD:
+        return 1.0 - side / law[2]
+    if mode[j] == STOPPED:
+        return side / law[2] * passage(lift, law, shape)[2] - 1.0 - lift
+    return lift if lift.real < shape[2] - lift.real else shape[2] - lift
+
+
+@njit(error_model="numpy")
+def _first_event(z, new, mode, law, shape):
+    """Which poppet (0, 1) meets an event first in a step from `z` to `new`; −1 where none does."""
+    first, valve = 1.0, -1
+    for j in range(2):
+        before, after = _gap(z, mode, j, law, shape).real, _gap(new, mode, j, law, shape).real
+        if before > 1e-13 and after < 0.0 and before / (before - after) < first:
+            first, valve = before / (before - after), j
+    return valve
+
+
+@njit(error_model="numpy")
+def _locate(z, mode, motion, now, left, j, law, shape, stages, slopes):
+    """Step length at which poppet j meets its event, by the Illinois method; that step is then the last one made."""
+    new = stages[4]
+    low, high = 0.0 * left, left
+    at_low, at_high = _gap(z, mode, j, law, shape), _gap(new, mode, j, law, shape)
+    side = 0
+    h = left
+    polish = 0
+    for _ in range(SEARCH):
+        h = (low * at_high - high * at_low) / (at_high - at_low)
+        _step(z, mode, motion, now, h, law, shape, stages, slopes)
+        gap = _gap(new, mode, j, law, shape)
+        if abs(gap.real) < 1e-12:
+            polish += 1  # once more: the imaginary part follows the real one
+            if polish == 3:
+                break
+        if gap.real < 0.0:
+            high, at_high = h, gap
+            if side < 0:
+                at_low = 0.5 * at_low
+            side = -1
+        else:
+            low, at_low = h, gap
+            if side > 0:
+                at_high = 0.5 * at_high
+            side = 1
+        if at_high.real == at_low.real:
+            break
+    return h
+
+
+@njit(error_model="numpy")
+def _meet(z, mode, j, shape):
+    """Poppet j at its event: off the seat or the stop, or onto it without rebound."""
+    if mode[j] != FREE:
+        mode[j] = FREE
+        return
+    seat = z[2 * j].real < shape[2] - z[2 * j].real
+    z[2 * j] = 0.0 if seat else shape[2]
+    z[2 * j + 1] = 0.0
+    mode[j] = HELD if seat else STOPPED
+
+
+@njit(error_model="numpy")
+def _release(z, mode, law, shape):
+    """Let go the poppets that nothing holds."""
+    for j in range(2):
+        if mode[j] != FREE and (_gap(z, mode, j, law, shape).real < -1e-9):
+            mode[j] = FREE
+
+
+@njit(error_model="numpy")
+def _land(z, mode, shape):
+    """Poppets that a step brought past a stop from which it had started."""
+    for j in range(2):
+        if mode[j] == FREE and (z[2 * j].real < 0.0 or z[2 * j].real > shape[2]):
+            _meet(z, mode, j, shape)
+
+
+@njit(error_model="numpy")
+def _rates(z, mode, v, stiffness, law, shape, out, slopes):
+    """Time derivative into `out`; into `slopes` per poppet ∂s̈/∂s, ∂s̈/∂F, ∂Ḟ/∂s; [0, 4:] is ∂Ḟ/∂F, v − q."""
+    root, bend = root_of(z[4], law, shape)
+    passing = 1.0 / np.sqrt(law[1])
+    for j in range(2):
+        if mode[j] == HELD:
+            out[2 * j] = 0.0
+            out[2 * j + 1] = 0.0
+            continue
+        flow, steep, push, relief = passage(z[2 * j], law, shape)
+        passing = passing + flow
+        if mode[j] == STOPPED:
+            out[2 * j] = 0.0
+            out[2 * j + 1] = 0.0
+            continue
+        sign = 1.0 if j == 0 else -1.0
+        side = sign * z[4] / law[2]
+        if side.real <= 0.0:
+            side, sign = 0.0 * side, 0.0
+        square = law[4] * law[4]
+        out[2 * j] = z[2 * j + 1]
+        out[2 * j + 1] = square * (side * push - 1.0 - z[2 * j]) - 2.0 * law[5] * law[4] * z[2 * j + 1]
+        slopes[j, 0] = square * (side * relief - 1.0)
+        slopes[j, 1] = sign * square * push / law[2]
+        slopes[j, 2] = -stiffness * root * steep
+    out[4] = stiffness * (v - root * passing)
+    slopes[0, 4] = -stiffness * bend * passing
+    slopes[0, 5] = v - root * passing
+
+
+@njit(error_model="numpy")
+def _stiffness(y, law, shape):
+    """(k_h(y), dk_h/dy): stiffness of the oil columns l_1 − y and l_2 + y in series, k_h at y = 0."""
+    one, two = 1.0 - y * shape[4], 1.0 + y * shape[5]
+    k = law[0] / (one * two)
+    return k, k * (shape[4] / one - shape[5] / two)
+
+
+@njit(error_model="numpy")
+def _step(z, mode, motion, now, h, law, shape, stages, slopes):
+    """One Rodas3 step of length h from time `now` in the sample: the new state into stages[4], its error stages[3]."""
+    u1, u2, u3, error, new = stages[0], stages[1], stages[2], stages[3], stages[4]
+    tangent, spare = slopes[0], slopes[1]
+    v0, slope_v, y0, slope_y = motion
+    k, bend = _stiffness(y0 + slope_y * now, law, shape)
+    _rates(z, mode, v0 + slope_v * now, k, law, shape, u1, tangent)
+    drift = k * slope_v + bend * slope_y * tangent[0, 5]
+    g = 2.0 / h
+    arrow = g - tangent[0, 4]
+    for j in range(2):  # eliminate each poppet from the row of the force
+        if mode[j] == FREE:
+            tangent[j, 3] = 1.0 / (g + 2.0 * law[5] * law[4] - tangent[j, 0] / g)
+            arrow = arrow - tangent[j, 2] * tangent[j, 1] * tangent[j, 3] / g
+    arrow = 1.0 / arrow
+    u2[:] = u1
+    u1[4] += 0.5 * h * drift
+    _solve(u1, mode, g, tangent, arrow)
+    for i in range(5):
+        u2[i] += 4.0 / h * u1[i]
+    u2[4] += 1.5 * h * drift
+    _solve(u2, mode, g, tangent, arrow)
+    for i in range(5):
+        new[i] = z[i] + 2.0 * u1[i]
+    k = _stiffness(y0 + slope_y * (now + h), law, shape)[0]
+    v = v0 + slope_v * (now + h)
+    _rates(new, mode, v, k, law, shape, u3, spare)
+    for i in range(5):
+        u3[i] += (u1[i] - u2[i]) / h
+    _solve(u3, mode, g, tangent, arrow)
+    for i in range(5):
+        new[i] += u3[i]
+    _rates(new, mode, v, k, law, shape, error, spare)
+    for i in range(5):
+        error[i] += (u1[i] - u2[i] - 8.0 / 3.0 * u3[i]) / h
+    _solve(error, mode, g, tangent, arrow)
+    for i in range(5):
+        new[i] += error[i]
+
+
+@njit(error_model="numpy")
+def _solve(b, mode, g, tangent, arrow):
+    """(g I − J) u = b in place: both poppets are eliminated, the force solved for, the poppets put back."""
+    force = b[4]
+    for j in range(2):
+        if mode[j] == FREE:
+            b[2 * j + 1] = (b[2 * j + 1] + tangent[j, 0] * b[2 * j] / g) * tangent[j, 3]
+            force = force + tangent[j, 2] * (b[2 * j + 1] + b[2 * j]) / g
+    force = force * arrow
+    b[4] = force
+    for j in range(2):
+        if mode[j] == FREE:
+            b[2 * j + 1] += tangent[j, 1] * tangent[j, 3] * force
+            b[2 * j] = (b[2 * j] + b[2 * j + 1]) / g
+        else:
+            b[2 * j] = 0.0
+            b[2 * j + 1] = 0.0

@@ -1,0 +1,101 @@
+"""Starting points of the relief-valve dampers: the settled curve by linear least squares, the dynamics by trial."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from quartercar.dampers.drive import Drive
+
+if TYPE_CHECKING:
+    from quartercar.dampers.laws.relief_valve import LagDamper
+
+BINS = 40
+"""speeds at which the settled curve is read"""
+CURVES = 4
+"""settled curves tried with each stiffness and poppet"""
+OPENINGS = (0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.93, 1.5)
+"""opening forces tried, relative to the largest force"""
+RATIOS = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0)
+"""losses of the series orifice tried, relative to the valve's"""
+STIFFNESSES = (2.0, 6.0, 20.0, 60.0, 200.0)
+"""tried, relative to force over stroke"""
+POPPETS = ((80.0, 1.0), (250.0, 0.7))
+"""frequencies [Hz] and damping ratios tried"""
+
+
+def starting_vectors(damper: LagDamper, drives: Sequence[Drive], count: int) -> list[np.ndarray]:
+    """At most `count` vectors, the least free-run error first.
+
+    The settled law is explicit in the force: given opening force and a_S/a_V, the lift follows from F, and
+    v = R(F)/√a_O + e(F)/√a_V is linear in what is left.
+    """
+    speeds, forces, preload = settled_points(drives)
+    velocity = np.concatenate([d.velocity for d in drives])
+    bend = np.concatenate([np.gradient(d.velocity, d.sample_time) for d in drives])
+    stroke = float(np.mean(velocity**2) / max(np.sqrt(np.mean(bend**2)), 1e-12))
+    total = np.concatenate([d.force for d in drives if d.force is not None])
+    base = float(total.std()) / max(stroke, 1e-9)
+    ranked = []
+    for curve in curves(damper, speeds, forces)[:CURVES]:
+        for stiffness in STIFFNESSES:
+            for frequency, damping in POPPETS:
+                named = {**curve, "hydraulic_stiffness": base * stiffness, "valve_frequency": frequency,
+                         "valve_damping": damping, "friction": 0.01 * float(forces.max()), "preload": preload}
+                vector = np.array([np.clip(named[p.name], p.lower, p.upper) for p in damper.parameters])
+                with np.errstate(all="ignore"):
+                    error = sum(float(np.sum((damper.response(d, vector) - d.force) ** 2)) for d in drives
+                                if d.force is not None)
+                ranked.append((error if np.isfinite(error) else np.inf, vector))
+    ranked.sort(key=lambda pair: pair[0])
+    return [vector for _, vector in ranked[:count]]
+
+
+def settled_points(drives: Sequence[Drive]) -> tuple[np.ndarray, np.ndarray, float]:
+    """(speeds, forces, preload): force binned over speed, directions and loop branches averaged."""
+    v = np.concatenate([d.velocity for d in drives])
+    force = np.concatenate([d.force for d in drives if d.force is not None])
+    edges = np.unique(np.quantile(np.abs(v), np.linspace(0.0, 1.0, BINS + 1)))
+    places = np.clip(np.searchsorted(edges, np.abs(v), side="right") - 1, 0, max(edges.size - 2, 0))
+    speeds, forces, middles = [], [], []
+    for k in range(edges.size - 1):
+        up, down = force[(places == k) & (v > 0)], force[(places == k) & (v < 0)]
+        if up.size and down.size:
+            speeds.append(float(np.abs(v[places == k]).mean()))
+            forces.append(0.5 * float(up.mean() - down.mean()))
+            middles.append(0.5 * float(up.mean() + down.mean()))
+    if not speeds:
+        return np.array([float(np.abs(v).max())]), np.array([float(np.abs(force).max())]), 0.0
+    return np.array(speeds), np.maximum(np.array(forces), 1e-6), float(np.median(middles))
+
+
+def curves(damper: LagDamper, speeds: np.ndarray, forces: np.ndarray) -> list[dict[str, float]]:
+    """Settled laws on a grid of opening forces and loss ratios, the best first."""
+    from quartercar.dampers.laws._relief_valve_kernels import settled_branches
+
+    series = "series_loss" in damper.names
+    found = []
+    for opening in OPENINGS:
+        for ratio in RATIOS if series else (0.0,):
+            limit = opening * float(forces.max())
+            branches = settled_branches(forces, (1.0, 1.0, limit, 1.0, 1.0, 1.0, ratio), damper.shape)
+            weight = 1.0 / np.maximum(speeds, 0.05 * speeds.max())
+            gains, error = _nonnegative(branches * weight[:, None], speeds * weight)
+            curve = {"opening_force": limit, "orifice_loss": 1.0 / max(gains[0], 1e-6) ** 2}
+            valve = gains[1] if gains[1] > 0 else 10.0 * max(gains[0], 1e-6)
+            curve["valve_loss"] = 1.0 / valve**2
+            if series:
+                curve["series_loss"] = ratio * curve["valve_loss"]
+            found.append((error, curve))
+    found.sort(key=lambda pair: pair[0])
+    return [curve for _, curve in found]
+
+
+def _nonnegative(columns: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, float]:
+    from scipy.optimize import nnls
+
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    gains, error = nnls(columns / scale, target)
+    return gains / scale, float(error)

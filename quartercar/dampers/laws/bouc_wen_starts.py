@@ -1,0 +1,79 @@
+"""Starting points of the modified Bouc-Wen model, read off the force-velocity loop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from quartercar.dampers.drive import Drive
+from quartercar.dampers.fitting.starting import path, ranked_starts
+
+if TYPE_CHECKING:
+    from quartercar.dampers.laws.bouc_wen import BoucWen
+
+KNEES = (0.1, 0.3, 1.0)
+"""speed at which c_1 v reaches the yield force, as a share of the rms speed"""
+SLIPS = (0.003, 0.03, 0.3)
+"""slip x_y as a share of the rms displacement"""
+RATES = (60.0, 300.0)
+"""rates of the current's lag [1/s]"""
+
+
+def loop_starts(damper: BoucWen, drives: Sequence[Drive], count: int) -> list[np.ndarray]:
+    """Vectors whose plateau is that of the measured loop, ranked by their free-run residual.
+
+    Parameters
+    ----------
+    damper : BoucWen
+        Structure.
+    drives : sequence of Drive
+        With forces.
+    count : int
+        How many to return.
+    """
+    v, x, i, f = (np.concatenate([getattr(d, n) for d in drives]) for n in ("velocity", "displacement", "current",
+                                                                            "force"))
+    plateau = _plateau(v, x, i, f, damper)
+    travel = np.concatenate([d.displacement if d.displacement.any() else path(d) for d in drives]).std()
+    grid = product(KNEES, SLIPS, RATES if damper.scheduled else RATES[:1])
+    speed = float(np.sqrt(np.mean(v**2)))
+    vectors = (_assembled(damper, plateau, knee * speed, slip * float(travel), rate) for knee, slip, rate in grid)
+    return ranked_starts(damper, drives, vectors, count)
+
+
+def _plateau(v: np.ndarray, x: np.ndarray, i: np.ndarray, f: np.ndarray, damper: BoucWen) -> dict[str, float]:
+    """Least squares of F = (c + c_i i) v + (h + h_i i) sign v + k x + F_g over the faster half of the samples."""
+    from scipy.optimize import lsq_linear
+
+    fast = np.abs(v) >= np.median(np.abs(v))
+    v, x, i, f = v[fast], x[fast], i[fast], f[fast]
+    columns = {"c": v, "h": np.sign(v)}
+    if damper.scheduled:
+        columns |= {"c_i": v * i, "h_i": np.sign(v) * i}
+    if damper.springs:
+        columns["k"] = x
+    columns["offset"] = np.ones(v.size)
+    lower = [-np.inf if name == "offset" else 0.0 for name in columns]
+    stacked = np.column_stack(list(columns.values()))
+    size = np.maximum(np.linalg.norm(stacked, axis=0), 1e-12)
+    found = lsq_linear(stacked / size, f, (np.array(lower), np.inf), method="bvls").x / size
+    out = {"c": 0.0, "h": 0.0, "c_i": 0.0, "h_i": 0.0, "k": 0.0} | dict(zip(columns, map(float, found), strict=True))
+    return out | {"top": float(np.abs(i).max()), "spread": float(f.std())}
+
+
+def _assembled(damper: BoucWen, p: dict[str, float], knee: float, slip: float, rate: float) -> np.ndarray:
+    """Series dashpot from the knee, then the parallel elements so that the plateau stays."""
+    height = max(p["h"] + p["h_i"] * p["top"], 0.05 * p["spread"])
+    slope = max(p["c"] + p["c_i"] * p["top"], 0.01 * p["spread"] / max(knee, 1e-9))
+    series = max(height / max(knee, 1e-9), 2.0 * slope)
+    lift = series / (series - slope)
+    values = {"viscous_damping": lift * max(p["c"], 0.05 * slope), "series_damping": series,
+              "yield_force": lift * max(p["h"], 0.05 * height), "yield_displacement": slip,
+              "hysteresis_shape": 0.5, "viscous_damping_per_current": lift * p["c_i"],
+              "series_damping_per_current": 0.01 * series / max(p["top"], 1e-9),
+              "yield_force_per_current": lift * p["h_i"], "current_rate": rate, "parallel_stiffness": 0.5 * p["k"],
+              "gas_stiffness": 0.5 * p["k"], "gas_force": p["offset"], "exponent": damper.exponent}
+    return np.array([np.clip(values[q.name], q.lower, q.upper) for q in damper.parameters])

@@ -1,0 +1,87 @@
+"""Starting points of the phase transition model: its equation error, linear in the coefficients."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from quartercar.dampers.drive import Drive
+from quartercar.dampers.fitting.starting import path, ranked_starts
+
+if TYPE_CHECKING:
+    from quartercar.dampers.laws.wang_kamath import WangKamath
+
+WINDOWS = (7, 21)
+"""samples of the smoothing that differentiates the force"""
+LAGS = (0.0, 0.003, 0.03, 0.3)
+"""w_2 held at these shares of the rms displacement; 0 leaves it to the regression"""
+FACTORS = (0.1, 1.0)
+"""on the w_1 of the regression, which noise in the force makes uncertain"""
+GROWTHS = (0.5, 2.0, 8.0)
+"""share by which the largest current raises the force, where the model has one law that grows with it"""
+
+
+def regression_starts(damper: WangKamath, drives: Sequence[Drive], count: int) -> list[np.ndarray]:
+    """Vectors from the regression of v on (f̈, ḟ, f, f³, f⁵), ranked by their free-run residual.
+
+    Parameters
+    ----------
+    damper : WangKamath
+        Structure.
+    drives : sequence of Drive
+        With forces.
+    count : int
+        How many to return.
+    """
+    return ranked_starts(damper, drives, _candidates(damper, drives), count)
+
+
+def _candidates(damper: WangKamath, drives: Sequence[Drive]) -> Iterator[np.ndarray]:
+    v = np.concatenate([d.velocity for d in drives])
+    travel = float(np.concatenate([path(d) for d in drives]).std())
+    top = max(float(np.abs(np.concatenate([d.current for d in drives])).max()), 1e-9)
+    for growth, window in product([g / top for g in GROWTHS] if damper.growing else [0.0], WINDOWS):
+        columns = np.vstack([_columns(damper, d, window, growth) for d in drives])
+        for lag, factor in product(LAGS, FACTORS):
+            vector = _regressed(damper, columns, v, lag * travel)
+            vector[: damper.degree + 1] *= factor
+            yield _bounded(damper, np.append(vector, growth) if damper.growing else vector)
+
+
+def _columns(damper: WangKamath, drive: Drive, window: int, growth: float) -> np.ndarray:
+    """(n, 5(degree + 1)) regressors of one drive."""
+    from scipy.signal import savgol_filter
+
+    assert drive.force is not None
+    f = drive.force / (damper.force_scale * (1.0 + growth * np.maximum(drive.current, 0.0)))
+    window = min(window, (drive.n_samples - 1) // 2 * 2 + 1)
+    if window > 4:
+        rate, bend = (savgol_filter(f, window, 4, deriv=k, delta=drive.sample_time) for k in (1, 2))
+    else:
+        rate, bend = np.gradient(f, drive.sample_time), np.zeros(f.size)
+    basis = damper.basis(drive.current)
+    return np.hstack([signal[:, None] * basis for signal in (bend, rate, f, f**3, f**5)])
+
+
+def _regressed(damper: WangKamath, columns: np.ndarray, v: np.ndarray, lag: float) -> np.ndarray:
+    """Least squares with w_1, w_2, w_5 not below zero; w_2 held at `lag` unless that is 0."""
+    from scipy.optimize import lsq_linear
+
+    wide = damper.degree + 1
+    held = np.zeros(5 * wide, dtype=bool)
+    held[wide: 2 * wide] = lag > 0
+    size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    lower = np.where([p.log for p in damper.parameters[: 5 * wide]], 0.0, -np.inf)
+    target = v - lag * columns[:, held].sum(axis=1)
+    out = np.full(5 * wide, lag)
+    out[~held] = lsq_linear((columns / size)[:, ~held], target, (lower[~held], np.inf), method="bvls").x / size[~held]
+    return out
+
+
+def _bounded(damper: WangKamath, vector: np.ndarray) -> np.ndarray:
+    """Inside the bounds, with coefficients that came out as zero at a hundredth of their defaults."""
+    floor = [max(0.01 * p.default, p.lower) if p.log else p.lower for p in damper.parameters]
+    return np.clip(vector, floor, [p.upper for p in damper.parameters])

@@ -1,0 +1,178 @@
+"""CONFIG files of `quartercar design`: a TOML text that says which car, damper, law, measurements and weights."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from quartercar.controllers.designed.lpv_hinf import LpvHinf
+from quartercar.controllers.designed.lpv_hinf_clipped import LpvHinfClipped
+from quartercar.controllers.designed.lpv_hinf_identified import LpvHinfIdentified
+from quartercar.controllers.designed.suspension_design import CRITERIA
+from quartercar.dampers.parameter import Parameter
+from quartercar.lpv_models.frozen_damper import FrozenDamper
+from quartercar.lpv_models.weighted import MEASUREMENTS
+from quartercar.parameters import SETS as CARS
+from quartercar.rides.config import build_car
+from quartercar.rig._tables import expect_table, quantity_schema, to_si
+from quartercar.vehicle.nonlinear import QuarterCar
+
+LAWS: Mapping[str, type[LpvHinf] | type[LpvHinfClipped]] = {c.name: c for c in (LpvHinf, LpvHinfClipped)}
+PLANTS = ("identified", "nominal")
+"""the damper's own dynamics, or c_nom alone"""
+KEYS = ("car", "damper", "stops", "coil", "plant", "law", "measured", "criterion", "lag", "tune", "weights")
+OF_NOMINAL = ("law", "measured", "criterion")
+"""keys that only the nominal plant has"""
+WORDS: Mapping[str, tuple[str, ...]] = {"law": tuple(LAWS), "measured": tuple(MEASUREMENTS), "criterion": CRITERIA}
+
+
+@dataclass(frozen=True, eq=False)
+class DesignConfig:
+    """What is to be designed.
+
+    Attributes
+    ----------
+    car : QuarterCar
+    law : LpvHinf, LpvHinfClipped or LpvHinfIdentified
+        The last on the identified plant.
+    tune : int
+        Evaluations by which the weights are tuned first; 0 takes them as given.
+    """
+
+    car: QuarterCar
+    law: LpvHinf | LpvHinfClipped | LpvHinfIdentified
+    tune: int = 0
+
+
+def load_design(path: str | Path, plant: str | None = None) -> DesignConfig:
+    """Read a CONFIG file; a damper file is found beside it. `plant` counts before what the file says.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, TOML that does not parse, an unknown key, a value of the wrong type, range or unit.
+    """
+    path = Path(path)
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        why = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise InputError(f"cannot read '{path}'", why=str(why), mend="check the path") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path.name} is not TOML", why=str(error), mend="--template prints one") from None
+    try:
+        return read_design(table if plant is None else {**table, "plant": plant}, path.parent)
+    except InputError as error:
+        raise InputError(f"{path.name}: {error.what}", got=error.got, why=error.why, mend=error.mend) from None
+
+
+def read_design(table: Mapping[str, Any], folder: Path = Path()) -> DesignConfig:
+    """A configuration from a TOML table; the damper's file is relative to `folder`.
+
+    Without the key `plant` it is the identified one where the damper has an identified transfer function from velocity
+    and current, and nothing in the table belongs to the nominal plant alone.
+
+    Examples
+    --------
+    >>> read_design({"law": "lpv-hinf-clipped", "weights": {"stroke": "8 cm"}}).law.values["stroke"]
+    0.08
+    >>> read_design({}).law.name, read_design({"plant": "nominal"}).law.name
+    ('lpv-hinf-identified', 'lpv-hinf')
+    """
+    for key in table:
+        _checks.known_name(key, KEYS, "key of the configuration")
+    car = build_car(table.get("car", "megane"), table.get("damper"), folder, table.get("stops", {}),
+                    table.get("coil", {}))
+    weights = expect_table(table.get("weights", {}), "weights")
+    law = (_on_identified if _plant(table, car, weights) == "identified" else _on_nominal)(table)
+    units = {p.name: p.unit for p in law.parameters}
+    for key in weights:
+        _checks.known_name(key, list(units), f"weight of {law.name}")
+    law = law.with_values(**{k: to_si(v, units[k], f"weights.{k}") for k, v in weights.items()})
+    return DesignConfig(car, law, _checks.count(table.get("tune", 0), "tune"))
+
+
+def _plant(table: Mapping[str, Any], car: QuarterCar, weights: Mapping[str, Any]) -> str:
+    """The plant that a table says, or that its damper and its other keys allow."""
+    if "plant" in table:
+        return _checks.one_of(str(table["plant"]), PLANTS, "plant")
+    own = {p.name for p in LpvHinf().parameters} - {p.name for p in LpvHinfIdentified().parameters}
+    if car.damper is None or any(key in table for key in OF_NOMINAL) or own & set(weights):
+        return "nominal"
+    try:
+        FrozenDamper.of(car.damper, car.coil.lowest)
+    except InputError:
+        return "nominal"
+    return "identified"
+
+
+def _on_nominal(table: Mapping[str, Any]) -> LpvHinf | LpvHinfClipped:
+    words = {k: _checks.one_of(str(table.get(k, known[0] if k != "measured" else "observed")), known, k)
+             for k, known in WORDS.items()}
+    return LAWS[words["law"]](measured=words["measured"], criterion=words["criterion"],
+                              lag=to_si(table.get("lag", 0.004), "s", "lag"))
+
+
+def _on_identified(table: Mapping[str, Any]) -> LpvHinfIdentified:
+    for key in OF_NOMINAL:
+        if key in table:
+            raise InputError(f"the key '{key}' belongs to the nominal plant", got=repr(table[key]),
+                             why="on the identified plant the law is a state feedback of what the observer estimates",
+                             mend='leave it out, or plant = "nominal"')
+    return LpvHinfIdentified(lag=to_si(table.get("lag", 0.004), "s", "lag"))
+
+
+def design_schema() -> dict[str, Any]:
+    """JSON schema (2020-12) of a CONFIG file of `quartercar design`, as a plain dict.
+
+    Examples
+    --------
+    >>> design_schema()["properties"]["law"]["enum"]
+    ['lpv-hinf', 'lpv-hinf-clipped']
+    """
+    weights = {p.name: {**quantity_schema(f"{p.says} [{p.unit or '1'}]"), "default": p.default}
+               for p in LpvHinf().parameters}
+    words: dict[str, Any] = {k: {"enum": list(known), "default": "observed" if k == "measured" else known[0]}
+                             for k, known in WORDS.items()}
+    words["plant"] = {"enum": list(PLANTS), "description": "identified where left out, the damper has an identified "
+                                                           "transfer function and no key is of the nominal plant"}
+    numbers = {"type": "object", "additionalProperties": {"type": ["number", "string"]}}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "suspension controller design",
+            "type": "object", "additionalProperties": False,
+            "properties": {"car": {"oneOf": [{"enum": list(CARS)}, {"type": "object"}], "default": "megane"},
+                           "damper": {"type": "string", "description": "a file of lpvid identify or quartercar fit"},
+                           "stops": numbers, "coil": numbers, **words,
+                           "lag": {**quantity_schema("from demand to force [s]"), "default": 0.004},
+                           "tune": {"type": "integer", "minimum": 0, "default": 0},
+                           "weights": {"type": "object", "additionalProperties": False, "properties": weights}}}
+
+
+def design_template() -> str:
+    """A commented CONFIG that loads as it stands."""
+    law, nominal = LpvHinfIdentified(), LpvHinf()
+    others = ", ".join(n for n in MEASUREMENTS if n != "observed")
+    lines = ["# quartercar design CONFIG: a car, its damper, a plant and weights. Numbers are SI, or text: \"5 mm\".",
+             "", "car = \"megane\"              # a set, or a table [car] of set and changes",
+             "# damper = \"model.json\"     # of lpvid identify, quartercar fit; left out: embedded",
+             "plant = \"identified\"        # the damper's own dynamics in the plant; nominal: c_nom alone",
+             "lag = \"4 ms\"                # from demand to force: the coil",
+             "tune = 0                    # evaluations by which the weights are tuned; 0: as given", "",
+             "[weights]                   # each says what counts as much as 1 m/s^2 of the body"]
+    lines += [_weight(p, law.values[p.name]) for p in law.parameters]
+    lines += ["", "# With plant = \"nominal\", before [weights]:",
+              "# law = \"lpv-hinf\"          # the damper's limits inside the design; lpv-hinf-clipped: outside",
+              f"# measured = \"observed\"     # states of the observer, or {others}: sensors alone",
+              "# criterion = \"hinf\"        # least worst gain; h2: least rms on a random road",
+              "# and among the weights (relief and least_share of lpv-hinf alone), with these defaults:"]
+    lines += [f"# {_weight(p, nominal.values[p.name])}" for p in nominal.parameters]
+    return "\n".join(lines) + "\n"
+
+
+def _weight(parameter: Parameter, value: float) -> str:
+    unit = f"{parameter.unit}, " if parameter.unit else ""
+    return f"{parameter.name} = {value!r:<20}# {unit}{parameter.says}"

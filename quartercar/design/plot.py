@@ -1,0 +1,126 @@
+"""Figures of a designed suspension controller: its weights, its frozen gains, its way over a bump."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lpvid.plot.style import CYCLE, INK, SCALE, label, look, panels
+from quartercar.design.figures import FREQUENCIES, SHOWN
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from quartercar.design.identified import IdentifiedDesign
+    from quartercar.design.nominal import Design
+    from quartercar.rides.simulation import Ride
+
+TITLES = {"body_acceleration": ("body acceleration", "1/s²"), "tyre_force": ("tyre force", "N/m"),
+          "suspension_deflection": ("stroke", "1")}
+
+
+def weights(found: Design | IdentifiedDesign) -> Figure:
+    """Modulus of the weights on acceleration and tyre force over frequency."""
+    with look():
+        figure, axes = panels(1, 2, height=2.4)
+        chosen = found.task.weights
+        for ax, gain, name, unit in ((axes[0, 0], chosen.comfort_gain, "body acceleration", "s²/m"),
+                                     (axes[0, 1], chosen.wheel_gain, "tyre force", "1/N")):
+            ax.loglog(FREQUENCIES, gain(FREQUENCIES), color=CYCLE[0])
+            ax.set_title(f"weight on {name}")
+            ax.set_ylabel(label("gain", unit))
+            ax.set_xlabel(label("frequency", "Hz"))
+    return figure
+
+
+def gains(found: Design | IdentifiedDesign) -> Figure:
+    """Gains from the road with the scheduling frozen at values over its range, against the car without control."""
+    from matplotlib import colormaps
+
+    with look():
+        figure, axes = panels(1, 3, height=3.0)
+        colours = colormaps[SCALE](np.linspace(0.05, 0.85, len(found.gains)))
+        for ax, signal in zip(axes[0], SHOWN, strict=True):
+            ax.loglog(FREQUENCIES, found.passive_gains[signal], color=INK, linestyle="--", label=found.baseline)
+            for colour, (share, curves) in zip(colours, found.gains, strict=True):
+                ax.loglog(FREQUENCIES, curves[signal], color=colour, label=f"ρ = {share:.2g}")
+            name, unit = TITLES[signal]
+            ax.set_title(f"road to {name}")
+            ax.set_ylabel(label("gain", unit))
+            ax.set_xlabel(label("frequency", "Hz"))
+        handles, names = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 7))
+    return figure
+
+
+def sensitivity(found: Design | IdentifiedDesign) -> Figure:
+    """Gain from the road with control over that without, signal by signal, the scheduling frozen over its range.
+
+    S(jω) = |G_controlled|/|G_passive|: below one control helps, above one it costs. Where the plant has invariant
+    points (the wheel's own resonance) every curve passes through one (Hrovat 1997).
+    """
+    from matplotlib import colormaps
+
+    with look():
+        figure, axes = panels(1, 3, height=2.8)
+        colours = colormaps[SCALE](np.linspace(0.05, 0.85, len(found.gains)))
+        for ax, signal in zip(axes[0], SHOWN, strict=True):
+            passive = np.maximum(found.passive_gains[signal], 1e-300)
+            for colour, (share, curves) in zip(colours, found.gains, strict=True):
+                ax.loglog(FREQUENCIES, curves[signal] / passive, color=colour, label=f"ρ = {share:.2g}")
+            ax.axhline(1.0, color=INK, linewidth=0.9, linestyle="--")
+            ax.set_title(TITLES[signal][0])
+            ax.set_ylabel(label("with control / without", "1"))
+            ax.set_xlabel(label("frequency", "Hz"))
+        handles, names = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 7))
+    return figure
+
+
+def actuator_use(found: Design | IdentifiedDesign, controlled: Ride) -> Figure:
+    """Damper force over velocity within what the lowest and the highest command give, and the share of each command."""
+    run, car = controlled.run, found.car
+    velocity, current = run["suspension_velocity"], run["current"]
+    unit = run.units["current"]
+    low, high = car.coil.lowest, car.coil.highest
+    with look():
+        figure, axes = panels(1, 2, height=3.2)
+        left, right = axes[0]
+        left.plot(velocity, run["damper_force"], ".", color=CYCLE[1], markersize=2.0, alpha=0.6, rasterized=True,
+                  label="over the bump")
+        if car.damper is not None:
+            grid = float(np.abs(velocity).max()) * np.linspace(-1, 1, 101)
+            for level, dash in ((low, "--"), (high, "-")):
+                if np.isfinite(level):
+                    left.plot(grid, car.damper.static_force(grid, level, 0.0), color=INK, linewidth=1.1, linestyle=dash,
+                              label=f"at {level:g} {unit}")
+        left.axhline(0, color=INK, linewidth=0.5)
+        left.axvline(0, color=INK, linewidth=0.5)
+        left.set_xlabel(label("velocity of the damper", "m/s"))
+        left.set_ylabel(label("damper force", "N"))
+        left.legend(loc="upper left")
+        right.hist(current, bins=30, weights=np.full(current.size, 100.0 / current.size), color=CYCLE[0], alpha=0.75)
+        right.set_xlabel(label("current", unit))
+        right.set_ylabel(label("share of the time", "%"))
+        for level in (low, high):
+            if np.isfinite(level):
+                right.axvline(level, color=INK, linestyle="--", linewidth=0.9)
+    return figure
+
+
+def bump(rides: tuple[Ride, Ride]) -> Figure:
+    """Acceleration, tyre load, stroke and current over a bump, controlled and passive."""
+    unit = rides[0].run.units["current"]
+    signals = (("body_acceleration", "body", "m/s²", 1.0), ("tyre_load", "tyre load", "kN", 1e-3),
+               ("suspension_deflection", "stroke", "mm", 1e3), ("current", "current", unit, 1.0))
+    with look():
+        figure, axes = panels(len(signals), heights=[1.9, 1.6, 1.6, 1.4], sharex=True)
+        for found, name, colour in zip(rides, ("controlled", "passive, lowest current"), (CYCLE[1], INK), strict=True):
+            inside = found.run.time >= 0.9
+            for ax, (signal, title, unit, scale) in zip(axes[:, 0], signals, strict=True):
+                ax.plot(found.run.time[inside], scale * found.run[signal][inside], color=colour, label=name)
+                ax.set_ylabel(label(title, unit))
+        axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=2, borderaxespad=0.0)
+        axes[-1, 0].set_xlabel(label("time", "s"))
+    return figure

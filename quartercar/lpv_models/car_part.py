@@ -1,0 +1,104 @@
+"""E8, the sign of the damper force in the car's equations, and LPV plants made of the car and a row for that force."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.model.signals import Signal
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Polynomial
+from quartercar.dampers.contract import Damper
+from quartercar.lpv_models.region import Region
+from quartercar.parameters import CarParameters
+from quartercar.vehicle.linear import OUTPUTS, RELATIVE, LinearCar, StateSpace
+
+STATES = ("suspension_deflection", "body_velocity", "tyre_deflection", "wheel_velocity")
+"""x = (z_d, ż_s, z_t, ż_us) of the car in every embedding."""
+SPEED = np.array([0.0, 1.0, 0.0, -1.0])
+"""v_d = SPEED @ x."""
+PROBE = 0.3
+"""speed at which the sense of a damper's force is asked [m/s]."""
+
+Row = tuple[np.ndarray, np.ndarray]
+"""Force over (states, inputs beside the road)."""
+
+
+def bare_car(parameters: CarParameters) -> StateSpace:
+    """The car without its passive damper: ẋ = A_0 x + B_w ż_r + B_F F, B_F = (0, −1/m_s, 0, 1/m_us)ᵀ.
+
+    E8 of the equation sheet 4.3: a damper force that is positive in extension pulls the sprung mass down and the
+    unsprung mass up.
+
+    Examples
+    --------
+    >>> from quartercar.parameters import MEGANE
+    >>> (bare_car(MEGANE).B[:, 1] * MEGANE.sprung_mass).round(2).tolist()
+    [0.0, -1.0, 0.0, 8.4]
+    """
+    return LinearCar(parameters.replace(damping=0.0)).relative()
+
+
+def with_force(parameters: CarParameters, rows: Mapping[str, Row], region: Region, inputs: tuple[Signal, ...],
+               units: tuple[str, ...] = ()) -> LPVStateSpace:
+    """The car with F = (f_0 + Σ p_j f_j) x + (g_0 + Σ p_j g_j) u between its masses.
+
+    Parameters
+    ----------
+    parameters : CarParameters
+    rows : mapping of str to ((4,), (n_u,)) arrays
+        f and g; the key ``""`` holds f_0 and g_0, the others are scheduling variables of `region`.
+    region : Region
+    inputs : tuple of Signal
+        u; the road's velocity comes before them.
+    units : tuple of str
+        Of the scheduling variables.
+
+    Returns
+    -------
+    LPVStateSpace
+        Continuous; outputs as `quartercar.vehicle.linear.RELATIVE`, then ``damper_force``.
+    """
+    car = bare_car(parameters)
+    names = region.names
+    terms = ("", *names)
+    nu = len(inputs)
+    a, b = np.zeros((len(terms), 4, 4)), np.zeros((len(terms), 4, 1 + nu))
+    c, d = np.zeros((len(terms), 8, 4)), np.zeros((len(terms), 8, 1 + nu))
+    a[0], b[0, :, :1], c[0, :7], d[0, :7, :1] = car.A, car.B[:, :1], car.C, car.D[:, :1]
+    for m, name in enumerate(terms):
+        f, g = rows.get(name, (np.zeros(4), np.zeros(nu)))
+        f, g = np.asarray(f, dtype=float), np.asarray(g, dtype=float).reshape(nu)
+        a[m] += np.outer(car.B[:, 1], f)
+        b[m, :, 1:] += np.outer(car.B[:, 1], g)
+        c[m, :7] += np.outer(car.D[:, 1], f)
+        d[m, :7, 1:] += np.outer(car.D[:, 1], g)
+        c[m, 7], d[m, 7, 1:] = f, g
+    return LPVStateSpace(a, b, c, d, Polynomial(names, 1 if names else 0), None, region.scheduling(units),
+                         inputs=(Signal("road_velocity", "m/s"), *inputs),
+                         outputs=(*(Signal(n, OUTPUTS[n]) for n in RELATIVE), Signal("damper_force", "N")))
+
+
+def passive_sense(damper: Damper) -> Damper:
+    """The damper, if its force acts against the motion.
+
+    Raises
+    ------
+    InputError
+        A model of reversed polarity: one whose records gave mean F·v < 0, or whose force at ±0.3 m/s gives energy.
+    """
+    if damper.polarity < 0:
+        raise InputError(f"the '{damper.name}' model was identified from a force of reversed sign",
+                         got="mean of force times velocity below zero",
+                         why="a plant made of it as measured would be driven by its damper",
+                         mend="turn the channel (--flip force) and fit again")
+    low, high = damper.usual_currents or (0.0, 0.0)
+    rebound, compression = (float(damper.static_force(np.array([v]), 0.5 * (low + high))[0]) for v in (PROBE, -PROBE))
+    if rebound <= compression:
+        raise InputError(f"the force of the '{damper.name}' model points along the motion",
+                         got=f"{rebound:.4g} N in extension and {compression:.4g} N in compression at {PROBE} m/s",
+                         why="a damper pulls in extension and pushes in compression",
+                         mend="turn the force or the velocity of its records (--flip) and fit again")
+    return damper

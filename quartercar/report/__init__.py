@@ -1,0 +1,1 @@
+"""Reports of the commands: fit, ride with its bound, rig."""

@@ -1,0 +1,57 @@
+"""The part of a ride report about the clairvoyant bound: what the damper could have reached, and each law's share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lpvid.report import Item, Paragraph, Table, number
+from lpvid.report.page import percent
+from quartercar.rides.bound import MEASURES, Bound, obtained, told_floor, told_share
+from quartercar.rides.comparison import Interval
+
+AIM_NAMES = {"objective": "least objective", "comfort": "least comfort at the reference's tyre load",
+             "tyre_load": "least tyre load at the reference's comfort"}
+
+
+def bound_items(bounds: Sequence[Bound]) -> tuple[Item, ...]:
+    """Tables of bounds and shares."""
+    first = bounds[0]
+    items: list[Item] = [Paragraph(f"{obtained(first)[0].upper()}{obtained(first)[1:]}. Objective: "
+                                   f"{first.objective.says}; the reference of that is the passive car under the lowest "
+                                   "current.")]
+    rows = tuple((b.road, b.car, AIM_NAMES[aim], *(_mean(b, aim, m) for m in MEASURES), *(_gap(b, aim, m) for m in
+                                                                                         MEASURES[1:]),
+                  number(float(np.mean([x.passivity.negative_energy for x in b.best[aim]])), 3))
+                 for b in bounds for aim in b.best)
+    items.append(Table(("road", "car", "what is made least", "objective", "comfort [m/s²]", "tyre load [N]",
+                        f"comfort to {first.reference}", f"tyre load to {first.reference}", "energy given [J]"), rows,
+                       "Means over the seeds of the bound. Linear: without bump stops and lift-off.",
+                       tuple(range(3, 9))))
+    items += [Paragraph(f"{b.road}, linear car: {told_floor(b)}.") for b in bounds if b.floor]
+    shares = tuple((b.road, law, *(told_share(b.share(law, m)) for m in MEASURES)) for b in bounds for law in b.laws)
+    items.append(Table(("road", "law", *(m.replace("_", " ") for m in MEASURES)), shares,
+                       "(a − law)/(a − bound at the least objective) with a of the car at the lowest current, "
+                       "nonlinear car, same roads, ± half of "
+                       "the 95 % interval. Above 100 % where a law gives away the other criterion.", (2, 3, 4)))
+    return tuple(items)
+
+
+def bound_row(bound: Bound) -> tuple[str, ...]:
+    """The least objective as a row of the table of laws: comfort, tyre load, stroke, largest, MTVV, off road."""
+    def mean(name: str, scale: float, digits: int) -> str:
+        return number(scale * float(np.mean([getattr(f, name) for f in bound.at()])), digits)
+
+    return (f"clairvoyant bound, {bound.car} car ({len(bound.seeds)} of the seeds)", mean("comfort", 1, 4),
+            mean("tyre_load", 1, 4), mean("stroke", 1e3, 3), mean("largest_stroke", 1e3, 3), mean("transient", 1, 4),
+            percent(float(np.mean([f.off_road for f in bound.at()]))), "–", "–")
+
+
+def _mean(bound: Bound, aim: str, measure: str) -> str:
+    return number(Interval.of(bound.values(bound.at(aim), measure)).mean, 4)
+
+
+def _gap(bound: Bound, aim: str, measure: str) -> str:
+    gap = bound.against_reference(aim, measure)
+    return "–" if gap is None else f"{100 * gap.mean:+.1f} %"

@@ -1,0 +1,353 @@
+"""compare_rides: control laws on the same roads with the same seeds, their figures with intervals, who leads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid._shown import Shown
+from lpvid.errors import InputError
+from lpvid.report import number
+from quartercar.controllers.contract import Controller
+from quartercar.dampers import Identified
+from quartercar.rides.simulation import Ride, RideSettings, drive, without_run
+from quartercar.roads.ride_roads import RideRoad
+from quartercar.vehicle.nonlinear import QuarterCar
+
+FIGURES: Mapping[str, tuple[str, Callable[[Ride], float]]] = {
+    "comfort": ("m/s^2", lambda r: r.figures.comfort),
+    "acceleration": ("m/s^2", lambda r: r.figures.acceleration),
+    "dose": ("m/s^1.75", lambda r: r.figures.dose),
+    "transient": ("m/s^2", lambda r: r.figures.transient),
+    "tyre_load": ("N", lambda r: r.figures.tyre_load),
+    "off_road": ("", lambda r: r.figures.off_road),
+    "stroke": ("m", lambda r: r.figures.stroke),
+    "largest_stroke": ("m", lambda r: r.figures.largest_stroke),
+    "dissipated": ("J", lambda r: r.passivity.dissipated),
+    "at_limits": ("", lambda r: r.at_limits),
+    "out_of_reach": ("", lambda r: r.out_of_reach),
+    "negative_share": ("", lambda r: r.passivity.negative_share),
+    "negative_energy": ("J", lambda r: r.passivity.negative_energy),
+    "returned": ("J", lambda r: r.passivity.returned),
+}
+"""Figures of a ride by name: unit, and where they are found."""
+AXES = ("comfort", "tyre_load", "stroke")
+"""Figures between which a car has to choose; less is better in each."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A mean over seeds and its 95 % interval by Student's t; the ends are None for a single seed.
+
+    Attributes
+    ----------
+    mean : float
+    low, high : float or None
+    """
+
+    mean: float
+    low: float | None
+    high: float | None
+
+    @classmethod
+    def of(cls, values: np.ndarray, share: float = 0.95) -> Interval:
+        """Of values that stand for themselves, one per seed.
+
+        Examples
+        --------
+        >>> Interval.of(np.array([1.0, 2.0, 3.0])).low.__round__(4)
+        -0.4841
+        """
+        mean = float(np.mean(values))
+        if values.size < 2:
+            return cls(mean, None, None)
+        from scipy.stats import t
+
+        if np.ptp(values) <= values.size * np.finfo(float).eps * np.abs(values).max():
+            return cls(mean, None, None)  # the seeds change nothing but the rounding: there is no spread to speak of
+        half = float(t.ppf(0.5 + share / 2, values.size - 1) * np.std(values, ddof=1) / np.sqrt(values.size))
+        return cls(mean, mean - half, mean + half)
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"mean": self.mean, "low": self.low, "high": self.high}
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One law on one road.
+
+    Attributes
+    ----------
+    name, title : str
+        Of the law; unique within a comparison.
+    controller : Controller
+    road : str
+    rides : tuple of Ride
+        One per seed, without signals but for the first.
+    """
+
+    name: str
+    title: str
+    controller: Controller
+    road: str
+    rides: tuple[Ride, ...]
+
+    def values(self, figure: str) -> np.ndarray:
+        """(seeds,) of a figure of `FIGURES`."""
+        get = FIGURES[_checks.known_name(figure, list(FIGURES), "figure of a ride")][1]
+        return np.array([get(r) for r in self.rides])
+
+    def interval(self, figure: str) -> Interval:
+        """Mean and interval of a figure."""
+        return Interval.of(self.values(figure))
+
+    def against(self, other: Row, figure: str) -> Interval:
+        """Relative difference to another law, paired by seed: (this − other)/mean of the other."""
+        theirs = other.values(figure)
+        return Interval.of((self.values(figure) - theirs) / max(abs(float(theirs.mean())), 1e-300))
+
+    @property
+    def passive(self) -> bool | None:
+        """Whether no ride gave energy that was never there; None where the damper's storage is unknown."""
+        told = [r.passivity.holds for r in self.rides]
+        return None if None in told else all(told)
+
+    @property
+    def extrapolation(self) -> dict[str, float]:
+        """Mean share of the samples outside what the damper's training records held, as in `Ride`."""
+        return {n: float(np.mean([r.extrapolation[n] for r in self.rides])) for n in self.rides[0].extrapolation}
+
+    @property
+    def road_ahead_error(self) -> float | None:
+        """Rms over the seeds of `Ride.road_ahead_error` [m]."""
+        found = [r.road_ahead_error for r in self.rides]
+        return None if None in found else float(np.sqrt(np.mean(np.square(np.array(found, dtype=float)))))
+
+    def to_dict(self, reference: Row) -> dict:
+        """Plain data for JSON."""
+        first = self.rides[0].passivity
+        return {"controller": self.name, "title": self.title, "road": self.road,
+                "figures": {n: {**self.interval(n).to_dict(), "unit": unit} for n, (unit, _) in FIGURES.items()},
+                "against": {n: self.against(reference, n).to_dict() for n in AXES},
+                "counts": {n: float(np.mean([r.counts[n] for r in self.rides])) for n in self.rides[0].counts},
+                "extrapolation": self.extrapolation, "road_ahead_error": self.road_ahead_error,
+                "passivity": {"storage": first.storage, "holds": self.passive,
+                              "lowest": None if first.lowest is None else min(
+                                  r.passivity.lowest for r in self.rides if r.passivity.lowest is not None)}}
+
+
+@dataclass(frozen=True, eq=False)
+class RideComparison(Shown):
+    """Laws on roads.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+        Road by road, the laws in the order given.
+    seeds : tuple of int
+    reference : str
+        Name of the law that differences are taken from.
+    notes : tuple of str
+    """
+
+    DRAWN_BY: ClassVar[str] = "quartercar.plot.nouns"
+    rows: tuple[Row, ...]
+    seeds: tuple[int, ...]
+    reference: str
+    notes: tuple[str, ...] = ()
+
+    @property
+    def roads(self) -> tuple[str, ...]:
+        """Names of the roads."""
+        return tuple(dict.fromkeys(r.road for r in self.rows))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the laws."""
+        return tuple(dict.fromkeys(r.name for r in self.rows))
+
+    def on(self, road: str) -> tuple[Row, ...]:
+        """The rows of one road."""
+        return tuple(r for r in self.rows if r.road == road)
+
+    def row(self, name: str, road: str) -> Row:
+        """One law on one road."""
+        _checks.known_name(name, self.names, "controller")
+        _checks.known_name(road, self.roads, "road")
+        return next(r for r in self.rows if r.name == name and r.road == road)
+
+    @cached_property
+    def front(self) -> Mapping[str, tuple[str, ...]]:
+        """Road to the laws that no other beats in comfort and tyre load at once, by their means."""
+        return {road: pareto({r.name: tuple(r.interval(a).mean for a in AXES[:2]) for r in self.on(road)})
+                for road in self.roads}
+
+    @property
+    def verdict(self) -> str:
+        """A sentence or two per road: most comfortable, best on the road, who cannot be told from them, the front."""
+        said = []
+        for road in self.roads:
+            (soft, near), (firm, close) = (self.leaders(road, axis) for axis in AXES[:2])
+            said.append(f"On {road} {soft.name} is the most comfortable ({soft.interval('comfort').mean:.4g} m/s^2 "
+                        f"weighted{_tied(near)}) and {firm.name} loads the tyre least unevenly "
+                        f"({firm.interval('tyre_load').mean:.4g} N rms{_tied(close)}). Unbeaten in the means of both: "
+                        f"{', '.join(self.front[road])}.")
+        return " ".join(said)
+
+    def leaders(self, road: str, figure: str) -> tuple[Row, tuple[str, ...]]:
+        """The law of the least mean, and those whose paired difference to it may as well be none (95 %)."""
+        rows = self.on(road)
+        best = min(rows, key=lambda r: r.interval(figure).mean)
+        gaps = {r.name: r.against(best, figure) for r in rows if r is not best}
+        return best, tuple(n for n, gap in gaps.items() if gap.low is not None and gap.low <= 0)
+
+    def to_dict(self) -> dict:
+        """ride.json."""
+        return {"schema": "quartercar/ride/1", "verdict": self.verdict, "seeds": list(self.seeds),
+                "reference": self.reference, "notes": list(self.notes), "front": {k: list(v) for k, v in
+                                                                               self.front.items()},
+                "rides": [r.to_dict(self.row(self.reference, r.road)) for r in self.rows],
+                "controllers": {r.name: r.controller.to_dict() for r in self.on(self.roads[0])}}
+
+    def __str__(self) -> str:
+        lines = [self.verdict]
+        for road in self.roads:
+            several = len(self.seeds) > 1
+            lines.append(f"{road}, {len(self.seeds)} seeds, mean ± half of the 95 % interval" if several else
+                         f"{road}, one seed: no interval")
+            lines += [_line(r) for r in self.on(road)]
+        return "\n".join([*lines, *self.notes])
+
+    __repr__ = __str__
+
+
+def _tied(names: Sequence[str]) -> str:
+    return f", not distinguishable from {', '.join(names)}" if names else ""
+
+
+def _line(row: Row) -> str:
+    def told(figure: str, scale: float = 1.0) -> str:
+        i = row.interval(figure)
+        half = "" if i.high is None else f" ± {number(scale * (i.high - i.mean), 2):<7}"
+        return f"{scale * i.mean:8.4g}{half}"
+
+    return (f"  {row.name:<20}comfort {told('comfort')} m/s^2  tyre {told('tyre_load')} N  stroke "
+            f"{told('stroke', 1e3)} mm  at limits {row.interval('at_limits').mean:4.0%}")
+
+
+def pareto(points: Mapping[str, tuple[float, ...]]) -> tuple[str, ...]:
+    """Names of the points that no other one beats or equals in every coordinate, less being better.
+
+    Examples
+    --------
+    >>> pareto({"a": (1.0, 2.0), "b": (2.0, 1.0), "c": (2.0, 2.0)})
+    ('a', 'b')
+    """
+    def beaten(name: str) -> bool:
+        mine = points[name]
+        return any(other != mine and all(o <= m for o, m in zip(other, mine, strict=True))
+                   for other in points.values())
+
+    return tuple(n for n in points if not beaten(n))
+
+
+def compare_rides(car: QuarterCar, roads: Sequence[RideRoad], controllers: Mapping[str, Controller],
+                  seeds: Sequence[int], settings: RideSettings | None = None, reference: str | None = None,
+                  say: Callable[[str], None] = lambda text: None) -> RideComparison:
+    """Drive every law over every road with every seed.
+
+    Parameters
+    ----------
+    car : QuarterCar
+    roads : sequence of RideRoad
+    controllers : mapping of str to Controller
+        By the name that tables give them.
+    seeds : sequence of int
+        Of roads and noise: the same for every law, so that differences are paired.
+    settings : RideSettings, optional
+    reference : str, optional
+        Law that differences are taken from; ``"sh-add"`` where there is one, else the first.
+    say : callable
+        Told what is being done.
+
+    Returns
+    -------
+    RideComparison
+
+    Raises
+    ------
+    InputError
+        No road, law or seed; as `ride`.
+    """
+    if not roads or not controllers or not seeds:
+        raise InputError("a comparison needs roads, controllers and seeds",
+                         got=f"{len(roads)}, {len(controllers)}, {len(seeds)}")
+    if len(set(seeds)) < len(seeds) or len({r.name for r in roads}) < len(roads):
+        raise InputError("a comparison names a road or a seed twice", got=", ".join(r.name for r in roads))
+    names = list(controllers)
+    chosen = reference or ("sh-add" if "sh-add" in names else names[0])
+    _checks.known_name(chosen, names, "controller")
+    rows = []
+    for road in roads:
+        say(f"riding {road.name}")
+        laws = [controllers[n] for n in names for _ in seeds]
+        rides = drive(car, road, laws, list(seeds) * len(names), settings)
+        for k, name in enumerate(names):
+            mine = rides[k * len(seeds):(k + 1) * len(seeds)]
+            kept = (mine[0], *(without_run(r) for r in mine[1:]))
+            rows.append(Row(name, controllers[name].title, controllers[name], road.name, kept))
+        del rides
+    return RideComparison(tuple(rows), tuple(seeds), chosen, (*_unmoved(car), *_extrapolating(rows),
+                                                                *_estimating(rows)))
+
+
+def _unmoved(car: QuarterCar) -> Iterator[str]:
+    """A damper whose characteristic does not read the command: its laws have nothing to act with."""
+    damper = car.damper
+    if damper is not None and isinstance(damper, Identified) and "current" not in damper.reads:
+        yield ("The damper's force does not depend on the command, so that every law rides as the passive car does: "
+               "identify it with --schedule current.")
+
+
+def _estimating(rows: Sequence[Row]) -> Iterator[str]:
+    """How well the road ahead was estimated, road by road."""
+    for road in dict.fromkeys(r.road for r in rows):
+        found = next(r.road_ahead_error for r in rows if r.road == road)
+        if found:
+            yield (f"On {road} the road ahead of the rear axle, estimated from the front axle's sensors, is "
+                   f"{1e3 * found:.2g} mm rms off (elevation against the present one, over the whole preview).")
+
+
+def _extrapolating(rows: Sequence[Row]) -> Iterator[str]:
+    """Where laws ask the damper for what its training records never held, road by road."""
+    for road in dict.fromkeys(r.road for r in rows):
+        for name in rows[0].rides[0].extrapolation:
+            shares = {r.name: r.extrapolation[name] for r in rows if r.road == road}
+            worst = max(shares, key=lambda n: shares[n])
+            if shares[worst] > 0:
+                yield (f"On {road} the damper's {name} leaves its training records, {_span(rows[0], name)}, in "
+                       f"{_shares(shares)} % of the samples (most under {worst}): the force there is extrapolated.")
+
+
+def _shares(shares: Mapping[str, float]) -> str:
+    """The range of some shares in percent, one number where both ends read the same."""
+    ends = dict.fromkeys(f"{100 * share:.2g}" for share in (min(shares.values()), max(shares.values())))
+    return " to ".join(ends)
+
+
+def _span(row: Row, name: str) -> str:
+    """The training range of a quantity in its unit."""
+    damper = row.rides[0].run.car.damper
+    assert damper is not None
+    if name == "current":
+        low, high = damper.current_range or (0.0, 0.0)
+        return f"{low:.3g} to {high:.3g} {'' if damper.current_unit == '1' else damper.current_unit}".rstrip()
+    role, unit = ("velocity", "m/s") if name == "speed" else ("displacement", "m")
+    low, high = damper.trained(role) or (0.0, 0.0)
+    return f"{low:.3g} to {high:.3g} {unit}"

@@ -1,0 +1,117 @@
+"""A damper from a file that a car can be given: it dissipates, its poles are stable, its rate shows the wheel hop."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
+from lpvid.scheduling import Scheduling
+from quartercar.dampers.blackbox.sampled import SampledDamper
+from quartercar.dampers.contract import Damper
+from quartercar.dampers.loading import load_damper
+from quartercar.parameters import CarParameters
+
+PROBES = np.array([0.05, 0.1, 0.2, 0.3])
+"""speeds at which the sense of a force is asked; a law that is active at some of them still has a sense [m/s]"""
+
+
+def car_damper(path: str | Path) -> Damper:
+    """The damper in a file, refused with one line where a car would be driven by it or leave all bounds.
+
+    Raises
+    ------
+    InputError
+        As `load_damper`; reversed polarity; a frozen pole outside the unit circle at a current of its range.
+    """
+    damper = load_damper(path)
+    check_sense(damper, f"'{path}'")
+    check_stable(damper, f"'{path}'")
+    return damper
+
+
+def check_sense(damper: Damper, label: str) -> None:
+    """Refuse a force that drives the motion."""
+    if damper.polarity < 0:
+        raise InputError(f"{label}: the damper was identified from records of reversed polarity",
+                         why="its force is measured against the velocity, so that a car would be driven by it",
+                         mend="turn the force's sign and identify again (--flip force)")
+    low, high = damper.usual_currents or (0.0, 0.0)
+    with np.errstate(all="ignore"):
+        force = np.array([[damper.static_force(np.array([s * v]), 0.5 * (low + high))[0] for v in PROBES]
+                          for s in (1.0, -1.0)])
+    power = (force[0] - force[1]) * PROBES
+    if np.isfinite(power).all() and np.all(power < 0):
+        raise InputError(f"{label}: the force of this damper points along the motion",
+                         got=f"{force[0, -1]:.4g} N in extension and {force[1, -1]:.4g} N in compression at "
+                         f"{PROBES[-1]:g} m/s", why="a damper pulls in extension and pushes in compression",
+                         mend="turn the force or the velocity of its records (--flip) and identify again")
+
+
+def check_stable(damper: Damper, label: str, currents: tuple[float, float] | None = None) -> None:
+    """Refuse a transfer function or state space with a frozen pole outside the circle at a current of a range.
+
+    The range is that of its training records, or that of the coil where that is another.
+
+    Exact over the range for one scheduling variable (`lpvid.analysis.frozen_stability`). A model that schedules itself
+    is bounded by what it is made of, and not looked at.
+    """
+    if not isinstance(damper, SampledDamper) or damper.clock is None:
+        return
+    model = damper.at_clock(damper.clock)
+    if not isinstance(model, (LPVTransferFunction, LPVStateSpace)) or not model.order:
+        return
+    from lpvid.analysis.frozen_stability import frozen_stability
+
+    span = currents or damper.usual_currents
+    if model.box.names and span is not None:
+        model = model.replace(scheduling=Scheduling(model.box.names, span[:1], span[1:], units=model.box.units))
+    found = frozen_stability(model)
+    if found.stable:
+        return
+    unit = "" if damper.current_unit == "1" else f" {damper.current_unit}"
+    where = "".join(f" at {n} {v:.4g}{unit}" for n, v in found.at.items())
+    size = np.inf if found.max_modulus is None else found.max_modulus
+    raise InputError(f"{label}: the damper is unstable", got=f"a pole of modulus {size:.4g}{where}",
+                     why="its force in a car would grow without end", mend="identify again with a lower order, with "
+                     "--passive, or with records at that current")
+
+
+def check_rate(damper: Damper, parameters: CarParameters, label: str) -> None:
+    """Refuse a sampled damper whose Nyquist frequency lies below the car's wheel hop √((k_s + k_t)/m_us)/2π."""
+    if damper.clock is None:
+        return
+    stiffness = parameters.spring_stiffness + parameters.tyre_stiffness
+    hop = math.sqrt(stiffness / parameters.unsprung_mass) / (2 * math.pi)
+    if 0.5 / damper.clock <= hop:
+        raise InputError(f"{label}: the damper runs at {1 / damper.clock:.4g} Hz only", why="the loop runs at the "
+                         f"damper's rate, and this car's wheel hops at {hop:.3g} Hz",
+                         mend=f"identify again at 500 Hz (--sample-rate 500), at least above {2 * hop:.3g} Hz")
+
+
+def current_limits(damper: Damper, otherwise: float) -> tuple[float, float]:
+    """Limits of a coil for a damper: the currents at which its training records drove it, to a hundredth of the range.
+
+    Parameters
+    ----------
+    damper : Damper
+    otherwise : float
+        Highest current where the damper knows no range.
+
+    Examples
+    --------
+    >>> from quartercar.rides.default_damper import identified_damper
+    >>> current_limits(identified_damper(), 2.0)
+    (0.0, 2.5)
+    """
+    span = damper.usual_currents
+    if span is None or "current" not in damper.reads:
+        return 0.0, otherwise
+    grain = 10.0 ** math.floor(math.log10(damper.slack))
+    low, high = (max(round(c / grain) * grain, 0.0) for c in span)
+    digits = max(0, -math.floor(math.log10(grain)))
+    return (round(low, digits), round(high, digits)) if high > low else (0.0, max(otherwise, high))

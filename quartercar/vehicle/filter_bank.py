@@ -1,0 +1,147 @@
+"""FilterBank: an identified damper (an LPV transfer function) carried along in many cars at once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lpvid.model.input_stage import TanhStage
+from lpvid.model.scheduling_stage import SchedulingLag
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
+from quartercar.dampers.blackbox.rest import at_rest
+from quartercar.dampers.blackbox.sampled import SampledDamper
+from quartercar.dampers.contract import Damper
+
+if TYPE_CHECKING:
+    from quartercar.vehicle.state_bank import StateBank
+
+INPUTS = ("velocity", "displacement")
+
+
+def filter_of(damper: Damper | None) -> LPVTransferFunction | LPVStateSpace | None:
+    """The transfer function or state space inside a damper, where a `bank` can run it; else None.
+
+    That is: inputs velocity and displacement, at most a tanh stage on the velocity, coefficients by the present current
+    behind at most a lag.
+    """
+    if not isinstance(damper, SampledDamper) or damper.stored is None:
+        return None
+    model = damper.held.at(damper.vector)
+    if isinstance(model, LPVTransferFunction):
+        present = not (model.lagged and model.box.names) and model.n_affine <= 1
+    elif isinstance(model, LPVStateSpace):
+        present = True
+    else:
+        return None
+    names, stage, lag = [s.name for s in model.inputs], model.input_stage, model.scheduling_stage
+    plain = set(names) <= set(INPUTS) and model.box.names in ((), ("current",)) and model.basis.lags == (0, 0)
+    shaped = stage is None or (isinstance(stage, TanhStage) and names[stage.channel] == "velocity")
+    lagging = lag is None or (isinstance(lag, SchedulingLag) and lag.delay == 0)
+    return model if present and plain and shaped and lagging else None
+
+
+def bank(model: LPVTransferFunction | LPVStateSpace, cars: int) -> FilterBank | StateBank:
+    """Copies of a model, as `filter_of` gives it, side by side."""
+    if isinstance(model, LPVTransferFunction):
+        return FilterBank(model, cars)
+    from quartercar.vehicle.state_bank import StateBank
+
+    return StateBank(model, cars)
+
+
+class FilterBank:
+    """Copies of one transfer function, one per car, on the same clock.
+
+    Per sample: `approach` with the filtered currents at the coming sample, which gives what the force there will be as
+    a law of the motion there; then `commit` that motion.
+
+    Parameters
+    ----------
+    model : LPVTransferFunction
+        As `filter_of` gives it.
+    cars : int
+
+    Attributes
+    ----------
+    force : (cars,) array
+        At the last committed sample [N].
+    """
+
+    def __init__(self, model: LPVTransferFunction, cars: int) -> None:
+        self._model, self._cars = model, cars
+        self._names = [s.name for s in model.inputs]
+        self._a = model.a[:, 0, 0]
+        self._b = model.b[:, 0]
+        self._c = np.zeros(model.basis.size) if model.c is None or not model.n_affine else model.c[0, 0]
+        stage = model.input_stage
+        self._shape = (stage.v0, stage.slope) if isinstance(stage, TanhStage) else None
+        self._past_y = np.zeros((cars, len(self._a)))
+        self._past_u = np.zeros((cars, len(self._b) - 1, self._b.shape[1]))
+        self._look: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        self.force = np.zeros(cars)
+
+    def begin(self, current: np.ndarray) -> None:
+        """Settled at zero motion and (cars,) filtered currents."""
+        self.force = np.array([at_rest(self._model, np.zeros(1), float(i), 0.0)[0] for i in current])
+        self._past_y[:] = self.force[:, None]
+        self._past_u[:] = 0.0
+
+    def _coefficients(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """a (n, na), b (n, lags, inputs), c (n,), 1/v0 (n,) at filtered currents."""
+        phi = self._model.basis.evaluate(p[:, None] if self._model.box.names else np.zeros((p.size, 0)))
+        if self._shape is None:
+            sharpness = np.zeros(p.size)
+        else:
+            v0, slope = self._shape
+            moving = slope * p if slope and self._model.box.names else np.zeros(p.size)
+            sharpness = 1 / np.maximum(v0 + moving, 0.05 * v0)
+        return (np.einsum("nm,am->na", phi, self._a), np.einsum("nm,jim->nji", phi, self._b),
+                np.einsum("nm,m->n", phi, self._c), sharpness)
+
+    def _inputs(self, z: np.ndarray, v: np.ndarray, sharpness: np.ndarray) -> np.ndarray:
+        """(…, inputs) of the filter."""
+        motion = {"velocity": v, "displacement": z}
+        columns = [np.broadcast_to(motion[n], sharpness.shape) for n in self._names]
+        if self._shape is not None:
+            columns.append(np.tanh(sharpness * v))
+        return np.stack(columns, axis=-1)
+
+    def approach(self, p: np.ndarray) -> np.ndarray:
+        """(cars, 8) law of the force at the coming sample, in the form of `law_form`, at (cars,) filtered currents."""
+        a, b, c, sharpness = self._coefficients(p)
+        past = c - np.einsum("ca,ca->c", a, self._past_y) + np.einsum("cji,cji->c", b[:, 1:], self._past_u)
+        out = np.zeros((self._cars, 8))
+        out[:, 0], out[:, 4], out[:, 7] = past, sharpness, 1.0
+        for column, name in enumerate(self._names):
+            out[:, 1 + INPUTS.index(name)] = b[:, 0, column]
+        if self._shape is not None:
+            out[:, 3] = b[:, 0, -1]
+        self._look = past, b[:, 0], sharpness
+        return out
+
+    def commit(self, z: np.ndarray, v: np.ndarray) -> None:
+        """Take the sample that was approached, at (cars,) displacements and velocities."""
+        assert self._look is not None
+        past, direct, sharpness = self._look
+        u = self._inputs(z, v, sharpness)
+        self.force = past + np.einsum("ci,ci->c", direct, u)
+        if self._past_y.shape[1]:
+            self._past_y = np.concatenate([self.force[:, None], self._past_y[:, :-1]], axis=1)
+        if self._past_u.shape[1]:
+            self._past_u = np.concatenate([u[:, None], self._past_u[:, :-1]], axis=1)
+
+    def ahead(self, z: np.ndarray, v: np.ndarray, p: np.ndarray, steps: int) -> np.ndarray:
+        """(cars, G) force some samples ahead, were the motion held and the filtered current each of (G,) values."""
+        a, b, c, sharpness = self._coefficients(p)
+        cars, size = len(z), p.size
+        u = self._inputs(z[:, None], v[:, None], np.broadcast_to(sharpness, (cars, size)))
+        here = np.einsum("gi,cgi->cg", b[:, 0], u) + c
+        y = np.broadcast_to(self._past_y[:, None], (cars, size, self._past_y.shape[1]))
+        past = np.broadcast_to(self._past_u[:, None], (cars, size, *self._past_u.shape[1:]))
+        for _ in range(steps):
+            new = here - np.einsum("ga,cga->cg", a, y) + np.einsum("gji,cgji->cg", b[:, 1:], past)
+            y = np.concatenate([new[..., None], y[..., :-1]], axis=-1)
+            past = np.concatenate([u[:, :, None], past[:, :, :-1]], axis=2)
+        return y[..., 0]
