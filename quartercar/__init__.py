@@ -13,22 +13,21 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from quartercar import controllers, criteria, dampers, effects, lpv_models, parameters, rides, rig, roads, vehicle
+    from quartercar import controllers, criteria, dampers, effects, lpv_models, parameters, rig, roads
     from quartercar.characterisation import characterise
     from quartercar.dampers.fitting import fit
     from quartercar.parameters import CarParameters
     from quartercar.rides.simulation import ride
     from quartercar.vehicle.nonlinear import QuarterCar
 
-_MODULES = ("controllers", "criteria", "dampers", "effects", "lpv_models", "parameters", "rides", "rig", "roads",
-            "vehicle")
+_MODULES = ("controllers", "criteria", "dampers", "effects", "lpv_models", "parameters", "rig", "roads")
 _EXPORTS = {"quartercar.vehicle.nonlinear": ("QuarterCar",), "quartercar.characterisation": ("characterise",),
             "quartercar.dampers.fitting": ("fit",),
             "quartercar.parameters": ("CarParameters",), "quartercar.rides.simulation": ("ride",)}
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = ["CarParameters", "QuarterCar", "characterise", "controllers", "criteria", "dampers", "effects", "fit",
-           "lpv_models", "parameters", "ride", "rides", "rig", "roads", "vehicle"]
+           "lpv_models", "parameters", "ride", "rig", "roads"]
 
 
 def __getattr__(name: str) -> Any:

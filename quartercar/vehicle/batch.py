@@ -31,7 +31,7 @@ class Fleet(ABC):
     motion : (cars, 4) array
         z_s, ż_s, z_us, ż_us.
     strut, tyre : (cars,) arrays
-        As in `car_stepper.States` [N].
+        As in `stepper.States` [N].
     current : (cars,) array
         In the coil.
     road, road_rate : (cars,) arrays

@@ -256,7 +256,7 @@ def _deflection_only():
 
 
 def test_the_entry_point_names_this_exporter():
-    text = (Path(__file__).resolve().parents[2] / "pyproject.toml").read_text()
+    text = (Path(__file__).resolve().parents[3] / "pyproject.toml").read_text()
     assert re.search(r'\[project\.entry-points\."lpvid\.exports"\]\nquartercar = "quartercar\.export:EXPORTER"', text)
 
 

@@ -77,7 +77,7 @@ def test_every_cause_has_a_plan_or_a_sentence(cause: Effect) -> None:
 
 
 def test_the_documentation_lists_every_cause() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "diagnosis.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "diagnosis.md").read_text(encoding="utf-8")
     rows = "".join(line for line in page.splitlines() if line.startswith("| `"))
     assert {e.name for e in CATALOGUE} == set(re.findall(r"`([a-z-]+)`", rows.split("| `coulomb-friction`")[1])) | {
         "coulomb-friction"}
