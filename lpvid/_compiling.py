@@ -9,7 +9,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
-import numpy as np
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -35,24 +34,6 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             return numba.njit(**options)(function)
 
     return compiled
-
-
-def read_only(array: np.ndarray) -> np.ndarray:
-    """A view that cannot be written through: a kernel is compiled anew for a writable array where it had a frozen one.
-
-    Parameters
-    ----------
-    array : ndarray
-        What a kernel reads and does not write.
-
-    Returns
-    -------
-    ndarray
-        The same memory.
-    """
-    view = array.view()
-    view.flags.writeable = False
-    return view
 
 
 @njit()

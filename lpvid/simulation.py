@@ -167,7 +167,6 @@ def predict(model: Model | Adaptable, record: Record, horizon: int = 1) -> Simul
     Simulation
     """
     from lpvid import _kernels
-    from lpvid._compiling import read_only
 
     horizon = _checks.count(horizon, "horizon", at_least=1)
     model = _acting(model, record)
@@ -195,7 +194,7 @@ def predict(model: Model | Adaptable, record: Record, horizon: int = 1) -> Simul
         return _finish(model, free.output, free.start, horizon, free.diverged_at, "measured (no noise model)")
     x0 = estimate_state(model, phi, u, y, model.start, _limit(model, u, _scale(y)), weighed=False)
     _kernels.predict_ss(model.A, model.B, model.C, model.D, model.state_offset, model.output_offset,
-                        model.observer_gain, phi, read_only(u), x0, read_only(y), horizon, out)
+                        model.observer_gain, phi, _checks.read_only(u), x0, _checks.read_only(y), horizon, out)
     return _finish(model, out, model.start, horizon, _first_beyond(out, _limit(model, u, _scale(y))), "observer")
 
 
@@ -203,9 +202,8 @@ def _predict_equation(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, 
                       horizon: int) -> np.ndarray:
     """k-step prediction by the equation, span by span, so that the basis of the whole record is never held."""
     from lpvid import _kernels
-    from lpvid._compiling import read_only
 
-    u, y = read_only(u), read_only(y)
+    u, y = _checks.read_only(u), _checks.read_only(y)
     out, n, start = y.copy(), len(y), model.start
     local = model.basis.lags == (0, 0)
     span = SPAN if local else n
@@ -257,12 +255,11 @@ def _run_io(model: LPVTransferFunction, p: np.ndarray, u: np.ndarray, out: np.nd
             scale: float) -> int | None:
     """Fill `out` from `start` on, span by span, so that the basis stays in the cache; the diverging sample or None."""
     from lpvid import _kernels
-    from lpvid._compiling import read_only
 
     limit, first_lag, n = _limit(model, u, scale), _first_lag(model), len(out)
     local = model.basis.lags == (0, 0)
     span = SPAN if local else n
-    driven = read_only(np.ascontiguousarray(u.T))
+    driven = _checks.read_only(np.ascontiguousarray(u.T))
     for first in range(start, n, span):
         last = min(first + span, n)
         low = first - start if local else 0
@@ -325,11 +322,10 @@ def _simulate_ss(model: LPVStateSpace, u: np.ndarray, p: np.ndarray, y: np.ndarr
 def _run_ss(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, x0: np.ndarray, out: np.ndarray,
             scale: float) -> int | None:
     from lpvid import _kernels
-    from lpvid._compiling import read_only
 
-    x0 = read_only(np.ascontiguousarray(x0))
+    x0 = _checks.read_only(np.ascontiguousarray(x0))
     code = _kernels.free_run_ss(model.A, model.B, model.C, model.D, model.state_offset, model.output_offset, phi,
-                                read_only(u), x0, out, _limit(model, u, scale, x0))
+                                _checks.read_only(u), x0, out, _limit(model, u, scale, x0))
     return None if code < 0 else int(code)
 
 
@@ -337,9 +333,8 @@ def _run_ss(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, x0: np.ndarray
 def _predict_coloured(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, y: np.ndarray,
                       horizon: int) -> Simulation:
     from lpvid import _kernels, _noise
-    from lpvid._compiling import read_only
 
-    u, y = read_only(u), read_only(y)
+    u, y = _checks.read_only(u), _checks.read_only(y)
     noise, start = model.noise, model.start
     assert noise.c is not None and noise.d is not None
     limit = _limit(model, u, _scale(y))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid import _checks
 from lpvid.identification.arma import ARMA, monic, reflected
 from lpvid.identification.arx import ARX
 from lpvid.identification.layout import Layout
@@ -109,10 +110,9 @@ class IVProblem:
     def _noise_free(self, model: LPVTransferFunction, y: np.ndarray, u: np.ndarray,
                     phi: np.ndarray) -> np.ndarray | None:
         from lpvid import _kernels
-        from lpvid._compiling import read_only
 
         assert model.c is not None
-        u, start, na, n = read_only(u), self.start, model.na, len(y)
+        u, start, na, n = _checks.read_only(u), self.start, model.na, len(y)
         limit = DIVERGED * max(float(np.abs(y).max()), 1e-300)
         x, length = np.zeros((n, 1)), min(n, start + max(20 * na, PAST_SAMPLES))
         used = np.flatnonzero(np.any(model.b != 0, axis=(1, 2, 3)))

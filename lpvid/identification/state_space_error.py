@@ -290,7 +290,6 @@ def _halves(records: Sequence[Record]) -> tuple[list[Record], list[Record]]:
 
 def _sized(model: LPVStateSpace, data: SearchData) -> LPVStateSpace:
     """The model in coordinates in which the states have unit covariance along the data."""
-    from lpvid._compiling import read_only
     from lpvid._state_space_kernels import states_run
 
     matrices = stacks(model)
@@ -298,7 +297,7 @@ def _sized(model: LPVStateSpace, data: SearchData) -> LPVStateSpace:
     n, total, count = model.order, np.zeros((model.order, model.order)), 0
     for phi, u, _ in data.pieces:
         states = np.zeros((len(u), n))
-        states_run(matrices, phi, read_only(u), np.zeros(n), states)
+        states_run(matrices, phi, _checks.read_only(u), np.zeros(n), states)
         total += states.T @ states
         count += len(u)
     if not np.isfinite(total).all():

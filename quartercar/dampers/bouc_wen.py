@@ -127,11 +127,10 @@ class BoucWen(DynamicDamper):
         return np.array(start, dtype=vector.dtype)
 
     def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
-        from lpvid._compiling import read_only
         from quartercar.dampers._bouc_wen_kernels import spencer_run
 
         theta, (stiffness, gas) = self.coefficients(vector)
-        x, v = read_only(drive.displacement), read_only(drive.velocity)
+        x, v = drive.displacement, drive.velocity
         i = np.maximum(drive.current, 0.0) if self.scheduled else np.zeros(drive.n_samples)
         first = None if drive.force is None else float(drive.force[0])
         state = self.rest(float(x[0]), float(v[0]), float(i[0]), first, vector)
