@@ -108,6 +108,7 @@ def test_the_identified_damper_is_ridden_at_its_own_rate():
     assert "no storage function" in repr(found)
 
 
+@pytest.mark.slow
 def test_semi_active_control_beats_every_fixed_current():
     damper = identified_damper()
     passive = [Passive(values={"fixed_current": i}) for i in (0.0, 0.1, 0.2, 0.4)]
