@@ -24,6 +24,26 @@ def frozen_array(values: object, name: str, *, ndim: int | None = None, dtype: t
     return array
 
 
+def read_only(array: np.ndarray) -> np.ndarray:
+    """A view that cannot be written through: a kernel is compiled anew for a writable array where it had a frozen one.
+
+    Parameters
+    ----------
+    array : ndarray
+        What a kernel reads and does not write.
+
+    Returns
+    -------
+    ndarray
+        The same memory.
+    """
+    if not array.flags.writeable:
+        return array
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
 def finite(array: np.ndarray, name: str) -> np.ndarray:
     """Refuse NaN and infinite entries."""
     bad = np.argwhere(~np.isfinite(array))

@@ -34,3 +34,14 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             return numba.njit(**options)(function)
 
     return compiled
+
+
+@njit()
+def copy_values(source, target):
+    """Write a one-dimensional array into another of its size, inside a kernel.
+
+    As `target[:] = source`, whose error message about sizes numba compiles into every kernel that holds one: 2.4 s of
+    processor time instead of 0.1 s.
+    """
+    for i in range(target.size):
+        target[i] = source[i]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lpvid._compiling import njit
+from lpvid._compiling import copy_values, njit
 
 
 @njit(fastmath={"contract"})
@@ -214,10 +214,10 @@ def predict_ss(A, B, C, D, f, g, K, phi, u, x0, y, horizon, out):
     n, ny = y.shape
     nx = A.shape[1]
     states = np.zeros((n + 1, nx))
-    states[0] = x0
+    copy_values(x0, states[0])
     for k in range(n):
         e = y[k] - _output(C, D, g, phi[k], states[k], u[k])
-        states[k + 1] = _advance(A, B, f, phi[k], states[k], u[k])
+        copy_values(_advance(A, B, f, phi[k], states[k], u[k]), states[k + 1])
         for q in range(phi.shape[1]):
             w = phi[k, q]
             for i in range(nx):
@@ -228,7 +228,7 @@ def predict_ss(A, B, C, D, f, g, K, phi, u, x0, y, horizon, out):
         x = states[first].copy()
         for t in range(first, k):
             x = _advance(A, B, f, phi[t], x, u[t])
-        out[k] = _output(C, D, g, phi[k], x, u[k])
+        copy_values(_output(C, D, g, phi[k], x, u[k]), out[k])
 
 
 @njit()

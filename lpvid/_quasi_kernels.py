@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lpvid._compiling import njit
+from lpvid._compiling import copy_values, njit
 
 # -- quasi-LPV input-output model --------------------------------------------------------------------------------------
 # own = 0: hat functions on `knots`; own = 1: powers of the saturated (ρ − knots[0])/knots[1].
@@ -231,4 +231,4 @@ def sensitivity_compliance(law, knots, gain, phi, v, begin, substeps, out, jacob
                 change[c * m + low] += weight * (1.0 - part)
                 change[c * m + low + 1] += weight * part
         out[k] = force
-        jacobian[k] = change
+        copy_values(change, jacobian[k])

@@ -8,7 +8,9 @@ loads numba.
 
 from __future__ import annotations
 
-from lpvid._compiling import njit
+import numpy as np
+
+from lpvid._compiling import copy_values, njit
 
 
 @njit(fastmath={"contract"})
@@ -17,7 +19,7 @@ def recur(weights, z, history, rows):
 
     weights (lags, rows).
     """
-    count, column = z.shape[0], 0
+    count, column = z.shape[0], np.int64(0)  # no literal: `_recur_four` would be compiled for it too
     w1, w2, w3, w4 = _lag(weights, 0), _lag(weights, 1), _lag(weights, 2), _lag(weights, 3)
     while column < count:
         group = min(4, count - column)
@@ -100,7 +102,7 @@ def moving_average(d, z, out, history, rows):
     for c in range(z.shape[0]):
         source, target = z[c], out[c]
         now = target[history: history + rows]
-        now[:] = source[history: history + rows]
+        copy_values(source[history: history + rows], now)
         for i in range(d.size):
             past = source[history - i - 1: history - i - 1 + rows]
             for r in range(rows):

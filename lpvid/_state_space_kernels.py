@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lpvid._compiling import njit
+from lpvid._compiling import copy_values, njit
 
 STATE_LIMIT = 1e100
 """states beyond this have diverged, whatever the output says."""
@@ -67,7 +67,7 @@ def predictor_run(matrices, phi, u, y, x0, influenced, limit, output, influence)
             new[i] = total
             if not abs(total) < STATE_LIMIT:
                 return k
-        x[:] = new
+        copy_values(new, x)
         if k < influenced:
             for o in range(ny):
                 for j in range(nx):
@@ -83,7 +83,8 @@ def predictor_run(matrices, phi, u, y, x0, influenced, limit, output, influence)
                     for o in range(ny):
                         total -= k_[i, o] * influence[k, o, j]
                     spread[i, j] = total
-            moved[:] = spread
+            for i in range(nx):
+                copy_values(spread[i], moved[i])
     return -1
 
 
@@ -93,7 +94,7 @@ def states_run(matrices, phi, u, x0, states):
     A, B, _, _, f, _, _ = matrices
     nx, nu = A.shape[1], u.shape[1]
     a, b, ff = np.empty((nx, nx)), np.empty((nx, nu)), np.empty((nx, 1))
-    states[0] = x0
+    copy_values(x0, states[0])
     for k in range(len(phi) - 1):
         mixed(A, phi[k], a)
         mixed(B, phi[k], b)
@@ -160,7 +161,8 @@ def sensitivity_rows(matrices, phi, u, y, table, weight, x, moved, first, last, 
         if signals:
             _add_drive(spread[:, width - signals:], A, B, f, b, phi[k], x, u[k], d_phi[k], d_u[k])
             _add_gain(spread[:, width - signals:], K, error, d_phi[k])
-        moved[:] = spread
+        for i in range(nx):
+            copy_values(spread[i], moved[i])
         for i in range(nx):
             total = ff[i, 0]
             for j in range(nx):
@@ -170,7 +172,7 @@ def sensitivity_rows(matrices, phi, u, y, table, weight, x, moved, first, last, 
             for o in range(ny):
                 total -= k_[i, o] * error[o]
             new[i] = total
-        x[:] = new
+        copy_values(new, x)
         for o in range(ny):
             row = row0 + (k - first) * ny + o
             for q in range(width):

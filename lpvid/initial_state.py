@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lpvid import _checks
 from lpvid.model.state_space import LPVStateSpace
 
 HORIZON = 200
@@ -84,8 +85,8 @@ def _forced(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, limit: float) 
     from lpvid import _kernels
 
     out = np.zeros((len(u), model.n_outputs))
-    code = _kernels.free_run_ss(model.A, model.B, model.C, model.D, model.state_offset, model.output_offset, phi, u,
-                                np.zeros(model.order), out, limit)
+    code = _kernels.free_run_ss(model.A, model.B, model.C, model.D, model.state_offset, model.output_offset, phi,
+                                _checks.read_only(u), _checks.read_only(np.zeros(model.order)), out, limit)
     return out, len(u) if code < 0 else max(int(code), 1)
 
 
@@ -110,7 +111,7 @@ def _prior(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, influence: np.n
     states, none = np.zeros((len(u), n)), np.zeros((1, 1, 1))
     matrices = (np.ascontiguousarray(model.A), np.ascontiguousarray(model.B), none, none,
                 np.ascontiguousarray(model.state_offset[:, :, None]), none, none)
-    states_run(matrices, np.ascontiguousarray(phi), np.ascontiguousarray(u), np.zeros(n), states)
+    states_run(matrices, np.ascontiguousarray(phi), _checks.read_only(np.ascontiguousarray(u)), np.zeros(n), states)
     if not np.isfinite(states).all() or np.abs(states).max() > np.sqrt(np.finfo(float).max) / len(u):
         return None
     reached = states.T @ states / len(u)

@@ -194,7 +194,7 @@ def predict(model: Model | Adaptable, record: Record, horizon: int = 1) -> Simul
         return _finish(model, free.output, free.start, horizon, free.diverged_at, "measured (no noise model)")
     x0 = estimate_state(model, phi, u, y, model.start, _limit(model, u, _scale(y)), weighed=False)
     _kernels.predict_ss(model.A, model.B, model.C, model.D, model.state_offset, model.output_offset,
-                        model.observer_gain, phi, u, x0, y, horizon, out)
+                        model.observer_gain, phi, _checks.read_only(u), x0, _checks.read_only(y), horizon, out)
     return _finish(model, out, model.start, horizon, _first_beyond(out, _limit(model, u, _scale(y))), "observer")
 
 
@@ -203,6 +203,7 @@ def _predict_equation(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, 
     """k-step prediction by the equation, span by span, so that the basis of the whole record is never held."""
     from lpvid import _kernels
 
+    u, y = _checks.read_only(u), _checks.read_only(y)
     out, n, start = y.copy(), len(y), model.start
     local = model.basis.lags == (0, 0)
     span = SPAN if local else n
@@ -258,7 +259,7 @@ def _run_io(model: LPVTransferFunction, p: np.ndarray, u: np.ndarray, out: np.nd
     limit, first_lag, n = _limit(model, u, scale), _first_lag(model), len(out)
     local = model.basis.lags == (0, 0)
     span = SPAN if local else n
-    driven = np.ascontiguousarray(u.T)
+    driven = _checks.read_only(np.ascontiguousarray(u.T))
     for first in range(start, n, span):
         last = min(first + span, n)
         low = first - start if local else 0
@@ -322,8 +323,9 @@ def _run_ss(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, x0: np.ndarray
             scale: float) -> int | None:
     from lpvid import _kernels
 
-    code = _kernels.free_run_ss(model.A, model.B, model.C, model.D, model.state_offset, model.output_offset, phi, u,
-                                np.ascontiguousarray(x0), out, _limit(model, u, scale, x0))
+    x0 = _checks.read_only(np.ascontiguousarray(x0))
+    code = _kernels.free_run_ss(model.A, model.B, model.C, model.D, model.state_offset, model.output_offset, phi,
+                                _checks.read_only(u), x0, out, _limit(model, u, scale, x0))
     return None if code < 0 else int(code)
 
 
@@ -332,6 +334,7 @@ def _predict_coloured(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, 
                       horizon: int) -> Simulation:
     from lpvid import _kernels, _noise
 
+    u, y = _checks.read_only(u), _checks.read_only(y)
     noise, start = model.noise, model.start
     assert noise.c is not None and noise.d is not None
     limit = _limit(model, u, _scale(y))

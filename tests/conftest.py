@@ -9,11 +9,16 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # small matrices:
     os.environ.setdefault(_variable, "1")
 os.environ.setdefault("MPLBACKEND", "agg")  # an example that shows its figure opens no window
 
+from collections.abc import Iterator  # noqa: E402
 from pathlib import Path  # noqa: E402
+from typing import TYPE_CHECKING  # noqa: E402
 
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 from hypothesis import settings  # noqa: E402
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 settings.register_profile("steady", derandomize=True, deadline=None)
 settings.load_profile("steady")
@@ -43,3 +48,22 @@ def shared_data() -> Path:
 def rng() -> np.random.Generator:
     """A generator with a fixed seed."""
     return np.random.default_rng(20260101)
+
+
+@pytest.fixture(scope="module")
+def undrawn() -> Iterator[None]:
+    """Reports with their figures made but not drawn: half of what a command takes that writes one.
+
+    For modules that ask what a command answers. How reports look is asked where they are drawn: `test_report*.py`.
+    """
+    import lpvid.plot
+    import lpvid.plot.export
+
+    def frame(figure: Figure) -> bytes:
+        width, height = 72 * figure.get_size_inches()
+        return f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}pt" height="{height:g}pt"/>'.encode("ascii")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lpvid.plot, "svg", frame)
+        patch.setattr(lpvid.plot.export, "svg", frame)
+        yield

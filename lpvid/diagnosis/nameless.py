@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
+from lpvid import _checks
 from lpvid.diagnosis.problem import Problem, projector, without
 from lpvid.diagnosis.refitting import Refit
 from lpvid.diagnosis.remainder import hats, knots_of
@@ -101,7 +102,7 @@ class Nameless:
             columns += [x, x**2, x**3, np.tanh(x / SOFT)]
             for half_width in PLAYS:
                 columns.append(np.empty(x.size))
-                play(x, half_width, columns[-1])
+                play(_checks.read_only(x), half_width, columns[-1])
         for x, y in combinations(scaled, 2):
             columns += [x * y, x**2 * y, x * y**2]
             columns += [np.tanh(a / SOFT) * b**k for a, b in ((x, y), (y, x)) for k in (1, 2, 3)]

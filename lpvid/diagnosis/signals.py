@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from lpvid import _checks
+
 REMEMBERED, REPLACED = 24, 4
 """simulations that signals keep, and what a cause makes of their channels for the last values that it was asked with"""
 STEPPED = 0.3
@@ -87,7 +89,8 @@ class Signals:
     repeats: tuple[Signals, int] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "channels", MappingProxyType(dict(self.channels)))
+        frozen = {role: _checks.read_only(values) for role, values in self.channels.items()}
+        object.__setattr__(self, "channels", MappingProxyType(frozen))
 
     @property
     def n_samples(self) -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lpvid import _checks
 from lpvid.identification.arx import ARX
 from lpvid.identification.layout import Layout
 from lpvid.identification.regression import Columns
@@ -201,8 +202,8 @@ class Problem:
         x[first: self.start] = past
         used = np.flatnonzero(np.any(model.b != 0, axis=(1, 2, 3)))
         lag = int(used[0]) if used.size else model.n_lags
-        if _kernels.free_run_io(model.a, model.b, model.c, lag, model.lagged, phi, 0, u, x, self.start, len(y),
-                                limit) >= 0:
+        if _kernels.free_run_io(model.a, model.b, model.c, lag, model.lagged, phi, 0, _checks.read_only(u), x,
+                                self.start, len(y), limit) >= 0:
             return None
         v = y - x
         v[:first] = 0.0

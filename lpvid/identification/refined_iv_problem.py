@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid import _checks
 from lpvid.identification.arma import ARMA, monic, reflected
 from lpvid.identification.arx import ARX
 from lpvid.identification.layout import Layout
@@ -111,7 +112,7 @@ class IVProblem:
         from lpvid import _kernels
 
         assert model.c is not None
-        start, na, n = self.start, model.na, len(y)
+        u, start, na, n = _checks.read_only(u), self.start, model.na, len(y)
         limit = DIVERGED * max(float(np.abs(y).max()), 1e-300)
         x, length = np.zeros((n, 1)), min(n, start + max(20 * na, PAST_SAMPLES))
         used = np.flatnonzero(np.any(model.b != 0, axis=(1, 2, 3)))

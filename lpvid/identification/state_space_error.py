@@ -297,7 +297,7 @@ def _sized(model: LPVStateSpace, data: SearchData) -> LPVStateSpace:
     n, total, count = model.order, np.zeros((model.order, model.order)), 0
     for phi, u, _ in data.pieces:
         states = np.zeros((len(u), n))
-        states_run(matrices, phi, u, np.zeros(n), states)
+        states_run(matrices, phi, _checks.read_only(u), np.zeros(n), states)
         total += states.T @ states
         count += len(u)
     if not np.isfinite(total).all():

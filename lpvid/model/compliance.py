@@ -223,7 +223,7 @@ class ComplianceModel(SelfScheduled):
     def arrays(self, u: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Velocity (n,), current functions (n, Q), parallel force (n,)."""
         weights = np.concatenate([self.direct, self.side, [self.offset]])
-        return (np.ascontiguousarray(u[:, 0]), np.ascontiguousarray(self.current.evaluate(p)),
+        return (_checks.read_only(np.ascontiguousarray(u[:, 0])), np.ascontiguousarray(self.current.evaluate(p)),
                 self.parallel(u) @ weights)
 
     def free_run(self, u: np.ndarray, p: np.ndarray, past: np.ndarray, limit: float) -> tuple[np.ndarray, int | None]:

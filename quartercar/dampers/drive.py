@@ -43,6 +43,10 @@ class Drive:
     force: np.ndarray | None = None
     rate: np.ndarray | None = None
 
+    def __post_init__(self) -> None:
+        for name in ("velocity", "displacement", "current"):
+            object.__setattr__(self, name, _checks.read_only(getattr(self, name)))
+
     @property
     def acceleration(self) -> np.ndarray:
         """(n,) rate of change of the velocity [m/s²]; by central differences where it is not given."""

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from lpvid._compiling import njit
+from lpvid._compiling import copy_values, njit
 
 ITERATIONS = 60
 """most Newton steps of one stage; two or three are usual"""
@@ -101,7 +101,7 @@ def forward(ends, state, road_in, force_in, profile, step, q, a, b, rest, first,
     past[0, 0], pairs[0, stages - 1, 0] = first, first - rest
     for k in range(n):
         rate = (profile[k + 1] - profile[k]) / step
-        kept[0] = pairs[k, stages - 1]
+        copy_values(pairs[k, stages - 1], kept[0])
         memory = 0.0
         for i in range(a.shape[1]):
             memory -= a[k, i] * past[max(k - i, 0), 0]
@@ -115,7 +115,7 @@ def forward(ends, state, road_in, force_in, profile, step, q, a, b, rest, first,
                 for m in range(j + 1):
                     total += force_in[j, m, i, 0] * kept[m, 0] + force_in[j, m, i, 1] * kept[m, 1]
                 base[i] = total
-            c[:] = q[k, j]
+            copy_values(q[k, j], c)
             c[0] += memory
             w = force_in[j, j + 1]
             f, g, z, v = settled(base, w, profile[k] + ends[j] * step * rate, rate, kept[j, 0], tyre, c, stop)
@@ -142,13 +142,13 @@ def backward(ends, state, force_in, q, a, b, stop, tyre, pairs, places, past, mo
     kept_bar, base_bar, c = np.zeros((stages + 1, 2)), np.empty(4), np.empty(8)
     for k in range(n - 1, -1, -1):
         kept_bar[:] = 0.0
-        kept_bar[stages] = pair_bar[k + 1]
+        copy_values(pair_bar[k + 1], kept_bar[stages])
         memory_bar = 0.0
         for j in range(stages - 1, -1, -1):
             last = j == stages - 1
             w = force_in[j, j + 1]
             g, z, v = pairs[k + 1, j, 1], places[k + 1, j, 0], places[k + 1, j, 1]
-            c[:] = q[k, j]
+            copy_values(q[k, j], c)
             _, y_z, y_v, s, _, hard = law_slopes(z, v, c, stop)
             f_bar, g_bar = kept_bar[j + 1, 0], kept_bar[j + 1, 1]
             base_bar[:] = 0.0

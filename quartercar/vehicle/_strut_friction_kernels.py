@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from lpvid._compiling import njit
+from lpvid._compiling import copy_values, njit
 
 
 @njit()
@@ -38,7 +38,7 @@ def run_with_friction(ad: np.ndarray, b0: np.ndarray, b1: np.ndarray, bf: np.nda
     for j in range(size):
         gain += pick[j] * bf[j]
     free = np.empty(size)
-    out[0] = x
+    copy_values(x, out[0])
     for k in range(1, n):
         for part in range(parts):
             early, late = part / parts, (part + 1) / parts
@@ -57,7 +57,7 @@ def run_with_friction(ad: np.ndarray, b0: np.ndarray, b1: np.ndarray, bf: np.nda
                 f = friction * math.tanh(_end_rate(w0, gain * friction, smooth) / smooth)
             for i in range(size):
                 x[i] = free[i] + bf[i] * f
-        out[k] = x
+        copy_values(x, out[k])
 
 
 @njit()

@@ -38,9 +38,11 @@ CASES = {"scherer": (scherer, lpv.OutputFeedback()), "missile": (missile, lpv.Ou
          "wu-1996": (lambda: wu(5.0), lpv.OutputFeedback(lpv.Fourier("rho", 1))),
          "n12": (lambda: _large(12), lpv.OutputFeedback()), "n16": (lambda: _large(16), lpv.OutputFeedback()),
          "n12-two-parameters": (lambda: _large(12, 2), lpv.OutputFeedback())}
+SECONDS = ("wu-1996", "n12", "n12-two-parameters")
+"""take seconds each; the others run by default"""
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in SECONDS else n for n in CASES])
 def test_synthesis(benchmark, monkeypatch, name):
     """Synthesis with verification; the solver's share is the time inside Clarabel, its own setup included."""
     solve, inside = Conic.solve, [0.0]

@@ -17,6 +17,8 @@ from lpvid.cli import data as words
 from lpvid.cli.app import app
 from lpvid.errors import InputError, NumericalError
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 RATE = 200.0
 A1, B0, B1 = (-0.8, 0.1), (30.0, 20.0), (5.0, -10.0)
 """Coefficients of the true system as (constant, slope per ampere)."""

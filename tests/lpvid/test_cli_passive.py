@@ -12,6 +12,8 @@ from typer.testing import CliRunner
 import lpvid as lpv
 from lpvid.cli.app import app
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 def run(*arguments: object, code: int = 0):
     result = CliRunner().invoke(app, [str(a) for a in arguments])

@@ -13,6 +13,8 @@ import lpvid as lpv
 from lpvid.cli.app import app
 from lpvid.model.quasi import QuasiLPVModel
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 def run(*arguments: object, code: int = 0):
     result = CliRunner().invoke(app, [str(a) for a in arguments], catch_exceptions=False)

@@ -15,6 +15,8 @@ from lpvid.model.compliance import ComplianceModel, Element
 from lpvid.model.quasi import QuasiLPVModel
 from lpvid.model.signals import Signal
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 RATE = 200.0
 LEVEL = 0.02
 """Noise over output."""

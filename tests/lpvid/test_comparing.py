@@ -14,6 +14,8 @@ from lpvid.cli.app import app
 from lpvid.errors import InputError
 from lpvid.record import Record
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 def gain(k: float, output: str = "force") -> lpv.LPVTransferFunction:
     return lpv.LPVTransferFunction.siso([], [[k]], lpv.Polynomial(), 0.01, inputs="velocity", outputs=output)

@@ -29,7 +29,7 @@ print(lpv.simulate(model, record, "zero").output.ravel().tolist())
 def test_no_folder_for_the_cache_is_no_error(blind: bool, tmp_path: Path) -> None:
     """As in an installation for all users, run by somebody without a home."""
     source = Path(lpvid.__file__).parent
-    shutil.copytree(source, tmp_path / "lpvid", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(source, tmp_path / "lpvid", ignore=shutil.ignore_patterns("*.nbi", "*.nbc"))
     done = subprocess.run([sys.executable, "-W", "error", "-c", PROBE.format(blind=blind, folder=str(tmp_path))],
                           cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(tmp_path)}, capture_output=True, text=True,
                           check=False)

@@ -42,8 +42,13 @@ from lpvid.diagnosis.signals import Signals
 from lpvid.record import Channel, Record
 
 
+def noises(default: str, *slow: str) -> pytest.MarkDecorator:
+    """One kind of noise by default, the others among the slow studies: each is hundreds of diagnoses."""
+    return pytest.mark.parametrize("noise", [default, *(pytest.param(n, marks=pytest.mark.slow) for n in slow)])
+
+
 class TestScreening:
-    @pytest.mark.parametrize("noise", ["white", "ar1", "proportional"])
+    @noises("ar1", "white", "proportional")
     def test_p_values_are_uniform_where_nothing_is_hidden(self, noise: str) -> None:
         rng = np.random.default_rng(20)
         smallest = []
@@ -55,7 +60,7 @@ class TestScreening:
         assert stats.kstest(smallest, "uniform").pvalue > 0.001
         assert np.mean(np.array(smallest) < 0.05) < 0.10
 
-    @pytest.mark.parametrize("noise", ["white", "ar1"])
+    @noises("ar1", "white")
     def test_smallest_detectable_strength_is_detected(self, noise: str) -> None:
         """At it, √LR is on average √(10 + ln n)."""
         rng = np.random.default_rng(21)
@@ -117,7 +122,7 @@ class TestRefit:
         fit = refit(problem, composition, np.array([1.5, 2.0, 1.0, 0.1]))
         np.testing.assert_allclose(fit.vector, [*TRUE, 0.7], rtol=1e-4)
 
-    @pytest.mark.parametrize("noise", ["white", "ar1", "proportional"])
+    @noises("proportional", "white", "ar1")
     def test_intervals_cover(self, noise: str) -> None:
         rng, inside = np.random.default_rng(22), []
         truth = np.array([*TRUE, 0.7])

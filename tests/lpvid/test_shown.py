@@ -35,6 +35,7 @@ def record() -> lpv.Record:
                       units={"drive": "m/s", "answer": "N", "knob": "A"})
 
 
+@pytest.fixture(scope="module")
 def nouns() -> dict[str, Any]:
     data = record()
     found = lpv.identify(data, lpv.ARX(1, 1, 1, "drive", "answer", lpv.Polynomial("knob", degree=1)))
@@ -44,37 +45,38 @@ def nouns() -> dict[str, Any]:
             "stability": study_stability(found.model), "validation": lpv.validate(found.model, data)}
 
 
-NOUNS = nouns()
+NOUNS = ("record", "audit", "identification", "model", "fixed", "state space", "stability", "validation")
 DRAWN = ("record", "identification", "model", "fixed", "state space")
 
 
 @pytest.mark.parametrize("name", NOUNS)
-def test_a_noun_has_a_card_that_is_small_and_escaped(name: str) -> None:
-    card = NOUNS[name]._repr_html_()
-    assert isinstance(NOUNS[name], Shown) and len(card) < 150_000
+def test_a_noun_has_a_card_that_is_small_and_escaped(name: str, nouns: dict[str, Any]) -> None:
+    assert set(nouns) == set(NOUNS)
+    card = nouns[name]._repr_html_()
+    assert isinstance(nouns[name], Shown) and len(card) < 150_000
     assert "<run>" not in card and "prefers-color-scheme:dark" in card
-    assert html.escape(str(NOUNS[name]).splitlines()[0]) in card
+    assert html.escape(str(nouns[name]).splitlines()[0]) in card
     pictures = re.findall(r"base64,([^\"]+)\"", card)
     assert len(pictures) == (name in DRAWN)
     assert all(base64.b64decode(p).startswith(b"\x89PNG") for p in pictures)
 
 
 @pytest.mark.parametrize("name", DRAWN)
-def test_a_noun_is_drawn_on_new_axes_or_on_given_ones(name: str) -> None:
-    made = NOUNS[name].plot()
+def test_a_noun_is_drawn_on_new_axes_or_on_given_ones(name: str, nouns: dict[str, Any]) -> None:
+    made = nouns[name].plot()
     count = np.size(made)
     given = Figure().subplots(count, 1)
-    drawn = NOUNS[name].plot(given)
+    drawn = nouns[name].plot(given)
     assert all(isinstance(a, Axes) and a.has_data() for a in np.atleast_1d(made))
     assert drawn is given if count == 1 else list(drawn) == list(given)
     assert all(a.get_ylabel().endswith("]") for a in np.atleast_1d(drawn))
     with pytest.raises(InputError, match="axes"):
-        NOUNS[name].plot(Figure().subplots(count + 1, 1))
+        nouns[name].plot(Figure().subplots(count + 1, 1))
 
 
-def test_what_is_text_only_has_nothing_to_draw() -> None:
+def test_what_is_text_only_has_nothing_to_draw(nouns: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="nothing to draw"):
-        NOUNS["audit"].plot()
+        nouns["audit"].plot()
 
 
 @pytest.mark.parametrize("damper", [Guo(), Guo15(current_range=(0.0, 2.0)), PowerLaw(), identified_damper()])
@@ -95,7 +97,7 @@ def test_runs_and_comparisons_of_laws_are_drawn() -> None:
     assert len(axes) == 4 and axes[-1].get_xlabel() == "time [s]"
 
 
-def test_a_damper_goes_to_python_control() -> None:
+def test_a_damper_goes_to_python_control(nouns: dict[str, Any]) -> None:
     import control
 
     damper, period = Guo(), 1 / 512
@@ -109,7 +111,7 @@ def test_a_damper_goes_to_python_control() -> None:
     np.testing.assert_allclose(np.ravel(answer), damper.simulate(data).output[:, 0], rtol=1e-9, atol=1e-9)
     with pytest.raises(InputError, match="no frozen linear system"):
         lpv.to_control(damper, at=[1.0])
-    model = NOUNS["model"]
+    model = nouns["model"]
     np.testing.assert_allclose(lpv.to_control(model, at=[0.5]).poles(), [0.65], atol=1e-6)
 
 

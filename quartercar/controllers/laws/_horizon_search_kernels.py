@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from lpvid._compiling import njit
+from lpvid._compiling import copy_values, njit
 from quartercar.controllers.laws._horizon_kernels import back, bent, filtered_on, predict, read_table, remembered
 
 FLOOR = 0.02
@@ -94,7 +94,7 @@ def note_all(z, v, felt, car, table, grid, sizes, shape, forces, inputs, filtere
         for j in range(forces.shape[1]):
             past[width - 1 - j, 0] = forces[i, j]
         for j in range(inputs.shape[1]):
-            past[width - 1 - j, 1:] = inputs[i, j]
+            copy_values(inputs[i, j], past[width - 1 - j, 1:])
         t = bent(c, z[i], v[i])[0]
         f = remembered(c, past, width - 1, na, nb) + c[1] * v[i] + c[2] * z[i] + c[3] * t
         for j in range(forces.shape[1] - 1, 0, -1):
@@ -102,6 +102,6 @@ def note_all(z, v, felt, car, table, grid, sizes, shape, forces, inputs, filtere
         for j in range(inputs.shape[1] - 1, 0, -1):
             inputs[i, j] = inputs[i, j - 1]
         forces[i, 0], inputs[i, 0, 0], inputs[i, 0, 1], inputs[i, 0, 2] = f, v[i], z[i], t
-        xw[0] = filtered[i]
+        copy_values(filtered[i], xw[0])
         filtered_on(shape, xw, 0, -(car[0, 8] * z[i] + car[1, 8] * v[i] + f) / car[2, 8])
-        filtered[i] = xw[1]
+        copy_values(xw[1], filtered[i])

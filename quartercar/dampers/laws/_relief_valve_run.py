@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from lpvid._compiling import njit
+from lpvid._compiling import copy_values, njit
 from quartercar.dampers.laws._relief_valve_kernels import passage, root_of, settled_lift
 
 HELD, FREE, STOPPED = 0, 1, 2
@@ -54,11 +54,13 @@ def run(velocity, displacement, period, start, vector, shape, tolerance, out):
     for j in range(2):
         if z[2 * j].real > 0.0:
             mode[j] = STOPPED if z[2 * j].real >= shape[2] else FREE
-    fastest = np.max(np.abs(velocity))
+    fastest = 0.0
+    for k in range(velocity.size):
+        fastest = max(fastest, abs(velocity[k]))
     typical = min(law[2].real, law[1].real * fastest * fastest)
     stages, slopes = np.zeros((5, 5), dtype=out.dtype), np.zeros((2, 2, 6), dtype=out.dtype)
     out[0] = z[4]
-    level = 0
+    level = np.int64(0)  # of its final type at once: a literal would have `sample` compiled for itself too
     for k in range(velocity.size - 1):
         motion = (velocity[k], (velocity[k + 1] - velocity[k]) / period,
                   displacement[k], (displacement[k + 1] - displacement[k]) / period)
@@ -80,12 +82,14 @@ def sample(z, mode, motion, period, level, law, shape, tolerance, typical, stage
         error = _stretch(z, mode, motion, period * (place / whole), period * (stride / whole), law, shape, tolerance,
                          typical, stages, slopes)
         if not error <= 1.0 and level < FINEST:
-            z[:], mode[:] = kept, kept_mode
+            copy_values(kept, z)
+            copy_values(kept_mode, mode)
             level = min(level + (1 if error < 16.0 else 2), FINEST)
             continue
         if not math.isfinite(z[4].real):
             return level
-        kept[:], kept_mode[:] = z, mode
+        copy_values(z, kept)
+        copy_values(mode, kept_mode)
         place += stride
         if error < 0.04 and level > 0 and place % (2 * stride) == 0:
             level -= 1
@@ -113,7 +117,7 @@ def _stretch(z, mode, motion, begin, length, law, shape, tolerance, typical, sta
         if not worst <= 1.0:
             z[4] = new[4]
             return worst
-        z[:] = new
+        copy_values(new, z)
         now, left = now + h, left - h
         if valve < 0:
             _land(z, mode, shape)
@@ -262,7 +266,7 @@ def _step(z, mode, motion, now, h, law, shape, stages, slopes):
             tangent[j, 3] = 1.0 / (g + 2.0 * law[5] * law[4] - tangent[j, 0] / g)
             arrow = arrow - tangent[j, 2] * tangent[j, 1] * tangent[j, 3] / g
     arrow = 1.0 / arrow
-    u2[:] = u1
+    copy_values(u1, u2)
     u1[4] += 0.5 * h * drift
     _solve(u1, mode, g, tangent, arrow)
     for i in range(5):

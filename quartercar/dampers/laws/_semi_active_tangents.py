@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lpvid._compiling import njit
+from lpvid._compiling import copy_values, njit
 from quartercar.dampers.laws._bouc_wen_kernels import advance, node_rate
 from quartercar.dampers.laws._semi_active_kernels import lag, mixed, place, sense
 
@@ -17,7 +17,7 @@ def step_partials(y, z, x0, x1, v0, v1, h, row, n, out):
     """∂(y, z)/∂(y, z, c_0, k_0, c_1, α, β, γ, δ) over one step into out (2, 9), by the complex step; returns (y, z)."""
     a = np.empty(9, np.complex128)
     a[0], a[1] = y, z
-    a[2:] = row
+    copy_values(row, a[2:])
     for i in range(9):
         a[i] += 1j * TINY
         moved = advance(a[0], a[1], x0, x1, v0, v1, h, a[2], a[3], a[4], a[5], a[6], a[7], a[8], n)
@@ -74,7 +74,8 @@ def tangent_run(x, v, u, period, parts, width, nodes, tables, times, delays, n, 
     follow, before, part, share = np.zeros(8), np.zeros(8), np.zeros((2, 9)), np.zeros((2, rows))
     row, slope, out = np.empty(7), np.empty(7), np.zeros(9)
     settings = np.empty(8, np.complex128)
-    settings[:4], settings[4:] = times, delays
+    copy_values(times, settings[:4])
+    copy_values(delays, settings[4:])
     uf, y, z = state[0], state[1], state[2]
     h = period / parts
     for k in range(size):
@@ -84,7 +85,7 @@ def tangent_run(x, v, u, period, parts, width, nodes, tables, times, delays, n, 
             xa, xb = x[k - 1] + a * (x[k] - x[k - 1]), x[k - 1] + b * (x[k] - x[k - 1])
             s, old = sense(0.5 * (va + vb), width), uf
             if nodes.size > 1:
-                before[:] = follow
+                copy_values(follow, before)
                 uf = lag_tangents(uf, follow, u, k, a, b, period, s, settings)
             middle = 0.5 * (old + uf)
             mixed(tables, nodes, s, middle, row)

@@ -107,7 +107,8 @@ class ExtendedBoucWen(SemiActiveDamper):
         """(2, M, 7) of c_0, k_0, c_1, α, β, γ, δ for compression and rebound, over the nodes."""
         rows = self.parted(vector)[0].reshape(self.rows, 2, len(ROW)).transpose(1, 0, 2)
         delta, share = rows[..., 4], rows[..., 5]
-        return np.concatenate([rows[..., :4], np.stack([(1 - share) * delta, share * delta, delta], axis=-1)], axis=-1)
+        turned = np.stack([(1 - share) * delta, share * delta, delta], axis=-1)
+        return np.ascontiguousarray(np.concatenate([rows[..., :4], turned], axis=-1))
 
     # -- running -----------------------------------------------------------------------------------------------------
     def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:

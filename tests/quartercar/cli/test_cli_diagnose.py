@@ -130,7 +130,7 @@ def test_reversed_records_are_diagnosed_and_said(tmp_path):
 
 
 def test_given_parameters_and_other_names_of_channels(tmp_path):
-    record = bench().run(road(), 0)
+    record = bench().run(road(6.0), 0)
     other = lpv.Record({n: record.channel(r) for n, r in (("F", "force"), ("v", "velocity"), ("i", "current"))},
                        record.sample_time, name="run")
     file = write_csv(other, tmp_path / "run.csv")

@@ -19,6 +19,8 @@ from quartercar.cli.app import app
 from quartercar.controllers import Skyhook
 from quartercar.rig import default_records
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 SHORT = """
 seeds = 2
 damper = "model.json"
