@@ -80,11 +80,14 @@ if TYPE_CHECKING:
     from lpvid.scheduling import Fourier, Polynomial, Product, Scheduling, Shifted, Spline, Stacked
     from lpvid.simulation import Simulation, predict, simulate
     from lpvid.synthesis.anti_windup import anti_windup, back_calculation
+    from lpvid.synthesis.controller_structures import PID, LowOrder, ObserverBased, StaticGain
     from lpvid.synthesis.criteria import H2, Cone, Disc, HalfPlane, HInfinity
     from lpvid.synthesis.discretising import discretise, to_continuous
     from lpvid.synthesis.dissipative_feedback import DissipativeFeedback
     from lpvid.synthesis.filters import steadied
+    from lpvid.synthesis.fixed_structure import FixedStructure
     from lpvid.synthesis.forms import from_lft, to_affine, to_gridded, to_lft, to_polynomial, to_polytopic
+    from lpvid.synthesis.gain_surface import GainSurface, gain_surface
     from lpvid.synthesis.generalized_plant import GeneralizedPlant
     from lpvid.synthesis.interconnection import close_loop, connect
     from lpvid.synthesis.joining import append, parallel, series, summing_junction
@@ -171,11 +174,14 @@ _EXPORTS = {
     "lpvid.scheduling": ("Fourier", "Polynomial", "Product", "Scheduling", "Shifted", "Spline", "Stacked"),
     "lpvid.simulation": ("Simulation", "predict", "simulate"),
     "lpvid.synthesis.anti_windup": ("anti_windup", "back_calculation"),
+    "lpvid.synthesis.controller_structures": ("LowOrder", "ObserverBased", "PID", "StaticGain"),
     "lpvid.synthesis.criteria": ("Cone", "Disc", "H2", "HInfinity", "HalfPlane"),
     "lpvid.synthesis.discretising": ("discretise", "to_continuous"),
     "lpvid.synthesis.dissipative_feedback": ("DissipativeFeedback",),
     "lpvid.synthesis.filters": ("steadied",),
+    "lpvid.synthesis.fixed_structure": ("FixedStructure",),
     "lpvid.synthesis.forms": ("from_lft", "to_affine", "to_gridded", "to_lft", "to_polynomial", "to_polytopic"),
+    "lpvid.synthesis.gain_surface": ("GainSurface", "gain_surface"),
     "lpvid.synthesis.generalized_plant": ("GeneralizedPlant",),
     "lpvid.synthesis.interconnection": ("close_loop", "connect"),
     "lpvid.synthesis.joining": ("append", "parallel", "series", "summing_junction"),
@@ -199,26 +205,27 @@ _EXPORTS = {
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
-    "ARMAX", "ARX", "H2", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "CanonicalForm",
-    "Channel", "Compliance", "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "DissipativeFeedback", "Effect",
-    "Euler", "ExtendedModel", "ExtrapolationWarning", "Filter", "FormRefit", "Fourier", "Gain", "GainCertificate",
-    "Gap", "GeneralizedPlant", "HInfinity", "HalfPlane", "Identification", "InputError", "LFTFeedback", "LFTModel",
-    "LPVStateSpace", "LPVTransferFunction", "LpvError", "ModelComparison", "MultiObjective", "NumericalError",
-    "Observer", "OutputError", "OutputFeedback", "Passive", "PassivityCertificate", "PassivityMargin", "Polynomial",
-    "Product", "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain",
-    "Scheduling", "Selection", "Shifted", "Signal", "Simulation", "Spline", "StabilityCertificate", "Stacked",
-    "StateFeedback", "StateSpaceError", "Subspace", "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin",
-    "Validation", "Verification", "ZeroOrderHold", "anti_windup", "append", "audit", "auto", "back_calculation",
-    "balanced_realization", "certified_share", "certify_gain", "certify_passivity", "certify_region",
-    "certify_stability", "certify_switching", "close_loop", "compare_models", "connect", "control_system",
-    "critical_scheduling", "decay_rate", "diagnose", "discretise", "export_c", "export_control", "export_csv",
-    "export_fmu", "export_matlab", "exportable", "free_run_band", "frequency_band", "from_control", "from_function",
-    "from_grid", "from_lft", "frozen_stability", "h2_norm", "identify", "identify_stream", "joint_spectral_radius",
-    "l2_gain", "l2_gains", "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel",
-    "passivity_margin", "pole_band", "pole_locus", "predict", "read", "realize", "reduce_order", "refit_form",
-    "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify", "stability_probability",
-    "steadied", "step_response", "summing_junction", "synthesize", "to_affine", "to_continuous", "to_control",
-    "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
+    "ARMAX", "ARX", "H2", "PID", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "CanonicalForm",
+    "Channel", "Compliance", "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "DissipativeFeedback", "Effect", "Euler",
+    "ExtendedModel", "ExtrapolationWarning", "Filter", "FixedStructure", "FormRefit", "Fourier", "Gain",
+    "GainCertificate", "GainSurface", "Gap", "GeneralizedPlant", "HInfinity", "HalfPlane", "Identification",
+    "InputError", "LFTFeedback", "LFTModel", "LPVStateSpace", "LPVTransferFunction", "LowOrder", "LpvError",
+    "ModelComparison", "MultiObjective", "NumericalError", "Observer", "ObserverBased", "OutputError", "OutputFeedback",
+    "Passive", "PassivityCertificate", "PassivityMargin", "Polynomial", "Product", "QuasiLPV", "Realization", "Record",
+    "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain", "Scheduling", "Selection", "Shifted", "Signal",
+    "Simulation", "Spline", "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError", "StaticGain",
+    "Subspace", "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin", "Validation", "Verification",
+    "ZeroOrderHold", "anti_windup", "append", "audit", "auto", "back_calculation", "balanced_realization",
+    "certified_share", "certify_gain", "certify_passivity", "certify_region", "certify_stability", "certify_switching",
+    "close_loop", "compare_models", "connect", "control_system", "critical_scheduling", "decay_rate", "diagnose",
+    "discretise", "export_c", "export_control", "export_csv", "export_fmu", "export_matlab", "exportable",
+    "free_run_band", "frequency_band", "from_control", "from_function", "from_grid", "from_lft", "frozen_stability",
+    "gain_surface", "h2_norm", "identify", "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains",
+    "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel", "passivity_margin", "pole_band",
+    "pole_locus", "predict", "read", "realize", "reduce_order", "refit_form", "saturate", "save", "scaled_gain",
+    "select", "series", "simulate", "sparsify", "stability_probability", "steadied", "step_response",
+    "summing_junction", "synthesize", "to_affine", "to_continuous", "to_control", "to_grid", "to_gridded", "to_lft",
+    "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
 ]
 
 
