@@ -28,8 +28,11 @@ if TYPE_CHECKING:
     from lpvid.analysis.passivity_margin import PassivityMargin, passivity_margin
     from lpvid.analysis.pole_locus import pole_locus
     from lpvid.analysis.pole_regions import certify_region
+    from lpvid.analysis.robust_certificate import RobustCertificate
+    from lpvid.analysis.robust_gain import RobustGain, robust_gain
     from lpvid.analysis.stability_certificate import StabilityCertificate, Verification
     from lpvid.analysis.switching import certify_switching, joint_spectral_radius
+    from lpvid.analysis.uncertain_blocks import Delay, Dynamic, Lipschitz, Parametric, Sector
     from lpvid.analysis.uncertainty import pole_band, stability_probability
     from lpvid.auditing import Audit, audit
     from lpvid.diagnosis.asking import diagnose
@@ -122,8 +125,11 @@ _EXPORTS = {
     "lpvid.analysis.passivity_margin": ("PassivityMargin", "passivity_margin"),
     "lpvid.analysis.pole_locus": ("pole_locus",),
     "lpvid.analysis.pole_regions": ("certify_region",),
+    "lpvid.analysis.robust_certificate": ("RobustCertificate",),
+    "lpvid.analysis.robust_gain": ("RobustGain", "robust_gain"),
     "lpvid.analysis.stability_certificate": ("StabilityCertificate", "Verification"),
     "lpvid.analysis.switching": ("certify_switching", "joint_spectral_radius"),
+    "lpvid.analysis.uncertain_blocks": ("Delay", "Dynamic", "Lipschitz", "Parametric", "Sector"),
     "lpvid.analysis.uncertainty": ("pole_band", "stability_probability"),
     "lpvid.auditing": ("Audit", "audit"),
     "lpvid.diagnosis.asking": ("diagnose",),
@@ -206,13 +212,14 @@ _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
     "ARMAX", "ARX", "H2", "PID", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "CanonicalForm",
-    "Channel", "Compliance", "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "DissipativeFeedback", "Effect", "Euler",
-    "ExtendedModel", "ExtrapolationWarning", "Filter", "FixedStructure", "FormRefit", "Fourier", "Gain",
-    "GainCertificate", "GainSurface", "Gap", "GeneralizedPlant", "HInfinity", "HalfPlane", "Identification",
-    "InputError", "LFTFeedback", "LFTModel", "LPVStateSpace", "LPVTransferFunction", "LowOrder", "LpvError",
-    "ModelComparison", "MultiObjective", "NumericalError", "Observer", "ObserverBased", "OutputError", "OutputFeedback",
-    "Passive", "PassivityCertificate", "PassivityMargin", "Polynomial", "Product", "QuasiLPV", "Realization", "Record",
-    "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain", "Scheduling", "Selection", "Shifted", "Signal",
+    "Channel", "Compliance", "Cone", "Delay", "Diagnosis", "DiagnosisSettings", "Disc", "DissipativeFeedback",
+    "Dynamic", "Effect", "Euler", "ExtendedModel", "ExtrapolationWarning", "Filter", "FixedStructure", "FormRefit",
+    "Fourier", "Gain", "GainCertificate", "GainSurface", "Gap", "GeneralizedPlant", "HInfinity", "HalfPlane",
+    "Identification", "InputError", "LFTFeedback", "LFTModel", "LPVStateSpace", "LPVTransferFunction", "Lipschitz",
+    "LowOrder", "LpvError", "ModelComparison", "MultiObjective", "NumericalError", "Observer", "ObserverBased",
+    "OutputError", "OutputFeedback", "Parametric", "Passive", "PassivityCertificate", "PassivityMargin", "Polynomial",
+    "Product", "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime",
+    "RobustCertificate", "RobustGain", "ScaledGain", "Scheduling", "Sector", "Selection", "Shifted", "Signal",
     "Simulation", "Spline", "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError", "StaticGain",
     "Subspace", "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin", "Validation", "Verification",
     "ZeroOrderHold", "anti_windup", "append", "audit", "auto", "back_calculation", "balanced_realization",
@@ -222,8 +229,8 @@ __all__ = [
     "free_run_band", "frequency_band", "from_control", "from_function", "from_grid", "from_lft", "frozen_stability",
     "gain_surface", "h2_norm", "identify", "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains",
     "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel", "passivity_margin", "pole_band",
-    "pole_locus", "predict", "read", "realize", "reduce_order", "refit_form", "saturate", "save", "scaled_gain",
-    "select", "series", "simulate", "sparsify", "stability_probability", "steadied", "step_response",
+    "pole_locus", "predict", "read", "realize", "reduce_order", "refit_form", "robust_gain", "saturate", "save",
+    "scaled_gain", "select", "series", "simulate", "sparsify", "stability_probability", "steadied", "step_response",
     "summing_junction", "synthesize", "to_affine", "to_continuous", "to_control", "to_grid", "to_gridded", "to_lft",
     "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
 ]

@@ -79,16 +79,16 @@ class FrozenLoops:
         if not a.shape[1]:
             return -np.inf, np.zeros_like(theta)
         poles = np.linalg.eigvals(a)
-        level = np.log(np.maximum(np.abs(poles), 1e-12)) if self.discrete else poles.real
+        level = np.log(np.maximum(np.abs(poles), 1e-12)) if self.discrete else np.real(poles)
         k = int(level.max(axis=1).argmax())
         from scipy.linalg import eig
 
-        values, left, right = eig(a[k], left=True, right=True)
-        j = int((np.abs(values) if self.discrete else values.real).argmax())
+        values, left, right = (np.asarray(x) for x in eig(a[k], left=True, right=True))
+        j = int((np.abs(values) if self.discrete else np.real(values)).argmax())
         u, v = left[:, j].conj(), right[:, j]
         near = u @ v
         slope = np.outer(u @ self.plant.B2[k], self.plant.C2[k] @ v) / (near if abs(near) > 1e-12 else 1e-12)
-        return float(level[k].max()), self._chained(k, (slope / values[j] if self.discrete else slope).real)
+        return float(level[k].max()), self._chained(k, np.real(slope / values[j] if self.discrete else slope))
 
     def norm(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
         """Largest H-infinity norm over the points, and its gradient; infinite where a loop is not stable."""
@@ -113,7 +113,7 @@ class FrozenLoops:
             response = c[k] @ resolvent @ b[k] + d[k]
             left, right = m.D12 + c[k] @ resolvent @ m.B2, m.D21 + m.C2 @ resolvent @ b[k]
         u, _, vh = np.linalg.svd(response)
-        slope = np.outer(u[:, 0].conj() @ left, right @ vh[0].conj()).real
+        slope = np.real(np.outer(u[:, 0].conj() @ left, right @ vh[0].conj()))
         return float(level), self._chained(k, slope)
 
     def _loudest(self, loops: Matrices) -> np.ndarray:
