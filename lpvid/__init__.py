@@ -85,6 +85,7 @@ if TYPE_CHECKING:
     from lpvid.synthesis.anti_windup import anti_windup, back_calculation
     from lpvid.synthesis.controller_structures import PID, LowOrder, ObserverBased, StaticGain
     from lpvid.synthesis.criteria import H2, Cone, Disc, HalfPlane, HInfinity
+    from lpvid.synthesis.delays import delay, delay_error
     from lpvid.synthesis.discretising import discretise, to_continuous
     from lpvid.synthesis.dissipative_feedback import DissipativeFeedback
     from lpvid.synthesis.filters import steadied
@@ -182,6 +183,7 @@ _EXPORTS = {
     "lpvid.synthesis.anti_windup": ("anti_windup", "back_calculation"),
     "lpvid.synthesis.controller_structures": ("LowOrder", "ObserverBased", "PID", "StaticGain"),
     "lpvid.synthesis.criteria": ("Cone", "Disc", "H2", "HInfinity", "HalfPlane"),
+    "lpvid.synthesis.delays": ("delay", "delay_error"),
     "lpvid.synthesis.discretising": ("discretise", "to_continuous"),
     "lpvid.synthesis.dissipative_feedback": ("DissipativeFeedback",),
     "lpvid.synthesis.filters": ("steadied",),
@@ -224,15 +226,15 @@ __all__ = [
     "Subspace", "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin", "Validation", "Verification",
     "ZeroOrderHold", "anti_windup", "append", "audit", "auto", "back_calculation", "balanced_realization",
     "certified_share", "certify_gain", "certify_passivity", "certify_region", "certify_stability", "certify_switching",
-    "close_loop", "compare_models", "connect", "control_system", "critical_scheduling", "decay_rate", "diagnose",
-    "discretise", "export_c", "export_control", "export_csv", "export_fmu", "export_matlab", "exportable",
-    "free_run_band", "frequency_band", "from_control", "from_function", "from_grid", "from_lft", "frozen_stability",
-    "gain_surface", "h2_norm", "identify", "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains",
-    "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel", "passivity_margin", "pole_band",
-    "pole_locus", "predict", "read", "realize", "reduce_order", "refit_form", "robust_gain", "saturate", "save",
-    "scaled_gain", "select", "series", "simulate", "sparsify", "stability_probability", "steadied", "step_response",
-    "summing_junction", "synthesize", "to_affine", "to_continuous", "to_control", "to_grid", "to_gridded", "to_lft",
-    "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
+    "close_loop", "compare_models", "connect", "control_system", "critical_scheduling", "decay_rate", "delay",
+    "delay_error", "diagnose", "discretise", "export_c", "export_control", "export_csv", "export_fmu", "export_matlab",
+    "exportable", "free_run_band", "frequency_band", "from_control", "from_function", "from_grid", "from_lft",
+    "frozen_stability", "gain_surface", "h2_norm", "identify", "identify_stream", "joint_spectral_radius", "l2_gain",
+    "l2_gains", "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel", "passivity_margin",
+    "pole_band", "pole_locus", "predict", "read", "realize", "reduce_order", "refit_form", "robust_gain", "saturate",
+    "save", "scaled_gain", "select", "series", "simulate", "sparsify", "stability_probability", "steadied",
+    "step_response", "summing_junction", "synthesize", "to_affine", "to_continuous", "to_control", "to_grid",
+    "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
 ]
 
 
