@@ -57,7 +57,7 @@ class FixedStructure:
     start : Synthesis or LPVStateSpace, optional
         A controller of any order to imitate; left out, the full-order one for the middle of the box.
     starts : int
-        Further starts, drawn at random after zero.
+        Further starts, drawn at random.
     points : int
         Grid points per scheduling variable.
     seed : int

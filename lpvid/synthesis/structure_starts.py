@@ -1,4 +1,4 @@
-"""Gains of a fixed structure from which a descent may start: close to another controller, quiet, or at random."""
+"""Gains of a fixed structure from which a descent may start: close to another controller, or at random."""
 
 from __future__ import annotations
 
@@ -84,10 +84,9 @@ def observed(plant: GeneralizedPlant, points: np.ndarray) -> np.ndarray | None:
 
 
 def drawn(size: int, count: int, generator: np.random.Generator) -> Iterator[np.ndarray]:
-    """Zero, then normal gains of rising size in scaled units."""
-    yield np.zeros(size)
-    for i in range(count - 1):
-        yield generator.standard_normal(size) * (0.3, 1.0, 3.0)[i % 3]
+    """Normal gains of rising size in scaled units; zero itself may be a saddle."""
+    for i in range(count):
+        yield generator.standard_normal(size) * (0.03, 0.3, 1.0, 3.0)[i % 4]
 
 
 def _shortened(structure: LowOrder, attached: Attached, model: LPVStateSpace, plant: GeneralizedPlant,
