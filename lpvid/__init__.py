@@ -98,6 +98,7 @@ if TYPE_CHECKING:
     from lpvid.synthesis.joining import append, parallel, series, summing_junction
     from lpvid.synthesis.lft_synthesis import LFTFeedback
     from lpvid.synthesis.lifting import lift
+    from lpvid.synthesis.lipschitz_observer import LipschitzEstimate, LipschitzObserver
     from lpvid.synthesis.loop_shaping import ShapedDesign, loop_shaping
     from lpvid.synthesis.multiobjective import MultiObjective
     from lpvid.synthesis.observer import Filter, Observer
@@ -198,6 +199,7 @@ _EXPORTS = {
     "lpvid.synthesis.joining": ("append", "parallel", "series", "summing_junction"),
     "lpvid.synthesis.lft_synthesis": ("LFTFeedback",),
     "lpvid.synthesis.lifting": ("lift",),
+    "lpvid.synthesis.lipschitz_observer": ("LipschitzEstimate", "LipschitzObserver"),
     "lpvid.synthesis.loop_shaping": ("ShapedDesign", "loop_shaping"),
     "lpvid.synthesis.multiobjective": ("MultiObjective",),
     "lpvid.synthesis.observer": ("Filter", "Observer"),
@@ -222,24 +224,24 @@ __all__ = [
     "DissipativeFeedback", "Dynamic", "Effect", "Euler", "ExtendedModel", "ExtrapolationWarning", "Filter",
     "FixedStructure", "FormRefit", "Fourier", "Gain", "GainCertificate", "GainSurface", "Gap", "GeneralizedPlant",
     "HInfinity", "HalfPlane", "Identification", "InputError", "LFTFeedback", "LFTModel", "LPVStateSpace",
-    "LPVTransferFunction", "Lipschitz", "LowOrder", "LpvError", "ModelComparison", "MultiObjective", "NumericalError",
-    "Observer", "ObserverBased", "OutputError", "OutputFeedback", "Parametric", "Passive", "PassivityCertificate",
-    "PassivityMargin", "Polynomial", "Product", "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge",
-    "RightCoprime", "RobustCertificate", "RobustGain", "ScaledGain", "Scheduling", "Sector", "Selection",
-    "ShapedDesign", "Shifted", "Signal", "Simulation", "Spline", "StabilityCertificate", "Stacked", "StateFeedback",
-    "StateSpaceError", "StaticGain", "Subspace", "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin",
-    "Validation", "Verification", "ZeroOrderHold", "anti_windup", "append", "audit", "auto", "back_calculation",
-    "balanced_realization", "certified_share", "certify_gain", "certify_passivity", "certify_region",
-    "certify_stability", "certify_switching", "close_loop", "compare_models", "connect", "control_system",
-    "critical_scheduling", "decay_rate", "delay", "delay_error", "diagnose", "discretise", "export_c", "export_control",
-    "export_csv", "export_fmu", "export_matlab", "exportable", "free_run_band", "frequency_band", "from_control",
-    "from_function", "from_grid", "from_lft", "frozen_stability", "gain_surface", "h2_norm", "identify",
-    "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains", "largest_range", "largest_rate", "lift", "load",
-    "loop_shaping", "model_hash", "parallel", "passivity_margin", "pole_band", "pole_locus", "predict", "read",
-    "realize", "reduce_coprime", "reduce_order", "refit_form", "robust_gain", "saturate", "save", "scaled_gain",
-    "select", "series", "simulate", "sparsify", "stability_probability", "steadied", "step_response",
-    "summing_junction", "synthesize", "to_affine", "to_continuous", "to_control", "to_grid", "to_gridded", "to_lft",
-    "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
+    "LPVTransferFunction", "Lipschitz", "LipschitzEstimate", "LipschitzObserver", "LowOrder", "LpvError",
+    "ModelComparison", "MultiObjective", "NumericalError", "Observer", "ObserverBased", "OutputError", "OutputFeedback",
+    "Parametric", "Passive", "PassivityCertificate", "PassivityMargin", "Polynomial", "Product", "QuasiLPV",
+    "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "RobustCertificate", "RobustGain",
+    "ScaledGain", "Scheduling", "Sector", "Selection", "ShapedDesign", "Shifted", "Signal", "Simulation", "Spline",
+    "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError", "StaticGain", "Subspace", "Synthesis",
+    "TanhStage", "Taylor", "ThreeZoneStage", "Tustin", "Validation", "Verification", "ZeroOrderHold", "anti_windup",
+    "append", "audit", "auto", "back_calculation", "balanced_realization", "certified_share", "certify_gain",
+    "certify_passivity", "certify_region", "certify_stability", "certify_switching", "close_loop", "compare_models",
+    "connect", "control_system", "critical_scheduling", "decay_rate", "delay", "delay_error", "diagnose", "discretise",
+    "export_c", "export_control", "export_csv", "export_fmu", "export_matlab", "exportable", "free_run_band",
+    "frequency_band", "from_control", "from_function", "from_grid", "from_lft", "frozen_stability", "gain_surface",
+    "h2_norm", "identify", "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains", "largest_range",
+    "largest_rate", "lift", "load", "loop_shaping", "model_hash", "parallel", "passivity_margin", "pole_band",
+    "pole_locus", "predict", "read", "realize", "reduce_coprime", "reduce_order", "refit_form", "robust_gain",
+    "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify", "stability_probability", "steadied",
+    "step_response", "summing_junction", "synthesize", "to_affine", "to_continuous", "to_control", "to_grid",
+    "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
 ]
 
 
