@@ -137,7 +137,7 @@ class LipschitzObserver:
                            bound=self.constant)
         gain = robust_gain(error, blocks, None, self.lyapunov)
         if gain.certificate is None:
-            return LipschitzEstimate(None, None, None, gamma, "the promise could not be verified for the error as it is",
+            return LipschitzEstimate(None, None, None, gamma, "the promise could not be verified",
                                      "raise back_off or points", time.perf_counter() - started)
         return LipschitzEstimate(observer, error, gain, gamma, seconds=time.perf_counter() - started)
 
