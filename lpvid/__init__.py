@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from lpvid.analysis.frozen_stability import frozen_stability
     from lpvid.analysis.gain import Gain, l2_gain, l2_gains
     from lpvid.analysis.h2 import h2_norm
+    from lpvid.analysis.hull_certificate import HullCertificate, hull_gain
     from lpvid.analysis.largest import certified_share, largest_range, largest_rate
     from lpvid.analysis.passivity import certify_passivity
     from lpvid.analysis.passivity_certificate import PassivityCertificate
@@ -73,6 +74,7 @@ if TYPE_CHECKING:
     from lpvid.lmi.bound_certificate import BoundCertificate
     from lpvid.lmi.gain_certificate import GainCertificate, certify_gain
     from lpvid.model.continuous_run import step_response
+    from lpvid.model.hull import Hull
     from lpvid.model.input_stage import TanhStage, ThreeZoneStage
     from lpvid.model.lft import LFTModel
     from lpvid.model.signals import Signal
@@ -123,6 +125,7 @@ _EXPORTS = {
     "lpvid.analysis.frozen_stability": ("frozen_stability",),
     "lpvid.analysis.gain": ("Gain", "l2_gain", "l2_gains"),
     "lpvid.analysis.h2": ("h2_norm",),
+    "lpvid.analysis.hull_certificate": ("HullCertificate", "hull_gain"),
     "lpvid.analysis.largest": ("certified_share", "largest_range", "largest_rate"),
     "lpvid.analysis.passivity": ("certify_passivity",),
     "lpvid.analysis.passivity_certificate": ("PassivityCertificate",),
@@ -174,6 +177,7 @@ _EXPORTS = {
     "lpvid.lmi.bound_certificate": ("BoundCertificate",),
     "lpvid.lmi.gain_certificate": ("GainCertificate", "certify_gain"),
     "lpvid.model.continuous_run": ("step_response",),
+    "lpvid.model.hull": ("Hull",),
     "lpvid.model.input_stage": ("TanhStage", "ThreeZoneStage"),
     "lpvid.model.lft": ("LFTModel",),
     "lpvid.model.signals": ("Signal",),
@@ -223,25 +227,26 @@ __all__ = [
     "Channel", "Compliance", "Cone", "CoprimeReduction", "Delay", "Diagnosis", "DiagnosisSettings", "Disc",
     "DissipativeFeedback", "Dynamic", "Effect", "Euler", "ExtendedModel", "ExtrapolationWarning", "Filter",
     "FixedStructure", "FormRefit", "Fourier", "Gain", "GainCertificate", "GainSurface", "Gap", "GeneralizedPlant",
-    "HInfinity", "HalfPlane", "Identification", "InputError", "LFTFeedback", "LFTModel", "LPVStateSpace",
-    "LPVTransferFunction", "Lipschitz", "LipschitzEstimate", "LipschitzObserver", "LowOrder", "LpvError",
-    "ModelComparison", "MultiObjective", "NumericalError", "Observer", "ObserverBased", "OutputError", "OutputFeedback",
-    "Parametric", "Passive", "PassivityCertificate", "PassivityMargin", "Polynomial", "Product", "QuasiLPV",
-    "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "RobustCertificate", "RobustGain",
-    "ScaledGain", "Scheduling", "Sector", "Selection", "ShapedDesign", "Shifted", "Signal", "Simulation", "Spline",
-    "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError", "StaticGain", "Subspace", "Synthesis",
-    "TanhStage", "Taylor", "ThreeZoneStage", "Tustin", "Validation", "Verification", "ZeroOrderHold", "anti_windup",
-    "append", "audit", "auto", "back_calculation", "balanced_realization", "certified_share", "certify_gain",
-    "certify_passivity", "certify_region", "certify_stability", "certify_switching", "close_loop", "compare_models",
-    "connect", "control_system", "critical_scheduling", "decay_rate", "delay", "delay_error", "diagnose", "discretise",
-    "export_c", "export_control", "export_csv", "export_fmu", "export_matlab", "exportable", "free_run_band",
-    "frequency_band", "from_control", "from_function", "from_grid", "from_lft", "frozen_stability", "gain_surface",
-    "h2_norm", "identify", "identify_stream", "joint_spectral_radius", "l2_gain", "l2_gains", "largest_range",
-    "largest_rate", "lift", "load", "loop_shaping", "model_hash", "parallel", "passivity_margin", "pole_band",
-    "pole_locus", "predict", "read", "realize", "reduce_coprime", "reduce_order", "refit_form", "robust_gain",
-    "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify", "stability_probability", "steadied",
-    "step_response", "summing_junction", "synthesize", "to_affine", "to_continuous", "to_control", "to_grid",
-    "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
+    "HInfinity", "HalfPlane", "Hull", "HullCertificate", "Identification", "InputError", "LFTFeedback", "LFTModel",
+    "LPVStateSpace", "LPVTransferFunction", "Lipschitz", "LipschitzEstimate", "LipschitzObserver", "LowOrder",
+    "LpvError", "ModelComparison", "MultiObjective", "NumericalError", "Observer", "ObserverBased", "OutputError",
+    "OutputFeedback", "Parametric", "Passive", "PassivityCertificate", "PassivityMargin", "Polynomial", "Product",
+    "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "RobustCertificate",
+    "RobustGain", "ScaledGain", "Scheduling", "Sector", "Selection", "ShapedDesign", "Shifted", "Signal", "Simulation",
+    "Spline", "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError", "StaticGain", "Subspace",
+    "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin", "Validation", "Verification", "ZeroOrderHold",
+    "anti_windup", "append", "audit", "auto", "back_calculation", "balanced_realization", "certified_share",
+    "certify_gain", "certify_passivity", "certify_region", "certify_stability", "certify_switching", "close_loop",
+    "compare_models", "connect", "control_system", "critical_scheduling", "decay_rate", "delay", "delay_error",
+    "diagnose", "discretise", "export_c", "export_control", "export_csv", "export_fmu", "export_matlab", "exportable",
+    "free_run_band", "frequency_band", "from_control", "from_function", "from_grid", "from_lft", "frozen_stability",
+    "gain_surface", "h2_norm", "hull_gain", "identify", "identify_stream", "joint_spectral_radius", "l2_gain",
+    "l2_gains", "largest_range", "largest_rate", "lift", "load", "loop_shaping", "model_hash", "parallel",
+    "passivity_margin", "pole_band", "pole_locus", "predict", "read", "realize", "reduce_coprime", "reduce_order",
+    "refit_form", "robust_gain", "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify",
+    "stability_probability", "steadied", "step_response", "summing_junction", "synthesize", "to_affine",
+    "to_continuous", "to_control", "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate",
+    "verify", "weigh",
 ]
 
 

@@ -10,9 +10,11 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.analysis.gain import Gain, l2_gain
+from lpvid.analysis.hull_certificate import hull_gain
 from lpvid.errors import InputError
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.frame import frame_of
+from lpvid.model.hull import Hull
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 from lpvid.synthesis.assumptions import fault_of, refuse_dead_signals
@@ -30,7 +32,7 @@ from lpvid.synthesis.structure_starts import drawn, imitated, observed
 
 KEPT = 1.12
 """verified over promised gain up to which a design counts as solved"""
-FOLLOWED = 2
+FOLLOWED = 3
 """starts with the lowest frozen norms whose certified gain is looked at"""
 
 
@@ -62,6 +64,9 @@ class FixedStructure:
         Grid points per scheduling variable.
     seed : int
         Of the random starts.
+    hull : Hull, optional
+        A polytope within the box in which the scheduling stays; the loop must be affine in it (constant gains of
+        controls and measurements, gains of degree one) and the storage function constant. Certified by `lpv.hull_gain`.
 
     Examples
     --------
@@ -80,9 +85,10 @@ class FixedStructure:
     lyapunov: Basis | None = None
     rate: Rate = None
     start: Synthesis | LPVStateSpace | None = None
-    starts: int = 8
+    starts: int = 12
     points: int = 7
     seed: int = 0
+    hull: Hull | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.structure, Structure):
@@ -92,6 +98,9 @@ class FixedStructure:
         _checks.count(self.points, "points of a design grid", at_least=2)
         if self.start is not None and not isinstance(self.start, Synthesis | LPVStateSpace):
             raise InputError("a start is a Synthesis or a controller", got=type(self.start).__name__)
+        if self.hull is not None and self.lyapunov is not None:
+            raise InputError("a hull needs a constant storage function", got="hull and lyapunov",
+                             mend="leave one of the two out")
 
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The gains for a plant, with what its closed loop was shown to do.
@@ -151,7 +160,8 @@ class FixedStructure:
         for certified in dict.fromkeys((descent.descended(start), start)):
             controller = problem.attached.controller(problem.gain, problem.physical(certified.gains))
             loop = close_loop(plant, controller)
-            gain = l2_gain(loop, None, self.lyapunov, trajectories=False)
+            gain = (l2_gain(loop, None, self.lyapunov, trajectories=False) if self.hull is None
+                    else hull_gain(loop, self.hull))
             if gain.certificate is not None:
                 found.append((gain, certified.gamma * descent.unit, controller, loop))
                 if gain.upper <= KEPT * certified.gamma * descent.unit:
@@ -201,6 +211,8 @@ class _Problem:
         lyapunov = (design.lyapunov or Polynomial((), 0)).bound(box)
         check_rates(lyapunov, box, plant.sample_time)
         points = tensor(design_axes(box, design.points, False))
+        if design.hull is not None:
+            points = _within(design.hull, box, points)
         refuse_dead_signals(plant, plant.at(points))
         attached = design.structure.attach(plant)
         raw = _over(attached.plant, plant, points)
@@ -213,7 +225,11 @@ class _Problem:
         few = points
         if not lyapunov.names and is_affine(gain) and is_affine(attached.plant.system.basis) and not any(
                 varies(x) for x in (raw.B2, raw.D12, raw.C2, raw.D21)):
-            few = tensor(design_axes(box, 2, True))
+            few = tensor(design_axes(box, 2, True)) if design.hull is None else _corners(design.hull, box)
+        elif design.hull is not None:
+            raise InputError("a hull needs a closed loop that is affine in the scheduling",
+                             got=", ".join((*attached.plant.system.basis.labels, *gain.labels)),
+                             mend="steady gains of controls and measurements (lpv.steadied), gains of degree one")
         frozen = FrozenLoops(scaled, columns(box, gain, points), attached.free, discrete)
         method = (f"{type(design.structure).__name__}, gains over {', '.join(gain.labels)}, "
                   f"{'P over ' + ', '.join(lyapunov.labels) if lyapunov.names else 'one quadratic P'}, "
@@ -242,6 +258,21 @@ class _Problem:
         """(K, n_v, n_ξ) scaled coefficients closest to physical gains at the points."""
         scaled = table * self.coordinates.measurements / self.coordinates.controls[:, None]
         return np.tensordot(np.linalg.pinv(self.frozen.psi), scaled, axes=1)
+
+
+def _corners(hull: Hull, box: Scheduling) -> np.ndarray:
+    """Vertices of a hull over the variables of a box."""
+    if set(hull.names) != set(box.names):
+        raise InputError("the hull names other variables than the plant", got=", ".join(hull.names),
+                         why=f"the plant has {', '.join(box.names)}")
+    return hull.vertices()[:, [hull.names.index(n) for n in box.names]]
+
+
+def _within(hull: Hull, box: Scheduling, points: np.ndarray) -> np.ndarray:
+    """The vertices of a hull and those points of a grid that lie inside."""
+    corners = _corners(hull, box)
+    inside = hull.contains(points[:, [box.names.index(n) for n in hull.names]])
+    return np.unique(np.vstack([corners, points[inside]]), axis=0)
 
 
 def _over(joined: GeneralizedPlant, plant: GeneralizedPlant, points: np.ndarray) -> PlantMatrices:
