@@ -22,14 +22,18 @@ if TYPE_CHECKING:
     from lpvid.analysis.frozen_stability import frozen_stability
     from lpvid.analysis.gain import Gain, l2_gain, l2_gains
     from lpvid.analysis.h2 import h2_norm
+    from lpvid.analysis.hull_certificate import HullCertificate, hull_gain
     from lpvid.analysis.largest import certified_share, largest_range, largest_rate
     from lpvid.analysis.passivity import certify_passivity
     from lpvid.analysis.passivity_certificate import PassivityCertificate
     from lpvid.analysis.passivity_margin import PassivityMargin, passivity_margin
     from lpvid.analysis.pole_locus import pole_locus
     from lpvid.analysis.pole_regions import certify_region
+    from lpvid.analysis.robust_certificate import RobustCertificate
+    from lpvid.analysis.robust_gain import RobustGain, robust_gain
     from lpvid.analysis.stability_certificate import StabilityCertificate, Verification
     from lpvid.analysis.switching import certify_switching, joint_spectral_radius
+    from lpvid.analysis.uncertain_blocks import Delay, Dynamic, Lipschitz, Parametric, Sector
     from lpvid.analysis.uncertainty import pole_band, stability_probability
     from lpvid.auditing import Audit, audit
     from lpvid.diagnosis.asking import diagnose
@@ -70,6 +74,7 @@ if TYPE_CHECKING:
     from lpvid.lmi.bound_certificate import BoundCertificate
     from lpvid.lmi.gain_certificate import GainCertificate, certify_gain
     from lpvid.model.continuous_run import step_response
+    from lpvid.model.hull import Hull
     from lpvid.model.input_stage import TanhStage, ThreeZoneStage
     from lpvid.model.lft import LFTModel
     from lpvid.model.signals import Signal
@@ -80,16 +85,23 @@ if TYPE_CHECKING:
     from lpvid.scheduling import Fourier, Polynomial, Product, Scheduling, Shifted, Spline, Stacked
     from lpvid.simulation import Simulation, predict, simulate
     from lpvid.synthesis.anti_windup import anti_windup, back_calculation
+    from lpvid.synthesis.controller_structures import PID, LowOrder, ObserverBased, StaticGain
+    from lpvid.synthesis.coprime_reduction import CoprimeReduction, reduce_coprime
     from lpvid.synthesis.criteria import H2, Cone, Disc, HalfPlane, HInfinity
+    from lpvid.synthesis.delays import delay, delay_error
     from lpvid.synthesis.discretising import discretise, to_continuous
     from lpvid.synthesis.dissipative_feedback import DissipativeFeedback
     from lpvid.synthesis.filters import steadied
+    from lpvid.synthesis.fixed_structure import FixedStructure
     from lpvid.synthesis.forms import from_lft, to_affine, to_gridded, to_lft, to_polynomial, to_polytopic
+    from lpvid.synthesis.gain_surface import GainSurface, gain_surface
     from lpvid.synthesis.generalized_plant import GeneralizedPlant
     from lpvid.synthesis.interconnection import close_loop, connect
     from lpvid.synthesis.joining import append, parallel, series, summing_junction
     from lpvid.synthesis.lft_synthesis import LFTFeedback
     from lpvid.synthesis.lifting import lift
+    from lpvid.synthesis.lipschitz_observer import LipschitzEstimate, LipschitzObserver
+    from lpvid.synthesis.loop_shaping import ShapedDesign, loop_shaping
     from lpvid.synthesis.multiobjective import MultiObjective
     from lpvid.synthesis.observer import Filter, Observer
     from lpvid.synthesis.output_feedback import OutputFeedback
@@ -113,14 +125,18 @@ _EXPORTS = {
     "lpvid.analysis.frozen_stability": ("frozen_stability",),
     "lpvid.analysis.gain": ("Gain", "l2_gain", "l2_gains"),
     "lpvid.analysis.h2": ("h2_norm",),
+    "lpvid.analysis.hull_certificate": ("HullCertificate", "hull_gain"),
     "lpvid.analysis.largest": ("certified_share", "largest_range", "largest_rate"),
     "lpvid.analysis.passivity": ("certify_passivity",),
     "lpvid.analysis.passivity_certificate": ("PassivityCertificate",),
     "lpvid.analysis.passivity_margin": ("PassivityMargin", "passivity_margin"),
     "lpvid.analysis.pole_locus": ("pole_locus",),
     "lpvid.analysis.pole_regions": ("certify_region",),
+    "lpvid.analysis.robust_certificate": ("RobustCertificate",),
+    "lpvid.analysis.robust_gain": ("RobustGain", "robust_gain"),
     "lpvid.analysis.stability_certificate": ("StabilityCertificate", "Verification"),
     "lpvid.analysis.switching": ("certify_switching", "joint_spectral_radius"),
+    "lpvid.analysis.uncertain_blocks": ("Delay", "Dynamic", "Lipschitz", "Parametric", "Sector"),
     "lpvid.analysis.uncertainty": ("pole_band", "stability_probability"),
     "lpvid.auditing": ("Audit", "audit"),
     "lpvid.diagnosis.asking": ("diagnose",),
@@ -161,6 +177,7 @@ _EXPORTS = {
     "lpvid.lmi.bound_certificate": ("BoundCertificate",),
     "lpvid.lmi.gain_certificate": ("GainCertificate", "certify_gain"),
     "lpvid.model.continuous_run": ("step_response",),
+    "lpvid.model.hull": ("Hull",),
     "lpvid.model.input_stage": ("TanhStage", "ThreeZoneStage"),
     "lpvid.model.lft": ("LFTModel",),
     "lpvid.model.signals": ("Signal",),
@@ -171,16 +188,23 @@ _EXPORTS = {
     "lpvid.scheduling": ("Fourier", "Polynomial", "Product", "Scheduling", "Shifted", "Spline", "Stacked"),
     "lpvid.simulation": ("Simulation", "predict", "simulate"),
     "lpvid.synthesis.anti_windup": ("anti_windup", "back_calculation"),
+    "lpvid.synthesis.controller_structures": ("LowOrder", "ObserverBased", "PID", "StaticGain"),
+    "lpvid.synthesis.coprime_reduction": ("CoprimeReduction", "reduce_coprime"),
     "lpvid.synthesis.criteria": ("Cone", "Disc", "H2", "HInfinity", "HalfPlane"),
+    "lpvid.synthesis.delays": ("delay", "delay_error"),
     "lpvid.synthesis.discretising": ("discretise", "to_continuous"),
     "lpvid.synthesis.dissipative_feedback": ("DissipativeFeedback",),
     "lpvid.synthesis.filters": ("steadied",),
+    "lpvid.synthesis.fixed_structure": ("FixedStructure",),
     "lpvid.synthesis.forms": ("from_lft", "to_affine", "to_gridded", "to_lft", "to_polynomial", "to_polytopic"),
+    "lpvid.synthesis.gain_surface": ("GainSurface", "gain_surface"),
     "lpvid.synthesis.generalized_plant": ("GeneralizedPlant",),
     "lpvid.synthesis.interconnection": ("close_loop", "connect"),
     "lpvid.synthesis.joining": ("append", "parallel", "series", "summing_junction"),
     "lpvid.synthesis.lft_synthesis": ("LFTFeedback",),
     "lpvid.synthesis.lifting": ("lift",),
+    "lpvid.synthesis.lipschitz_observer": ("LipschitzEstimate", "LipschitzObserver"),
+    "lpvid.synthesis.loop_shaping": ("ShapedDesign", "loop_shaping"),
     "lpvid.synthesis.multiobjective": ("MultiObjective",),
     "lpvid.synthesis.observer": ("Filter", "Observer"),
     "lpvid.synthesis.output_feedback": ("OutputFeedback",),
@@ -199,26 +223,30 @@ _EXPORTS = {
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
-    "ARMAX", "ARX", "H2", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "CanonicalForm",
-    "Channel", "Compliance", "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "DissipativeFeedback", "Effect",
-    "Euler", "ExtendedModel", "ExtrapolationWarning", "Filter", "FormRefit", "Fourier", "Gain", "GainCertificate",
-    "Gap", "GeneralizedPlant", "HInfinity", "HalfPlane", "Identification", "InputError", "LFTFeedback", "LFTModel",
-    "LPVStateSpace", "LPVTransferFunction", "LpvError", "ModelComparison", "MultiObjective", "NumericalError",
-    "Observer", "OutputError", "OutputFeedback", "Passive", "PassivityCertificate", "PassivityMargin", "Polynomial",
-    "Product", "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain",
-    "Scheduling", "Selection", "Shifted", "Signal", "Simulation", "Spline", "StabilityCertificate", "Stacked",
-    "StateFeedback", "StateSpaceError", "Subspace", "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin",
-    "Validation", "Verification", "ZeroOrderHold", "anti_windup", "append", "audit", "auto", "back_calculation",
-    "balanced_realization", "certified_share", "certify_gain", "certify_passivity", "certify_region",
-    "certify_stability", "certify_switching", "close_loop", "compare_models", "connect", "control_system",
-    "critical_scheduling", "decay_rate", "diagnose", "discretise", "export_c", "export_control", "export_csv",
-    "export_fmu", "export_matlab", "exportable", "free_run_band", "frequency_band", "from_control", "from_function",
-    "from_grid", "from_lft", "frozen_stability", "h2_norm", "identify", "identify_stream", "joint_spectral_radius",
-    "l2_gain", "l2_gains", "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel",
-    "passivity_margin", "pole_band", "pole_locus", "predict", "read", "realize", "reduce_order", "refit_form",
-    "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify", "stability_probability",
-    "steadied", "step_response", "summing_junction", "synthesize", "to_affine", "to_continuous", "to_control",
-    "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
+    "ARMAX", "ARX", "H2", "PID", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "CanonicalForm",
+    "Channel", "Compliance", "Cone", "CoprimeReduction", "Delay", "Diagnosis", "DiagnosisSettings", "Disc",
+    "DissipativeFeedback", "Dynamic", "Effect", "Euler", "ExtendedModel", "ExtrapolationWarning", "Filter",
+    "FixedStructure", "FormRefit", "Fourier", "Gain", "GainCertificate", "GainSurface", "Gap", "GeneralizedPlant",
+    "HInfinity", "HalfPlane", "Hull", "HullCertificate", "Identification", "InputError", "LFTFeedback", "LFTModel",
+    "LPVStateSpace", "LPVTransferFunction", "Lipschitz", "LipschitzEstimate", "LipschitzObserver", "LowOrder",
+    "LpvError", "ModelComparison", "MultiObjective", "NumericalError", "Observer", "ObserverBased", "OutputError",
+    "OutputFeedback", "Parametric", "Passive", "PassivityCertificate", "PassivityMargin", "Polynomial", "Product",
+    "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "RobustCertificate",
+    "RobustGain", "ScaledGain", "Scheduling", "Sector", "Selection", "ShapedDesign", "Shifted", "Signal", "Simulation",
+    "Spline", "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError", "StaticGain", "Subspace",
+    "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin", "Validation", "Verification", "ZeroOrderHold",
+    "anti_windup", "append", "audit", "auto", "back_calculation", "balanced_realization", "certified_share",
+    "certify_gain", "certify_passivity", "certify_region", "certify_stability", "certify_switching", "close_loop",
+    "compare_models", "connect", "control_system", "critical_scheduling", "decay_rate", "delay", "delay_error",
+    "diagnose", "discretise", "export_c", "export_control", "export_csv", "export_fmu", "export_matlab", "exportable",
+    "free_run_band", "frequency_band", "from_control", "from_function", "from_grid", "from_lft", "frozen_stability",
+    "gain_surface", "h2_norm", "hull_gain", "identify", "identify_stream", "joint_spectral_radius", "l2_gain",
+    "l2_gains", "largest_range", "largest_rate", "lift", "load", "loop_shaping", "model_hash", "parallel",
+    "passivity_margin", "pole_band", "pole_locus", "predict", "read", "realize", "reduce_coprime", "reduce_order",
+    "refit_form", "robust_gain", "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify",
+    "stability_probability", "steadied", "step_response", "summing_junction", "synthesize", "to_affine",
+    "to_continuous", "to_control", "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate",
+    "verify", "weigh",
 ]
 
 

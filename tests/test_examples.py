@@ -170,3 +170,9 @@ def test_preview(tmp_path: Path) -> None:
     found = load("preview").main(tmp_path / "front.png", 2.0, 1)
     ours, theirs = found["MPC, front axle"], found["SH-ADD"]
     assert ours[0] < theirs[0] and ours[1] < 0.95 * theirs[1]
+
+
+def test_gain_table(tmp_path: Path) -> None:
+    gains = load("gain_table").main(tmp_path / "gains.csv", str(tmp_path / "gains.png"))
+    assert gains["gain table"] < 1.1 * gains["full order"]
+    assert len((tmp_path / "gains.csv").read_text().splitlines()) == 7

@@ -73,7 +73,7 @@ class Gain:
         worst, certificate = data["worst"], data["certificate"]
         upper, lower = (math.inf if data[k] is None else data[k] for k in ("upper", "lower"))
         return cls(data["verdict"], upper, lower, None if worst is None else WorstCase.from_dict(worst),
-                   None if certificate is None else GainCertificate.from_dict(certificate), tuple(data["inputs"]),
+                   None if certificate is None else _certificate(certificate), tuple(data["inputs"]),
                    tuple(data["outputs"]), data["why"], data["mend"], data["seconds"])
 
     def __repr__(self) -> str:
@@ -196,6 +196,13 @@ def rated(box: Scheduling, rate: Rate, range: Range) -> Scheduling:
     elif isinstance(rate, Sequence):
         rate = [tamed(value) for value in rate]
     return asked(box, None if rate == math.inf else rate, range, keep=rate is None)
+
+
+def _certificate(data: Mapping) -> GainCertificate:
+    from lpvid.analysis.hull_certificate import SCHEMA, HullCertificate
+
+    kind = HullCertificate if data.get("schema") == SCHEMA else GainCertificate
+    return kind.from_dict(data)  # type: ignore[return-value]
 
 
 def _finite(value: float) -> float | None:

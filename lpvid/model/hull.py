@@ -84,6 +84,52 @@ class Hull:
         normals = directions(len(names), FACETS) if normals is None else normals
         return cls(tuple(names), centre, half, normals, _reach(z, normals), exact)
 
+    @classmethod
+    def disc(cls, names: Sequence[str], radius: float = 1.0, sides: int = 16) -> Hull:
+        """The polygon around a circle: of (cos θ, sin θ) and its like.
+
+        Examples
+        --------
+        >>> Hull.disc(("c", "s"), sides=4).vertices().round(6).tolist()
+        [[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]]
+        """
+        if len(names) != 2:
+            raise InputError("a disc has two variables", got=", ".join(names))
+        angles = 2 * np.pi * np.arange(_checks.count(sides, "sides of a polygon", at_least=3)) / sides
+        normals = np.column_stack([np.cos(angles), np.sin(angles)])
+        reach = _checks.positive(radius, "the radius of a disc")
+        return cls(tuple(names), np.zeros(2), np.full(2, reach), normals, np.ones(sides), False)
+
+    def vertices(self) -> np.ndarray:
+        """(V, n) corners, sorted [units of the variables].
+
+        Raises
+        ------
+        InputError
+            A hull without inside: variables that follow from each other.
+        """
+        from scipy.optimize import linprog
+        from scipy.spatial import HalfspaceIntersection, QhullError
+
+        n = len(self.names)
+        if n == 1:
+            ends = self.offsets / self.normals[:, 0]
+            z = np.array([[ends[self.normals[:, 0] < 0].max()], [ends[self.normals[:, 0] > 0].min()]])
+        else:
+            found = linprog(np.r_[np.zeros(n), -1.0], np.hstack([self.normals, np.ones((len(self.normals), 1))]),
+                            self.offsets, bounds=[(None, None)] * n + [(0, None)])
+            flat = found.x is None or not found.x[-1] > SLACK
+            try:
+                corners = None if flat else HalfspaceIntersection(
+                    np.column_stack([self.normals, -self.offsets]), found.x[:n]).intersections
+            except QhullError:
+                corners = None
+            if corners is None:
+                raise InputError(f"the hull of {', '.join(self.names)} has no inside",
+                                 mend="leave out a variable that follows from the others")
+            z = np.unique(np.round(corners, 10), axis=0)
+        return self.centre + self.half_width * z
+
     def contains(self, p: np.ndarray) -> np.ndarray:
         """(n,) bool: which samples of `p` (n, len(names)) lie inside."""
         z = (np.asarray(p, dtype=float) - self.centre) / self.half_width

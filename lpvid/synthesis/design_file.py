@@ -8,8 +8,10 @@ from typing import Any
 from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.scheduling import Polynomial
+from lpvid.synthesis.controller_structures import PID, LowOrder, ObserverBased, StaticGain
 from lpvid.synthesis.criteria import H2, Cone, Disc, HalfPlane, HInfinity, Region
 from lpvid.synthesis.dissipative_feedback import DissipativeFeedback
+from lpvid.synthesis.fixed_structure import FixedStructure
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.lft_synthesis import LFTFeedback
 from lpvid.synthesis.multiobjective import MultiObjective
@@ -29,9 +31,13 @@ DESIGNS: Mapping[str, tuple[type, tuple[str, ...]]] = {
     "observer": (Observer, ("criteria", "regions", "lyapunov_degree", "back_off", "points")),
     "filter": (Filter, ("criteria", "regions", "feedthrough", "back_off", "points")),
     "lft": (LFTFeedback, ("back_off",)),
+    "fixed-structure": (FixedStructure, ("structure", "order", "filter", "gain_degree", "lyapunov_degree", "points")),
 }
 """Designs by their name in a file, with the settings they take."""
 CRITERIA = {"h-infinity": HInfinity, "h2": H2}
+STRUCTURES: Mapping[str, tuple[type, tuple[str, ...]]] = {
+    "static-gain": (StaticGain, ()), "pid": (PID, ("filter",)), "low-order": (LowOrder, ("order",)),
+    "observer-based": (ObserverBased, ())}
 REGIONS: Mapping[str, tuple[type, tuple[str, ...]]] = {
     "half-plane": (HalfPlane, ("decay",)), "disc": (Disc, ("centre", "radius")), "cone": (Cone, ("damping",))}
 
@@ -66,6 +72,10 @@ def design_of(table: Mapping[str, Any], plant: GeneralizedPlant) -> Design:
             given[key] = [_criterion(entry, plant, k) for k, entry in enumerate(tables_of(value, key))]
         elif key == "regions":
             given[key] = [_region(entry, k) for k, entry in enumerate(tables_of(value, key))]
+        elif key == "gain_degree":
+            given["gain"] = Polynomial(plant.box.names, _checks.count(value, key))
+        elif key in ("structure", "order", "filter"):
+            given["structure"] = _structure(settings)
         elif key == "points":
             given[key] = _checks.count(value, key, at_least=2)
         elif key == "varying":
@@ -86,6 +96,20 @@ def _lyapunov(degree: int, plant: GeneralizedPlant) -> Polynomial | None:
                          got=", ".join(box.names) or "no scheduling variable",
                          mend="give scheduling.NAME.rate, or leave lyapunov_degree out")
     return Polynomial(names, degree) if degree else None
+
+
+def _structure(settings: Mapping[str, Any]) -> Any:
+    """The structure with the settings that belong to it."""
+    name = _checks.known_name(text_of(settings.get("structure", ""), "structure"), list(STRUCTURES), "structure")
+    kind, own = STRUCTURES[name]
+    for key in ("order", "filter"):
+        if key in settings and key not in own:
+            raise InputError(f"the structure '{name}' has no '{key}'", got=settings[key], mend=f"leave {key} out")
+    if name == "low-order" and "order" not in settings:
+        raise InputError("the structure 'low-order' lacks its order", mend="order = 2")
+    given = {key: _checks.count(settings[key], key, at_least=1) if key == "order" else number_of(settings[key], key)
+             for key in own if key in settings}
+    return kind(**given)
 
 
 def _criterion(entry: Mapping[str, Any], plant: GeneralizedPlant, k: int) -> HInfinity | H2:
@@ -156,6 +180,8 @@ gain = 0.02
 design = "output-feedback"     # NAMES
 back_off = 0.02                # how far above the least gain to stop, for a tame controller
 # lyapunov_degree = 1          # a Lyapunov matrix that moves with the scheduling; in continuous time it needs rates
+# structure = "low-order"      # of the design "fixed-structure": STRUCTURES
+# order = 2                    # of low-order; filter = 0.01 (s) adds a derivative to pid; gain_degree = 1
 # strictly_proper = true       # no direct path from measurement to control
 # [[design.regions]]           # where frozen poles must lie: half-plane, disc, cone
 # kind = "half-plane"
@@ -169,7 +195,8 @@ back_off = 0.02                # how far above the least gain to stop, for a tam
 
 def template() -> str:
     """A commented file that loads as it stands, as plant and as design."""
-    return TEMPLATE.replace("KINDS", ", ".join(WEIGHTS)).replace("NAMES", ", ".join(DESIGNS))
+    return TEMPLATE.replace("KINDS", ", ".join(WEIGHTS)).replace("NAMES", ", ".join(DESIGNS)).replace(
+        "STRUCTURES", ", ".join(STRUCTURES))
 
 
 def plant_schema() -> dict[str, Any]:
@@ -208,7 +235,7 @@ def design_schema() -> dict[str, Any]:
     Examples
     --------
     >>> len(design_schema()["oneOf"])
-    7
+    8
     """
     number = {"type": ["number", "string"], "description": "SI, or text with a unit"}
     names = {"type": ["array", "string"], "items": {"type": "string"}}
@@ -222,7 +249,8 @@ def design_schema() -> dict[str, Any]:
         "lyapunov_degree": {"type": "integer", "minimum": 0}, "points": {"type": "integer", "minimum": 2},
         "varying": {"enum": list(VARYING)}, "strictly_proper": {"type": "boolean"}, "feedthrough": {"type": "boolean"},
         "criteria": {"type": "array", "items": criterion}, "regions": {"type": "array", "items": region},
-        "bound": number, "back_off": number}
+        "bound": number, "back_off": number, "structure": {"enum": list(STRUCTURES)}, "filter": number,
+        "order": {"type": "integer", "minimum": 1}, "gain_degree": {"type": "integer", "minimum": 0}}
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "design of lpvid synthesize",
             "oneOf": [{"type": "object", "additionalProperties": False, "required": ["design"], "properties": {
                 "design": {"const": name}, **{key: settings[key] for key in keys}}}

@@ -20,6 +20,7 @@ VERDICTS = ("solved", "backed-off", "infeasible", "unstabilisable", "undetectabl
 the last four come without a controller."""
 _CERTIFICATES = {
     "lpvid/gain-certificate/1": ("lpvid.lmi.gain_certificate", "GainCertificate"),
+    "lpvid/hull-certificate/1": ("lpvid.analysis.hull_certificate", "HullCertificate"),
     "lpvid/stability-certificate/1": ("lpvid.analysis.stability_certificate", "StabilityCertificate"),
 }
 """Where a stored certificate's class lives, by its schema."""

@@ -1,0 +1,215 @@
+"""Gains over scheduling sets that are no boxes: the convex hull of what was measured, a disc.
+
+For a system whose matrices are affine in p and one P, the bounded-real inequality is affine in p in continuous time; in
+discrete time P − AᵀPA and its companions are concave in p. It holds on a polytope where it holds at the vertices.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.analysis.frozen_norms import h_infinity_norm
+from lpvid.analysis.gain import Gain
+from lpvid.errors import InputError
+from lpvid.lmi.affine import block, he
+from lpvid.lmi.certificate import Recheck
+from lpvid.lmi.driven import Driven, driven
+from lpvid.lmi.frame import frame_of
+from lpvid.lmi.gain_certificate import certify_gain
+from lpvid.lmi.gain_search import SOLVERS
+from lpvid.lmi.program import Program
+from lpvid.model.hull import Hull
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Polynomial
+
+SCHEMA = "lpvid/hull-certificate/1"
+MARGIN = 1e-7
+"""of the inequalities, in balanced coordinates"""
+RAISED = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
+"""shares above the solver's bound at which its matrix is checked"""
+
+
+@dataclass(frozen=True, eq=False)
+class HullCertificate:
+    """One P that bounds a gain for every trajectory, however fast, in a polytope of the scheduling.
+
+    Parameters
+    ----------
+    gamma : float
+    matrix : (n, n) array
+        P.
+    names : tuple of str
+    vertices : (V, len(names)) array
+    sample_time : float or None
+    model_hash : str
+    inputs, outputs : tuple of str
+    margin : float
+    solver : str
+    """
+
+    gamma: float
+    matrix: np.ndarray
+    names: tuple[str, ...]
+    vertices: np.ndarray
+    sample_time: float | None
+    model_hash: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    margin: float
+    solver: str = ""
+
+    def __post_init__(self) -> None:
+        for name in ("matrix", "vertices"):
+            object.__setattr__(self, name, _checks.frozen_array(getattr(self, name), name, ndim=2))
+
+    kind = "quadratic"
+    between_grid = True
+
+    @property
+    def claim(self) -> str:
+        """What the certificate says, in words."""
+        return (f"gain from {', '.join(self.inputs)} to {', '.join(self.outputs)} at most {self.gamma:.6g} for every "
+                f"trajectory of {', '.join(self.names)} in a polytope of {len(self.vertices)} vertices, however fast")
+
+    def check(self, model: LPVStateSpace) -> Recheck:
+        """Recompute the claim for a model."""
+        system = _affine(model, self.names)
+        if system.digest != self.model_hash or system.sample_time != self.sample_time:
+            return Recheck(False, False, math.nan, "the certificate was made for another model")
+        if (self.inputs, self.outputs) != (system.inputs, system.outputs):
+            return Recheck(False, False, math.nan, "the certificate names other signals than the model has")
+        if not np.array_equal(self.matrix, self.matrix.T):
+            return Recheck(False, False, math.nan, "the certificate's matrix is not symmetric")
+        found = _recheck(system, self.names, self.vertices, self.matrix, self.gamma)
+        if found.holds and not self.margin <= found.margin * (1 + 1e-6) + 1e-12:
+            return Recheck(False, True, found.margin, f"a margin of {self.margin:.3g} is claimed")
+        return found
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"schema": SCHEMA, "claim": self.claim, "gamma": self.gamma, "matrix": self.matrix.tolist(),
+                "names": list(self.names), "vertices": self.vertices.tolist(), "sample_time": self.sample_time,
+                "model_hash": self.model_hash, "inputs": list(self.inputs), "outputs": list(self.outputs),
+                "margin": self.margin, "solver": self.solver}
+
+    @classmethod
+    def from_dict(cls, data: Mapping) -> HullCertificate:
+        """Inverse of `to_dict`."""
+        if data.get("schema") != SCHEMA:
+            raise InputError("not a hull certificate of this version", got=data.get("schema"))
+        n, v = len(data["matrix"]), len(data["names"])
+        return cls(data["gamma"], np.array(data["matrix"], dtype=float).reshape(n, n), tuple(data["names"]),
+                   np.array(data["vertices"], dtype=float).reshape(-1, v), data["sample_time"], data["model_hash"],
+                   tuple(data["inputs"]), tuple(data["outputs"]), data["margin"], data["solver"])
+
+    def __repr__(self) -> str:
+        return f"certified: {self.claim}\n  quadratic storage function; margin {self.margin:.3g}, re-checked with numpy"
+
+
+def hull_gain(system: LPVStateSpace, hull: Hull) -> Gain:
+    """Bounds of the induced L2 (ℓ2) gain while the scheduling moves in a polytope, however fast.
+
+    Parameters
+    ----------
+    system : LPVStateSpace
+        Affine in the scheduling.
+    hull : Hull
+        ``lpv.Hull.of(names, samples)`` of measured scheduling, or ``lpv.Hull.disc(names)``.
+
+    Returns
+    -------
+    Gain
+        Its `lower` is a frozen norm at a vertex.
+
+    Raises
+    ------
+    InputError
+        A system that is not affine, a hull of other variables.
+
+    Examples
+    --------
+    >>> corner = Hull.of(("p", "q"), np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    >>> model = LPVStateSpace([[[-2.5]], [[1.0]], [[1.0]]], [[[1.0]], [[0.0]], [[0.0]]], [[[1.0]], [[0.0]], [[0.0]]],
+    ...                       np.zeros((3, 1, 1)), Polynomial(("p", "q"), 1), None)
+    >>> found = hull_gain(model, corner)                    # ẋ = −(2.5 − p − q) x + w with p + q ≤ 1: 1/1.5
+    >>> round(found.upper, 3), found.verdict
+    (0.667, 'certified')
+    """
+    started = time.perf_counter()
+    plant, vertices = _affine(system, hull.names), hull.vertices()
+    points = _points(plant, hull.names, vertices)
+    a, b, c, d = plant.matrices(points)
+    discrete = plant.sample_time is not None
+    signals = plant.inputs, plant.outputs
+    poles = np.linalg.eigvals(a) if a.shape[1] else np.full((len(a), 1), 0.0 if discrete else -1.0)
+    level = (np.abs(poles) - 1 if discrete else poles.real).max(axis=1)
+    if level.max() >= 0:
+        where = ", ".join(f"{n} = {v:.6g}" for n, v in zip(hull.names, vertices[int(level.argmax())], strict=True))
+        return Gain("unstable", math.inf, math.inf, None, None, *signals,
+                    f"the model has a pole that does not decay at {where}",
+                    "a smaller hull, or stabilise the model first", time.perf_counter() - started)
+    lower = max(h_infinity_norm((a[k], b[k], c[k], d[k]), discrete)[0] for k in range(len(a)))
+    for p, gamma, solver in _proposals(plant, points, lower):
+        for share in RAISED:
+            found = _recheck(plant, hull.names, vertices, p, gamma * (1 + share))
+            if found.holds:
+                proof = HullCertificate(gamma * (1 + share), p, hull.names, vertices, plant.sample_time, plant.digest,
+                                        *signals, found.margin, solver)
+                return Gain("certified", proof.gamma, min(lower, proof.gamma), None, proof,  # type: ignore[arg-type]
+                            *signals, seconds=time.perf_counter() - started)
+    return Gain("not certified", math.inf, lower, None, None, *signals,
+                "no constant storage function was found that bounds the gain", "a smaller hull, or l2_gain with rate "
+                "bounds on its box", time.perf_counter() - started)
+
+
+def _affine(system: LPVStateSpace, names: tuple[str, ...]) -> Driven:
+    basis = system.basis
+    if not isinstance(basis, Polynomial) or basis.degree > 1:
+        raise InputError("a hull needs a system that is affine in its scheduling variables",
+                         got=", ".join(basis.labels), mend="name products as further variables, or use l2_gain on the "
+                         "box")
+    if set(basis.names) - set(names):
+        raise InputError("the hull lacks a scheduling variable of the system", got=", ".join(names),
+                         why=f"it reads {', '.join(basis.names)}", mend="a hull of samples of all of them")
+    return driven(system)
+
+
+def _points(system: Driven, names: tuple[str, ...], vertices: np.ndarray) -> np.ndarray:
+    """The vertices over what the system reads."""
+    return np.unique(vertices[:, [names.index(r.label) for r in system.readings]], axis=0)
+
+
+def _recheck(system: Driven, names: tuple[str, ...], vertices: np.ndarray, p: np.ndarray, gamma: float) -> Recheck:
+    points = _points(system, names, vertices)
+    everywhere = np.broadcast_to(p, (len(points), *p.shape))
+    later = everywhere[:, None] if system.sample_time is not None else None
+    found = certify_gain(system.matrices(points), everywhere, gamma, later=later)
+    why = "proven on the polytope by its vertices" if found.holds else found.why
+    return Recheck(found.holds, found.holds, found.margin, why)
+
+
+def _proposals(system: Driven, points: np.ndarray, floor: float):
+    frame = frame_of(system, points, floor)
+    program, n = Program(), system.order
+    p, level = program.unknowns.symmetric(n), program.unknowns.scalar()
+    program.require(p, margin=MARGIN)
+    for a, b, c, d in zip(*frame.inside(system.matrices(points)), strict=True):
+        m, z = b.shape[1], len(c)
+        size = level.times(np.eye(m)), level.times(np.eye(z))
+        if system.sample_time is None:
+            whole = block([[-he(p @ a), -(p @ b), c.T], [-(p @ b).T, size[0], d.T], [c, d, size[1]]])
+        else:
+            whole = block([[p - a.T @ p @ a, -(a.T @ p @ b), c.T], [-(b.T @ p @ a), size[0] - b.T @ p @ b, d.T],
+                           [c, d, size[1]]])
+        program.require(whole, margin=MARGIN)
+    program.minimise(level)
+    for found in program.solve(solvers=SOLVERS):
+        gamma = float(found[level][0, 0]) * frame.gain
+        if gamma > 0:
+            yield frame.outside(found[p][None])[0], gamma, found.solver

@@ -1,0 +1,374 @@
+"""Worst-case gain of an uncertain LPV system, by integral quadratic constraints."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.analysis.certificates import Range, Rate
+from lpvid.analysis.gain import rated
+from lpvid.analysis.gain_bounds import usable
+from lpvid.analysis.robust_certificate import RobustCertificate, Uncertain, given, recheck_robust, uncertain
+from lpvid.analysis.uncertain_blocks import PSD, Block, diagonal
+from lpvid.errors import InputError
+from lpvid.lmi.affine import Affine, block
+from lpvid.lmi.autonomous import box_of
+from lpvid.lmi.certificate import grid
+from lpvid.lmi.driven import Driven, Matrices
+from lpvid.lmi.frame import Frame, frame_of
+from lpvid.lmi.gain_search import SOLVERS, sample
+from lpvid.lmi.program import Program
+from lpvid.lmi.storage import Storage
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Basis, Polynomial, Scheduling
+
+MARGIN = 1e-7
+"""of the inequalities, in balanced coordinates; what is reported is checked apart from it"""
+RAISED = (1e-6, 1e-4, 1e-3, 5e-3, 2e-2)
+"""shares above the solver's bound at which its matrices are checked"""
+DRAWS = 40
+"""uncertainties drawn at every point and frequency for the lower bound"""
+FREQUENCIES = 25
+
+
+@dataclass(frozen=True, eq=False)
+class RobustGain:
+    """What is known of sup ‖z‖/‖w‖ over all uncertainties and all admissible trajectories of the scheduling.
+
+    Parameters
+    ----------
+    verdict : str
+        "certified", "certified on a grid only" or "not certified".
+    upper : float
+        Certified; infinite where nothing could be certified.
+    lower : float
+        Reached at a fixed scheduling and frequency by a drawn uncertainty; 0 where nothing is certified, for the loop
+        may then be unstable.
+    certificate : RobustCertificate or None
+        What `lpvid.verify` re-checks.
+    why, mend : str
+    seconds : float
+    """
+
+    verdict: str
+    upper: float
+    lower: float
+    certificate: RobustCertificate | None
+    why: str = ""
+    mend: str = ""
+    seconds: float = 0.0
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON."""
+        return {"verdict": self.verdict, "upper": self.upper if math.isfinite(self.upper) else None,
+                "lower": self.lower, "certificate": None if self.certificate is None else self.certificate.to_dict(),
+                "why": self.why, "mend": self.mend, "seconds": self.seconds}
+
+    @classmethod
+    def from_dict(cls, data: Mapping) -> RobustGain:
+        """Inverse of `to_dict`."""
+        kept = data["certificate"]
+        return cls(data["verdict"], math.inf if data["upper"] is None else data["upper"], data["lower"],
+                   None if kept is None else RobustCertificate.from_dict(kept), data["why"], data["mend"],
+                   data["seconds"])
+
+    def __repr__(self) -> str:
+        lines = [f"{self.verdict}: {self.why or (self.certificate.claim if self.certificate else '')}"]
+        if self.certificate is not None:
+            lines.append(f"  at least {self.lower:.6g}, by an uncertainty that was drawn; margin "
+                         f"{self.certificate.margin:.3g}, re-checked with numpy")
+        return "\n".join(lines + ([f"  mend: {self.mend}"] if self.mend else []))
+
+
+def robust_gain(system: LPVStateSpace, blocks: Block | Sequence[Block], rate: Rate = None, basis: Basis | None = None,
+                *, range: Range = None, poles: Sequence[float] | None = None) -> RobustGain:
+    """Bounds of the induced L2 (ℓ2) gain of a system in feedback with uncertainties p = Δ(q).
+
+    ::
+
+             ┌─── Δ <──┐
+           p │         │ q        w, z: the system's other inputs and outputs
+             └─>┌───┐──┘
+           w ──>│ G │──> z        G(p(t)) with its scheduling, at most at the given rates
+                └───┘
+
+    Parameters
+    ----------
+    system : LPVStateSpace
+        G, stable for every fixed scheduling without uncertainty.
+    blocks : Block or sequence of Block
+        `Parametric`, `Dynamic`, `Sector`, `Lipschitz`, `Delay`, each with the names of its signals.
+    rate, basis, range
+        As for `l2_gain`; without a basis the storage function is a constant, then of degree 1 where rates allow it.
+    poles : sequence of float, optional
+        Of the filters in the constraints [1/s]: frequencies at which the uncertainty matters. Left out, one at the
+        median speed of the system. More tighten the bound, and cost.
+
+    Returns
+    -------
+    RobustGain
+
+    Raises
+    ------
+    InputError
+        Blocks that do not fit the system, a system that is unstable without uncertainty.
+
+    Examples
+    --------
+    >>> from lpvid.analysis.uncertain_blocks import Parametric
+    >>> lag = LPVStateSpace([[[-1.0]]], [[[1.0, 1.0]]], [[[1.0], [1.0]]], np.zeros((1, 2, 2)), Polynomial((), 0), None,
+    ...                     inputs=("p", "w"), outputs=("q", "z"))
+    >>> found = robust_gain(lag, Parametric("p", "q", 0.5))      # 1/(s + 1 − δ): 2 for δ = ½
+    >>> round(found.upper, 3), round(found.lower, 3), found.verdict
+    (2.0, 2.0, 'certified')
+    """
+    started = time.perf_counter()
+    blocks = (blocks,) if isinstance(blocks, Block) else tuple(blocks)
+    if not blocks or not all(isinstance(b, Block) for b in blocks):
+        raise InputError("a worst case needs blocks of uncertainty", got=[type(b).__name__ for b in blocks] or "none",
+                         mend="lpv.Parametric(\"p\", \"q\", bound) and its like, or l2_gain without any")
+    asked = rated(system.box, rate, range)
+    also = () if basis is None else tuple(n for n in basis.names if n in system.box.names)
+    bare = uncertain(system, blocks, poles or (1.0,), also)
+    box = box_of(bare.whole.readings, asked)
+    nominal = _Nominal(bare.base, blocks)
+    points = grid(box, {0: 1, 1: 9, 2: 4}.get(len(box.names), 2))
+    _refuse_unstable(nominal, points, box)
+    if poles is None:
+        a = nominal.matrices(points)[0]
+        poles = (float(np.median(np.abs(np.linalg.eigvals(a)))) if a.shape[1] else 1.0,)
+    for pole in poles:
+        _checks.positive(pole, "a pole of the filters", "1/s")
+    whole = uncertain(system, blocks, poles, also)
+    best: RobustCertificate | None = None
+    for trial in _bases(whole.whole, box, basis):
+        found = _certified(whole, box, trial, nominal, points)
+        if found is not None and (best is None or found.gamma < best.gamma):
+            best = found
+        elif best is not None:
+            break
+    seconds = time.perf_counter() - started
+    if best is None:
+        return RobustGain("not certified", math.inf, 0.0, None, "no storage function and multipliers were found that "
+                          "bound the gain for every uncertainty", "smaller bounds, further poles of the filters, a "
+                          "rate bound with basis=…, or a narrower range", seconds)
+    lower = min(_reached(bare, points, nominal), best.gamma)
+    return RobustGain("certified" if best.between_grid else "certified on a grid only", best.gamma, lower, best,
+                      seconds=time.perf_counter() - started)
+
+
+@dataclass(frozen=True, eq=False)
+class _Nominal:
+    """The system with p = 0, or p = q for blocks that follow, as `frame_of` asks for it."""
+
+    base: Driven
+    blocks: tuple[Block, ...]
+
+    @property
+    def order(self) -> int:
+        return self.base.order
+
+    @property
+    def sample_time(self) -> float | None:
+        return self.base.sample_time
+
+    def matrices(self, points: np.ndarray) -> Matrices:
+        """A, B, C, D from w to z at N points."""
+        delta = [np.eye(len(b.inputs)) if b.follows else np.zeros((len(b.inputs), len(b.outputs)))
+                 for b in self.blocks]
+        return self.closed(points, delta)
+
+    def closed(self, points: np.ndarray, delta: Sequence[np.ndarray]) -> Matrices:
+        """The system with constant matrices for its blocks."""
+        a, b, c, d = self.base.matrices(points)
+        p = [self.base.inputs.index(n) for x in self.blocks for n in x.inputs]
+        q = [self.base.outputs.index(n) for x in self.blocks for n in x.outputs]
+        w = [i for i in _range(b.shape[2]) if i not in p]
+        z = [i for i in _range(c.shape[1]) if i not in q]
+        k = diagonal(*delta)
+        loop = np.linalg.solve(np.eye(len(p)) - k @ d[:, q][:, :, p], np.broadcast_to(k, (len(a), *k.shape)))
+        u, v = loop @ c[:, q], loop @ d[:, q][:, :, w]
+        return (a + b[:, :, p] @ u, b[:, :, w] + b[:, :, p] @ v, c[:, z] + d[:, z][:, :, p] @ u,
+                d[:, z][:, :, w] + d[:, z][:, :, p] @ v)
+
+
+_range = range  # an argument of the public function bears its name
+
+
+def _refuse_unstable(nominal: _Nominal, points: np.ndarray, box: Scheduling) -> None:
+    a = nominal.matrices(points)[0]
+    if not a.shape[1]:
+        return
+    poles = np.linalg.eigvals(a)
+    level = (np.abs(poles) - 1 if nominal.sample_time is not None else poles.real).max(axis=1)
+    if level.max() >= 0:
+        at = points[int(level.argmax())]
+        where = ", ".join(f"{n} = {v:.4g}" for n, v in zip(box.names, at, strict=True)) or "every time"
+        raise InputError("the system is not stable without uncertainty", got=f"a pole beyond the limit at {where}",
+                         mend="stabilise it, or narrow the range")
+
+
+def _bases(system: Driven, box: Scheduling, basis: Basis | None) -> Iterator[Basis]:
+    if basis is not None:
+        yield usable(basis, box, system.sample_time is not None)
+        return
+    yield Polynomial((), 0)
+    moving = tuple(n for n, low, high, r in zip(box.names, box.lower, box.upper, box.rate, strict=True)
+                   if high > low and (r is not None or system.sample_time is not None))
+    if moving:
+        yield Polynomial(moving, 1).bound(box)
+
+
+def _certified(system: Uncertain, box: Scheduling, basis: Basis, nominal: _Nominal, points: np.ndarray
+               ) -> RobustCertificate | None:
+    """The least bound whose matrices pass the re-check, on the whole box if possible."""
+    frame = _framed(system, frame_of(nominal, points))  # type: ignore[arg-type]
+    found: RobustCertificate | None = None
+    for storage, parts, gamma, solver in _proposals(system, box, basis, frame):
+        for share in RAISED:
+            level = gamma * (1 + share)
+            check = recheck_robust(system, storage, parts, level)
+            if check.holds and (found is None or check.between_grid > found.between_grid):
+                found = RobustCertificate(level, storage.matrices, parts, system.blocks, system.poles, basis, box,
+                                          system.base.sample_time, system.whole.digest, system.inputs, system.outputs,
+                                          check.margin, check.between_grid, solver)
+            if check.holds and check.between_grid:
+                return found
+        if found is not None:
+            return found
+    return found
+
+
+def _framed(system: Uncertain, frame: Frame) -> Frame:
+    """Coordinates of the system's states with the filters' own."""
+    n, total = system.base.order, system.whole.order
+    states = np.eye(total)
+    states[:n, :n] = frame.states
+    return Frame(states, frame.time, frame.gain)
+
+
+def _proposals(system: Uncertain, box: Scheduling, basis: Basis, frame: Frame
+               ) -> Iterator[tuple[Storage, tuple[tuple[np.ndarray, ...], ...], float, str]]:
+    program, whole, np_ = Program(), system.whole, system.uncertain
+    n, discrete = whole.order, whole.sample_time is not None
+    p = [program.unknowns.symmetric(n) for _ in _range(basis.size)]
+    parts: list[list[Affine]] = []
+    for b in system.blocks:
+        own = []
+        for kind, size in b.unknowns(system.poles):
+            own.append(program.unknowns.symmetric(size) if kind == PSD else program.unknowns.antisymmetric(size))
+            if kind == PSD:
+                program.require(own[-1], margin=MARGIN)
+        parts.append(own)
+    multiplier = _diagonal([b.multiplier(own, system.poles) for b, own in zip(system.blocks, parts, strict=True)])
+    level = program.unknowns.scalar()
+    template = Storage(np.zeros((basis.size, n, n)), basis, box, whole.sample_time)
+    points, shifts = sample(whole, template, 1.0, 2)
+    a, b, c, d = whole.matrices(points)
+    inverse, root, rows = np.linalg.inv(frame.states), math.sqrt(frame.gain), system.filtered
+    a, b, c = frame.time * inverse @ a @ frame.states, frame.time * inverse @ b, c @ frame.states
+    b, d = b.copy(), d.copy()
+    b[:, :, np_:] /= root
+    d[:, :, np_:] /= root
+    c[:, rows:] /= root
+    d[:, rows:] /= root
+    psi = template.psi(points)
+    moved = _moved(template, points, shifts, discrete, frame.time)
+    nw = b.shape[2] - np_
+    for k in _range(len(points)):
+        both, seen, out = (np.hstack([x, y]) for x, y in ((a[k], b[k]), (c[k, :rows], d[k, :rows]),
+                                                          (c[k, rows:], d[k, rows:])))
+        now, eye = _sum(p, psi[k]), np.eye(n, both.shape[1])
+        program.require(now, margin=MARGIN)
+        supply = level.times(np.diag(np.r_[np.zeros(n + np_), np.ones(nw)]))
+        constraint = seen.T @ multiplier @ seen
+        for step in moved[k]:
+            if discrete:
+                flow = both.T @ _sum(p, step) @ both - eye.T @ now @ eye
+            else:
+                cross = eye.T @ now @ both
+                flow = cross + cross.T + eye.T @ _sum(p, step) @ eye
+            program.require(block([[supply - flow - constraint, out.T], [out, level.times(np.eye(len(out)))]]),
+                            margin=MARGIN)
+    program.minimise(level)
+    for found in program.solve(solvers=SOLVERS):
+        gamma = float(found[level][0, 0]) * frame.gain
+        if not 0 < gamma < 1e8 * frame.gain:
+            continue
+        matrices = frame.outside(np.array([found[x] for x in p]))
+        values = tuple(tuple(_clean(found[x], kind) for x, (kind, _) in zip(own, b.unknowns(system.poles), strict=True))
+                       for own, b in zip(parts, system.blocks, strict=True))
+        yield Storage(matrices, basis, box, whole.sample_time), values, gamma, found.solver
+
+
+def _moved(template: Storage, points: np.ndarray, shifts: np.ndarray, discrete: bool, time: float) -> list[np.ndarray]:
+    """For each point the functions one sample later, or their derivatives at the corners of the rates."""
+    basis, box = template.basis, template.box
+    if discrete:
+        return [template.psi(template.ahead(point[None], shifts)) for point in points]
+    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=len(template.moving))))
+    found = []
+    for point in points:
+        slopes = np.array([basis.derivative(point[None, template.columns], box.names[i])[0] * (box.rate[i] or 0.0)
+                           for i in template.moving]).reshape(len(template.moving), basis.size)
+        found.append(corners @ slopes * time)
+    return found
+
+
+def _reached(system: Uncertain, points: np.ndarray, nominal: _Nominal) -> float:
+    """Largest gain at fixed scheduling and frequency of drawn uncertainties; the loop is known to be stable."""
+    generator = np.random.default_rng(0)
+    a = nominal.matrices(points)[0]
+    discrete = system.base.sample_time is not None
+    poles = np.abs(np.linalg.eigvals(a)).ravel() if a.shape[1] else np.ones(1)
+    poles = poles[poles > 1e-9 * poles.max()]
+    omega = np.r_[0.0, np.linspace(0, np.pi, FREQUENCIES)[1:] if discrete
+                  else np.geomspace(poles.min() / 10, 10 * poles.max(), FREQUENCIES)]
+    best = 0.0
+    m = [x[: len(points)] for x in system.base.matrices(points)]
+    p = [system.base.inputs.index(n) for x in system.blocks for n in x.inputs]
+    q = [system.base.outputs.index(n) for x in system.blocks for n in x.outputs]
+    w = [i for i in _range(m[1].shape[2]) if i not in p]
+    z = [i for i in _range(m[2].shape[1]) if i not in q]
+    for frequency in omega:
+        s = np.exp(1j * frequency) if discrete else 1j * frequency
+        try:
+            g = m[2] @ np.linalg.solve(s * np.eye(system.base.order) - m[0], m[1].astype(complex)) + m[3]
+        except np.linalg.LinAlgError:
+            continue
+        for _ in _range(DRAWS):
+            delta = diagonal(*(b.draw(s, generator) for b in system.blocks))
+            inner = np.eye(len(p)) - delta @ g[:, q][:, :, p]
+            loop = g[:, z][:, :, w] + g[:, z][:, :, p] @ np.linalg.solve(inner, delta @ g[:, q][:, :, w])
+            best = max(best, float(np.linalg.norm(loop, 2, axis=(1, 2)).max()))
+    return best
+
+
+def _clean(matrix: np.ndarray, kind: str) -> np.ndarray:
+    """Exactly symmetric and safely positive, or exactly antisymmetric."""
+    if kind != PSD:
+        return 0.5 * (matrix - matrix.T)
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    floor = 1e-12 * max(values.max(initial=0.0), 1e-12)
+    found = vectors * np.maximum(values, floor) @ vectors.T
+    return 0.5 * (found + found.T)
+
+
+def _sum(matrices: Sequence[Affine], weights: np.ndarray) -> Affine:
+    total = float(weights[0]) * matrices[0]
+    for x, weight in zip(matrices[1:], weights[1:], strict=True):
+        total = total + float(weight) * x
+    return total
+
+
+def _diagonal(parts: Sequence[Affine]) -> Affine:
+    if len(parts) == 1:
+        return parts[0]
+    return block([[x if i == k else given(np.zeros((x.shape[0], y.shape[0]))) for k, y in enumerate(parts)]
+                  for i, x in enumerate(parts)])

@@ -1,0 +1,127 @@
+"""Gains of a fixed structure from which a descent may start: close to another controller, or at random."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.linalg import solve_continuous_are, solve_discrete_are
+
+from lpvid.errors import InputError, NumericalError
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.synthesis.controller_structures import Attached, LowOrder, ObserverBased, Structure
+from lpvid.synthesis.controller_table import matrices_at
+from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
+from lpvid.synthesis.interconnection import close_loop_at
+from lpvid.synthesis.reduction import reduce_order
+from lpvid.synthesis.scaling import Matrices
+
+FREQUENCIES = 40
+"""at which a controller is imitated, from a third of the slowest to three times the fastest mode of its loop"""
+
+
+def imitated(structure: Structure, attached: Attached, plant: GeneralizedPlant, model: LPVStateSpace,
+             points: np.ndarray) -> np.ndarray | None:
+    """(N, n_v, n_ξ) gains with which the structure comes close to a controller of any order; None where it cannot.
+
+    Without feedback inside the interface ξ = J(jω) y: least squares of (K − G J) T over frequencies, T the response
+    from w to y of the controller's own loop. A controller of order k takes the k most important balanced states.
+    """
+    at = plant.at(points)
+    if isinstance(structure, LowOrder):
+        return _shortened(structure, attached, model, plant, points)
+    if isinstance(structure, ObserverBased) or attached.interface.basis.names:
+        return None
+    k = matrices_at(model, plant.box, points)
+    loops = close_loop_at(at, *k)
+    poles = np.abs(np.linalg.eigvals(loops[0])) if loops[0].shape[1] else np.ones((1, 1))
+    poles = poles[poles > 1e-9 * poles.max()]
+    discrete = plant.sample_time is not None
+    omega = np.geomspace(poles.min() / 3, 3 * poles.max(), FREQUENCIES)
+    z = np.exp(1j * np.linspace(1e-3, np.pi, FREQUENCIES)) if discrete else 1j * omega
+    ny, nu = len(plant.measurements), len(plant.controls)
+    ja, jb, jc, jd = attached.interface.frozen([])
+    found = []
+    for i in range(len(points)):
+        own = tuple(x[i] for x in k)
+        left, right = [], []
+        for s in z:
+            y = _measured(at.point(i), own, s)
+            wanted = _response(own, s) @ y
+            reading = _response((ja, jb[:, :ny], jc[nu:], jd[nu:, :ny]), s) @ y
+            left.append(np.hstack([np.real(wanted), np.imag(wanted)]))
+            right.append(np.hstack([np.real(reading), np.imag(reading)]))
+        wanted, reading = np.hstack(left), np.hstack(right)
+        gain = np.zeros(attached.free.shape)
+        for r, free in enumerate(attached.free):
+            gain[r, free] = np.linalg.lstsq(reading[free].T, wanted[r], rcond=None)[0]
+        found.append(gain)
+    return np.array(found)
+
+
+def observed(plant: GeneralizedPlant, points: np.ndarray) -> np.ndarray | None:
+    """(N, n_u + n, n_y + n) gains of linear quadratic control and a Kalman filter at each point; None for no answer."""
+    at, found = plant.at(points), []
+    n, nu, ny = plant.order, len(plant.controls), len(plant.measurements)
+    solve = solve_continuous_are if plant.sample_time is None else solve_discrete_are
+    for i in range(len(points)):
+        m = at.point(i)
+        try:
+            q, r = _definite(m.C1.T @ m.C1), _definite(m.D12.T @ m.D12)
+            x = solve(m.A, m.B2, q, r)
+            w, v = _definite(m.B1 @ m.B1.T), _definite(m.D21 @ m.D21.T)
+            y = solve(m.A.T, m.C2.T, w, v)
+        except (np.linalg.LinAlgError, ValueError):
+            return None
+        gain = np.zeros((nu + n, ny + n))
+        if plant.sample_time is None:
+            gain[:nu, ny:], gain[nu:, :ny] = -np.linalg.solve(r, m.B2.T @ x), np.linalg.solve(v, m.C2 @ y).T
+        else:
+            gain[:nu, ny:] = -np.linalg.solve(r + m.B2.T @ x @ m.B2, m.B2.T @ x @ m.A)
+            gain[nu:, :ny] = np.linalg.solve(v + m.C2 @ y @ m.C2.T, m.C2 @ y @ m.A.T).T
+        found.append(gain)
+    return np.array(found)
+
+
+def drawn(size: int, count: int, generator: np.random.Generator) -> Iterator[np.ndarray]:
+    """Normal gains of rising size in scaled units; zero itself may be a saddle."""
+    for i in range(count):
+        yield generator.standard_normal(size) * (0.03, 0.3, 1.0, 3.0)[i % 4]
+
+
+def _shortened(structure: LowOrder, attached: Attached, model: LPVStateSpace, plant: GeneralizedPlant,
+               points: np.ndarray) -> np.ndarray | None:
+    k, nu, ny = structure.order, len(plant.controls), len(plant.measurements)
+    short = model
+    if model.order > k:
+        try:
+            short = reduce_order(model, k, certified=False).model
+        except (InputError, NumericalError, np.linalg.LinAlgError, ValueError):
+            return None
+    inputs = [[s.name for s in model.inputs].index(n) for n in plant.measurements]
+    outputs = [[s.name for s in model.outputs].index(n) for n in plant.controls]
+    a, b, c, d = matrices_at(short, plant.box, points)
+    n = a.shape[1]
+    gains = np.zeros((len(points), nu + k, k + ny))
+    gains[:, :nu, :n], gains[:, :nu, k:] = c[:, outputs], d[:, outputs][:, :, inputs]
+    gains[:, nu : nu + n, :n], gains[:, nu : nu + n, k:] = a, b[:, :, inputs]
+    if n < k:  # states that nothing drives and that decay
+        rate = 0.0 if plant.sample_time is not None else -max(float(np.abs(a).max(initial=1.0)), 1e-3)
+        gains[:, nu + n :, n:k] = rate * np.eye(k - n)
+    return gains * attached.free
+
+
+def _measured(m: PlantMatrices, k: Matrices, s: complex) -> np.ndarray:
+    """(n_y, n_w) response from disturbances to measurements of a loop."""
+    y = _response((m.A, m.B1, m.C2, m.D21), s)
+    loop = _response((m.A, m.B2, m.C2, m.D22), s)
+    return np.linalg.solve(np.eye(len(y)) - loop @ _response(k, s), y)
+
+
+def _response(system: Matrices | tuple[np.ndarray, ...], s: complex) -> np.ndarray:
+    a, b, c, d = system
+    return c @ np.linalg.solve(s * np.eye(len(a)) - a, b.astype(complex)) + d if len(a) else d.astype(complex)
+
+
+def _definite(matrix: np.ndarray) -> np.ndarray:
+    return matrix + 1e-6 * max(float(np.trace(matrix)) / max(len(matrix), 1), 1e-9) * np.eye(len(matrix))
