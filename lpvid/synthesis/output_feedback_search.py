@@ -30,7 +30,7 @@ STEPS = (1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
 """multiples of the design's back-off that are tried"""
 SOLVED = 0.12
 """share above the least bound of any route up to which a verified gain is "solved"; beyond it is "backed-off" """
-NOISE = (1e-2, 1e-3, 1e-4)
+NOISE = (1e-1, 1e-2, 1e-3, 1e-4)
 """noise, and effort, added for moderate gains where nothing else limits them: shares of what the sensors show."""
 NOTHING = 1e-8
 """Share of the plant's size, a solver's accuracy, below which a least bound counts as zero. Only infinite gains come

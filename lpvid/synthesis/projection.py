@@ -111,7 +111,7 @@ class Projected:
         for half, root, size, matrices in zip(self.halves, roots, sizes, own, strict=True):
             for (matrix, weight), scale in zip(half.inequalities(root, matrices), size, strict=True):
                 level = bound.times(weight) if gamma is None else gamma * weight
-                program.require(_congruent(level - matrix, scale))
+                program.require(congruent(level - matrix, scale))
         cross, apart = np.linalg.solve(roots[0], np.linalg.inv(roots[1]).T), None
         if gamma is not None:
             apart = bound
@@ -291,12 +291,14 @@ def _restrained(plant: PlantMatrices, size: float, effort: np.ndarray, noise: np
 
 def _unlimited(plant: PlantMatrices) -> tuple[np.ndarray, np.ndarray]:
     """Directions, as rows, of which D12 (controls) or D21 (measurements) passes almost nothing at some point."""
-    found = []
-    for matrices in (plant.D12, plant.D21.swapaxes(1, 2)):
-        least = min((m.T @ m for m in matrices), key=lambda g: float(np.linalg.eigvalsh(g)[0]))
-        values, vectors = np.linalg.eigh(least)
-        found.append(vectors.T[values < 1e-12])
-    return found[0], found[1]
+    return unlimited(plant.D12), unlimited(plant.D21.swapaxes(1, 2))
+
+
+def unlimited(through: np.ndarray) -> np.ndarray:
+    """(·, n) directions, as rows, of which some of the matrices (N, m, n) passes almost nothing."""
+    least = min((m.T @ m for m in through), key=lambda g: float(np.linalg.eigvalsh(g).min(initial=np.inf)))
+    values, vectors = np.linalg.eigh(least)
+    return vectors.T[values < 1e-12]
 
 
 def _sum(values: np.ndarray, matrices: list[Affine]) -> Affine:
@@ -306,7 +308,7 @@ def _sum(values: np.ndarray, matrices: list[Affine]) -> Affine:
     return total
 
 
-def _congruent(matrix: Affine, scale: np.ndarray) -> Affine:
+def congruent(matrix: Affine, scale: np.ndarray) -> Affine:
     both = np.outer(scale, scale)
     return Affine(both * matrix.constant, sparse.csr_array(sparse.diags_array(both.ravel()) @ matrix.linear))
 

@@ -4,8 +4,9 @@
 
 Orders 3 to 10; states, controls and measurements up to 10⁶ apart; time-invariant, affine, or tables of sqrt(p), sin(p)
 and 1/p; near-integrators, weak penalties and weak noise among them. Resumable: a plant whose line is in FOLDER is not
-done again, but for the rivals that a pass --without-rivals left out. Rivals for the least bound: the inequalities without the Riccati start, the same by SDPA, and the change of
-variables; no bound counts that lies below the largest frozen optimum (Riccati equations).
+done again, but for the rivals that a pass --without-rivals left out. Rivals for the least bound: the inequalities
+without the Riccati start, the same by SDPA, and the change of variables; no bound counts that lies below the largest
+frozen optimum (Riccati equations).
 """
 
 from __future__ import annotations
