@@ -53,7 +53,7 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
     results = Results(out)
     loaded, settings, title, weights = _read(plant, design)
     with working("solving the matrix inequalities") as say, solvers_unheard():
-        result = solve(loaded, settings)
+        result = solve(loaded, settings, progress=say)
         data: dict[str, Any] = {"schema": "lpvid/synthesis/1", **result.to_dict(), "plant": str(plant),
                                 "design": repr(settings)}
         if results.kept:

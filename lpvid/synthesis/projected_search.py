@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid.lmi.program import SOLVERS, available
+from lpvid.synthesis.progress import Rounds, stop_at
 from lpvid.synthesis.projection import Pair, Projected, ProjectedProgram, initial, roots_of, singular, sizes_at
 from lpvid.synthesis.riccati import Central, admits, central, least_gain, start
 
@@ -110,10 +111,17 @@ def _settled(problem: Projected, pair: Pair, roots: tuple[np.ndarray, np.ndarray
              solvers: Sequence[str]) -> Pair | None:
     """The pair of least γ from one start on."""
     best: Pair | None = None
-    stalled = 0
+    stalled, rounds = 0, Rounds(f"the least gain, by {', '.join(solvers)}", ROUNDS)
     for _ in range(ROUNDS):
-        program = problem.program(roots, sizes_at(problem, roots, pair), gamma=None)
-        found = next(_usable(program, clock, solvers), None)
+        rounds.enter("" if best is None else f"{best.gamma:.4g} so far")
+        try:
+            program = problem.program(roots, sizes_at(problem, roots, pair), gamma=None)
+            found = next(_usable(program, clock, solvers), None)
+        except KeyboardInterrupt as error:
+            if best is None:
+                raise
+            stop_at(error)
+            break
         if found is None:
             break
         last, best = best, found if best is None or found.gamma < best.gamma else best
@@ -131,8 +139,9 @@ def conditioned(problem: Projected, pair: Pair, gamma: float, clock: Clock, *, r
 
     The traces in coordinates where the last pair is the identity are the slopes of log det X + log det Y.
     """
-    pair = replace(pair, gamma=gamma)
+    pair, timed = replace(pair, gamma=gamma), Rounds(f"a well-conditioned controller for {gamma:.4g}", rounds)
     for _ in range(rounds):
+        timed.enter()
         roots = roots_of(problem, pair)
         program = problem.program(roots, sizes_at(problem, roots, pair), gamma=gamma)
         found = next(_usable(program, clock, solvers), None)

@@ -24,6 +24,7 @@ from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.loop_certificate import own_certificate
 from lpvid.synthesis.loop_check import Storage
 from lpvid.synthesis.obstacle import BEYOND
+from lpvid.synthesis.progress import remember, stage, stopped
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_program import Shaped, ShapedProgram, Shaping
 
@@ -160,13 +161,17 @@ def settle(problem: ShapedProblem, fault: Fault | None = None, *, kept: float = 
     found: list[Synthesis] = []
     examined = 0
     for back_off in (problem.back_off, *(f for f in SOFTER if f > problem.back_off)):
+        stage(f"matrix inequalities for {_asked(problem)}, back-off {back_off:g}")
         for stated, shaped in given(back_off):
+            if stopped() and found:
+                break
             examined += 1
+            stage(f"verifying controller {examined} of at most {MOST}")
             outcome = _judged(stated, shaped, back_off, started, kept)
             if outcome is not None:
                 if outcome[1]:
-                    return outcome[0]
-                found.append(outcome[0])
+                    return remember(outcome[0])
+                found.append(remember(outcome[0]))
             if examined >= MOST:
                 break
         if not examined or examined >= MOST:

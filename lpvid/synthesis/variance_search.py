@@ -23,6 +23,7 @@ from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
 from lpvid.lmi.affine import Affine, block, he
 from lpvid.lmi.program import Program
 from lpvid.synthesis.generalized_plant import PlantMatrices
+from lpvid.synthesis.progress import Rounds, stop_at
 from lpvid.synthesis.projection import congruent, regular
 from lpvid.synthesis.riccati import FREE, STRICT
 from lpvid.synthesis.shaped_loop import combined
@@ -67,10 +68,17 @@ class VarianceProblem:
 
     def least(self, solvers: Sequence[str]) -> VarianceAnswer | None:
         """The answer of least level, in coordinates that follow the answers until it settles."""
-        best, known = None, self._start()
+        best, known, rounds = None, self._start(), Rounds("the least H2 norm", ROUNDS)
         for _ in range(ROUNDS if known is not None else 0):
             assert known is not None
-            found = self._solved(known, None, solvers)
+            rounds.enter()
+            try:
+                found = self._solved(known, None, solvers)
+            except KeyboardInterrupt as error:
+                if best is None:
+                    raise
+                stop_at(error)
+                break
             if found is None or (best is not None and found.level > (1 + SETTLED) * best.level):
                 break
             settled = best is not None and found.level > (1 - SETTLED) * best.level
