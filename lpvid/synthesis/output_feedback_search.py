@@ -222,6 +222,8 @@ def _formulas(problem: FeedbackProblem, projected: Projected, best: Pair, gamma:
     """Controllers at a bound, the most moderate first: with noise and effort where the plant has none, if they fit."""
     for size in NOISE if singular(projected.plant) else ():
         noisy = replace(projected, plant=regular(projected.plant, size))
+        if next(conditioned(noisy, best, gamma, clock, rounds=1, solvers=problem.solvers), None) is None:
+            continue
         least = least_bound(noisy, clock, solvers=problem.solvers, known=best)
         if least is not None and least.gamma * (1 + SLACK) < gamma:
             yield from _gentle(problem, noisy, least, gamma, clock)
