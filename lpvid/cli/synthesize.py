@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lpvid.cli import options
-from lpvid.cli.running import SHORTFALL, Results, command, conclude, solvers_unheard, working
+from lpvid.cli.running import INTERRUPTED, SHORTFALL, Results, command, conclude, solvers_unheard, working
 from lpvid.errors import InputError
 
 if TYPE_CHECKING:
@@ -49,6 +49,7 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
     if plant is None:
         raise InputError("synthesize needs a plant", mend="lpvid synthesize --template > plant.toml")
     from lpvid.synthesis.design_log import limiting, limits
+    from lpvid.synthesis.progress import INTERRUPTED as BEGINS
     from lpvid.synthesis.synthesizing import synthesize as solve
 
     results = Results(out)
@@ -73,6 +74,8 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
             results.report(synthesis_page(result, loaded, title, weights))
     said = limiting(found, result.gamma_verified)
     conclude(results, data, repr(result) + (f"\n  {said}" if said else ""), json)
+    if result.notes and result.notes[0].startswith(BEGINS):
+        raise typer.Exit(INTERRUPTED)
     if result.verdict != "solved":
         raise typer.Exit(SHORTFALL)
 

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from lpvid.synthesis.result import Synthesis
 
 Say = Callable[[str], None]
+INTERRUPTED = "interrupted after"
+"""how the first note of a synthesis begins that Ctrl-C ended"""
 
 
 @dataclass(eq=False)
@@ -92,7 +94,7 @@ def remember(found: Synthesis) -> Synthesis:
 def interrupted(found: Synthesis, watch: Watch) -> Synthesis:
     """A synthesis that says that it is the best so far."""
     seconds = time.monotonic() - watch.started
-    note = f"interrupted after {seconds:.3g} s: the best controller so far, verified as any other"
+    note = f"{INTERRUPTED} {seconds:.3g} s: the best controller so far, verified as any other"
     return replace(found, notes=(note, *found.notes), seconds=seconds)
 
 

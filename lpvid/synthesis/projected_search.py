@@ -113,8 +113,8 @@ def _settled(problem: Projected, pair: Pair, roots: tuple[np.ndarray, np.ndarray
     best: Pair | None = None
     stalled, rounds = 0, Rounds(f"the least gain, by {', '.join(solvers)}", ROUNDS)
     for _ in range(ROUNDS):
-        rounds.enter("" if best is None else f"{best.gamma:.4g} so far")
         try:
+            rounds.enter("" if best is None else f"{best.gamma:.4g} so far")
             program = problem.program(roots, sizes_at(problem, roots, pair), gamma=None)
             found = next(_usable(program, clock, solvers), None)
         except KeyboardInterrupt as error:

@@ -71,8 +71,8 @@ class VarianceProblem:
         best, known, rounds = None, self._start(), Rounds("the least H2 norm", ROUNDS)
         for _ in range(ROUNDS if known is not None else 0):
             assert known is not None
-            rounds.enter()
             try:
+                rounds.enter()
                 found = self._solved(known, None, solvers)
             except KeyboardInterrupt as error:
                 if best is None:
