@@ -220,7 +220,8 @@ def moderate(problem: FeedbackProblem, bound: float) -> tuple[LPVStateSpace, Con
 def _formulas(problem: FeedbackProblem, projected: Projected, best: Pair, gamma: float, clock: Clock
               ) -> Iterator[ControllerFormula]:
     """Controllers at a bound, the most moderate first: with noise and effort where the plant has none, if they fit."""
-    for size in NOISE if singular(projected.plant) else ():
+    plain = next(conditioned(projected, best, gamma, clock, rounds=1, solvers=problem.solvers), None)
+    for size in NOISE if plain is not None and singular(projected.plant) else ():
         noisy = replace(projected, plant=regular(projected.plant, size))
         if next(conditioned(noisy, best, gamma, clock, rounds=1, solvers=problem.solvers), None) is None:
             continue
