@@ -169,7 +169,7 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
                                solver=best.solver, method=problem.method, notes=(*note, *found.notes),
                                why=_kept_near(verified, target))
     verdict, why, mend = obstacle(problem.plant.plant, projected)
-    if verdict == "infeasible":  # the least bound was an answer to inequalities that have none
+    if verdict == "infeasible" or best.status == ROOMY:  # the bound was that of an answer which keeps no inequality
         return Synthesis(verdict, why=why, mend=mend, method=problem.method)
     return Synthesis("numerical", why=f"the inequalities admit {best.gamma:.6g}, but no controller was found whose "
                      "closed loop keeps a bound near it", infimum=best.gamma, method=problem.method,

@@ -56,16 +56,19 @@ def least_bound(problem: Projected, clock: Clock, *, solvers: Sequence[str] = SO
     Riccati equations refuse at a frozen point. Where all of them fail, bounds above the largest frozen optimum are
     tried, which leaves the solvers room.
     """
+    rough: Pair | None = None
     for solver in (s for s in solvers if available([s])):
         for pair, roots in itertools.chain([] if known is None else [(known, roots_of(problem, known))],
                                            _starts(problem)):
             found = _settled(problem, pair, roots, clock, (solver,))
-            if found is not None and _plausible(problem, found.gamma):
+            if found is not None and found.status == ROOMY:
+                rough = found
+            elif found is not None and _plausible(problem, found.gamma):
                 return found
             if hopeless is not None and hopeless():
                 return None
             hopeless = None
-    return _with_room(problem, clock, solvers)
+    return _with_room(problem, clock, solvers) or rough
 
 
 def _plausible(problem: Projected, gamma: float) -> bool:
@@ -124,7 +127,8 @@ def _settled(problem: Projected, pair: Pair, roots: tuple[np.ndarray, np.ndarray
     """The pair of least γ from one start on.
 
     A solver calls answers optimal that miss the inequalities by far in other coordinates: only those count that keep
-    them, by numpy. The others give coordinates for the next round.
+    them, by numpy. The others give coordinates for the next round; where no other comes, the last has the status
+    `ROOMY`: its γ is no bound.
     """
     best: Pair | None = None
     rough: Pair | None = None
@@ -150,7 +154,7 @@ def _settled(problem: Projected, pair: Pair, roots: tuple[np.ndarray, np.ndarray
         if stalled and (found.status == "optimal" or stalled > 1):
             break
         pair, roots = found, roots_of(problem, found)
-    return rough if best is None else best
+    return best if best is not None or rough is None else replace(rough, status=ROOMY)
 
 
 def conditioned(problem: Projected, pair: Pair, gamma: float, clock: Clock, *, rounds: int = 2,
