@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lpvid.cli import options
-from lpvid.cli.running import SHORTFALL, Results, command, conclude, solvers_unheard, working
+from lpvid.cli.running import INTERRUPTED, SHORTFALL, Results, command, conclude, solvers_unheard, working
 from lpvid.errors import InputError
 
 if TYPE_CHECKING:
@@ -48,14 +48,17 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
         return
     if plant is None:
         raise InputError("synthesize needs a plant", mend="lpvid synthesize --template > plant.toml")
+    from lpvid.synthesis.design_log import limiting, limits
+    from lpvid.synthesis.progress import INTERRUPTED as BEGINS
     from lpvid.synthesis.synthesizing import synthesize as solve
 
     results = Results(out)
     loaded, settings, title, weights = _read(plant, design)
     with working("solving the matrix inequalities") as say, solvers_unheard():
-        result = solve(loaded, settings)
+        result = solve(loaded, settings, progress=say)
+        found = () if result.closed_loop is None else limits(result.closed_loop)
         data: dict[str, Any] = {"schema": "lpvid/synthesis/1", **result.to_dict(), "plant": str(plant),
-                                "design": repr(settings)}
+                                "design": repr(settings), "limits": [x.to_dict() for x in found]}
         if results.kept:
             from lpvid.export.serialise import save
             from lpvid.report.synthesis import synthesis_page
@@ -69,7 +72,10 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
                 else:
                     results.add(f"{name}.json", lambda path, part=part: save(part, path))
             results.report(synthesis_page(result, loaded, title, weights))
-    conclude(results, data, repr(result), json)
+    said = limiting(found, result.gamma_verified)
+    conclude(results, data, repr(result) + (f"\n  {said}" if said else ""), json)
+    if result.notes and result.notes[0].startswith(BEGINS):
+        raise typer.Exit(INTERRUPTED)
     if result.verdict != "solved":
         raise typer.Exit(SHORTFALL)
 

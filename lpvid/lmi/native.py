@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,9 @@ from lpvid.lmi.affine import Affine
 NAME = "CLARABEL"
 STATUS = {"Solved": "optimal", "AlmostSolved": "optimal_inaccurate"}
 """What the solver's own words are called elsewhere; every other word means no answer."""
+
+PANIC = "PanicException"
+"""what the solver raises where its own arithmetic breaks down; no subclass of Exception"""
 
 
 def installed() -> bool:
@@ -119,7 +123,12 @@ class Conic:
         matrix = sparse.csc_matrix(a)
         matrix.sort_indices()
         curved = sparse.csc_matrix(sparse.triu(self.h))
-        return clarabel.DefaultSolver(curved, self.c, matrix, b, cones, settings).solve()
+        try:
+            return clarabel.DefaultSolver(curved, self.c, matrix, b, cones, settings).solve()
+        except BaseException as error:  # a panic inside the solver (eigenvalues of a matrix that is not finite)
+            if type(error).__name__ != PANIC:
+                raise
+            return SimpleNamespace(status=PANIC, x=[], z=[])
 
 
 POLISHES = 30

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 FREQUENCIES = 160
 CURVES = 7
+MOST = 8
+"""Corners of the box that are drawn."""
 
 
 def frozen_gains(loop: LPVStateSpace, level: float | None = None) -> Figure:
@@ -35,7 +37,7 @@ def frozen_gains(loop: LPVStateSpace, level: float | None = None) -> Figure:
     """
     from matplotlib import colormaps
 
-    points, frequencies = _line(loop), _frequencies(loop)
+    points, frequencies = line_of(loop), frequencies_of(loop)
     values = np.array([_singular_values(loop, p, frequencies) for p in points])
     hertz = frequencies / (2 * np.pi)
     with look():
@@ -89,11 +91,11 @@ def weighted_channels(loop: LPVStateSpace, weights: Mapping[str, LPVStateSpace |
     """
     from matplotlib import colormaps
 
-    points, frequencies = _line(loop), _frequencies(loop)
+    points, frequencies = line_of(loop), frequencies_of(loop)
     hertz = frequencies / (2 * np.pi)
     names = [s.name for s in loop.outputs]
     shown = [n for n in names if n in weights][:6]
-    rows = [(p, np.linalg.norm(_responses(loop, p, frequencies), axis=2)) for p in points]
+    rows = [(p, np.linalg.norm(responses(loop, p, frequencies), axis=2)) for p in points]
     with look():
         figure, axes = panels(-(-len(shown) // 3), min(3, len(shown)), height=2.7)
         shades = colormaps[SCALE](np.linspace(0.1, 0.9, len(points)))
@@ -114,19 +116,23 @@ def weighted_channels(loop: LPVStateSpace, weights: Mapping[str, LPVStateSpace |
 
 
 def step_responses(loop: LPVStateSpace) -> Figure:
-    """Responses of every performance signal to a unit step in each disturbance, at frozen scheduling points."""
+    """Responses of every performance signal to a unit step in each disturbance, at the corners of the box.
+
+    Of a single scheduling variable some values in between are shown too.
+    """
     from matplotlib import colormaps
 
-    points, time = _line(loop), _times(loop)
+    points, time = _corners(loop), _times(loop)
     nz, nw = min(len(loop.outputs), 6), min(len(loop.inputs), 4)
     with look():
         figure, axes = panels(nz, nw, height=1.9, sharex=True)
         shades = colormaps[SCALE](np.linspace(0.1, 0.9, len(points)))
         for k, p in enumerate(points):
             response = _steps(loop, p, time)
+            name = ", ".join(f"{n} = {v:.3g}" for n, v in zip(loop.box.names, p, strict=True))
             for i in range(nz):
                 for j in range(nw):
-                    axes[i, j].plot(time, response[:, i, j], color=shades[k], linewidth=1.2)
+                    axes[i, j].plot(time, response[:, i, j], color=shades[k], linewidth=1.2, label=name)
         for i in range(nz):
             axes[i, 0].set_ylabel(f"{loop.outputs[i].name} [{loop.outputs[i].unit or '1'}]")
         for j in range(nw):
@@ -134,16 +140,24 @@ def step_responses(loop: LPVStateSpace) -> Figure:
             axes[-1, j].set_xlabel("time [s]")
         for ax in axes.ravel():
             ax.axhline(0, color=MUTED, linewidth=0.5)
+        if loop.box.names:
+            handles, names = axes[0, 0].get_legend_handles_labels()
+            figure.legend(handles, names, loc="outside lower center", ncols=2)
     return figure
+
+
+def _corners(loop: LPVStateSpace) -> np.ndarray:
+    """Corners of the box; a line across it for one variable."""
+    return loop.box.grid(2)[:MOST] if len(loop.box.names) > 1 else line_of(loop)
 
 
 def _weight_gain(weight: LPVStateSpace | float, frequencies: np.ndarray) -> np.ndarray:
     if isinstance(weight, LPVStateSpace):
-        return np.abs(_responses(weight, np.zeros(0), frequencies))[:, 0, 0]
+        return np.abs(responses(weight, np.zeros(0), frequencies))[:, 0, 0]
     return np.full(frequencies.size, abs(float(weight)))
 
 
-def _line(loop: LPVStateSpace) -> np.ndarray:
+def line_of(loop: LPVStateSpace) -> np.ndarray:
     """Points across the box: the first variable swept, the others swept with it from corner to corner."""
     box = loop.box
     if not box.names:
@@ -154,21 +168,22 @@ def _line(loop: LPVStateSpace) -> np.ndarray:
 
 def _speeds(loop: LPVStateSpace) -> np.ndarray:
     """Moduli [rad/s] of the frozen poles, without those that hardly move."""
-    poles = np.concatenate([loop.frozen_poles(p) for p in _line(loop)]) if loop.order else np.ones(1)
+    poles = np.concatenate([loop.frozen_poles(p) for p in line_of(loop)]) if loop.order else np.ones(1)
     if loop.sample_time is not None:
         poles = np.log(np.where(np.abs(poles) > 1e-6, poles, 1e-6).astype(complex)) / loop.sample_time
     speeds = np.abs(poles)
     return speeds[speeds > 1e-6 * speeds.max(initial=1e-300)] if speeds.max(initial=0) > 0 else np.ones(1)
 
 
-def _frequencies(loop: LPVStateSpace) -> np.ndarray:
+def frequencies_of(loop: LPVStateSpace) -> np.ndarray:
+    """(n,) frequencies [rad/s] about the frozen poles of a system."""
     speeds = _speeds(loop)
     high = speeds.max() * 30 if loop.sample_time is None else np.pi / loop.sample_time
     return np.geomspace(min(speeds.min() / 30, high / 10), high, FREQUENCIES)
 
 
 def _times(loop: LPVStateSpace) -> np.ndarray:
-    poles = np.concatenate([np.asarray(loop.frozen_poles(p)) for p in _line(loop)]) if loop.order else -np.ones(1)
+    poles = np.concatenate([np.asarray(loop.frozen_poles(p)) for p in line_of(loop)]) if loop.order else -np.ones(1)
     if loop.sample_time is not None:
         slow = -np.log(np.clip(np.abs(poles).max(initial=0.5), 1e-3, 1 - 1e-6)) / loop.sample_time
         count = int(np.clip(6 / (slow * loop.sample_time), 20, 2000))
@@ -177,10 +192,10 @@ def _times(loop: LPVStateSpace) -> np.ndarray:
 
 
 def _singular_values(loop: LPVStateSpace, p: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
-    return np.linalg.svd(_responses(loop, p, frequencies), compute_uv=False)
+    return np.linalg.svd(responses(loop, p, frequencies), compute_uv=False)
 
 
-def _responses(loop: LPVStateSpace, p: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+def responses(loop: LPVStateSpace, p: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
     """(n, n_outputs, n_inputs) frozen response at frequencies [rad/s]."""
     a, b, c, d = loop.frozen(p)
     z = 1j * frequencies if loop.sample_time is None else np.exp(1j * frequencies * loop.sample_time)

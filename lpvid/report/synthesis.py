@@ -6,9 +6,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from lpvid.analysis.frozen_norms import largest_frozen_norm
+from lpvid.analysis.worst_case import WorstCase, worst_trajectory
+from lpvid.lmi.autonomous import box_of
+from lpvid.lmi.driven import driven
 from lpvid.model.state_space import LPVStateSpace
+from lpvid.plot.controllers import controller_gains
+from lpvid.plot.controllers import worst_trajectory as trajectory
 from lpvid.plot.synthesis import frozen_gains, step_responses, weighted_channels
-from lpvid.report.page import OUT, Figure, Item, Mark, Notes, Page, Paragraph, Section, Step, Table, number
+from lpvid.report.page import OUT, Figure, Item, Mark, Notes, Page, Paragraph, Section, Step, Table, number, percent
+from lpvid.synthesis.design_log import limiting, limits
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.result import Synthesis
 
@@ -34,7 +41,8 @@ def synthesis_page(result: Synthesis, plant: GeneralizedPlant, name: str,
         "The bound is shown at the points of a grid only, not between them."]
     sections = [Section("The design", tuple(_design(result, plant)))]
     if result.closed_loop is not None and result.controller is not None:
-        sections = [Section("Closed loop", tuple(_figures(result, weights or {}))), *sections,
+        sections = [Section("What limits the design", tuple(limit_items(result))),
+                    Section("Closed loop", tuple(_figures(result, weights or {}))), *sections,
                     Section("The controller", tuple(_controller(result)))]
     return Page(f"Controller for {name}", verdict(result, plant), _mark(result), tuple(facts), tuple(caveats),
                 tuple(sections), _steps(result))
@@ -79,8 +87,8 @@ def _figures(result: Synthesis, weights: Mapping[str, LPVStateSpace | float]) ->
         Figure.of(frozen_gains(loop, result.gamma_verified), "Gain from the disturbances to the performance signals, "
                   "with the scheduling held still: no frozen curve may exceed the verified bound." + across,
                   "Closed-loop gain over frequency"),
-        Figure.of(step_responses(loop), "Responses to a unit step in each disturbance, with the scheduling held still."
-                  + across, "Step responses of the closed loop")]
+        Figure.of(step_responses(loop), "Responses to a unit step in each disturbance, with the scheduling held still, "
+                  "at the corners of its box.", "Step responses of the closed loop")]
     if known and result.gamma_verified is not None:
         items.insert(1, Figure.of(weighted_channels(loop, weights, result.gamma_verified), "Gain to each performance "
                                   "signal before its weight, the scheduling held still; dashed, the inverse of the "
@@ -90,6 +98,47 @@ def _figures(result: Synthesis, weights: Mapping[str, LPVStateSpace | float]) ->
         items.append(Paragraph(str(getattr(result.certificate, "claim", result.certificate)) + ". `lpvid verify "
                                "certificate.json closed_loop.json` re-checks it without a solver."))
     return items
+
+
+def limit_items(result: Synthesis) -> list[Item]:
+    """The design log: which performance signals make up the gain where, and the worst scheduling that was found."""
+    loop = result.closed_loop
+    assert loop is not None
+    found = limits(loop)
+    rows = tuple((x.where or "–", number(x.gain, 4), x.speed, _shares(x.signals[:3]), _shares(x.disturbances[:2]))
+                 for x in found)
+    said = limiting(found, result.gamma_verified)
+    items: list[Item] = [Paragraph(said[:1].upper() + said[1:] + ".", strong=True),
+                         Table(("scheduling held at", "gain", "at", "made up of", "for the worst"), rows, "Shares of "
+                               "‖z‖² and ‖w‖² at the frequency of the largest gain: a weight is active where its "
+                               "signal has a share.", (1,))]
+    worst = _worst(loop)
+    if worst is None or worst.kind == "frozen":
+        return items + ([] if worst is None else [Paragraph(f"No moving scheduling was found with more than the worst "
+                                                            f"held one: {number(worst.gain, 4)}, {worst}.")])
+    return [*items, Figure.of(trajectory(worst), f"One period of the scheduling with the largest gain that was found, "
+                              f"{number(worst.gain, 4)}: {worst}. A search can only underestimate.",
+                              "Worst trajectory of the scheduling")]
+
+
+def _shares(signals: tuple[tuple[str, float], ...]) -> str:
+    return ", ".join(f"{n} {percent(share)}" for n, share in signals if share >= 0.01)
+
+
+def gains_item(controller: LPVStateSpace) -> Figure:
+    """The controller's gains over frequency and scheduling."""
+    return Figure.of(controller_gains(controller), "Gains from measurements to controls, the scheduling held still"
+                     + ("; right, over the scheduling." if controller.box.names else "."), "Gains of the controller")
+
+
+def _worst(loop: LPVStateSpace) -> WorstCase | None:
+    """Of moving schedulings and held ones; None where nothing moves."""
+    if not loop.box.half_width.any():
+        return None
+    system = driven(loop)
+    box = box_of(system.readings, loop.box)
+    gain, point, frequency = largest_frozen_norm(system, box)
+    return worst_trajectory(system, box, WorstCase.frozen(box, point, frequency, gain))
 
 
 def _design(result: Synthesis, plant: GeneralizedPlant) -> list[Item]:
@@ -112,7 +161,7 @@ def _controller(result: Synthesis) -> list[Item]:
     for p in k.box.grid(2)[:4]:
         where = ", ".join(f"{n} = {v:.4g}" for n, v in zip(k.box.names, p, strict=True)) or "–"
         rows.append((where, "; ".join(modes(k.frozen_poles(p), k.sample_time)) or "no states"))
-    return [Paragraph(repr(k)), Table(("at", "frozen poles: frequency and damping ratio"), tuple(rows),
+    return [Paragraph(repr(k)), gains_item(k), Table(("at", "frozen poles: frequency and damping ratio"), tuple(rows),
                                       "Poles of the controller itself; a pair that swings counts once.")]
 
 

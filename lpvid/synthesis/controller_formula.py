@@ -91,8 +91,8 @@ class ControllerFormula:
         In coordinates x = `inner`·x' of the balanced plant, in which the means of X and Y are one diagonal matrix.
     inner : (n, n) array
     gamma : float
-    efforts : (float, float)
-        Fictitious effort of the controls and noise of the measurements.
+    efforts : ((n_u, n_u) array, (n_y, n_y) array)
+        Fictitious effort of the controls and noise of the measurements, to be added to D12ᵀD12 and D21D21ᵀ.
     outer : (n, n) array
         x_K as returned is this times x_K of the formula.
     """
@@ -102,7 +102,7 @@ class ControllerFormula:
     pair: Pair
     inner: np.ndarray
     gamma: float
-    efforts: tuple[float, float]
+    efforts: tuple[np.ndarray, np.ndarray]
     outer: np.ndarray
 
     @classmethod
@@ -112,7 +112,7 @@ class ControllerFormula:
         n = pair.x.shape[1]
         try:
             pair, inner = _balanced(variations, pair, points)
-            draft = cls(plant, variations, pair, inner, gamma, (0.0, 0.0), np.eye(n))
+            draft = cls(plant, variations, pair, inner, gamma, (np.zeros((0, 0)),) * 2, np.eye(n))
             at, v = draft._plant(points), draft._lyapunov(points)
             parts = v.blocks()
             for p in parts:

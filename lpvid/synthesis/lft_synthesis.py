@@ -28,6 +28,7 @@ from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.plant_functions import named
 from lpvid.synthesis.preconditioning import preconditioned
+from lpvid.synthesis.progress import remember, stage
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_program import Coordinates
 
@@ -86,9 +87,10 @@ class LFTFeedback:
         lowest, best = math.inf, None
         for least, fractional, found in settled_levels(fractional_plant(inner, c), self.back_off):
             lowest = min(lowest, least)
+            stage(f"recovering a controller for {least:.4g}")
             outcome = self._recovered(plant, turn, c, fractional, least, found)
             if outcome is not None and (best is None or _rank(outcome) < _rank(best)):
-                best = replace(outcome, infimum=lowest, seconds=time.perf_counter() - started)
+                best = remember(replace(outcome, infimum=lowest, seconds=time.perf_counter() - started))
             if best is not None and best.verdict == "solved":
                 return best
         if best is not None:

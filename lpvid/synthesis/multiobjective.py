@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import Criterion, ShapedProblem, check_criteria, listed, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, combined
 from lpvid.synthesis.shaped_program import Coordinates, Shaped, Shaping
+from lpvid.synthesis.variance_feedback import VarianceFeedback, regulated_plant, suits
 
 APART = 4.0
 """How far the coupling [X, sI; sI, Y] ⪰ 0 is pushed from its limit s = 1, if that costs nothing."""
@@ -78,10 +80,12 @@ class MultiObjective:
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The controller for a plant, with the figures of its closed loop."""
         criteria, regions = tuple(self.criteria), tuple(self.regions)  # type: ignore[arg-type]
+        found: list[Synthesis] = []
         if len(criteria) == 1 and isinstance(criteria[0], HInfinity) and not regions and self.feedthrough:
-            found = _by_output_feedback(plant, criteria[0], self.back_off - 1, self.points)
-            if found is not None:
-                return found
+            other = _by_output_feedback(plant, criteria[0], self.back_off - 1, self.points)
+            if other is not None and (other.controller is None or other.certificate is not None or plant.box.names):
+                return other
+            found += [] if other is None else [other]
         steady = _steady(plant)
         axes = design_axes(plant.box, self.points, is_affine(plant.system.basis) and steady)
         check_criteria(plant, criteria, regions, tensor(axes))
@@ -89,11 +93,31 @@ class MultiObjective:
         direct = self.feedthrough and (plant.sample_time is not None or not any(isinstance(c, H2) for c in criteria))
         if fault is not None:
             return settle(self._stated(plant, criteria, regions, axes, direct, unconditioned(plant)), fault)
-        plain = settle(self._stated(plant, criteria, regions, axes, direct, unconditioned(plant)))
-        if plain.verdict in ("solved", "infeasible"):
-            return plain
-        other = settle(self._stated(plant, criteria, regions, axes, direct, preconditioned(plant, tensor(axes))))
-        return _lowest([plain, other])
+        for attempt in self._attempts(plant, criteria, regions, axes, direct):
+            found.append(attempt())
+            if found[-1].verdict in ("solved", "infeasible"):
+                return found[-1]
+        return _lowest(found)
+
+    def _attempts(self, plant: GeneralizedPlant, criteria: tuple[Criterion, ...], regions: tuple[Region, ...],
+                  axes: tuple[np.ndarray, ...], direct: bool) -> Iterator[Callable[[], Synthesis]]:
+        """The same design by several inequalities and in several coordinates, those first that are solved best."""
+        points, variance = tensor(axes), any(isinstance(c, H2) for c in criteria)
+        if len(criteria) == 1 and not regions and isinstance(criteria[0], H2) and suits(plant, criteria[0], points):
+            yield lambda: self._by_variance(plant, criteria, axes)
+        for of in (unconditioned, partial(regulated_plant, points=points) if variance else None,
+                   partial(preconditioned, points=points)):
+            if of is not None:
+                yield lambda of=of: settle(self._stated(plant, criteria, regions, axes, direct, of(plant)))
+
+    def _by_variance(self, plant: GeneralizedPlant, criteria: tuple[Criterion, ...], axes: tuple[np.ndarray, ...]
+                     ) -> Synthesis:
+        """One H2 criterion, without the controller's own dynamics among the unknowns."""
+        assert isinstance(criteria[0], H2)
+        search = VarianceFeedback(plant, criteria[0], tensor(axes))
+        plain = self._stated(plant, criteria, (), axes, False, unconditioned(plant))
+        return settle(plain, answers=lambda share: (
+            (self._stated(plant, criteria, (), axes, False, ready), shaped) for ready, shaped in search.answers(share)))
 
     def _stated(self, plant: GeneralizedPlant, criteria: tuple[Criterion, ...], regions: tuple[Region, ...],
                 axes: tuple[np.ndarray, ...], direct: bool, ready: Preconditioned) -> _Problem:
@@ -224,7 +248,7 @@ def _by_output_feedback(plant: GeneralizedPlant, criterion: HInfinity, back_off:
     found = OutputFeedback(bound=criterion.bound, back_off=share, points=points).solve(part)
     if found.verdict in ("infeasible", "unstabilisable", "undetectable"):
         return found
-    if found.verdict != "solved" or found.certificate is None or found.gamma_verified is None:
+    if found.verdict != "solved" or found.gamma_verified is None:
         return None
     figure = Figure("H-infinity", criterion.says(plant), found.gamma or found.gamma_verified, found.gamma_verified,
                     found.gamma_lower, found.between_grid, found.certificate)

@@ -18,6 +18,7 @@ from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.loop_certificate import certificate_of
 from lpvid.synthesis.loop_check import frozen_gain
 from lpvid.synthesis.obstacle import hopeless, obstacle
+from lpvid.synthesis.progress import remember, stage, stopped
 from lpvid.synthesis.projected_search import ROOMY, Clock, conditioned, least_bound
 from lpvid.synthesis.projection import Pair, Projected, regular, restrained, singular
 from lpvid.synthesis.result import Synthesis
@@ -30,7 +31,7 @@ STEPS = (1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
 """multiples of the design's back-off that are tried"""
 SOLVED = 0.12
 """share above the least bound of any route up to which a verified gain is "solved"; beyond it is "backed-off" """
-NOISE = (1e-2, 1e-3, 1e-4)
+NOISE = (10.0, 1.0, 1e-1, 1e-2, 1e-3, 1e-4)
 """noise, and effort, added for moderate gains where nothing else limits them: shares of what the sensors show."""
 NOTHING = 1e-8
 """Share of the plant's size, a solver's accuracy, below which a least bound counts as zero. Only infinite gains come
@@ -106,7 +107,7 @@ def search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> S
     """
     found = _refined(problem, wanted, back_off)
     rest = problem.solvers[1:]
-    if found.verdict in ("numerical", "backed-off") and rest and available(rest):
+    if found.verdict in ("numerical", "backed-off") and rest and not stopped() and available(rest):
         other = _refined(replace(problem, solvers=rest), wanted, back_off)
         found = _better(found, other)
     return found
@@ -117,7 +118,7 @@ def _refined(problem: FeedbackProblem, wanted: float | None, back_off: float) ->
     while True:
         found = _search(problem, wanted, back_off, known)
         if isinstance(found, Synthesis):
-            return found
+            return remember(found)
         points, known = found
         problem = replace(problem, extra=np.vstack([problem.extra, points]))
 
@@ -168,7 +169,7 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
                                solver=best.solver, method=problem.method, notes=(*note, *found.notes),
                                why=_kept_near(verified, target))
     verdict, why, mend = obstacle(problem.plant.plant, projected)
-    if verdict == "infeasible":  # the least bound was an answer to inequalities that have none
+    if verdict == "infeasible" or best.status == ROOMY:  # the bound was that of an answer which keeps no inequality
         return Synthesis(verdict, why=why, mend=mend, method=problem.method)
     return Synthesis("numerical", why=f"the inequalities admit {best.gamma:.6g}, but no controller was found whose "
                      "closed loop keeps a bound near it", infimum=best.gamma, method=problem.method,
@@ -219,9 +220,12 @@ def moderate(problem: FeedbackProblem, bound: float) -> tuple[LPVStateSpace, Con
 def _formulas(problem: FeedbackProblem, projected: Projected, best: Pair, gamma: float, clock: Clock
               ) -> Iterator[ControllerFormula]:
     """Controllers at a bound, the most moderate first: with noise and effort where the plant has none, if they fit."""
-    for size in NOISE if singular(projected.plant) else ():
+    plain = next(conditioned(projected, best, gamma, clock, rounds=1, solvers=problem.solvers), None)
+    for size in NOISE if plain is not None and singular(projected.plant) else ():
         noisy = replace(projected, plant=regular(projected.plant, size))
-        least = least_bound(noisy, clock, solvers=problem.solvers)
+        if next(conditioned(noisy, best, gamma, clock, rounds=1, solvers=problem.solvers), None) is None:
+            continue
+        least = least_bound(noisy, clock, solvers=problem.solvers, known=best)
         if least is not None and least.gamma * (1 + SLACK) < gamma:
             yield from _gentle(problem, noisy, least, gamma, clock)
     yield from _gentle(problem, projected, best, gamma, clock)
@@ -248,6 +252,7 @@ def _gentle(problem: FeedbackProblem, projected: Projected, pair: Pair, gamma: f
 def _written(problem: FeedbackProblem, formula: ControllerFormula) -> Synthesis | None:
     """The controller with its closed loop, if that keeps the formula's bound wherever it is looked at."""
     plant = problem.plant.plant
+    stage(f"writing down and verifying a controller for {formula.gamma:.4g}")
     try:
         found = _kept(problem, formula)
     except np.linalg.LinAlgError:

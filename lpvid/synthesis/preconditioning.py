@@ -45,9 +45,12 @@ def preconditioned(plant: GeneralizedPlant, points: np.ndarray) -> Preconditione
     if found is None or not plant.order:
         return unconditioned(plant)
     turn, sizes = balancing(found.x, found.y)
-    turn = units.states[:, None] * turn
-    back = np.linalg.inv(turn)
-    system = plant.system
+    return turned(plant, units.states[:, None] * turn, sizes)
+
+
+def turned(plant: GeneralizedPlant, turn: np.ndarray, sizes: np.ndarray) -> Preconditioned:
+    """The same signals over states x' = `turn`⁻¹x."""
+    back, system = np.linalg.inv(turn), plant.system
     moved = system.replace(A=back @ system.A @ turn, B=back @ system.B, C=system.C @ turn)
     return Preconditioned(GeneralizedPlant(moved, plant.controls, plant.measurements), turn, sizes)
 

@@ -111,7 +111,7 @@ class Projected:
         for half, root, size, matrices in zip(self.halves, roots, sizes, own, strict=True):
             for (matrix, weight), scale in zip(half.inequalities(root, matrices), size, strict=True):
                 level = bound.times(weight) if gamma is None else gamma * weight
-                program.require(_congruent(level - matrix, scale))
+                program.require(congruent(level - matrix, scale))
         cross, apart = np.linalg.solve(roots[0], np.linalg.inv(roots[1]).T), None
         if gamma is not None:
             apart = bound
@@ -197,7 +197,11 @@ class Half:
 
     def sizes(self, root: np.ndarray, matrices: np.ndarray, gamma: float) -> list[np.ndarray]:
         """Norms of the rows of γE − F for known matrices (K, n, n) in the plant's own coordinates."""
-        inverse, found = np.linalg.inv(root), []
+        return [np.linalg.norm(value, axis=1) for value in self.values(root, matrices, gamma)]
+
+    def values(self, root: np.ndarray, matrices: np.ndarray, gamma: float) -> Iterator[np.ndarray]:
+        """γE − F for known matrices (K, n, n) in the plant's own coordinates, for every point and corner."""
+        inverse = np.linalg.inv(root)
         own = inverse @ matrices @ inverse.T
         for k in range(len(self.A)):
             p = self.pieces(root, k)
@@ -208,8 +212,7 @@ class Half:
                 value[:m, :m] -= half + half.T + drift
                 value[:m, m:] -= p.drive
                 value[m:, :m] -= p.drive.T
-                found.append(np.linalg.norm(value, axis=1))
-        return found
+                yield value
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,9 +234,26 @@ def null_space(matrix: np.ndarray) -> np.ndarray:
 
 def sizes_at(problem: Projected, roots: tuple[np.ndarray, np.ndarray], pair: Pair) -> tuple[list, list]:
     """Diagonals that give every inequality, at a pair, rows of size one."""
-    x, y = ([1 / np.sqrt(np.maximum(size, 1e-5 * size.max())) for size in half.sizes(root, matrices, pair.gamma)]
+    x, y = ([_levelled(size) for size in half.sizes(root, matrices, pair.gamma)]
             for half, root, matrices in zip(problem.halves, roots, (pair.x, pair.y), strict=True))
     return x, y
+
+
+def shortfall(problem: Projected, pair: Pair) -> float:
+    """How far a pair is from keeping the inequalities at its γ: the least eigenvalue below zero, rows being of size
+    one in coordinates in which the means of X and Y are the identity; 0 where it keeps them.
+    """
+    worst = 0.0
+    for half, root, matrices in zip(problem.halves, roots_of(problem, pair), (pair.x, pair.y), strict=True):
+        for value in half.values(root, matrices, pair.gamma):
+            scale = _levelled(np.linalg.norm(value, axis=1))
+            worst = max(worst, -float(np.linalg.eigvalsh(value * np.outer(scale, scale))[0]))
+    return worst
+
+
+def _levelled(size: np.ndarray) -> np.ndarray:
+    """Diagonal that gives rows of such norms size one."""
+    return 1 / np.sqrt(np.maximum(size, 1e-5 * size.max()))
 
 
 def initial(problem: Projected) -> tuple[Pair, tuple[np.ndarray, np.ndarray]]:
@@ -291,12 +311,14 @@ def _restrained(plant: PlantMatrices, size: float, effort: np.ndarray, noise: np
 
 def _unlimited(plant: PlantMatrices) -> tuple[np.ndarray, np.ndarray]:
     """Directions, as rows, of which D12 (controls) or D21 (measurements) passes almost nothing at some point."""
-    found = []
-    for matrices in (plant.D12, plant.D21.swapaxes(1, 2)):
-        least = min((m.T @ m for m in matrices), key=lambda g: float(np.linalg.eigvalsh(g)[0]))
-        values, vectors = np.linalg.eigh(least)
-        found.append(vectors.T[values < 1e-12])
-    return found[0], found[1]
+    return unlimited(plant.D12), unlimited(plant.D21.swapaxes(1, 2))
+
+
+def unlimited(through: np.ndarray) -> np.ndarray:
+    """(·, n) directions, as rows, of which some of the matrices (N, m, n) passes almost nothing."""
+    least = min((m.T @ m for m in through), key=lambda g: float(np.linalg.eigvalsh(g).min(initial=np.inf)))
+    values, vectors = np.linalg.eigh(least)
+    return vectors.T[values < 1e-12]
 
 
 def _sum(values: np.ndarray, matrices: list[Affine]) -> Affine:
@@ -306,7 +328,7 @@ def _sum(values: np.ndarray, matrices: list[Affine]) -> Affine:
     return total
 
 
-def _congruent(matrix: Affine, scale: np.ndarray) -> Affine:
+def congruent(matrix: Affine, scale: np.ndarray) -> Affine:
     both = np.outer(scale, scale)
     return Affine(both * matrix.constant, sparse.csr_array(sparse.diags_array(both.ravel()) @ matrix.linear))
 

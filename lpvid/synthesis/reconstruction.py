@@ -1,19 +1,24 @@
 """From the Lyapunov matrices X(p), Y(p) to the controller, in closed form at every point.
 
 Gahinet, Automatica 32 (1996) 1007-1014, extended to matrices that vary. Where controls are free or measurements exact
-his equations are singular; fictitious effort and noise of size ε make them regular, and the largest ε that keeps the
-bound is the gentlest controller. Symbols as in the equations sheet, 5.4 (there R = X, S = Y).
+his equations are singular; fictitious effort and noise make them regular, and the largest that keep the bound are the
+gentlest controller: ε² in every direction, and δ² ≥ ε² in those where there is none, which costs far less. Symbols as
+in the equations sheet, 5.4 (there R = X, S = Y).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from lpvid.synthesis.generalized_plant import PlantMatrices
-from lpvid.synthesis.projection import null_space
+from lpvid.synthesis.projection import null_space, unlimited
 from lpvid.synthesis.scaling import Matrices
+
+SIZES = tuple(10.0 ** np.arange(1.0, -8.01, -0.5))
+"""of fictitious noise and effort that are tried, in balanced units"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,13 +80,16 @@ def feedthrough(plant: PlantMatrices, gamma: float) -> np.ndarray:
     return d
 
 
-def observer_gain(plant: PlantMatrices, y: np.ndarray, gamma: float, noise: float) -> np.ndarray:
-    """(N, n, n_y) B̂, the gain of the measurements that is best at γ; D_K is already closed in `plant`."""
+def observer_gain(plant: PlantMatrices, y: np.ndarray, gamma: float, noise: np.ndarray) -> np.ndarray:
+    """(N, n, n_y) B̂, the gain of the measurements that is best at γ; D_K is already closed in `plant`.
+
+    `noise` (n_y, n_y) is the covariance that is added to D21 D21ᵀ.
+    """
     right = -np.concatenate([plant.C2, plant.B1.swapaxes(1, 2) @ y, plant.C1], axis=1)
     return _best(plant.D21, plant.D11, gamma, noise, right).swapaxes(1, 2)
 
 
-def state_gain(plant: PlantMatrices, p: np.ndarray, gamma: float, effort: float) -> np.ndarray:
+def state_gain(plant: PlantMatrices, p: np.ndarray, gamma: float, effort: np.ndarray) -> np.ndarray:
     """(N, n_u, n) F = Ĉ X⁻¹ for P = X⁻¹, the best gain of the controls if the state were known."""
     t = plant.B1.swapaxes(1, 2) @ p
     right = -np.concatenate([plant.B2.swapaxes(1, 2) @ p, plant.C1, t], axis=1)
@@ -115,28 +123,44 @@ def half_norm(plant: PlantMatrices, y: np.ndarray, slope: np.ndarray, gain: np.n
     return float(np.linalg.eigvalsh(0.5 * (matrix + matrix.swapaxes(2, 3)))[..., -1].max())
 
 
-def gentlest(plant: PlantMatrices, y: np.ndarray, slope: np.ndarray, gamma: float) -> tuple[np.ndarray, float] | None:
-    """B̂ with the largest fictitious noise that keeps the observer's inequality, and that noise; None if none does."""
-    for noise in np.concatenate([10.0 ** np.arange(1.0, -8.01, -0.5), [0.0]]):
+def gentlest(plant: PlantMatrices, y: np.ndarray, slope: np.ndarray, gamma: float
+             ) -> tuple[np.ndarray, np.ndarray] | None:
+    """B̂ with the largest fictitious noise that keeps the observer's inequality, and its covariance; None if none does.
+
+    First the same in every direction, then more of it in those that D21 does not reach.
+    """
+    eye = np.eye(plant.D21.shape[1])
+    found = next(_fitting(plant, y, slope, gamma, ((size**2 * eye) for size in (*SIZES, 0.0))), None)
+    unreached = unlimited(plant.D21.swapaxes(1, 2))
+    if found is None or not len(unreached):
+        return found
+    least, more = found[1], unreached.T @ unreached
+    noisier = (least + (size**2 - least[0, 0]) * more for size in SIZES if size**2 > least[0, 0])
+    return next(_fitting(plant, y, slope, gamma, noisier), found)
+
+
+def _fitting(plant: PlantMatrices, y: np.ndarray, slope: np.ndarray, gamma: float, sizes: Iterable[np.ndarray]
+             ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Those of some covariances with which the observer's inequality holds, with its gain."""
+    for noise in sizes:
         try:
-            gain = observer_gain(plant, y, gamma, float(noise))
+            gain = observer_gain(plant, y, gamma, noise)
             if np.all(np.isfinite(gain)) and half_norm(plant, y, slope, gain, gamma) < 0:
-                return gain, float(noise)
+                yield gain, noise
         except np.linalg.LinAlgError:
             continue
-    return None
 
 
-def controller_at(plant: PlantMatrices, v: Lyapunov, gamma: float, efforts: tuple[float, float],
+def controller_at(plant: PlantMatrices, v: Lyapunov, gamma: float, efforts: tuple[np.ndarray, np.ndarray],
                   d: np.ndarray) -> Matrices:
     """The controller (N, …) at ṗ = 0, in the coordinates of `Lyapunov.blocks`.
 
     With P = X⁻¹, N = Y − P, F the state feedback and W ≻ 0 the slack of its inequality,
 
-        A_K = A + B2 F + B_K C2 + (B1 + B_K D21) w̄ − N⁻¹ (W − ε² FᵀF / γ),    B_K = N⁻¹ B̂,    C_K = −F,
+        A_K = A + B2 F + B_K C2 + (B1 + B_K D21) w̄ − N⁻¹ (W − FᵀEF / γ),    B_K = N⁻¹ B̂,    C_K = −F,
 
-    where w̄ is the worst disturbance of the state feedback: the same controller as equations sheet 5.4 without its
-    differences of large numbers. Where only X moves, the dual plant's controller, transposed.
+    where w̄ is the worst disturbance of the state feedback and E the fictitious effort: the same controller as equations
+    sheet 5.4 without its differences of large numbers. Where only X moves, the dual plant's controller, transposed.
     """
     if not v.by_measurements:
         turned = Lyapunov(v.y, v.x, v.y_slope, v.x_slope)
@@ -151,13 +175,13 @@ def controller_at(plant: PlantMatrices, v: Lyapunov, gamma: float, efforts: tupl
     flow = p @ (at.A + at.B2 @ f)
     slack = -(flow + flow.swapaxes(1, 2) + into.swapaxes(1, 2) @ worst)
     a = (at.A + at.B2 @ f + b @ at.C2 + (at.B1 + b @ at.D21) @ worst[:, : at.B1.shape[2]]
-         - np.linalg.solve(n, slack - efforts[0] ** 2 / gamma * f.swapaxes(1, 2) @ f))
+         - np.linalg.solve(n, slack - f.swapaxes(1, 2) @ efforts[0] @ f / gamma))
     return a, b, -f, d
 
 
-def _best(d21: np.ndarray, d: np.ndarray, gamma: float, noise: float, right: np.ndarray) -> np.ndarray:
-    """First rows of the solution of [ε²/γ D21 0; D21ᵀ −γ Dᵀ; 0 D −γ] x = right."""
-    left = _square3(noise**2 / gamma * np.eye(d21.shape[1]), d21, np.zeros((d21.shape[1], d.shape[1])), d, gamma)
+def _best(d21: np.ndarray, d: np.ndarray, gamma: float, noise: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """First rows of the solution of [E/γ D21 0; D21ᵀ −γ Dᵀ; 0 D −γ] x = right, E = `noise`."""
+    left = _square3(noise / gamma, d21, np.zeros((d21.shape[1], d.shape[1])), d, gamma)
     return np.linalg.solve(left, right)[:, : d21.shape[1]]
 
 

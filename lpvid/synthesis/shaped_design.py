@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -24,6 +24,7 @@ from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.loop_certificate import own_certificate
 from lpvid.synthesis.loop_check import Storage
 from lpvid.synthesis.obstacle import BEYOND
+from lpvid.synthesis.progress import remember, stage, stopped
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_program import Shaped, ShapedProgram, Shaping
 
@@ -95,6 +96,10 @@ class ShapedProblem(ABC):
         """What the criteria are about, from the plant's disturbances to its performance signals (in its order)."""
 
 
+Answers = Callable[[float], Iterator[tuple[ShapedProblem, Shaped]]]
+"""From a back-off to answers of inequalities, each with the problem that knows its coordinates."""
+
+
 def listed(value: T | Sequence[T], kind: type | tuple[type, ...], what: str) -> tuple[T, ...]:
     """One object or several of a kind, as a tuple."""
     items = tuple(value) if isinstance(value, (tuple, list)) else (value,)
@@ -128,7 +133,8 @@ def check_criteria(plant: GeneralizedPlant, criteria: Sequence[Criterion], regio
                              f"reaches {z} directly", mend=f"filter {w} or {z}, or leave the pair out of the criterion")
 
 
-def settle(problem: ShapedProblem, fault: Fault | None = None, *, kept: float = KEPT) -> Synthesis:
+def settle(problem: ShapedProblem, fault: Fault | None = None, *, kept: float = KEPT, answers: Answers | None = None
+           ) -> Synthesis:
     """Solve, recover, close the loop, verify; soften the promise where it is not kept.
 
     Parameters
@@ -138,6 +144,9 @@ def settle(problem: ShapedProblem, fault: Fault | None = None, *, kept: float = 
         Why there is nothing to solve.
     kept : float
         A promise is kept when the verified figure is at most this factor above it.
+    answers : callable, optional
+        From a back-off to answers, each with the problem in whose coordinates it is; left out, those of the problem's
+        own program.
 
     Returns
     -------
@@ -148,16 +157,21 @@ def settle(problem: ShapedProblem, fault: Fault | None = None, *, kept: float = 
         return Synthesis(fault.verdict, why=fault.why, mend=fault.mend, method=problem.method)
     started = time.perf_counter()
     program = ShapedProgram(problem.plant, problem.criteria, problem.regions, problem.build)
+    given: Answers = answers or (lambda share: ((problem, shaped) for shaped in program.answers(share)))
     found: list[Synthesis] = []
     examined = 0
     for back_off in (problem.back_off, *(f for f in SOFTER if f > problem.back_off)):
-        for shaped in program.answers(back_off):
+        stage(f"matrix inequalities for {_asked(problem)}, back-off {back_off:g}")
+        for stated, shaped in given(back_off):
+            if stopped() and found:
+                break
             examined += 1
-            outcome = _judged(problem, shaped, back_off, started, kept)
+            stage(f"verifying controller {examined} of at most {MOST}")
+            outcome = _judged(stated, shaped, back_off, started, kept)
             if outcome is not None:
                 if outcome[1]:
-                    return outcome[0]
-                found.append(outcome[0])
+                    return remember(outcome[0])
+                found.append(remember(outcome[0]))
             if examined >= MOST:
                 break
         if not examined or examined >= MOST:
@@ -169,7 +183,7 @@ def settle(problem: ShapedProblem, fault: Fault | None = None, *, kept: float = 
         return Synthesis("numerical", why="no controller recovered from the solvers' answers keeps the loop stable",
                          mend="scale the signals to similar size, or raise back_off", seconds=seconds,
                          method=problem.method)
-    if program.refuted() >= BEYOND:
+    if answers is None and program.refuted() >= BEYOND:
         return Synthesis("infeasible", why=f"there are no matrices for {_asked(problem)} (shown by a dual matrix)",
                          mend=problem.remedy, seconds=seconds, method=problem.method)
     return Synthesis("numerical", why=f"no solver finds matrices for {_asked(problem)}; that none exist is not shown",

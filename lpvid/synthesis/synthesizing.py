@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 from lpvid.errors import InputError
 from lpvid.lmi.autonomous import readings_of
 from lpvid.synthesis.carried_error import carried
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
+from lpvid.synthesis.progress import interrupted, watched
 from lpvid.synthesis.result import Synthesis
 
 
@@ -20,7 +22,7 @@ class Design(Protocol):
         ...
 
 
-def synthesize(plant: GeneralizedPlant, design: Design) -> Synthesis:
+def synthesize(plant: GeneralizedPlant, design: Design, *, progress: Callable[[str], None] | None = None) -> Synthesis:
     """A controller for a plant, its closed loop verified; or a verdict with its reason and what would mend it.
 
     Parameters
@@ -28,15 +30,21 @@ def synthesize(plant: GeneralizedPlant, design: Design) -> Synthesis:
     plant : GeneralizedPlant
     design : OutputFeedback, StateFeedback, MultiObjective or another design
         What to ask of the closed loop.
+    progress : callable, optional
+        Takes a line about what is being done, the bound so far and how long the rest takes at most.
 
     Returns
     -------
     Synthesis
+        Interrupted (Ctrl-C), a search that has a bound writes its controller down; where one was verified before, that
+        is returned. A note says so.
 
     Raises
     ------
     InputError
         A plant or design of the wrong kind, and whatever the design refuses.
+    KeyboardInterrupt
+        Interrupted before there was a controller, or twice.
 
     Examples
     --------
@@ -58,4 +66,12 @@ def synthesize(plant: GeneralizedPlant, design: Design) -> Synthesis:
         raise InputError("synthesis needs a design", got=getattr(design, "__name__", type(design).__name__),
                          mend="give OutputFeedback(), StateFeedback() or another design of lpvid.synthesis")
     readings_of(plant.system.basis)  # refuses functions that no certificate could look at, before the search
-    return carried(plant, design.solve(plant))
+    with watched(progress) as watch:
+        try:
+            found = design.solve(plant)
+        except KeyboardInterrupt:
+            if watch.best is None:
+                raise
+            found, watch.stopped = watch.best, True
+        found = carried(plant, found)
+        return interrupted(found, watch) if watch.stopped else found

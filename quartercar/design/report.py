@@ -9,6 +9,7 @@ import numpy as np
 from lpvid.report import OUT, Figure, Mark, Notes, Page, Paragraph, Section, Step, Table, Traces, number
 from lpvid.report.courses import signal_traces
 from lpvid.report.page import percent
+from lpvid.report.synthesis import gains_item, limit_items
 from quartercar.design import plot
 from quartercar.design.identified import IdentifiedDesign
 from quartercar.design.nominal import Design
@@ -67,6 +68,9 @@ def design_page(found: Design | IdentifiedDesign, figures: Sequence[Drawn], ride
             *((Notes(s.notes),) if s.notes else ()))
     curves = [drawn[n] for n in ("gains", "sensitivity") if n in drawn]
     sections.append(Section("What the closed loop does", (*told, *curves)))
+    if s.closed_loop is not None and s.controller is not None:
+        sections += [Section("What limits the design", tuple(limit_items(s))),
+                     Section("The controller over its scheduling", (gains_item(s.controller),))]
     if rides is not None:
         rows = tuple((name, number(r.figures.comfort), number(r.figures.tyre_load),
                       number(1e3 * r.figures.largest_stroke, 3)) for name, r in

@@ -59,3 +59,25 @@ def test_what_has_no_answer_gives_none():
     program.require(-t)
     program.minimise(t)
     assert next(program.solve(solvers=("CLARABEL",)), None) is None
+
+
+def test_a_panic_of_the_solver_is_no_answer(monkeypatch):
+    """Clarabel panics where the eigenvalues of an iterate cannot be computed; pyo3 derives that from BaseException."""
+    import clarabel
+
+    class PanicException(BaseException):
+        pass
+
+    class Broken:
+        def __init__(self, *_):
+            pass
+
+        def solve(self):
+            raise PanicException("Eigval error")
+
+    program = Program()
+    t = program.unknowns.scalar()
+    program.require(t.times(np.eye(2)) - np.eye(2))
+    program.minimise(t)
+    monkeypatch.setattr(clarabel, "DefaultSolver", Broken)
+    assert next(program.solve(solvers=("CLARABEL",)), None) is None and program.refuted() == 0.0

@@ -1,0 +1,121 @@
+"""What a search is doing, how long it will take, and the best controller so far when it is interrupted."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lpvid.synthesis.result import Synthesis
+
+Say = Callable[[str], None]
+INTERRUPTED = "interrupted after"
+"""how the first note of a synthesis begins that Ctrl-C ended"""
+
+
+@dataclass(eq=False)
+class Watch:
+    """One synthesis under way.
+
+    Parameters
+    ----------
+    say : callable or None
+        Takes what is being done now.
+    best : Synthesis or None
+        Of lowest verified gain so far.
+    started : float
+        Monotonic time [s].
+    stopped : bool
+        The search was interrupted once: what was found so far is written down.
+    """
+
+    say: Say | None = None
+    best: Synthesis | None = None
+    started: float = field(default_factory=time.monotonic)
+    stopped: bool = False
+
+
+_WATCH: ContextVar[Watch | None] = ContextVar("lpvid_synthesis_watch", default=None)
+
+
+@contextmanager
+def watched(say: Say | None) -> Iterator[Watch]:
+    """Follow what runs inside; a synthesis within a synthesis belongs to the outer one."""
+    outer = _WATCH.get()
+    if outer is not None:
+        yield outer
+        return
+    watch = Watch(say)
+    token = _WATCH.set(watch)
+    try:
+        yield watch
+    finally:
+        _WATCH.reset(token)
+
+
+def stage(text: str) -> None:
+    """Say what is being done now, where somebody follows."""
+    watch = _WATCH.get()
+    if watch is not None and watch.say is not None:
+        watch.say(text)
+
+
+def stop_at(error: KeyboardInterrupt) -> None:
+    """End a search that has something to go on with; a second interruption is raised again."""
+    watch = _WATCH.get()
+    if watch is None or watch.stopped:
+        raise error
+    watch.stopped = True
+    stage("interrupted: writing down what was found so far; interrupt again to stop at once")
+
+
+def stopped() -> bool:
+    """The search was interrupted: nothing better is looked for."""
+    watch = _WATCH.get()
+    return watch is not None and watch.stopped
+
+
+def remember(found: Synthesis) -> Synthesis:
+    """Keep a synthesis as the best so far, where it is, and hand it on."""
+    watch = _WATCH.get()
+    if watch is not None and found.controller is not None:
+        bound = math.inf if found.gamma_verified is None else found.gamma_verified
+        best = watch.best
+        if best is None or bound < (math.inf if best.gamma_verified is None else best.gamma_verified):
+            watch.best = found
+    return found
+
+
+def interrupted(found: Synthesis, watch: Watch) -> Synthesis:
+    """A synthesis that says that it is the best so far."""
+    seconds = time.monotonic() - watch.started
+    note = f"{INTERRUPTED} {seconds:.3g} s: the best controller so far, verified as any other"
+    return replace(found, notes=(note, *found.notes), seconds=seconds)
+
+
+@dataclass(eq=False)
+class Rounds:
+    """Rounds of one kind, timed: what is left of them at most.
+
+    Parameters
+    ----------
+    what : str
+    most : int
+    """
+
+    what: str
+    most: int
+    _done: int = 0
+    _begun: float = field(default_factory=time.monotonic)
+
+    def enter(self, detail: str = "") -> None:
+        """The next round begins."""
+        spent = time.monotonic() - self._begun
+        left = f", at most {(self.most - self._done) * spent / self._done:.0f} s more" if self._done else ""
+        self._done += 1
+        stage(f"{self.what}: round {self._done} of at most {self.most}{left}{', ' + detail if detail else ''}")
