@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from lpvid.identification.sparsity import sparsify
     from lpvid.identification.state_space_error import StateSpaceError
     from lpvid.identification.streaming import identify_stream
+    from lpvid.identification.structure import Structure, register_structure
     from lpvid.identification.subspace import Subspace
     from lpvid.lmi.bound_certificate import BoundCertificate
     from lpvid.lmi.gain_certificate import GainCertificate, certify_gain
@@ -157,6 +158,7 @@ _EXPORTS = {
     "lpvid.identification.sparsity": ("sparsify",),
     "lpvid.identification.state_space_error": ("StateSpaceError",),
     "lpvid.identification.streaming": ("identify_stream",),
+    "lpvid.identification.structure": ("Structure", "register_structure"),
     "lpvid.identification.subspace": ("Subspace",),
     "lpvid.lmi.bound_certificate": ("BoundCertificate",),
     "lpvid.lmi.gain_certificate": ("GainCertificate", "certify_gain"),
@@ -207,7 +209,8 @@ __all__ = [
     "Observer", "OutputError", "OutputFeedback", "Passive", "PassivityCertificate", "PassivityMargin", "Polynomial",
     "Product", "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain",
     "Scheduling", "Selection", "Shifted", "Signal", "Simulation", "Spline", "StabilityCertificate", "Stacked",
-    "StateFeedback", "StateSpaceError", "Subspace", "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin",
+    "StateFeedback", "StateSpaceError", "Structure", "Subspace", "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage",
+    "Tustin",
     "Validation", "Verification", "ZeroOrderHold", "anti_windup", "append", "audit", "auto", "back_calculation",
     "balanced_realization", "certified_share", "certify_gain", "certify_passivity", "certify_region",
     "certify_stability", "certify_switching", "close_loop", "compare_models", "connect", "control_system",
@@ -216,7 +219,7 @@ __all__ = [
     "from_grid", "from_lft", "frozen_stability", "h2_norm", "identify", "identify_stream", "joint_spectral_radius",
     "l2_gain", "l2_gains", "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel",
     "passivity_margin", "pole_band", "pole_locus", "predict", "read", "realize", "reduce_order", "refit_form",
-    "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify", "stability_probability",
+    "register_structure", "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify", "stability_probability",
     "steadied", "step_response", "summing_junction", "synthesize", "to_affine", "to_continuous", "to_control",
     "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
 ]
