@@ -219,7 +219,8 @@ __all__ = [
     "from_grid", "from_lft", "frozen_stability", "h2_norm", "identify", "identify_stream", "joint_spectral_radius",
     "l2_gain", "l2_gains", "largest_range", "largest_rate", "lift", "load", "model_hash", "parallel",
     "passivity_margin", "pole_band", "pole_locus", "predict", "read", "realize", "reduce_order", "refit_form",
-    "register_structure", "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify", "stability_probability",
+    "register_structure", "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify",
+    "stability_probability",
     "steadied", "step_response", "summing_junction", "synthesize", "to_affine", "to_continuous", "to_control",
     "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate", "verify", "weigh",
 ]

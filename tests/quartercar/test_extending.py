@@ -19,14 +19,19 @@ import lpvid as lpv
 import quartercar as qc
 from lpvid.cli.app import app as lpvid_app
 from lpvid.errors import InputError
+from lpvid.export.python_printer import run as run_program
 from lpvid.identification.structure import STRUCTURES
 from lpvid.named_classes import NamedClasses
 from quartercar.cli.app import app as quartercar_app
-from quartercar.controllers import CONTROLLERS, law_class
+from quartercar.controllers import CONTROLLERS, Setting, Skyhook, law_class
+from quartercar.controllers.loop.chain import ChainSettings
 from quartercar.controllers.loop.forces import StaticForces, forces_of
+from quartercar.controllers.loop.sensing import SETS
 from quartercar.dampers import DAMPERS, model_class
 from quartercar.dampers.families import DynamicDamper
 from quartercar.dampers.parameter import Parameter
+from quartercar.export.loop_steps import LoopLaw
+from quartercar.rides.config import DEFAULT_LAWS, given_laws
 from quartercar.rides.tuning import Trial, tune
 from quartercar.roads.ride_roads import IsoRoad
 from quartercar.vehicle.adjoint import refuse_without_gradient
@@ -61,6 +66,12 @@ def run(app, *words: object) -> str:
     return found.output
 
 
+def program_error(noun) -> float:
+    """Largest gap between the exported program, interpreted, and the class, by the largest output."""
+    u, y = noun.trial(150)
+    return float(np.abs(run_program(noun.program, u) - y).max() / np.abs(y).max())
+
+
 def test_an_installed_package_is_found_by_its_names(installed):
     assert NAMES[0] in DAMPERS.names and NAMES[1] in CONTROLLERS.names and NAMES[2] in STRUCTURES.names
     assert model_class(NAMES[0]).__module__ == "my_extensions"
@@ -83,15 +94,19 @@ def test_a_damper_of_an_installed_package_through_the_chain(installed, tmp_path)
         refuse_without_gradient(found)
     assert isinstance(forces_of(found, 0.0, 1, np.array([0.4, 1.6]), 0), StaticForces)
     noun = lpv.exportable(found)
-    u = np.column_stack([np.linspace(-0.3, 0.3, 7), np.full(7, 1.2)])
-    assert np.allclose(noun.reference(u)[:, 0], found.force(0.0, u[:, 0], 1.2))
+    assert program_error(noun) < 1e-14
+    inverse = lpv.exportable(LoopLaw(Skyhook(), Setting(0.002, 1, qc.parameters.MEGANE, found, (0.4, 1.6)),
+                                     Coil(0.005, 0.01, 0.4, 1.6), ChainSettings(SETS["stroke-body"])))
+    assert program_error(inverse) < 1e-6
     from lpvid.diagnosis.registry import named_baseline
 
     assert named_baseline("orifice", [data]).name == "orifice"
 
 
 def test_a_law_of_an_installed_package_is_ridden_tuned_and_saved(installed, tmp_path):
-    law = law_class("groundhook-rate")(values={"rate": 2e4})
+    law = given_laws(["groundhook-rate"])["groundhook-rate"].with_values(rate=2e4)
+    assert type(law) is law_class("groundhook-rate") and "groundhook-rate" not in DEFAULT_LAWS
+    assert program_error(lpv.exportable(law)) < 1e-14
     again = lpv.load(lpv.save(law, tmp_path / "law.json"))
     assert again.values == law.values
     damper = qc.dampers.Guo(degree=1, span=(0.0, 2.0), current_range=(0.0, 2.0), hysteresis=False)
