@@ -257,6 +257,7 @@ class ARX(Structure):
         names : sequence of str
             One for each column of X.
         """
+        assert not isinstance(self.ridge, Ridge)  # which finds its strength in `solved`
         return factor.solve(self.ridge, list(names), self._spare(records))
 
     def _spare(self, records: Sequence[Record]) -> np.ndarray | None:
