@@ -70,6 +70,7 @@ if TYPE_CHECKING:
     from lpvid.identification.sparsity import sparsify
     from lpvid.identification.state_space_error import StateSpaceError
     from lpvid.identification.streaming import identify_stream
+    from lpvid.identification.structure import Structure, register_structure
     from lpvid.identification.subspace import Subspace
     from lpvid.lmi.bound_certificate import BoundCertificate
     from lpvid.lmi.gain_certificate import GainCertificate, certify_gain
@@ -173,6 +174,7 @@ _EXPORTS = {
     "lpvid.identification.sparsity": ("sparsify",),
     "lpvid.identification.state_space_error": ("StateSpaceError",),
     "lpvid.identification.streaming": ("identify_stream",),
+    "lpvid.identification.structure": ("Structure", "register_structure"),
     "lpvid.identification.subspace": ("Subspace",),
     "lpvid.lmi.bound_certificate": ("BoundCertificate",),
     "lpvid.lmi.gain_certificate": ("GainCertificate", "certify_gain"),
@@ -223,17 +225,17 @@ _EXPORTS = {
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
-    "ARMAX", "ARX", "H2", "PID", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "CanonicalForm",
-    "Channel", "Compliance", "Cone", "CoprimeReduction", "Delay", "Diagnosis", "DiagnosisSettings", "Disc",
-    "DissipativeFeedback", "Dynamic", "Effect", "Euler", "ExtendedModel", "ExtrapolationWarning", "Filter",
-    "FixedStructure", "FormRefit", "Fourier", "Gain", "GainCertificate", "GainSurface", "Gap", "GeneralizedPlant",
-    "HInfinity", "HalfPlane", "Hull", "HullCertificate", "Identification", "InputError", "LFTFeedback", "LFTModel",
-    "LPVStateSpace", "LPVTransferFunction", "Lipschitz", "LipschitzEstimate", "LipschitzObserver", "LowOrder",
-    "LpvError", "ModelComparison", "MultiObjective", "NumericalError", "Observer", "ObserverBased", "OutputError",
-    "OutputFeedback", "Parametric", "Passive", "PassivityCertificate", "PassivityMargin", "Polynomial", "Product",
-    "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "RobustCertificate",
-    "RobustGain", "ScaledGain", "Scheduling", "Sector", "Selection", "ShapedDesign", "Shifted", "Signal", "Simulation",
-    "Spline", "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError", "StaticGain", "Subspace",
+    "ARMAX", "ARX", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "CanonicalForm", "Channel",
+    "Compliance", "Cone", "CoprimeReduction", "Delay", "Diagnosis", "DiagnosisSettings", "Disc", "DissipativeFeedback",
+    "Dynamic", "Effect", "Euler", "ExtendedModel", "ExtrapolationWarning", "Filter", "FixedStructure", "FormRefit",
+    "Fourier", "Gain", "GainCertificate", "GainSurface", "Gap", "GeneralizedPlant", "H2", "HInfinity", "HalfPlane",
+    "Hull", "HullCertificate", "Identification", "InputError", "LFTFeedback", "LFTModel", "LPVStateSpace",
+    "LPVTransferFunction", "Lipschitz", "LipschitzEstimate", "LipschitzObserver", "LowOrder", "LpvError",
+    "ModelComparison", "MultiObjective", "NumericalError", "Observer", "ObserverBased", "OutputError", "OutputFeedback",
+    "PID", "Parametric", "Passive", "PassivityCertificate", "PassivityMargin", "Polynomial", "Product", "QuasiLPV",
+    "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "RobustCertificate", "RobustGain",
+    "ScaledGain", "Scheduling", "Sector", "Selection", "ShapedDesign", "Shifted", "Signal", "Simulation", "Spline",
+    "StabilityCertificate", "Stacked", "StateFeedback", "StateSpaceError", "StaticGain", "Structure", "Subspace",
     "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin", "Validation", "Verification", "ZeroOrderHold",
     "anti_windup", "append", "audit", "auto", "back_calculation", "balanced_realization", "certified_share",
     "certify_gain", "certify_passivity", "certify_region", "certify_stability", "certify_switching", "close_loop",
@@ -243,10 +245,10 @@ __all__ = [
     "gain_surface", "h2_norm", "hull_gain", "identify", "identify_stream", "joint_spectral_radius", "l2_gain",
     "l2_gains", "largest_range", "largest_rate", "lift", "load", "loop_shaping", "model_hash", "parallel",
     "passivity_margin", "pole_band", "pole_locus", "predict", "read", "realize", "reduce_coprime", "reduce_order",
-    "refit_form", "robust_gain", "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify",
-    "stability_probability", "steadied", "step_response", "summing_junction", "synthesize", "to_affine",
-    "to_continuous", "to_control", "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate",
-    "verify", "weigh",
+    "refit_form", "register_structure", "robust_gain", "saturate", "save", "scaled_gain", "select", "series",
+    "simulate", "sparsify", "stability_probability", "steadied", "step_response", "summing_junction", "synthesize",
+    "to_affine", "to_continuous", "to_control", "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic",
+    "validate", "verify", "weigh",
 ]
 
 

@@ -62,7 +62,8 @@ def identify(
     schedule: options.Schedule = None,
     structure: Annotated[str, typer.Option("--structure", metavar="NAME", help="arx, oe, bj, armax, riv (transfer "
                                            "functions); subspace, pem-ss, coprime (state space); quasi, compliance "
-                                           "(scheduled on their own output); recursive.")] = "arx",
+                                           "(scheduled on their own output); recursive; or the name that an "
+                                           "installed package gives.")] = "arx",
     auto: Annotated[bool, typer.Option("--auto", help="Choose the structure by its free run in cross-validation on the "
                                        "training data.")] = False,
     budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Time for the search of "

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.identification.structure import STRUCTURES
 
 if TYPE_CHECKING:
     from lpvid.identification.arx import ARX
@@ -32,6 +33,11 @@ TAKES: Mapping[str, tuple[str, ...]] = {
     "recursive": (*ORDERS, "forgetting"),
 }
 """Options of every structure, in the order in which they are listed to the user."""
+FIELDS: Mapping[str, tuple[str, ...]] = {
+    **{n: (n,) for n in ("na", "nb", "nk", "nc", "nd", "order", "past", "forgetting", "ridge", "lagged")},
+    "basis": FUNCTIONS, "affine": ("no-constant", "affine", "affine-terms"), "stage": ("shape",),
+    "schedule_filter": ("schedule-filter", "schedule-lag")}
+"""Options of a structure that another package names, by the fields that it has."""
 WITHOUT_FORMS = ("subspace", "pem-ss", "coprime", "quasi", "compliance")
 """Structures whose model is no transfer function."""
 BUDGET = 300.0
@@ -48,7 +54,7 @@ class Request:
     ----------
     input, output, schedule : tuple of str
     structure : str
-        One of `TAKES`.
+        One of `TAKES`, or of `lpvid.identification.structure.STRUCTURES`.
     given : mapping
         Options that were written, by their name without dashes; others have the structure's own default.
     sample_rate : float or None
@@ -78,7 +84,8 @@ class Request:
 
     def check(self) -> None:
         """Refuse what does not go together, before any data are read."""
-        _checks.one_of(self.structure, tuple(TAKES), "--structure")
+        if self.structure not in TAKES:
+            _checks.one_of(self.structure, (*TAKES, *STRUCTURES.names), "--structure")
         if self.refit_form:
             self._check_refit_form()
         if self.budget is not None and not self.automatic:
@@ -89,10 +96,11 @@ class Request:
                 raise InputError("--auto chooses the structure by itself", got=", ".join(wanted),
                                  mend="leave these options out, or leave --auto out")
             return
+        taken = self.takes
         for name in self.given:
-            if name not in TAKES[self.structure]:
+            if name not in taken:
                 raise InputError(f"--{name} does not apply to --structure {self.structure}",
-                                 mend=f"it takes {', '.join(f'--{n}' for n in TAKES[self.structure])}")
+                                 mend=f"it takes {', '.join(f'--{n}' for n in taken)}")
         if self.form is not None and self.structure in WITHOUT_FORMS:
             raise InputError(f"--form does not apply to --structure {self.structure}",
                              why="only a transfer function has state-space forms to choose from")
@@ -110,6 +118,14 @@ class Request:
                              "no --form", why="the others equal the transfer function",
                              mend=f"add {' or '.join(f'--form {n}' for n in FREE)}, or fit the transfer function by "
                                   "simulation error with --structure oe")
+
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """Options of the structure."""
+        if self.structure in TAKES:
+            return TAKES[self.structure]
+        own = {f.name for f in fields(STRUCTURES.get(self.structure))}
+        return tuple(option for name, options in FIELDS.items() if name in own for option in options)
 
     # -- what was asked for -------------------------------------------------------------------------------------
     @property
@@ -166,6 +182,8 @@ class Request:
 
         arx = self.arx(delay)
         arx = arx if affine is None else replace(arx, affine=affine)
+        if self.structure not in TAKES:
+            return self._registered(arx)
         if self.structure in ("subspace", "pem-ss"):
             return self._state_space(arx)
         if self.structure in ("quasi", "compliance"):
@@ -176,16 +194,17 @@ class Request:
         """The structure without its scheduling filter, or None where it has none."""
         from dataclasses import replace
 
-        from lpvid.identification.arx import ARX
-        from lpvid.identification.compliance import Compliance
-        from lpvid.identification.coprime import RightCoprime
-        from lpvid.identification.prediction_error import PredictionError
-        from lpvid.identification.quasi_lpv import QuasiLPV
-        from lpvid.identification.refined_iv import RefinedIV
-
-        if not isinstance(structure, (ARX, PredictionError, RefinedIV, RightCoprime, QuasiLPV, Compliance)):
+        if getattr(structure, "schedule_filter", None) is None:
             return None
-        return None if structure.schedule_filter is None else replace(structure, schedule_filter=None)
+        return replace(structure, schedule_filter=None)  # type: ignore[type-var]
+
+    def _registered(self, arx: ARX) -> Structure:
+        """A structure of another package: its fields that an ARX has too, then those with an option of the name."""
+        cls = STRUCTURES.get(self.structure)
+        own = {f.name for f in fields(cls)}
+        common = {f.name: getattr(arx, f.name) for f in fields(arx) if f.name in own - {"weight"}}
+        rest = {n: self.given[n] for n in FIELDS if n in own and n in self.given and n not in common}
+        return cls(**common, **rest)
 
     def _input_output(self, arx: ARX) -> Structure:
         from lpvid.identification.armax import ARMAX

@@ -16,6 +16,7 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.export.json_files import jsonable, write_json, write_text
+from lpvid.named_classes import NamedClasses
 from lpvid.realization import Realization
 
 __all__ = ["KINDS", "Kind", "jsonable", "known_kinds", "load", "model_from_dict", "model_hash", "package_version",
@@ -43,12 +44,36 @@ class Kind:
         without "kind".
     house : str
         The package whose files these are.
+    more : NamedClasses, optional
+        Classes that other packages and the running program add; "kind" is their name.
     """
 
     name: str
     version: int
     classes: tuple[tuple[str, str, str], ...]
     house: str = "lpvid"
+    more: NamedClasses | None = None
+
+    @property
+    def tags(self) -> tuple[str, ...]:
+        """Every value of "kind" that can be read."""
+        return tuple(dict.fromkeys((*(tag for tag, _, _ in self.classes), *(self.more.names if self.more else ()))))
+
+    def holds(self, cls: type) -> bool:
+        """Whether files of this sort can hold objects of this class."""
+        own = (cls.__module__, cls.__name__)
+        if any(own == (module, name) for _, module, name in self.classes):
+            return True
+        return self.more is not None and self.more.name_of(cls) is not None
+
+    def class_of(self, tag: str) -> Any:
+        """The class behind a value of "kind"."""
+        place = next(((module, name) for own, module, name in self.classes if own == tag), None)
+        if place is None and self.more is not None:
+            return self.more.get(tag)
+        if place is None:
+            raise KeyError(tag)
+        return _class(*place)
 
     @property
     def schema(self) -> str:
@@ -168,7 +193,7 @@ def load(path: str | os.PathLike) -> Any:
     """
     data = _read_object(Path(path))
     kind = _kind_named(data.get("schema"), path)
-    tags = [tag for tag, _, _ in kind.classes]
+    tags = kind.tags
     tag = data.get("kind", "")
     if not isinstance(tag, str) or tag not in tags:
         raise InputError(f"'{path}' holds an unknown kind of {kind.name}", got=repr(tag),
@@ -287,8 +312,7 @@ def _kind_named(schema: object, path: object) -> Kind:
 
 def _rebuilt(data: Mapping, kind: Kind) -> Any:
     _check_basis(data.get("basis"))
-    tags = {tag: (module, name) for tag, module, name in kind.classes}
-    return _class(*tags[data.get("kind", "")]).from_dict(data)  # type: ignore[attr-defined]
+    return kind.class_of(data.get("kind", "")).from_dict(data)
 
 
 def _check_basis(data: object) -> int:
@@ -322,8 +346,7 @@ def _one_line(error: BaseException) -> str:
 # -- writing ---------------------------------------------------------------------------------------------------------
 def _kind_of(obj: object) -> Kind:
     def among(kinds: Sequence[Kind]) -> Kind | None:
-        own = (type(obj).__module__, type(obj).__name__)
-        return next((k for k in kinds if own in [(module, name) for _, module, name in k.classes]), None)
+        return next((k for k in kinds if k.holds(type(obj))), None)
 
     kind = among(KINDS) or among(known_kinds())
     if kind is None:

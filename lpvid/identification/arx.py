@@ -237,11 +237,28 @@ class ARX(Structure):
         names = [n.split(":")[-1] for n in layout.names(model)[: factor.columns]]
         with single_thread():
             if not isinstance(self.ridge, Ridge):
-                solved = factor.solve(self.ridge, names, self._spare(records))
+                solved = self.solution(records, box, factor, names)
                 return self._package(records, model, layout, factor, solved)
             solution, strength = self.ridge.solve(factor, self.places(), self.basis)
         found = self._package(records, model, layout, factor, solution)
         return found.replace(notes=(*found.notes, f"{self.ridge.describe()}: strength {strength:.3g}"))
+
+    def solution(self, records: Sequence[Record], box: Scheduling, factor: Factor, names: Sequence[str]) -> Solution:
+        """The least squares of a factor; a structure with another criterion on the same regressors replaces it.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            What the factor was made of; rows from `start` on.
+        box : Scheduling
+            Of the scheduling variables; the basis is bound to it.
+        factor : Factor
+            R of [X Y].
+        names : sequence of str
+            One for each column of X.
+        """
+        assert not isinstance(self.ridge, Ridge)  # which finds its strength in `solved`
+        return factor.solve(self.ridge, list(names), self._spare(records))
 
     def _spare(self, records: Sequence[Record]) -> np.ndarray | None:
         """Columns of inputs that move together: `separation` says what they leave open. None where it does not."""
@@ -280,7 +297,7 @@ class ARX(Structure):
         stage = self.stage.to_dict() if isinstance(self.stage, InputStage) else self.stage
         lag = self.schedule_filter
         lag = lag.to_dict() if isinstance(lag, SchedulingStage) else lag
-        return {"kind": "arx", "na": self.na, "nb": list(self._nb()), "nk": list(self._nk()),
+        return {"kind": getattr(self, "name", "arx"), "na": self.na, "nb": list(self._nb()), "nk": list(self._nk()),
                 "input": list(self.input), "output": list(self.output), "basis": self.basis.to_dict(),
                 "affine": self.affine, "lagged": self.lagged, "stage": stage, "schedule_filter": lag,
                 "ridge": self.ridge.to_dict() if isinstance(self.ridge, Ridge) else self.ridge, "weight": self.weight}

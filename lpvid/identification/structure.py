@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 
 from lpvid.identification.result import Identification
+from lpvid.named_classes import NamedClasses
 from lpvid.record import Record
+
+S = TypeVar("S")
 
 
 class Structure(ABC):
-    """A model structure with its estimator's settings; subclasses are frozen dataclasses."""
+    """A model structure with its estimator's settings; subclasses are frozen dataclasses.
+
+    One that `register_structure` or the entry-point group ``lpvid.structures`` makes known by its ``name`` is offered
+    by ``lpvid identify --structure``; its options are those of its fields that have one.
+    """
 
     @property
     @abstractmethod
@@ -34,3 +43,43 @@ class Structure(ABC):
         None where the estimator has no such form, has used it already, or the data are too short for it.
         """
         return None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON: the name, then every field."""
+        own = {f.name: _plain(getattr(self, f.name)) for f in fields(self)} if is_dataclass(self) else {}
+        return {"kind": getattr(self, "name", type(self).__name__), **own}
+
+
+STRUCTURES = NamedClasses("structure", "lpvid.structures", (), "lpvid.identification.structure:Structure")
+"""What other packages and the running program add to the structures of this one."""
+
+
+def register_structure(cls: type[S]) -> type[S]:
+    """Make a structure of the running program known by its name; serves as a decorator.
+
+    Parameters
+    ----------
+    cls : type
+        A frozen dataclass derived from `Structure`, or from a structure of this package, with a ``name``.
+
+    Returns
+    -------
+    type
+        `cls` itself.
+
+    Raises
+    ------
+    InputError
+        Methods that it lacks, or a name that is taken.
+    """
+    return STRUCTURES.register(cls)
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "to_dict"):
+        return value.to_dict()
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_plain(v) for v in value]
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value

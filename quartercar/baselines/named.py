@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -10,7 +10,7 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.registry import Factory
 from lpvid.errors import InputError
 from lpvid.record import Record
-from quartercar.dampers import MODELS, model_class
+from quartercar.dampers import model_class, model_names
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.families import LawDamper
 
@@ -21,7 +21,7 @@ def damper_baseline(name: str, records: Sequence[Record], parameters: Any = None
     Parameters
     ----------
     name : str
-        Of `quartercar.dampers.MODELS`.
+        Of `quartercar.dampers.model_names`.
     records : sequence of Record
         Uniform, with velocity and force.
     parameters : path, Damper or mapping, optional
@@ -96,6 +96,22 @@ def car_baseline(records: Sequence[Record], parameters: Any = None) -> Baseline:
     return QuarterCarBaseline(BENCH.replace(**read_values(parameters, "quarter-car", UNITS)), (), actuated=actuated)
 
 
-BASELINES: Mapping[str, Factory] = {**{name: partial(damper_baseline, name) for name, _, _ in MODELS},
-                                    "quarter-car": car_baseline}
-"""Every damper model of the house, and the car, by their names on the command line."""
+class _Baselines(Mapping[str, Factory]):
+    """Every damper model that is known when it is asked for, and the car."""
+
+    def __getitem__(self, name: str) -> Factory:
+        if name == "quarter-car":
+            return car_baseline
+        if name not in model_names():
+            raise KeyError(name)
+        return partial(damper_baseline, name)
+
+    def __iter__(self) -> Iterator[str]:
+        yield from (*model_names(), "quarter-car")
+
+    def __len__(self) -> int:
+        return len(model_names()) + 1
+
+
+BASELINES: Mapping[str, Factory] = _Baselines()
+"""Every damper model, and the car, by their names on the command line."""

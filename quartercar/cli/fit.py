@@ -79,9 +79,9 @@ def fit(
 
 def _listed(value: bool) -> None:
     if value:
-        from quartercar.dampers import MODELS, model_class
+        from quartercar.dampers import model_class, model_names
 
-        for name, _, _ in MODELS:
+        for name in model_names():
             typer.echo(f"{name:<26}{model_class(name).title}")
         raise typer.Exit
 

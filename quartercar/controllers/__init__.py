@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from lpvid import _checks
+from lpvid.named_classes import NamedClasses
 
 if TYPE_CHECKING:
     from quartercar.controllers.contract import Controller
+
+C = TypeVar("C")
 
 LAWS: tuple[tuple[str, str, str], ...] = (
     ("passive", "quartercar.controllers.laws.passive", "Passive"),
@@ -39,20 +41,50 @@ _EXPORTS = {
 }
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
-__all__ = ["LAWS", "law_class", *sorted(_HOME)]
+CONTROLLERS = NamedClasses("control law", "quartercar.controllers", LAWS, "quartercar.controllers.contract:Controller")
+"""`LAWS`, those of other packages (entry-point group ``quartercar.controllers``), and those that `register` adds."""
+
+__all__ = ["CONTROLLERS", "LAWS", "law_class", "law_names", "register", *sorted(_HOME)]
 
 
 def law_class(name: str) -> type[Controller]:
-    """The class behind a name of `LAWS`; InputError with the nearest name where there is none.
+    """The class behind a name of `CONTROLLERS`; InputError with the nearest name where there is none.
 
     Examples
     --------
     >>> law_class("sh-add").title
     'SH-ADD'
     """
-    table = {n: (module, cls) for n, module, cls in LAWS}
-    module, cls = table[_checks.known_name(name, list(table), "control law")]
-    return getattr(importlib.import_module(module), cls)
+    return CONTROLLERS.get(name)
+
+
+def law_names() -> tuple[str, ...]:
+    """Names of every law that is known, the package's own first."""
+    return CONTROLLERS.names
+
+
+def register(cls: type[C]) -> type[C]:
+    """Make a control law of the running program known by its name; serves as a decorator.
+
+    It is then ridden, tuned, saved and loaded like the package's own. An installed package names its laws in the
+    entry-point group ``quartercar.controllers`` instead.
+
+    Parameters
+    ----------
+    cls : type
+        A class derived from `Controller` that writes every abstract method; see docs/extending.md.
+
+    Returns
+    -------
+    type
+        `cls` itself.
+
+    Raises
+    ------
+    InputError
+        Methods that it lacks, or a name that is taken.
+    """
+    return CONTROLLERS.register(cls)
 
 
 def __getattr__(name: str) -> Any:

@@ -21,6 +21,8 @@ from quartercar.parameters import CarParameters
 from quartercar.vehicle.nonlinear import Coil
 
 if TYPE_CHECKING:
+    from lpvid.export.expression import Expr
+    from lpvid.export.step_builder import StepBuilder
     from quartercar.dampers.contract import Damper
 
 SIGNALS: Mapping[str, str] = MappingProxyType({
@@ -179,6 +181,23 @@ class Controller(ABC):
         InputError
             A setting that this law cannot work in.
         """
+
+    def expression(self, b: StepBuilder, named: Mapping[str, Expr], seen: Mapping[str, Expr]) -> Expr | None:
+        """One step of the law as an expression, for C, FMU and MATLAB.
+
+        Parameters
+        ----------
+        b : StepBuilder
+            Takes the states of a law with memory.
+        named, seen : mapping of str to Expr
+            Parameters, and the signals in `reads`.
+
+        Returns
+        -------
+        Expr or None
+            The demand; None for a law that has no exported step.
+        """
+        return None
 
     # -- running -----------------------------------------------------------------------------------------------------
     def start(self, setting: Setting) -> Law:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lpvid.export.serialise import Kind
-from quartercar.controllers import LAWS
+from quartercar.controllers import CONTROLLERS, LAWS
 
-KIND = Kind("controller", 1, LAWS, "quartercar")
+KIND = Kind("controller", 1, LAWS, "quartercar", CONTROLLERS)
 """``quartercar/controller/1``: every law of `quartercar.controllers.LAWS`, told apart by its name."""

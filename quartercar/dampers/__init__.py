@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from lpvid import _checks
+from lpvid.named_classes import NamedClasses
 
 if TYPE_CHECKING:
     from quartercar.dampers.contract import Damper
+
+D = TypeVar("D")
 
 _EXPORTS = {
     "quartercar.dampers.evaluation.compared": ("Compared", "Comparison"),
@@ -77,7 +79,10 @@ MODELS: tuple[tuple[str, str, str], ...] = (
 )
 """Every model by its name on the command line: name, module, class. A new model adds its line here."""
 
-__all__ = ["MODELS", "model_class", *sorted(_HOME)]
+DAMPERS = NamedClasses("damper model", "quartercar.dampers", MODELS, "quartercar.dampers.contract:Damper")
+"""`MODELS`, those of other packages (entry-point group ``quartercar.dampers``), and those that `register` adds."""
+
+__all__ = ["DAMPERS", "MODELS", "model_class", "model_names", "register", *sorted(_HOME)]
 
 
 STORED = (*MODELS, ("identified", "quartercar.dampers.blackbox.identified", "Identified"))
@@ -86,22 +91,49 @@ STORED = (*MODELS, ("identified", "quartercar.dampers.blackbox.identified", "Ide
 
 def stored_damper(data: Mapping[str, Any]) -> Damper:
     """The damper that `Damper.to_dict` described, of any kind in `STORED`."""
-    table = {n: (module, cls) for n, module, cls in STORED}
-    module, cls = table[_checks.known_name(str(data["kind"]), list(table), "damper model")]
-    return getattr(importlib.import_module(module), cls).from_dict(data)
+    kind, (name, module, cls) = str(data["kind"]), STORED[-1]
+    found = getattr(importlib.import_module(module), cls) if kind == name else model_class(kind)
+    return found.from_dict(data)
 
 
 def model_class(name: str) -> type[Damper]:
-    """The class behind a name of `MODELS`; InputError with the nearest name where there is none.
+    """The class behind a name of `DAMPERS`; InputError with the nearest name where there is none.
 
     Examples
     --------
     >>> model_class("linear").title
     'Mass, viscous, spring'
     """
-    table = {n: (module, cls) for n, module, cls in MODELS}
-    module, cls = table[_checks.known_name(name, list(table), "damper model")]
-    return getattr(importlib.import_module(module), cls)
+    return DAMPERS.get(name)
+
+
+def model_names() -> tuple[str, ...]:
+    """Names of every damper model that is known, the package's own first."""
+    return DAMPERS.names
+
+
+def register(cls: type[D]) -> type[D]:
+    """Make a damper model of the running program known by its name; serves as a decorator.
+
+    It is then fitted and compared, saved and loaded, and a baseline of a diagnosis, like the package's own. An
+    installed package names its dampers in the entry-point group ``quartercar.dampers`` instead.
+
+    Parameters
+    ----------
+    cls : type
+        A class derived from `Damper` that writes every abstract method; see docs/extending.md.
+
+    Returns
+    -------
+    type
+        `cls` itself.
+
+    Raises
+    ------
+    InputError
+        Methods that it lacks, or a name that is taken.
+    """
+    return DAMPERS.register(cls)
 
 
 def __getattr__(name: str) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -23,10 +23,13 @@ from quartercar.dampers.parameter import Parameter
 if TYPE_CHECKING:
     import control
 
+    from lpvid.export.expression import Expr
+    from lpvid.export.step_builder import StepBuilder
     from quartercar.dampers.evaluation.energy import Cycle
     from quartercar.dampers.evaluation.passivity import Passivity
     from quartercar.dampers.facts import Facts
     from quartercar.dampers.fitting import DamperFit, Estimate, FitSettings
+    from quartercar.dampers.stepper import DamperStepper
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,6 +180,57 @@ class Damper(Adaptable, Shown):
         training = self.metadata.get("training", {})
         given = training.get("sample_time") if isinstance(training, Mapping) else None
         return self.clock or (None if given is None else _checks.positive(given, "sample_time of the training", "s"))
+
+    # -- in a simulation and in exported code ------------------------------------------------------------------------
+    def stepper(self, step: float) -> DamperStepper:
+        """This damper inside a simulation of fixed step, e.g. a car.
+
+        The families of `quartercar.dampers.families` have one; a kind with a compiled step of its own gives that.
+
+        Parameters
+        ----------
+        step : float
+            [s]; a model with a clock of its own wants that.
+
+        Raises
+        ------
+        InputError
+            A kind that cannot be stepped, or a clock that is not the step.
+        """
+        raise InputError(f"a car does not know how to carry a '{self.name}' damper along", got=type(self).__name__,
+                         mend="a static, dynamic, semi-active or sampled damper of quartercar.dampers")
+
+    def tanh_form(self) -> Callable[[np.ndarray], np.ndarray] | None:
+        """Coefficients of a law of one tanh, which cars step compiled, many at once and with gradients.
+
+        Returns
+        -------
+        callable or None
+            (n,) currents -> (n, 8) of F = a_0 + a_1 v + a_2 x + a_3 tanh(a_4 v + a_5 x + a_6 tanh(x/a_7));
+            None for a damper that is not of this form.
+        """
+        return None
+
+    def expression(self, b: StepBuilder) -> Callable[[Expr, Expr, Expr], Expr]:
+        """One step of fixed length as an expression, for C, FMU and MATLAB.
+
+        Parameters
+        ----------
+        b : StepBuilder
+            Takes the parameters and, for a damper with memory, the states.
+
+        Returns
+        -------
+        callable
+            (displacement from the centre, velocity, current) -> force in the damper's own sense.
+
+        Raises
+        ------
+        InputError
+            A kind that has none, with the nearest that has one.
+        """
+        raise InputError(f"'{self.name}' has no exported step", why="its class gives no expression of its force",
+                         mend="write its method `expression` (docs/extending.md), or export another damper")
 
     # -- parameters --------------------------------------------------------------------------------------------------
     @property

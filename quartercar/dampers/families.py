@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.drive import Drive
+from quartercar.dampers.stepper import DamperStepper, StateStepper, StaticStepper, rates_move
 
 if TYPE_CHECKING:
+    from lpvid.export.expression import Expr
+    from lpvid.export.step_builder import StepBuilder
     from lpvid.model.quasi import SelfScheduled
     from quartercar.dampers.fitting import Estimate, FitSettings
 
@@ -85,9 +89,15 @@ class StaticDamper(LawDamper):
     def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
         return self.force(displacement, velocity, current)
 
+    def stepper(self, step: float) -> DamperStepper:
+        return StaticStepper(self)
+
 
 class DynamicDamper(LawDamper):
     """A damper with states: ż = f(z, x, v, i), F = h(z, x, v, i), motion and current linear between samples."""
+
+    exported_instead: ClassVar[str] = "extended-bouc-wen"
+    """the model with a step of fixed length that is nearest to this one"""
 
     @property
     @abstractmethod
@@ -110,6 +120,31 @@ class DynamicDamper(LawDamper):
     @property
     def start(self) -> int:
         return 1
+
+    def stepper(self, step: float) -> DamperStepper:
+        return StateStepper(self, rates_move(self, step))
+
+    def expression(self, b: StepBuilder) -> Callable[[Expr, Expr, Expr], Expr]:
+        raise InputError(f"'{self.name}' has no exported step",
+                         why="its integration steps follow the motion, so that their number has no bound",
+                         mend=f"fit and export '{self.exported_instead}', whose step is fixed; "
+                              "bouc-wen and wang-kamath export as they are to model exchange (fmu2)")
+
+    def flow(self, b: StepBuilder, x: Expr, v: Expr, i: Expr) -> Expr | None:
+        """The force as an expression, the rates of the states declared in `b`: for a model-exchange FMU.
+
+        Parameters
+        ----------
+        b : StepBuilder
+        x, v, i : Expr
+            Displacement from the centre, velocity, current.
+
+        Returns
+        -------
+        Expr or None
+            None for a damper whose rates are no expression.
+        """
+        return None
 
     def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
         """By the complex step: Im F(θ + i h e_j)/h has no difference to round off, for any h.

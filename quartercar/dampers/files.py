@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lpvid.export.serialise import Kind
-from quartercar.dampers import STORED
+from quartercar.dampers import DAMPERS, STORED
 
-KIND = Kind("damper", 1, STORED, "quartercar")
+KIND = Kind("damper", 1, STORED, "quartercar", DAMPERS)
 """``quartercar/damper/1``: every kind of `quartercar.dampers.STORED`, told apart by its name."""

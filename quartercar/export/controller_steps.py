@@ -126,8 +126,12 @@ def demanded(b: StepBuilder, controller: Controller, seen: Seen, setting: Settin
         for k, name in enumerate(STATES):
             wanted = wanted + table[k] * seen[name]
         return _between(b, -wanted, named, seen["suspension_velocity"])
+    own = controller.expression(b, named, seen)
+    if own is not None:
+        return own
     raise InputError(f"the law '{controller.name}' has no exported step",
-                     mend="design with --plant nominal, or export a 'scheduled' controller")
+                     mend="design with --plant nominal, export a 'scheduled' controller, or write its method "
+                          "`expression` (docs/extending.md)")
 
 
 def _scheduled(b: StepBuilder, c: ScheduledController, seen: Seen) -> Expr:

@@ -7,27 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from lpvid.errors import ExtrapolationWarning, InputError
+from lpvid.errors import ExtrapolationWarning
 from lpvid.export.exportable import Exportable, Options, smooth_noise
 from lpvid.export.expression import Expr, Number, clipped
 from lpvid.export.step_builder import StepBuilder
 from lpvid.record import Record
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.drive import UNITS
-from quartercar.dampers.families import StaticDamper
-from quartercar.dampers.laws.extended_bouc_wen import ExtendedBoucWen
-from quartercar.dampers.laws.force_map import ForceMap
-from quartercar.dampers.laws.linear import Linear
-from quartercar.export.law_steps import static_law
-from quartercar.export.semi_active_steps import extended_bouc_wen, force_map
 
 PERIOD = 1e-3
 """period of a law that runs at any, where none is given and none is known of its data [s]"""
 STROKE, SPEED = 0.03, 0.5
 """displacement [m] and velocity [m/s] that the random trajectory of a self-test reaches"""
-NEAREST = {"bouc-wen": "extended-bouc-wen", "wang-kamath": "extended-bouc-wen", "relief-valve": "force-map",
-           "relief-valve-orifice": "force-map"}
-"""For dampers whose integration takes steps by the motion or by its own error: what has a step of fixed length."""
 
 
 def prepare_damper(damper: Damper, options: Options) -> Exportable:
@@ -54,34 +45,12 @@ def prepare_damper(damper: Damper, options: Options) -> Exportable:
         b.note("The current is held inside the fitted range.")
     if damper.centre and "displacement" in given:
         x = b.let("from_centre", x - b.parameter("centre", damper.centre, "m", "displacement that counts as zero"))
-    force = _force(b, damper, x, v, i)
+    force = damper.expression(b)(x, v, i)
     if damper.polarity < 0:
         b.note("The force has the sign of the records, which is against the motion.")
     b.output("force", -force if damper.polarity < 0 else force, "N", "damper force")
     return Exportable(b.program(), lambda u: _reference(damper, u, period, bool(options.clamp)),
                       lambda n, rng: excite(damper, n, rng, period, bool(options.clamp)), damper)
-
-
-def _force(b: StepBuilder, damper: Damper, x: Expr, v: Expr, i: Expr) -> Expr:
-    if isinstance(damper, StaticDamper):
-        return static_law(b, damper)(x, v, i)
-    if isinstance(damper, ForceMap):
-        return force_map(b, damper, x, v, i)
-    if isinstance(damper, ExtendedBoucWen):
-        return extended_bouc_wen(b, damper, x, v, i)
-    if isinstance(damper, Linear) and not damper.values["mass"]:
-        total = b.parameter("damping", damper.values["damping"], "N*s/m", "viscous damping") * v
-        if damper.spring:
-            total = total + b.parameter("stiffness", damper.values["stiffness"], "N/m", "spring") * x
-        return total + b.parameter("offset", damper.values["offset"], "N", "constant force")
-    if isinstance(damper, Linear):
-        raise InputError("'linear' with a mass has no exported step",
-                         why="its acceleration is a central difference, which looks one sample ahead",
-                         mend="set mass to 0 (damper.with_values(mass=0.0)), or export an 'lpv-arx' damper")
-    raise InputError(f"'{damper.name}' has no exported step",
-                     why="its integration steps follow the motion, so that their number has no bound",
-                     mend=f"fit and export '{NEAREST.get(damper.name, 'extended-bouc-wen')}', whose step is fixed; "
-                          "bouc-wen and wang-kamath export as they are to model exchange (fmu2)")
 
 
 def _reference(damper: Damper, u: np.ndarray, period: float, clamp: bool) -> np.ndarray:

@@ -14,7 +14,6 @@ from quartercar.controllers.contract import Setting
 from quartercar.controllers.loop.forces import FilterForces, StaticForces, TabulatedForces, ViscousForces
 from quartercar.controllers.loop.inverse import ALIKE, Inverse, InverseSettings
 from quartercar.dampers.families import StaticDamper
-from quartercar.export.law_steps import static_law
 from quartercar.vehicle.filter_bank import filter_of
 from quartercar.vehicle.nonlinear import Coil
 
@@ -144,7 +143,7 @@ def _forces(b: StepBuilder, inverse: Inverse, setting: Setting, grid: Array, set
         return lambda z, v, felt, rows: _viscous(b, damping, v, rows)
     if isinstance(model, StaticForces):
         assert isinstance(damper, StaticDamper)
-        law, rest = static_law(b, damper), b.parameter("rest_force", model.rest, "N", "force at rest")
+        law, rest = damper.expression(b), b.parameter("rest_force", model.rest, "N", "force at rest")
         return lambda z, v, felt, rows: _static(b, law, rest, z, v, felt, rows, grid)
     if isinstance(model, FilterForces):
         if settings.steps:

@@ -12,7 +12,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from quartercar.controllers import LAWS, law_class
+from quartercar.controllers import LAWS, law_class, law_names
 from quartercar.controllers.contract import Controller
 from quartercar.controllers.loop.chain import ChainSettings
 from quartercar.controllers.loop.sensing import SETS as SENSORS
@@ -32,7 +32,7 @@ STATIC_COIL = (0.005, 0.010)
 HIGHEST = 2.5
 """of the command where the damper knows no range of its own [A]"""
 LAW_NAMES = tuple(name for name, _, _ in LAWS if name not in ("scheduled", "identified-plant"))
-"""laws that need no file"""
+"""the package's own laws that need no file"""
 PREVIEW_LAWS = ("preview-lqr", "mpc")
 """those that make use of the road ahead; the second needs a damper with a gradient"""
 DEFAULT_LAWS = tuple(name for name in LAW_NAMES if name not in ("lpv-hinf-identified", *PREVIEW_LAWS))
@@ -280,7 +280,8 @@ def _law(table: Mapping[str, Any], where: str, folder: Path) -> tuple[str, Contr
                              mend="a controller file that `quartercar design` wrote")
         label = str(table.get("name", Path(str(table["file"])).stem))
     else:
-        name = _checks.known_name(str(table.get("law", "")), LAW_NAMES, f"law of {where}")
+        known = [n for n in law_names() if n not in ("scheduled", "identified-plant")]
+        name = _checks.known_name(str(table.get("law", "")), known, f"law of {where}")
         law, label = law_class(name)(), str(table.get("name", name))
     units = {p.name: p.unit for p in law.parameters}
     for key in rest:

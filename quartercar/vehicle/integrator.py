@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
-GAMMA = 1.0 - math.sqrt(0.5)
-"""first stage of the L-stable two-stage method of order 2 (Alexander 1977, SIAM J. Numer. Anal. 14, 1006-1021)"""
+from quartercar.dampers.stepper import GAMMA
 
 
 @dataclass(frozen=True)

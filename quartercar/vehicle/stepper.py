@@ -80,15 +80,13 @@ class CarStepper:
         self._held = np.zeros(3)
         self._road = road
         self._current = float(car.coil.limited(np.array(current)))
-        self._coupling = None
+        self._inner = None
         self._rest = car.preload
         if not self._plain and self._form is None:
-            from quartercar.vehicle.coupling import couple
-
             assert damper is not None
-            self._coupling = couple(damper, self.step)
-            self._held[0] = self._coupling.begin(0.0, 0.0, self._current) - self._rest
-        memory = self._coupling is not None and self._coupling.memory
+            self._inner = damper.stepper(self.step)
+            self._held[0] = self._inner.begin(0.0, 0.0, self._current) - self._rest
+        memory = self._inner is not None and self._inner.memory
         self._stages = (Stages.ramp if memory else Stages.held)(car.linear_part, self.step)
 
     def _divided(self, clock: float | None) -> int:
@@ -141,7 +139,7 @@ class CarStepper:
         first = self._current
         at_stages, at_samples = self._currents(self.car.coil.limited(np.asarray(command, dtype=float)))
         out = np.empty((n, 6))
-        if self._coupling is None:
+        if self._inner is None:
             self._compiled(profile, at_stages, out)
         else:
             self._carried(profile, at_stages, out)
@@ -194,9 +192,9 @@ class CarStepper:
     def _settle(self, base: np.ndarray, weight: np.ndarray, road: np.ndarray, f: float,
                 current: float) -> tuple[np.ndarray, np.ndarray]:
         """(f, g) and the state at a stage's end, f = F(z_d, ż_d) + stops by secant steps in the bracket that builds."""
-        coupling = self._coupling
-        assert coupling is not None
-        coupling.approach(current)
+        inner = self._inner
+        assert inner is not None
+        inner.approach(current)
         stiffness, compression, rebound = self._stop
         (zs, vs, zu, vu), ((a, ag), (b, bg), (c, cg), (d, dg)) = base.tolist(), weight.tolist()
         kt, ct, load = self._tyre
@@ -210,11 +208,11 @@ class CarStepper:
         def wanted(force: float) -> float:
             z, v, _ = motion(force)
             bump = stiffness * (max(z - rebound, 0.0) - max(-z - compression, 0.0))
-            return coupling.trial(z, v) - self._rest + bump
+            return inner.trial(z, v) - self._rest + bump
 
         f = found(wanted, f, self._held)
         z, v, g = motion(f)
-        coupling.commit(z, v)
+        inner.commit(z, v)
         return np.array([f, g]), base + weight @ np.array([f, g])
 
 

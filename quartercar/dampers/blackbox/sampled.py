@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from lpvid.identification import Identification
     from quartercar.dampers.blackbox.held import Held, Inner
     from quartercar.dampers.fitting import Estimate, FitSettings
+    from quartercar.dampers.stepper import DamperStepper
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -109,6 +110,11 @@ class SampledDamper(Damper):
         return None if self.stored is None else self.held.model.sample_time
 
     # -- running -----------------------------------------------------------------------------------------------------
+    def stepper(self, step: float) -> DamperStepper:
+        from quartercar.dampers.blackbox.sampled_stepper import sampled_stepper
+
+        return sampled_stepper(self, step)
+
     def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
         model = self.held.at(vector)
         self._check_clock(drive.sample_time)

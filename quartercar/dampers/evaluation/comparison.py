@@ -10,7 +10,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError, LpvError
 from lpvid.record import Record
-from quartercar.dampers import MODELS, model_class
+from quartercar.dampers import model_class, model_names
 from quartercar.dampers.blackbox.lpv import LpvArx
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.evaluation.compared import Compared, Comparison
@@ -77,7 +77,7 @@ def compare(records: Sequence[Record], models: str | Sequence[str | Damper] = "a
     records : sequence of Record
         Training data as read; see `quartercar.dampers.preparing.prepare` for what is done to them.
     models : "all", or names and dampers
-        Names of `MODELS` are fitted; a `Damper` is compared as it is (a published parameter set, a saved fit).
+        Names of `model_names` are fitted; a `Damper` is compared as it is (a published parameter set, a saved fit).
     held_out : sequence of Record, optional
         Data that no fit sees; left out, the last third of every record.
     settings : CompareSettings, optional
@@ -130,7 +130,7 @@ def compare(records: Sequence[Record], models: str | Sequence[str | Damper] = "a
 
 def _wanted(models: str | Sequence[str | Damper]) -> list[str | Damper]:
     """Names, checked, and dampers; an empty list is refused."""
-    known = [name for name, _, _ in MODELS]
+    known = list(model_names())
     listed: Sequence[str | Damper] = models.split(",") if isinstance(models, str) else models
     names = [m.strip() if isinstance(m, str) else m for m in listed]
     if "all" in [n for n in names if isinstance(n, str)]:

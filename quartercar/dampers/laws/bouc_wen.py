@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -16,6 +16,11 @@ from quartercar.dampers.families import DynamicDamper
 from quartercar.dampers.laws.spencer import SpencerParameters
 from quartercar.dampers.laws.stepping import motion_steps
 from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.stepper import DamperStepper, StateStepper
+
+if TYPE_CHECKING:
+    from lpvid.export.expression import Expr
+    from lpvid.export.step_builder import StepBuilder
 
 MOST_STARTS = 8
 """starting vectors worth a search; more only cost time."""
@@ -125,6 +130,16 @@ class BoucWen(DynamicDamper):
                 z = np.sign(z.real) + 0.0 * z
         start = [displacement, z, current] if self.scheduled else [displacement, z]
         return np.array(start, dtype=vector.dtype)
+
+    def stepper(self, step: float) -> DamperStepper:
+        from quartercar.dampers.laws.bouc_wen_stepper import bouc_wen_move
+
+        return StateStepper(self, bouc_wen_move(self, step))
+
+    def flow(self, b: StepBuilder, x: Expr, v: Expr, i: Expr) -> Expr | None:
+        from quartercar.dampers.laws.flows import bouc_wen_flow
+
+        return bouc_wen_flow(b, self, x, v, i)
 
     def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
         from quartercar.dampers.laws._bouc_wen_kernels import spencer_run

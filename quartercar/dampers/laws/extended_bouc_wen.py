@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -15,6 +15,10 @@ from quartercar.dampers.facts import Facts
 from quartercar.dampers.laws.semi_active import SemiActiveDamper, gas_spring, proposed_nodes
 from quartercar.dampers.parameter import Parameter
 from quartercar.dampers.real_time import RealTime
+
+if TYPE_CHECKING:
+    from lpvid.export.expression import Expr
+    from lpvid.export.step_builder import StepBuilder
 
 LONGEST_STEP = 1e-3
 """longest sub-step [s]"""
@@ -247,6 +251,11 @@ class ExtendedBoucWen(SemiActiveDamper):
         return [self.with_values(**guess, **{f"roll_off_damping_{d}": max(factor * scale, 10.0) for d in DIRECTIONS},
                                  **{f"sharpness_{d}": max(share / stroke, 1.0) for d in DIRECTIONS})
                 for factor in (3.0, 20.0) for share in (5.0, 50.0)]
+
+    def expression(self, b: StepBuilder) -> Callable[[Expr, Expr, Expr], Expr]:
+        from quartercar.dampers.laws.semi_active_expressions import extended_bouc_wen
+
+        return lambda x, v, i: extended_bouc_wen(b, self, x, v, i)
 
     def real_time(self, step: float = 1e-3) -> RealTime:
         from quartercar.dampers.laws._semi_active_kernels import bouc_wen_force, bouc_wen_step, mixed, sense

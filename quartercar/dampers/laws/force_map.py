@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,6 +17,10 @@ from quartercar.dampers.laws.current_lag import CurrentLag
 from quartercar.dampers.laws.semi_active import SemiActiveDamper, gas_spring, proposed_nodes
 from quartercar.dampers.parameter import Parameter
 from quartercar.dampers.real_time import RealTime
+
+if TYPE_CHECKING:
+    from lpvid.export.expression import Expr
+    from lpvid.export.step_builder import StepBuilder
 
 SPREAD = (0.03, 0.1, 0.25, 0.5, 0.9)
 """knots on either side of zero that are proposed for data, as shares of the largest speed"""
@@ -166,6 +170,11 @@ class ForceMap(SemiActiveDamper):
         v = np.atleast_1d(np.asarray(velocity, dtype=float))
         return map_run(np.full(v.size, float(displacement)), v, np.full(v.size, float(current)), np.array(self.knots),
                        np.array(self.nodes), self.table(self.vector), self.parted(self.vector)[1])
+
+    def expression(self, b: StepBuilder) -> Callable[[Expr, Expr, Expr], Expr]:
+        from quartercar.dampers.laws.semi_active_expressions import force_map
+
+        return lambda x, v, i: force_map(b, self, x, v, i)
 
     def real_time(self, step: float = 1e-3) -> RealTime:
         from quartercar.dampers.laws._semi_active_kernels import map_force, map_step

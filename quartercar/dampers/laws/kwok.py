@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -16,6 +16,10 @@ from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import StaticDamper
 from quartercar.dampers.laws.coefficients import Controlled, settled_span
 from quartercar.dampers.parameter import Parameter
+
+if TYPE_CHECKING:
+    from lpvid.export.expression import Expr
+    from lpvid.export.step_builder import StepBuilder
 
 SLOPES = (0.5, 1.0, 2.0, 5.0, 12.0, 30.0, 80.0)
 """β of the starts, in terms of the root mean square speed."""
@@ -99,6 +103,23 @@ class Kwok(StaticDamper):
         c, k, alpha, delta, offset = self.coefficients(current, vector)
         return c * velocity + k * displacement + alpha * np.tanh(vector[-1] * velocity
                                                                  + delta * self._side(displacement)) + offset
+
+    def tanh_form(self) -> Callable[[np.ndarray], np.ndarray]:
+        def by_current(current: np.ndarray) -> np.ndarray:
+            vector = self.vector
+            c, k, alpha, delta, offset = self.coefficients(current, vector)
+            out = np.zeros((current.size, 8))
+            for column, values in enumerate((offset, c, k, alpha, np.full(current.size, vector[-1]))):
+                out[:, column] = values
+            out[:, 6], out[:, 7] = delta, self.turning_stroke
+            return out
+
+        return by_current
+
+    def expression(self, b: StepBuilder) -> Callable[[Expr, Expr, Expr], Expr]:
+        from quartercar.dampers.laws.expressions import kwok_expression
+
+        return kwok_expression(b, self)
 
     def law_gradient(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
                      vector: np.ndarray) -> np.ndarray:

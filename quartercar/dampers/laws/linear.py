@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -13,6 +13,10 @@ from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import LawDamper
 from quartercar.dampers.parameter import Parameter
+
+if TYPE_CHECKING:
+    from lpvid.export.expression import Expr
+    from lpvid.export.step_builder import StepBuilder
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -83,6 +87,20 @@ class Linear(LawDamper):
 
     def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
         return self.values["damping"] * np.asarray(velocity) + self.conservative_force(np.array(displacement))
+
+    def expression(self, b: StepBuilder) -> Callable[[Expr, Expr, Expr], Expr]:
+        if self.values["mass"]:
+            raise InputError("'linear' with a mass has no exported step",
+                             why="its acceleration is a central difference, which looks one sample ahead",
+                             mend="set mass to 0 (damper.with_values(mass=0.0)), or export an 'lpv-arx' damper")
+
+        def law(x: Expr, v: Expr, i: Expr) -> Expr:
+            total = b.parameter("damping", self.values["damping"], "N*s/m", "viscous damping") * v
+            if self.spring:
+                total = total + b.parameter("stiffness", self.values["stiffness"], "N/m", "spring") * x
+            return total + b.parameter("offset", self.values["offset"], "N", "constant force")
+
+        return law
 
     def to_lpv(self, sample_time: float):
         raise InputError("no LPV form of 'linear'", why="it is linear and time-invariant, with an improper mass term",

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
@@ -15,6 +15,10 @@ from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import StaticDamper
 from quartercar.dampers.parameter import Parameter
+
+if TYPE_CHECKING:
+    from lpvid.export.expression import Expr
+    from lpvid.export.step_builder import StepBuilder
 
 SIDES = ("extension", "compression")
 STATICS = (Parameter("friction", "N", "Coulomb friction F_c", 20.0, 0.0),
@@ -133,6 +137,10 @@ class NetworkDamper(StaticDamper):
         if facts.speed <= 0:
             raise InputError(f"{cls.name} needs motion", got="zero velocity throughout")
         return cls(asymmetric=True, smoothing=float(f"{min(2e-3, 0.01 * facts.speed):.2g}"), **facts.common)
+
+    def expression(self, b: StepBuilder) -> Callable[[Expr, Expr, Expr], Expr]:
+        raise InputError(f"'{self.name}' has no exported step", why="its force solves an equation of its own",
+                         mend="fit and export 'power-law-friction-gas', or 'force-map'")
 
     def law(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
             vector: np.ndarray) -> np.ndarray:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -15,6 +15,10 @@ from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import StaticDamper
 from quartercar.dampers.parameter import Parameter
+
+if TYPE_CHECKING:
+    from lpvid.export.expression import Expr
+    from lpvid.export.step_builder import StepBuilder
 
 DIRECTIONS = ("extension", "compression")
 PER_METRE = {"SI": 1.0, "mm": 1000.0}
@@ -73,6 +77,11 @@ class PowerLawDamper(StaticDamper):
     @property
     def linear(self) -> tuple[str, ...]:
         return tuple(n for n in self.names if not n.startswith("exponent"))
+
+    def expression(self, b: StepBuilder) -> Callable[[Expr, Expr, Expr], Expr]:
+        from quartercar.dampers.laws.expressions import power_law_expression
+
+        return power_law_expression(b, self)
 
     def law(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
             vector: np.ndarray) -> np.ndarray:

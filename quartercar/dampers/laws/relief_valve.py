@@ -19,6 +19,7 @@ from quartercar.dampers.parameter import Parameter
 
 if TYPE_CHECKING:
     from quartercar.dampers.laws.relief_valve_design import ReliefValveDesign
+    from quartercar.dampers.stepper import DamperStepper
 
 TOLERANCE = 3e-4
 """relative error of one integration step"""
@@ -78,6 +79,7 @@ class LagDamper(DynamicDamper):
         v_f [m/s].
     """
 
+    exported_instead: ClassVar[str] = "force-map"
     piston_area: float = 1.5e-3
     precompression: float = 4.5e-3
     seat_diameter: float = 0.01
@@ -155,6 +157,11 @@ class LagDamper(DynamicDamper):
             raise InputError(f"{cls.name} needs the holes behind the valve", got="none in this design",
                              mend="holes=, hole_area=, or the model 'relief-valve'")
         return cls(**design.settings, values={n: known[n] for n in empty.names})
+
+    def stepper(self, step: float) -> DamperStepper:
+        from quartercar.dampers.laws.relief_valve_stepper import ReliefValveStepper
+
+        return ReliefValveStepper(self, step)
 
     def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
         from quartercar.dampers.laws._relief_valve_run import run

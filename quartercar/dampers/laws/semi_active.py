@@ -16,6 +16,7 @@ from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import LawDamper
 from quartercar.dampers.laws.current_lag import CurrentLag
 from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.stepper import DamperStepper, RealTimeStepper
 
 if TYPE_CHECKING:
     from quartercar.dampers.facts import Facts
@@ -72,6 +73,9 @@ class SemiActiveDamper(LawDamper):
     @abstractmethod
     def real_time(self, step: float = 1e-3) -> RealTime:
         """A stepper for fixed-step simulation [s]: one sample in, one force out."""
+
+    def stepper(self, step: float) -> DamperStepper:
+        return RealTimeStepper(self, step)
 
     # -- settled here ------------------------------------------------------------------------------------------------
     def check_rows(self) -> None:

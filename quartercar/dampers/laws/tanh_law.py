@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, product
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,10 @@ from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import StaticDamper
 from quartercar.dampers.laws.coefficients import Coefficient, Controlled, settled_span
 from quartercar.dampers.parameter import Parameter
+
+if TYPE_CHECKING:
+    from lpvid.export.expression import Expr
+    from lpvid.export.step_builder import StepBuilder
 
 YIELD = Parameter("yield_force", "N", "dynamic yield force A_1", 0.0, 0.0)
 SHARPNESS = Parameter("sharpness", "s/m", "pre-yield sharpness A_3", 20.0, 1e-2, 1e4, log=True)
@@ -98,6 +102,25 @@ class TanhLaw(StaticDamper):
         f = self.factors(displacement, velocity, current, vector)
         constant = vector[-1] if self.offset else 0.0
         return f.yield_force * np.tanh(f.sharpness * f.lagged) + f.post_yield * f.post_lagged + constant
+
+    def tanh_form(self) -> Callable[[np.ndarray], np.ndarray]:
+        def coefficients(current: np.ndarray) -> np.ndarray:
+            vector, zero, one = self.vector, np.zeros(current.size), np.ones(current.size)
+            still = self.factors(zero, one, current, vector)  # x = 0, v = 1: the coefficients of v
+            moved = self.factors(one, zero, current, vector)  # x = 1, v = 0: κ and κ'
+            out = np.zeros((current.size, 8))
+            out[:, 0] = vector[-1] if self.offset else 0.0
+            out[:, 1], out[:, 2] = still.post_yield, still.post_yield * moved.post_lagged
+            out[:, 3] = still.yield_force
+            out[:, 4], out[:, 5], out[:, 7] = still.sharpness, still.sharpness * moved.lagged, 1.0
+            return out
+
+        return coefficients
+
+    def expression(self, b: StepBuilder) -> Callable[[Expr, Expr, Expr], Expr]:
+        from quartercar.dampers.laws.expressions import tanh_expression
+
+        return tanh_expression(b, self)
 
     def law_gradient(self, displacement: np.ndarray, velocity: np.ndarray, current: np.ndarray,
                      vector: np.ndarray) -> np.ndarray:

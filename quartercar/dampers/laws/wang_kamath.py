@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -16,6 +16,11 @@ from quartercar.dampers.facts import Facts
 from quartercar.dampers.families import DynamicDamper
 from quartercar.dampers.laws.stepping import motion_steps
 from quartercar.dampers.parameter import Parameter
+from quartercar.dampers.stepper import DamperStepper, StateStepper
+
+if TYPE_CHECKING:
+    from lpvid.export.expression import Expr
+    from lpvid.export.step_builder import StepBuilder
 
 MOST_STARTS = 8
 """starting vectors worth a search; more only cost time."""
@@ -130,6 +135,16 @@ class WangKamath(DynamicDamper):
         else:
             f = force / self.scale(current, vector)[0] + 0.0 * w[0]
         return np.array([f, (velocity - _flow(f, w)[0]) / w[1]], dtype=vector.dtype)
+
+    def stepper(self, step: float) -> DamperStepper:
+        from quartercar.dampers.laws.wang_kamath_stepper import wang_kamath_move
+
+        return StateStepper(self, wang_kamath_move(self, step))
+
+    def flow(self, b: StepBuilder, x: Expr, v: Expr, i: Expr) -> Expr | None:
+        from quartercar.dampers.laws.flows import wang_kamath_flow
+
+        return wang_kamath_flow(b, self, v, i)
 
     def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
         from quartercar.dampers.laws._wang_kamath_kernels import wang_kamath_run

@@ -15,11 +15,11 @@ from quartercar.controllers import law_class
 from quartercar.controllers.contract import Setting
 from quartercar.controllers.loop.chain import Chain, ChainSettings
 from quartercar.controllers.loop.sensing import SETS
+from quartercar.dampers.stepper import DamperStepper
 from quartercar.export import EXPORTER
 from quartercar.export.loop_steps import LoopLaw
 from quartercar.parameters import MEGANE
 from quartercar.rides.default_damper import identified_damper
-from quartercar.vehicle.coupling import Coupling, couple
 from quartercar.vehicle.nonlinear import Coil, QuarterCar
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
@@ -70,11 +70,11 @@ class Slave:
         self._fmu.freeInstance()
 
 
-class FmuCoupling(Coupling):
+class FmuStepper(DamperStepper):
     """A damper FMU as the car carries any damper along."""
 
-    def __init__(self, damper, step: float, folder: Path) -> None:
-        self._own = couple(damper, step)
+    def __init__(self, damper, own: DamperStepper, folder: Path) -> None:
+        self._own = own
         rest = self._own.begin(0.0, 0.0, CURRENT)
         self._slave = Slave(damper, {f"past_outputs[{i + 1},1]": rest for i in range(damper.start)}, folder)
         self._current = CURRENT
@@ -102,11 +102,13 @@ def test_a_damper_fmu_in_a_quarter_car_drives_like_the_damper(monkeypatch, tmp_p
     own = car.run(road, damper.clock, CURRENT)
     made = []
 
+    own_stepper = type(damper).stepper
+
     def with_fmu(chosen, step):
-        made.append(FmuCoupling(chosen, step, tmp_path))
+        made.append(FmuStepper(chosen, own_stepper(chosen, step), tmp_path))
         return made[-1]
 
-    monkeypatch.setattr("quartercar.vehicle.coupling.couple", with_fmu)
+    monkeypatch.setattr(type(damper), "stepper", with_fmu)
     run = car.run(road, damper.clock, CURRENT)
     made[0].close()
     for name in ("damper_force", "body_acceleration", "tyre_force"):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 
-from lpvid.errors import InputError
 from lpvid.export.expression import Expr, call, select
 from lpvid.export.step_builder import StepBuilder
 from quartercar.dampers.families import StaticDamper
@@ -16,24 +15,6 @@ from quartercar.dampers.laws.tanh_law import TanhLaw
 
 Law = Callable[[Expr, Expr, Expr], Expr]
 """(displacement from the centre, velocity, current) -> force in the damper's own sense."""
-
-
-def static_law(b: StepBuilder, damper: StaticDamper) -> Law:
-    """A law whose parameters are declared once, to be written at any motion and current.
-
-    Raises
-    ------
-    InputError
-        A law that no step is known for.
-    """
-    if isinstance(damper, TanhLaw):
-        return _tanh(b, damper)
-    if isinstance(damper, Kwok):
-        return _kwok(b, damper)
-    if isinstance(damper, PowerLawDamper):
-        return _power(b, damper)
-    raise InputError(f"'{damper.name}' has no exported step", why="its force solves an equation of its own",
-                     mend="fit and export 'power-law-friction-gas', or 'force-map'")
 
 
 def parameters(b: StepBuilder, damper: StaticDamper) -> dict[str, Expr]:
@@ -69,7 +50,7 @@ def _controlled(c: Controlled, theta: list) -> Callable[[Expr], Expr]:
     return value
 
 
-def _tanh(b: StepBuilder, damper: TanhLaw) -> Law:
+def tanh_expression(b: StepBuilder, damper: TanhLaw) -> Law:
     """F = A_1 tanh[A_3 (v + κ x)] + A_2 (v + κ' x) + F_0."""
     named, terms = parameters(b, damper), damper.terms
     parts = [None if c is None else coefficient(c, named) for c in terms]
@@ -85,7 +66,7 @@ def _tanh(b: StepBuilder, damper: TanhLaw) -> Law:
     return law
 
 
-def _kwok(b: StepBuilder, damper: Kwok) -> Law:
+def kwok_expression(b: StepBuilder, damper: Kwok) -> Law:
     """F = c v + k x + α tanh(β v + δ tanh(x/ε)) + f_0."""
     named = parameters(b, damper)
     width = b.parameter("turning_stroke", damper.turning_stroke, "m", "stroke over which the offset turns its sign")
@@ -98,7 +79,7 @@ def _kwok(b: StepBuilder, damper: Kwok) -> Law:
     return law
 
 
-def _power(b: StepBuilder, damper: PowerLawDamper) -> Law:
+def power_law_expression(b: StepBuilder, damper: PowerLawDamper) -> Law:
     """F = C_1 v + C_n |v/v_ref|^n sign v, by direction; friction and gas beside it."""
     named = parameters(b, damper)
     theta = [named[n] for n in damper.names]

@@ -1,4 +1,4 @@
-"""Couplings of sampled dampers: an input-output model of lpvid carried along one sample at a time."""
+"""Sampled dampers inside a simulation: an input-output model of lpvid stepped one sample at a time."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from lpvid.model.transfer_function import LPVTransferFunction
 from quartercar.dampers.blackbox.held import Inner
 from quartercar.dampers.blackbox.rest import at_rest, state_at_rest
 from quartercar.dampers.blackbox.sampled import SampledDamper
-from quartercar.vehicle.coupling import Coupling
+from quartercar.dampers.stepper import DamperStepper
 
 LIMIT = 1e12
 """force at which a run counts as diverged [N]"""
 
 
-def sampled_coupling(damper: SampledDamper, step: float) -> Coupling:
-    """The coupling of a sampled damper, at its own period.
+def sampled_stepper(damper: SampledDamper, step: float) -> DamperStepper:
+    """The stepper of a sampled damper, at its own period.
 
     Raises
     ------
@@ -31,10 +31,10 @@ def sampled_coupling(damper: SampledDamper, step: float) -> Coupling:
     """
     model = damper.at_clock(step)
     if isinstance(model, LPVTransferFunction):
-        return TransferFunctionCoupling(model)
+        return TransferFunctionStepper(model)
     if isinstance(model, LPVStateSpace):
-        return StateSpaceCoupling(model)
-    return WindowCoupling(model)
+        return StateSpaceStepper(model)
+    return WindowStepper(model)
 
 
 class CurrentFilter:
@@ -69,7 +69,7 @@ class CurrentFilter:
         return self._value
 
 
-class SampledCoupling(Coupling):
+class SampledStepper(DamperStepper):
     """Rows of the past: inputs, scheduling and force of the last samples, the newest last."""
 
     def __init__(self, model: LPVTransferFunction | SelfScheduled) -> None:
@@ -108,7 +108,7 @@ class SampledCoupling(Coupling):
         self._u[-1] = self._inputs(displacement, velocity)
 
 
-class TransferFunctionCoupling(SampledCoupling):
+class TransferFunctionStepper(SampledStepper):
     """y(k) = past + b_0(p) u(k); the past is summed once per sample."""
 
     _model: LPVTransferFunction
@@ -135,7 +135,7 @@ class TransferFunctionCoupling(SampledCoupling):
         return self._past + float(u[0] @ self._direct)
 
 
-class WindowCoupling(SampledCoupling):
+class WindowStepper(SampledStepper):
     """A model that schedules itself, run from its past for one sample."""
 
     def _look(self) -> None:
@@ -148,7 +148,7 @@ class WindowCoupling(SampledCoupling):
         return float(out[-1])
 
 
-class StateSpaceCoupling(Coupling):
+class StateSpaceStepper(DamperStepper):
     """F = C d + D u + g with the state carried along; a basis that reads past currents is given them."""
 
     def __init__(self, model: LPVStateSpace) -> None:

@@ -1,0 +1,149 @@
+"""DamperStepper: a damper inside a simulation, step by step; `Damper.stepper` gives the one of each model.
+
+A step is tried as often as the car's implicit solution asks, then committed. Nothing looks ahead of the step.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from quartercar.dampers.families import DynamicDamper, StaticDamper
+
+FINE = 4
+"""steps of a compiled damper within one step of the car."""
+GAMMA = 1.0 - math.sqrt(0.5)
+"""first stage of the L-stable two-stage method of order 2 (Alexander 1977, SIAM J. Numer. Anal. 14, 1006-1021)"""
+
+
+class DamperStepper(ABC):
+    """A damper of which one step is tried, and then taken.
+
+    Call `begin` once; then for every step `approach` with the current at its end, `trial` at motions of its end, and
+    `commit` at the motion that it has.
+    """
+
+    memory: bool = True
+    """False for a law without states, which steps of any length may ask."""
+
+    @abstractmethod
+    def begin(self, displacement: float, velocity: float, current: float) -> float:
+        """Start settled; the force [N]."""
+
+    @abstractmethod
+    def approach(self, current: float) -> None:
+        """The current at the end of the coming step."""
+
+    @abstractmethod
+    def trial(self, displacement: float, velocity: float) -> float:
+        """Force at the end of the step, were this the motion there [N]."""
+
+    @abstractmethod
+    def commit(self, displacement: float, velocity: float) -> None:
+        """Take the step."""
+
+
+class StaticStepper(DamperStepper):
+    """A law without memory."""
+
+    memory = False
+
+    def __init__(self, damper: StaticDamper) -> None:
+        self._damper, self._vector = damper, damper.vector
+        self._current = np.zeros(1)
+
+    def begin(self, displacement: float, velocity: float, current: float) -> float:
+        self.approach(current)
+        return self.trial(displacement, velocity)
+
+    def approach(self, current: float) -> None:
+        self._current = np.array([current])
+
+    def trial(self, displacement: float, velocity: float) -> float:
+        return float(self._damper.law(np.array([displacement]), np.array([velocity]), self._current, self._vector)[0])
+
+    def commit(self, displacement: float, velocity: float) -> None:
+        pass
+
+
+Move = Callable[[np.ndarray, tuple[float, float, float], tuple[float, float, float]], tuple[np.ndarray, float]]
+"""(state, motion and current at the step's start, at its end) -> (state, force) at its end."""
+
+
+class StateStepper(DamperStepper):
+    """A damper with states, advanced by a function from one end of a step to the other."""
+
+    def __init__(self, damper: DynamicDamper, move: Move) -> None:
+        self._damper, self._move = damper, move
+        self._state = np.zeros(0)
+        self._now = (0.0, 0.0, 0.0)
+        self._ahead = 0.0
+
+    def begin(self, displacement: float, velocity: float, current: float) -> float:
+        self._state = np.asarray(self._damper.rest(displacement, velocity, current, None, self._damper.vector), float)
+        self._now = (displacement, velocity, current)
+        return self._damper.output(self._state, displacement, velocity, current)
+
+    def approach(self, current: float) -> None:
+        self._ahead = current
+
+    def trial(self, displacement: float, velocity: float) -> float:
+        return self._move(self._state, self._now, (displacement, velocity, self._ahead))[1]
+
+    def commit(self, displacement: float, velocity: float) -> None:
+        there = (displacement, velocity, self._ahead)
+        self._state = self._move(self._state, self._now, there)[0]
+        self._now = there
+
+
+class RealTimeStepper(DamperStepper):
+    """A semi-active damper through its own real-time stepper."""
+
+    def __init__(self, damper, step: float) -> None:
+        self._stepper = damper.real_time(step)
+        self._ahead = 0.0
+
+    def begin(self, displacement: float, velocity: float, current: float) -> float:
+        self._stepper.reset()
+        return float(self._stepper(displacement, velocity, current))
+
+    def approach(self, current: float) -> None:
+        self._ahead = current
+
+    def trial(self, displacement: float, velocity: float) -> float:
+        return float(self._stepper.peek(displacement, velocity, self._ahead))
+
+    def commit(self, displacement: float, velocity: float) -> None:
+        self._stepper(displacement, velocity, self._ahead)
+
+
+def rates_move(damper: DynamicDamper, step: float) -> Move:
+    """Steps of any damper with states, from its `rates` alone: two implicit stages, L-stable, order 2."""
+    def stage(base: np.ndarray, guess: np.ndarray, motion: tuple[float, float, float]) -> np.ndarray:
+        z = guess.copy()
+        for _ in range(12):
+            gap = z - base - GAMMA * step * damper.rates(z, *motion)
+            jacobian = np.eye(z.size)
+            for j in range(z.size):
+                moved = z.copy()
+                moved[j] += 1e-7 * max(abs(z[j]), 1e-6)
+                ahead = moved - base - GAMMA * step * damper.rates(moved, *motion)
+                jacobian[:, j] = (ahead - gap) / (moved[j] - z[j])
+            turn = np.linalg.solve(jacobian, gap)
+            z -= turn
+            if np.all(np.abs(turn) <= 1e-10 * np.abs(z) + 1e-14):
+                break
+        return z
+
+    def move(state, here, there):
+        middle = tuple(a + GAMMA * (b - a) for a, b in zip(here, there, strict=True))
+        first = stage(state, state, middle)  # type: ignore[arg-type]
+        z = stage(state + (1 - GAMMA) / GAMMA * (first - state), first, there)
+        return z, damper.output(z, *there)
+
+    return move
