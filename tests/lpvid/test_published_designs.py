@@ -181,7 +181,7 @@ def test_two_disks_by_an_h2_criterion():
 
 
 def test_an_exact_measurement_does_not_cost_a_fast_pole():
-    """The autopilot's plant has its fastest pole at 1.1e4 rad/s; without noise in y2 the controller had one at 1.6e8."""
+    """The plant's fastest pole is at 1.1e4 rad/s; without noise in y2 the controller had one at 1.6e8."""
     found = lpv.synthesize(missile(), lpv.OutputFeedback())
     assert found.gamma_verified <= 0.197
     fastest = max(np.abs(found.controller.frozen_poles(p)).max() for p in found.controller.box.grid(3))
