@@ -180,12 +180,12 @@ def _locus(model: LPVTransferFunction | LPVStateSpace) -> Drawing:
 
 def _gains(loop: LPVStateSpace, level: float | None) -> Drawing:
     """Largest singular value of frozen closed loops over frequency, with the verified bound."""
-    from lpvid.plot.synthesis import _frequencies, _line, _singular_values
+    from lpvid.plot.synthesis import _singular_values, frequencies_of, line_of
 
     def draw(axes: Sequence[Axes]) -> None:
         from matplotlib import colormaps
 
-        frequencies, points = _frequencies(loop), _line(loop)
+        frequencies, points = frequencies_of(loop), line_of(loop)
         shades = colormaps[SCALE](np.linspace(0.1, 0.9, len(points)))
         for shade, p in zip(shades, points, strict=True):
             axes[0].loglog(frequencies / (2 * np.pi), _singular_values(loop, p, frequencies)[:, 0], color=shade)

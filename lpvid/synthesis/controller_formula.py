@@ -112,7 +112,8 @@ class ControllerFormula:
         n = pair.x.shape[1]
         try:
             pair, inner = _balanced(variations, pair, points)
-            draft = cls(plant, variations, pair, inner, gamma, (np.zeros((0, 0)),) * 2, np.eye(n))
+            none = np.zeros((0, 0))
+            draft = cls(plant, variations, pair, inner, gamma, (none, none), np.eye(n))
             at, v = draft._plant(points), draft._lyapunov(points)
             parts = v.blocks()
             for p in parts:
