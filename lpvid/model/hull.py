@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -121,11 +122,9 @@ class Hull:
             middle = np.zeros(n + 1) if found.x is None else found.x
             corners = None
             if middle[-1] > SLACK:
-                try:
+                with contextlib.suppress(QhullError):
                     corners = HalfspaceIntersection(np.column_stack([self.normals, -self.offsets]),
                                                     middle[:n]).intersections
-                except QhullError:
-                    pass
             if corners is None:
                 raise InputError(f"the hull of {', '.join(self.names)} has no inside",
                                  mend="leave out a variable that follows from the others")
