@@ -148,7 +148,7 @@ def hull_gain(system: LPVStateSpace, hull: Hull) -> Gain:
     discrete = plant.sample_time is not None
     signals = plant.inputs, plant.outputs
     poles = np.linalg.eigvals(a) if a.shape[1] else np.full((len(a), 1), 0.0 if discrete else -1.0)
-    level = (np.abs(poles) - 1 if discrete else poles.real).max(axis=1)
+    level = (np.abs(poles) - 1 if discrete else np.real(poles)).max(axis=1)
     if level.max() >= 0:
         where = ", ".join(f"{n} = {v:.6g}" for n, v in zip(hull.names, vertices[int(level.argmax())], strict=True))
         return Gain("unstable", math.inf, math.inf, None, None, *signals,

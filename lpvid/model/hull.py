@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -118,12 +119,12 @@ class Hull:
         else:
             found = linprog(np.r_[np.zeros(n), -1.0], np.hstack([self.normals, np.ones((len(self.normals), 1))]),
                             self.offsets, bounds=[(None, None)] * n + [(0, None)])
-            flat = found.x is None or not found.x[-1] > SLACK
-            try:
-                corners = None if flat else HalfspaceIntersection(
-                    np.column_stack([self.normals, -self.offsets]), found.x[:n]).intersections
-            except QhullError:
-                corners = None
+            middle = np.zeros(n + 1) if found.x is None else found.x
+            corners = None
+            if middle[-1] > SLACK:
+                with contextlib.suppress(QhullError):
+                    corners = HalfspaceIntersection(np.column_stack([self.normals, -self.offsets]),
+                                                    middle[:n]).intersections
             if corners is None:
                 raise InputError(f"the hull of {', '.join(self.names)} has no inside",
                                  mend="leave out a variable that follows from the others")

@@ -59,7 +59,7 @@ class FixedStructure:
     start : Synthesis or LPVStateSpace, optional
         A controller of any order to imitate; left out, the full-order one for the middle of the box.
     starts : int
-        Further starts, drawn at random.
+        Further starts, drawn at random after zero.
     points : int
         Grid points per scheduling variable.
     seed : int
@@ -122,7 +122,7 @@ class FixedStructure:
             return Synthesis(fault.verdict, method=problem.method, why=f"{fault.why}: it belongs to the structure, and "
                              "the plant has a zero there", mend="leave the integral out (integral=False)")
         model, full = self._model(plant)
-        tried = shortlist(problem.frozen, self._starts(problem, model), FOLLOWED)
+        tried = shortlist(problem.frozen, self._starts(problem, model))
         stable = [t for t in tried if np.isfinite(t[1])]
         if not stable:
             return Synthesis("numerical", method=problem.method, seconds=time.perf_counter() - started,

@@ -26,8 +26,8 @@ Objective = Callable[[np.ndarray], tuple[float, np.ndarray]]
 ENOUGH = 1e-5
 """relative decrease over `PATIENCE` steps below which a descent ends"""
 PATIENCE = 12
-GLANCE, LONG = 40, 300
-"""steps of a descent from every start, and from those that are followed to the end"""
+GLANCE, LONG, PURSUED = 40, 300, 6
+"""steps of a descent from every start, and from the best few that are pursued to the end"""
 LOUDEST = 3
 """points of the grid at which norms are computed in every step; all at the end, by `lpv.l2_gain`"""
 SLOW = 1e-5
@@ -149,10 +149,10 @@ def descended(loops: FrozenLoops, theta: np.ndarray, steps: int = LONG) -> tuple
     return bfgs(loops.norm, theta, steps)
 
 
-def shortlist(loops: FrozenLoops, starts: Iterable[np.ndarray], kept: int) -> list[tuple[np.ndarray, float]]:
+def shortlist(loops: FrozenLoops, starts: Iterable[np.ndarray]) -> list[tuple[np.ndarray, float]]:
     """Local minimisers and their norms, lowest first: all starts are followed for a while, the best to their end."""
     begun = sorted((descended(loops, theta, GLANCE) for theta in starts), key=lambda x: x[1])
-    ended = [bfgs(loops.norm, x[0], LONG) for x in begun[:kept] if np.isfinite(x[1])]
+    ended = [bfgs(loops.norm, x[0], LONG) for x in begun[:PURSUED] if np.isfinite(x[1])]
     return sorted([*ended, *begun[len(ended):]], key=lambda x: x[1])
 
 
