@@ -328,6 +328,11 @@ class ChunkedQR:
         self._work[:, : self.columns][self._above] = 0.0
         self.rows_seen += rows
 
+    def resume(self, r: np.ndarray, rows: int) -> None:
+        """Go on from the factor of so many rows."""
+        self._work[:, : self.columns] = np.triu(r).T
+        self.rows_seen = rows
+
     @property
     def r(self) -> np.ndarray:
         """(columns, columns) upper triangular factor."""
