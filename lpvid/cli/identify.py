@@ -130,6 +130,7 @@ def identify(
     role: options.Role = None,
     flip: options.Flip = None,
     sample_rate: options.SampleRateOrRaw = None,
+    chunk: options.Chunk = None,
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:
@@ -138,7 +139,8 @@ def identify(
     --form adds state_space.json, --refit-form puts the form re-estimated there, and its figures into form.json.
 
     Without --schedule the model is time-invariant. A velocity that was not measured is derived from displacement.
-    Every figure says whether it is free-run or one-step, on training or on held-out data.
+    Every figure says whether it is free-run or one-step, on training or on held-out data. With --chunk the data are
+    read in parts (arx, recursive); an interrupted run goes on behind its last part where --out names the same folder.
     """
     from lpvid.cli.data import asked_rate, numbers, read_parts, split_names, working_rate
     from lpvid.cli.data import hold_out as part
@@ -162,6 +164,18 @@ def identify(
                       None if form is None else form.value, refit, refit_form, budget)
     with working("reading") as say:
         request.check()
+        if chunk is not None:
+            from lpvid.cli.streamed import fit_parts
+            from lpvid.cli.streamed import parts as read_in_parts
+
+            chunks, apart = (None if paths is None else read_in_parts(paths, chunk, roles=role, flip=flip,
+                                                                      sample_rate=rate) for paths in (data, held_out))
+            assert chunks is not None
+            whole = {"--auto": auto, "--hold-out": hold_out, "--refit": refit, "--refit-form": refit_form}
+            streamed = fit_parts(request, chunks, apart, whole, out, say)
+            streamed.deliver(results, say)
+            conclude(results, streamed.to_dict(), str(streamed), json)
+            return
         records, kept = read_parts(data, held_out, roles=role, flip=flip, sample_rate=rate)
         working_at, notes = working_rate([*records, *kept], rate, raw)
         training, tail = part(records, hold_out)

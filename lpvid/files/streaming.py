@@ -66,25 +66,32 @@ class Chunks:
              row: int) -> Iterator[tuple[tuple[int, int, int], Record]]:
         """Records of one set; clocks that a file only states run on, and time must run forward."""
         before, rows_before = -np.inf, row + sum(_length(p) for p in parts[:first])
+        for k, after, table in _no_lone_row(self._tables(parts, first, row)):
+            path = parts[k]
+            record = self._record(table, str(path), name)
+            row = after - record.n_samples
+            if record.time is None:
+                assert record.sample_time is not None
+                record = replace(record, time=None, start=rows_before * record.sample_time)
+            elif record.time[0] <= before:
+                what = "repeats" if record.time[0] == before else "runs backward"
+                raise InputError(f"{path}: time {what} in row {row + 1}",
+                                 got=f"{record.time[0]:.9g} s after {before:.9g} s",
+                                 mend="sort the rows, or drop the repeated one")
+            rows_before += record.n_samples
+            before = record.times[-1] if record.sample_time is None else (
+                record.start + (record.n_samples - 1) * record.sample_time)
+            yield (number, k, after), record
+
+    def _tables(self, parts: Sequence[Path], first: int, row: int) -> Iterator[_Placed]:
+        """File of the set, row behind the table, and the table."""
         for k, path in enumerate(parts[first:], first):
             read = reader(path)
             assert read is not None
-            row = row if k == first else 0
-            for table in _no_lone_row(read(path, self.rows, row, self._columns())):
-                record = self._record(table, str(path), name)
-                if record.time is None:
-                    assert record.sample_time is not None
-                    record = replace(record, time=None, start=rows_before * record.sample_time)
-                elif record.time[0] <= before:
-                    what = "repeats" if record.time[0] == before else "runs backward"
-                    raise InputError(f"{path}: time {what} in row {row + 1}",
-                                     got=f"{record.time[0]:.9g} s after {before:.9g} s",
-                                     mend="sort the rows, or drop the repeated one")
-                row += record.n_samples
-                rows_before += record.n_samples
-                before = record.times[-1] if record.sample_time is None else (
-                    record.start + (record.n_samples - 1) * record.sample_time)
-                yield (number, k, row), record
+            at = row if k == first else 0
+            for table in read(path, self.rows, at, self._columns()):
+                at += table.columns[0].values.size
+                yield k, at, table
 
     def _columns(self) -> list[str] | None:
         """Names in the file of what is read."""
@@ -166,16 +173,19 @@ def _length(path: Path) -> int:
     return 0
 
 
-def _no_lone_row(tables: Iterable[Table]) -> Iterator[Table]:
-    """The same tables with a single last row joined to the one before: one sample has no clock."""
-    held: Table | None = None
-    for table in tables:
-        if held is not None and table.columns[0].values.size < 2:
-            held = _joined(held, table)
+_Placed = tuple[int, int, Table]
+
+
+def _no_lone_row(tables: Iterable[_Placed]) -> Iterator[_Placed]:
+    """The same tables with a single row joined to the table before it: one sample has no clock."""
+    held: _Placed | None = None
+    for k, after, table in tables:
+        if held is not None and (table.columns[0].values.size < 2 or held[2].columns[0].values.size < 2):
+            held = k, after, _joined(held[2], table)
             continue
         if held is not None:
             yield held
-        held = table
+        held = k, after, table
     if held is not None:
         yield held
 

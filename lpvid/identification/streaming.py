@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from lpvid._threads import single_thread
+from lpvid.condition.pieces import Cutter
 from lpvid.errors import InputError
 from lpvid.familiar import roles
 from lpvid.files.streaming import Chunks
@@ -19,7 +20,7 @@ from lpvid.identification.recursive import Recursive, RecursiveEstimator, packag
 from lpvid.identification.regression import CHUNK, Factor, rows_of
 from lpvid.identification.result import Identification
 from lpvid.identification.row_stream import RowStream
-from lpvid.identification.stream_facts import Cutter, Facts, box_of, located
+from lpvid.identification.stream_facts import Facts, box_of, located
 from lpvid.record import Channel, Record
 from lpvid.scheduling import Scheduling
 
