@@ -27,7 +27,7 @@ class LagSums:
     >>> for part in ([1.0, 2.0], [4.0, 1.0]):
     ...     sums.add(np.array(part), np.array(part))
     >>> sums.close(), sums.total
-    (True, array([ 6., -3.]))
+    (True, array([ 6., -2.]))
     """
 
     def __init__(self, lags: int, shortest: int) -> None:
