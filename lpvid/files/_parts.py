@@ -84,7 +84,7 @@ def _parquet_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | N
         raise without_library(where, "pyarrow") from None
     origin: dict[str, float] = {}
     try:
-        with pq.ParquetFile(path, memory_map=True) as file:
+        with pq.ParquetFile(path) as file:
             if not file.metadata.num_rows:
                 raise InputError(f"{where}: there are no samples", mend="export the data again")
             period = stated_period(parquet._texts(file.schema_arrow.metadata), where)
@@ -92,7 +92,7 @@ def _parquet_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | N
             if first:
                 _batch_columns(pa.Table.from_batches([next(file.iter_batches(1, columns=columns))]), period, origin)
             groups, behind = _groups_from(file.metadata, first)
-            for content in _batches(file.iter_batches(batch_size=rows, row_groups=groups, columns=columns), behind):
+            for content in _batches(file.iter_batches(rows, groups, columns, use_threads=False), behind):
                 yield Table(*_batch_columns(content, period, origin))
     except (pa.ArrowException, ValueError, OSError, MemoryError, OverflowError) as error:
         if isinstance(error, (InputError, PermissionError, FileNotFoundError)):

@@ -15,8 +15,8 @@ from lpvid.files import find, natural, record_names
 from lpvid.files._parts import READERS, reader
 from lpvid.record import Record
 
-ROWS = 500_000
-"""Samples of a part: 4 MB a channel. Parts of 100 thousand to a million samples are read at about the same rate."""
+ROWS = 131_072
+"""Samples of a part: 1 MB a channel. Parts of 64 thousand to 500 thousand are read at about the same rate."""
 
 
 @dataclass(frozen=True)

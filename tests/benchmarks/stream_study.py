@@ -85,7 +85,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--samples", type=float, default=1e8)
     parser.add_argument("--memory", type=float, default=1e7)
-    parser.add_argument("--rows", type=int, default=500_000)
+    parser.add_argument("--rows", type=int, default=131_072)
     parser.add_argument("--time", action="store_true", help="a column of time stamps too")
     parser.add_argument("--child", help=argparse.SUPPRESS)
     given = parser.parse_args()
