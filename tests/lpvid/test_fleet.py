@@ -17,7 +17,14 @@ import lpvid as lpv
 from lpvid.cli.app import app
 from lpvid.errors import InputError
 from lpvid.fleet import differing, plan_fleet, run_fleet
-from lpvid.fleet.differing import departure, differing_parameters, shift
+from lpvid.fleet.differing import (
+    departure,
+    differing_parameters,
+    differing_residuals,
+    either,
+    residual_level,
+    shift,
+)
 from lpvid.fleet.running import connected
 from lpvid.fleet.state import Outcome, keep, outcome
 from lpvid.identification.regression import Factor
@@ -108,6 +115,32 @@ def test_the_false_discovery_rate_holds_between_parameters(count: int, size: int
     assert np.mean(false) <= 0.05 + 2 * np.std(false) / np.sqrt(120), np.mean(false)
     assert np.mean(right) > 0.9
     assert differing_parameters({f"h{k}": np.zeros(4) for k in range(19)}) is None
+
+
+@pytest.mark.parametrize("count", [12, 40, 200])
+def test_either_of_two_tests_keeps_the_false_discovery_rate(count: int) -> None:
+    """One file differs in its parameters, another in its residual alone; healthy ones in neither."""
+    rng = np.random.default_rng(count)
+    false, right = [], []
+    for _ in range(200):
+        departures = {f"h{k}": float(np.exp(rng.normal(-4, 0.3))) for k in range(count)}
+        levels = {n: float(np.exp(rng.normal(3, 0.1))) for n in departures}
+        departures |= {"moved": float(np.exp(-4 + 0.3 * 12)), "unlike": float(np.exp(-4))}
+        levels |= {"moved": float(np.exp(3)), "unlike": float(np.exp(3 - 0.1 * 12))}
+        found = either(differing(departures), differing_residuals(levels)).named
+        false.append(sum(n.startswith("h") for n in found) / max(len(found), 1))
+        right.append(len({"moved", "unlike"} & set(found)) / 2)
+    assert np.mean(false) <= 0.05 + 2 * np.std(false) / np.sqrt(200), np.mean(false)
+    assert np.mean(right) > 0.9, np.mean(right)
+
+
+def test_the_level_of_a_residual_is_its_mean_square(rng: np.random.Generator) -> None:
+    x, y = rng.normal(size=(300, 2)), rng.normal(size=(300, 1))
+    left = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
+    own = Factor(np.linalg.qr(np.hstack([x, y]), mode="r"), 300, 2)
+    assert residual_level(own) == pytest.approx(np.sum(left**2) / 298)
+    few = {f"a{k}": 1.0 + k for k in range(5)}
+    assert either(differing(few), differing_residuals(few)).named == ()
 
 
 def test_a_departure_is_the_likelihood_ratio_of_common_parameters(rng: np.random.Generator) -> None:
