@@ -33,7 +33,7 @@ PANELS: dict[str, tuple[str, ...]] = {
     "Characterisation": ("speeds", "rebound", "tolerance", "nominal", "specimen", "delay"),
     "Export": ("to", "name", "precision", "clamp", "at", "limit", "anti_windup", "format"),
     "Output": ("out", "json", "plan_experiment", "list_models", "schema"),
-    "Run": ("do", "scheduler", "workers", "time_limit", "retries", "config",
+    "Run": ("do", "fleet", "scheduler", "workers", "time_limit", "retries", "config",
              "template", "seed", "help", "version", "install_completion", "show_completion"),
 }
 """Panels of the help, in their order, with the options that belong to each; any other stands in a panel of its own."""

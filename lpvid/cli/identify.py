@@ -10,6 +10,7 @@ import typer
 
 from lpvid.cli import options
 from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
+from lpvid.errors import InputError
 
 
 class On(StrEnum):
@@ -131,6 +132,11 @@ def identify(
     flip: options.Flip = None,
     sample_rate: options.SampleRateOrRaw = None,
     chunk: options.Chunk = None,
+    fleet: Annotated[bool, typer.Option("--fleet", help="One model of all files, each read by another process (extra "
+                                        "scale); --out keeps the state, from which a run that was cut short goes "
+                                        "on.")] = False,
+    scheduler: Annotated[str | None, typer.Option("--scheduler", metavar="ADDRESS", help="With --fleet: a running Dask "
+                                                  "scheduler; left out, a cluster on this machine.")] = None,
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:
@@ -164,6 +170,18 @@ def identify(
                       None if form is None else form.value, refit, refit_form, budget)
     with working("reading") as say:
         request.check()
+        whole = {"--auto": auto, "--hold-out": hold_out, "--refit": refit, "--refit-form": refit_form}
+        if scheduler is not None and not fleet:
+            raise InputError("--scheduler names the cluster of --fleet", mend="add --fleet, or leave it out")
+        if fleet:
+            from lpvid.cli.fleet import identify_fleet
+
+            other = {"--chunk": chunk, "--held-out": held_out, "--flip": flip, "--sample-rate": rate, "--form": form}
+            joint = identify_fleet(request, data, role, {**whole, **other}, scheduler, results, say)
+            conclude(results, joint.to_dict(), str(joint), json)
+            if joint.failed:
+                raise typer.Exit(SHORTFALL)
+            return
         if chunk is not None:
             from lpvid.cli.streamed import fit_parts
             from lpvid.cli.streamed import parts as read_in_parts
@@ -171,7 +189,6 @@ def identify(
             chunks, apart = (None if paths is None else read_in_parts(paths, chunk, roles=role, flip=flip,
                                                                       sample_rate=rate) for paths in (data, held_out))
             assert chunks is not None
-            whole = {"--auto": auto, "--hold-out": hold_out, "--refit": refit, "--refit-form": refit_form}
             streamed = fit_parts(request, chunks, apart, whole, out, say)
             streamed.deliver(results, say)
             conclude(results, streamed.to_dict(), str(streamed), json)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from lpvid.fleet.differing import (
 )
 from lpvid.fleet.running import connected
 from lpvid.fleet.state import Outcome, keep, outcome
+from lpvid.fleet.steps import _here
 from lpvid.identification.regression import Factor
 from lpvid.identification.streaming import merged_factor, stream_factor
 
@@ -185,6 +187,19 @@ def test_an_outcome_counts_for_its_own_settings_only(tmp_path: Path) -> None:
     assert outcome(job, "audit", "k") is None
 
 
+def test_a_step_that_hangs_inside_a_worker_is_stopped(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t")
+    job = plan_fleet([str(tmp_path / "a.csv")], tmp_path / "out").jobs[0]
+    never = threading.Event()
+    found = _here("scan", job, "k", lambda: str(never.wait(60)), 0.2)
+    never.set()
+    assert (found.state, found.message, found.final) == ("stopped", "stopped after 0.2 s", False)
+    assert outcome(job, "scan", "k") == found
+    assert _here("scan", job, "k", lambda: "fine", 60.0).state == "done"
+    with pytest.raises(ZeroDivisionError):
+        _here("identify", job, "k", lambda: str(1 / 0), 60.0)
+
+
 def test_a_missing_scheduler_is_one_line() -> None:
     with pytest.raises(InputError, match="does not answer"), connected("tcp://127.0.0.1:9", None):
         pass
@@ -250,3 +265,26 @@ def test_a_step_that_takes_too_long_is_reported_and_tried_again_by_the_next_run(
 def test_without_a_folder_the_command_says_so(folder: Path) -> None:
     result = CliRunner().invoke(app, ["fleet", f"{folder}/*.csv"])
     assert result.exit_code == 2 and "--out DIR" in result.stderr and result.stderr.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_identify_on_a_fleet_is_the_model_of_all_files(folder: Path, tmp_path: Path) -> None:
+    words = ["--input", "velocity", "--output", "force", "--schedule", "current", "--na", "2", "--nb", "2", "--nk", "0"]
+    files = [str(folder / f"d{k:02d}.csv") for k in range(6)]  # too few for anybody to be left out
+    out = tmp_path / "one"
+    joint = CliRunner().invoke(app, ["identify", *files, *words, "--fleet", "--out", str(out), "--json"])
+    assert joint.exit_code == 0, joint.output
+    whole = lpv.identify_stream([r for f in files for r in lpv.read(f)], STRUCTURE)
+    found = lpv.load(out / "model.json")
+    np.testing.assert_allclose(found.a, whole.model.a, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(found.b, whole.model.b, rtol=1e-8, atol=1e-7)
+    assert json.loads((out / "identification.json").read_text())["n_samples"] == whole.n_samples
+
+
+def test_what_a_fleet_cannot_identify_is_one_line(folder: Path, tmp_path: Path) -> None:
+    words = ["identify", f"{folder}/d0*.csv", "--input", "velocity", "--output", "force", "--nk", "0", "--fleet"]
+    out = ["--out", str(tmp_path / "out")]
+    for more, said in ((["--auto", *out], "--auto"), (["--structure", "oe", *out], "identifies arx"), ([], "--out DIR"),
+                       (["--shape", "tanh", *out], "identifies arx"), (["--hold-out", "1/3", *out], "--hold-out")):
+        result = CliRunner().invoke(app, [w for w in words if "--auto" not in more or w not in ("--nk", "0")] + more)
+        assert result.exit_code == 2 and said in result.stderr and result.stderr.count("\n") == 1, result.output
