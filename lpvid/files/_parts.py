@@ -92,7 +92,8 @@ def _parquet_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | N
             if first:
                 _batch_columns(pa.Table.from_batches([next(file.iter_batches(1, columns=columns))]), period, origin)
             groups, behind = _groups_from(file.metadata, first)
-            for content in _batches(file.iter_batches(rows, groups, columns, use_threads=False), behind):
+            batches = (b for g in groups for b in file.iter_batches(rows, [g], columns, use_threads=False))
+            for content in _batches(batches, rows, behind):
                 yield Table(*_batch_columns(content, period, origin))
     except (pa.ArrowException, ValueError, OSError, MemoryError, OverflowError) as error:
         if isinstance(error, (InputError, PermissionError, FileNotFoundError)):
@@ -120,16 +121,26 @@ def _groups_from(metadata: Any, first: int) -> tuple[list[int], int]:
     return [], 0
 
 
-def _batches(batches: Iterator[Any], drop: int) -> Iterator[Any]:
-    """Batches as tables, without the first `drop` rows."""
+def _batches(batches: Iterator[Any], rows: int, drop: int) -> Iterator[Any]:
+    """Tables of about `rows` rows, without the first `drop`.
+
+    Batches come from one row group after the other: an iterator over several keeps all that it has read (pyarrow 26).
+    Small ones are put together.
+    """
     import pyarrow as pa
 
+    held: list[Any] = []
     for batch in batches:
         if drop >= batch.num_rows:
             drop -= batch.num_rows
             continue
-        kept, drop = batch.slice(drop), 0
-        yield pa.Table.from_batches([kept])
+        held.append(batch.slice(drop))
+        drop = 0
+        if sum(b.num_rows for b in held) > rows // 2:
+            yield pa.Table.from_batches(held)
+            held = []
+    if held:
+        yield pa.Table.from_batches(held)
 
 
 def _batch_columns(content: Any, period: float | None, origin: dict[str, float],

@@ -3,8 +3,8 @@
     python tests/benchmarks/peers_scale.py [--samples 1e5,1e6] [--only ours,SIPPY] [--limit SECONDS]
 
 Needs ``pip install sysidentpy pysindy jax-sysid sippy_unipi``; what is not installed is listed so. The system is a
-fourth-order LPV one (synthetic, output noise of 0.01); each package gets the structure nearest to it. Every fit runs in a
-process of its own, after one on 1500 samples that compiles what there is to compile, and is stopped after the limit.
+fourth-order LPV one (synthetic, output noise of 0.01); each package gets the structure nearest to it. Every fit runs in
+a process of its own, after one on 1500 samples that compiles what there is to compile, and is stopped after the limit.
 
 Expected, written down before the run: LPV-ARX at least ten times as fast as each at an equal or better free run.
 """

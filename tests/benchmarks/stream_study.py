@@ -4,8 +4,8 @@
 
 A fourth-order LPV system with 24 parameters (synthetic) is written to FOLDER, row group by row group, and removed
 at the end. Expected, written down before the run: the streamed estimate, reading included, at no less than two thirds
-of the in-memory rate of the same commit; below 1 GB at any length; equal to the in-memory estimate of the same samples to
-1e-10; a run that is killed goes on behind its last chunk.
+of the in-memory rate of the same commit; below 1 GB at any length; equal to the in-memory estimate of the same
+samples to 1e-10; a run that is killed goes on behind its last chunk.
 """
 
 from __future__ import annotations
@@ -124,8 +124,9 @@ def main() -> None:
         found = streamed(large)
         assert found is not None
         slower = found[0] * rate / given.samples
-        print(f"streamed, {given.samples:.0e} samples ({size:.1f} GB): {found[0]:.0f} s of processor, {found[1]:.0f} s; "
-              f"in memory over streamed rate {slower:.2f}; peak {found[2]:.0f} MB; {found[3]} equations")
+        print(f"streamed, {given.samples:.0e} samples ({size:.1f} GB): {found[0]:.0f} s of processor, "
+              f"{found[1]:.0f} s; in memory over streamed rate {slower:.2f}; peak {found[2]:.0f} MB; "
+              f"{found[3]} equations")
     finally:
         for path in (small, large, given.folder / "state.npz"):
             path.unlink(missing_ok=True)
