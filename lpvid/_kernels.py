@@ -28,7 +28,8 @@ def free_run_io(a, b, c, first_lag, lagged, phi, offset, u, y, begin, end, limit
         rows = min(block, end - first)
         for o in range(ny):
             total = forced[o][:rows]
-            total[:] = 0.0
+            for r in range(rows):
+                total[r] = 0.0
             for j in range(first_lag, nb):
                 low = first - offset - (j if lagged else 0)
                 for q in range(nu):
@@ -50,7 +51,9 @@ def free_run_io(a, b, c, first_lag, lagged, phi, offset, u, y, begin, end, limit
         else:
             code = _recur(back, forced, y[first - na: first + rows], na, limit)
         if code >= 0:
-            y[first + code:] = 0.0
+            for k in range(first + code, y.shape[0]):
+                for o in range(ny):
+                    y[k, o] = 0.0
             return first + code
     return -1
 
@@ -73,7 +76,8 @@ def _mix(coefficients, phi, low, out):
         for r in range(rows):
             out[r] = c0 * f0[r] + c1 * f1[r] + c2 * f2[r]
     else:
-        out[:] = 0.0
+        for r in range(rows):
+            out[r] = 0.0
         for f in range(m):
             value, row = coefficients[f], phi[f][low: low + rows]
             for r in range(rows):
@@ -327,6 +331,11 @@ class ChunkedQR:
             self._work[...] = factored.T
         self._work[:, : self.columns][self._above] = 0.0
         self.rows_seen += rows
+
+    def resume(self, r: np.ndarray, rows: int) -> None:
+        """Go on from the factor of so many rows."""
+        self._work[:, : self.columns] = np.triu(r).T
+        self.rows_seen = rows
 
     @property
     def r(self) -> np.ndarray:

@@ -37,6 +37,12 @@ class _Crew:
 _crew = _Crew()
 
 
+def alone() -> None:
+    """No further threads in this process: its neighbours have the processors."""
+    with _crew.lock:
+        _crew.busy = processors() + 1
+
+
 @cache
 def _controller():
     import numpy.linalg  # noqa: F401

@@ -101,18 +101,48 @@ def _influence(model: LPVStateSpace, phi: np.ndarray) -> np.ndarray:
     return np.array(found)
 
 
-def _prior(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, influence: np.ndarray,
-           left: np.ndarray) -> np.ndarray | None:
-    """(order, r) root of P; None where the states from rest are not finite."""
-    from lpvid._state_space_kernels import states_run
+def _states(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray) -> np.ndarray | None:
+    """(n, order) states from rest; None where they are not finite.
+
+    The free run with the identity as its output matrix, on one more basis function that is 1 throughout: the kernel is
+    that of every other run, which is compiled already.
+    """
+    from lpvid import _kernels
 
     n = model.order
     assert model.state_offset is not None
+<<<<<<< 7e1c84a2ceb7619ddc1b505b2e179b7f5b6a2815
     states, none = np.zeros((len(u), n)), np.zeros((1, 1, 1))
     matrices = (np.ascontiguousarray(model.A), np.ascontiguousarray(model.B), none, none,
                 np.ascontiguousarray(model.state_offset[:, :, None]), none, none)
     states_run(matrices, np.ascontiguousarray(phi), _checks.read_only(np.ascontiguousarray(u)), np.zeros(n), states)
     if not np.isfinite(states).all() or np.abs(states).max() > np.sqrt(np.finfo(float).max) / len(u):
+=======
+
+    def extended(matrices: np.ndarray, last: np.ndarray) -> np.ndarray:
+        out = np.concatenate([matrices, last[None]])
+        out.setflags(write=False)
+        return out
+
+    none = np.zeros((len(model.A), n, n))
+    states = np.zeros((len(u), n))
+    code = _kernels.free_run_ss(
+        extended(model.A, np.zeros((n, n))), extended(model.B, np.zeros(model.B.shape[1:])),
+        extended(none, np.eye(n)), extended(np.zeros(model.B.shape), np.zeros(model.B.shape[1:])),
+        extended(model.state_offset, np.zeros(n)), extended(np.zeros((len(model.A), n)), np.zeros(n)),
+        np.column_stack([phi, np.ones(len(phi))]), u, np.zeros(n), states, np.inf)
+    return None if code >= 0 else states
+
+
+def _prior(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, influence: np.ndarray,
+           left: np.ndarray) -> np.ndarray | None:
+    """(order, r) root of P; None where the states from rest are not finite."""
+    n = model.order
+    states = _states(model, phi, u)
+    if states is None:
+        return None
+    if np.abs(states).max() > np.sqrt(np.finfo(float).max) / len(u):
+>>>>>>> f6cb6ac3e9c4a9749f0fd536a998f9013ae5c80c
         return None
     reached = states.T @ states / len(u)
     values, vectors = np.linalg.eigh(np.einsum("koi,koj->ij", influence, influence) / len(influence))

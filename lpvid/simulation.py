@@ -203,7 +203,12 @@ def _predict_equation(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, 
     """k-step prediction by the equation, span by span, so that the basis of the whole record is never held."""
     from lpvid import _kernels
 
+<<<<<<< 7e1c84a2ceb7619ddc1b505b2e179b7f5b6a2815
     u, y = _checks.read_only(u), _checks.read_only(y)
+=======
+    if horizon == 1:
+        return _one_step(model, u, p, y)
+>>>>>>> f6cb6ac3e9c4a9749f0fd536a998f9013ae5c80c
     out, n, start = y.copy(), len(y), model.start
     local = model.basis.lags == (0, 0)
     span = SPAN if local else n
@@ -215,6 +220,23 @@ def _predict_equation(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, 
         _kernels.predict_io(model.a, model.b, model.c, _first_lag(model), model.lagged, phi, u[low:last], y[low:last],
                             start, horizon, piece)
         out[first:last] = piece[first - low:]
+    return out
+
+
+def _one_step(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The equation's right-hand side: a model without output lags whose inputs are the measured outputs and the inputs.
+
+    It runs through the kernel of the free run, which takes a block of samples at a time.
+    """
+    ny, na, nb = model.n_outputs, model.na, model.n_lags
+    b = np.zeros((max(na + 1, nb), ny, ny + model.b.shape[2], model.b.shape[3]))
+    b[1: na + 1, :, :ny] = -model.a
+    b[:nb, :, ny:] = model.b
+    b.setflags(write=False)
+    out = y.copy()
+    stop = _spans(model, model.a[:0], b, min(1, _first_lag(model)), p, np.vstack([y.T, u.T]), out, model.start, np.inf)
+    if stop is not None:
+        out[stop:] = np.nan
     return out
 
 
@@ -254,18 +276,28 @@ def _simulate_io(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, y: np
 def _run_io(model: LPVTransferFunction, p: np.ndarray, u: np.ndarray, out: np.ndarray, start: int,
             scale: float) -> int | None:
     """Fill `out` from `start` on, span by span, so that the basis stays in the cache; the diverging sample or None."""
+    return _spans(model, model.a, model.b, _first_lag(model), p, np.ascontiguousarray(u.T), out, start,
+                  _limit(model, u, scale))
+
+
+def _spans(model: LPVTransferFunction, a: np.ndarray, b: np.ndarray, first_lag: int, p: np.ndarray, driven: np.ndarray,
+           out: np.ndarray, start: int, limit: float) -> int | None:
+    """The recursion with these coefficients over spans of samples; the diverging one or None."""
     from lpvid import _kernels
 
-    limit, first_lag, n = _limit(model, u, scale), _first_lag(model), len(out)
-    local = model.basis.lags == (0, 0)
+    driven = driven.view()
+    driven.setflags(write=False)  # one kind of array, one compilation
+    n, local = len(out), model.basis.lags == (0, 0)
     span = SPAN if local else n
+<<<<<<< 7e1c84a2ceb7619ddc1b505b2e179b7f5b6a2815
     driven = _checks.read_only(np.ascontiguousarray(u.T))
+=======
+>>>>>>> f6cb6ac3e9c4a9749f0fd536a998f9013ae5c80c
     for first in range(start, n, span):
         last = min(first + span, n)
         low = first - start if local else 0
         phi = np.ascontiguousarray(model.basis.evaluate(p[low:last] if local else p).T)
-        code = _kernels.free_run_io(model.a, model.b, model.c, first_lag, model.lagged, phi, low, driven, out, first,
-                                    last, limit)
+        code = _kernels.free_run_io(a, b, model.c, first_lag, model.lagged, phi, low, driven, out, first, last, limit)
         if code >= 0:
             return int(code)
     return None
@@ -323,9 +355,14 @@ def _run_ss(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, x0: np.ndarray
             scale: float) -> int | None:
     from lpvid import _kernels
 
+<<<<<<< 7e1c84a2ceb7619ddc1b505b2e179b7f5b6a2815
     x0 = _checks.read_only(np.ascontiguousarray(x0))
     code = _kernels.free_run_ss(model.A, model.B, model.C, model.D, model.state_offset, model.output_offset, phi,
                                 _checks.read_only(u), x0, out, _limit(model, u, scale, x0))
+=======
+    code = _kernels.free_run_ss(model.A, model.B, model.C, model.D, model.state_offset, model.output_offset, phi, u,
+                                np.array(x0, dtype=float), out, _limit(model, u, scale, x0))
+>>>>>>> f6cb6ac3e9c4a9749f0fd536a998f9013ae5c80c
     return None if code < 0 else int(code)
 
 

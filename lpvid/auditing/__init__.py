@@ -9,6 +9,7 @@ from lpvid.auditing.findings import Audit, Finding, ordered
 from lpvid.auditing.view import View, view
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
+from lpvid.files.streaming import Chunks
 from lpvid.record import Record
 
 __all__ = ["Audit", "Finding", "audit"]
@@ -30,14 +31,14 @@ DATA_SET_CHECKS: tuple[Callable[[Sequence[View]], Iterator[Finding]], ...] = (
 """Checks of all records together."""
 
 
-def audit(records: Record | Sequence[Record], *, scheduling: Sequence[str] | None = None,
+def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[str] | None = None,
           inputs: Sequence[str] = ()) -> Audit:
     """Examine measured records before any model is fitted; nothing is changed.
 
     Parameters
     ----------
-    records : Record or sequence of Record
-        As read; anything that parses can be audited.
+    records : Record, sequence of Record, or Chunks
+        As read; anything that parses can be audited. `Chunks` of files larger than memory are examined part by part.
     scheduling : sequence of str, optional
         Names or roles of the scheduling variables; by default every channel in A, V or K and every pure number.
     inputs : sequence of str
@@ -63,6 +64,10 @@ def audit(records: Record | Sequence[Record], *, scheduling: Sequence[str] | Non
     >>> [f.mend for f in audit(record).of("reversed-polarity")]
     ['--flip force']
     """
+    if isinstance(records, Chunks):
+        from lpvid.auditing.streamed import audit_stream
+
+        return audit_stream(records, scheduling=scheduling, inputs=inputs)
     listed = as_records(records)
     if not listed:
         raise InputError("no records to audit")

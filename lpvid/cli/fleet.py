@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,6 +12,7 @@ from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
 from lpvid.errors import InputError
 
 if TYPE_CHECKING:
+    from lpvid.cli.structures import Request
     from lpvid.fleet import FleetResult
     from lpvid.identification.arx import ARX
 
@@ -93,3 +95,63 @@ def _table(found: FleetResult) -> str:
                        " ".join(f"{s}:{o['state']}" for s, o in row["steps"].items())])
     return text.getvalue()
 
+
+def identify_fleet(request: Request, data: Sequence[str], roles: Sequence[str] | None, refused: Mapping[str, Any],
+                   scheduler: str | None, results: Results, say: Callable[[str], None]) -> FleetResult:
+    """`lpvid identify --fleet`: one model of all files, from the R factors of each, on a Dask cluster.
+
+    Parameters
+    ----------
+    request : Request
+        With the structure arx; a first input lag that was not given is chosen on the first file.
+    data, roles : sequences of str
+        As on the command line.
+    refused : mapping
+        Options that need all records in one process, by name; those that were given are refused.
+    scheduler : str or None
+        Address; None for a cluster on this machine.
+    results : Results
+        Its folder keeps the state in fleet/.
+    say : callable
+        Receives progress.
+
+    Returns
+    -------
+    FleetResult
+
+    Raises
+    ------
+    InputError
+        Such an option, another structure, no folder.
+    """
+    from lpvid.cli.data import parse_roles, read_records
+    from lpvid.cli.modelling import _settled
+    from lpvid.export.serialise import save
+    from lpvid.files import find
+    from lpvid.fleet import plan_fleet, run_fleet
+    from lpvid.identification.arx import ARX
+
+    for name, given in refused.items():
+        if given:
+            raise InputError(f"{name} needs all records in one process", why="--fleet reads them in many",
+                             mend=f"leave {name} out, or leave --fleet out")
+    if results.folder is None:
+        raise InputError("a fleet's results are its state", got="no --out", mend="--out DIR")
+    structure = request.arx(request.delay)
+    if request.searches_delay:
+        first = read_records([str(find(list(data))[0])], roles=roles)
+        settled = _settled(request, first, say)[0]
+        structure = settled if isinstance(settled, ARX) else structure
+    if request.structure != "arx" or "passive" in request.given or isinstance(structure.stage, str) or \
+            isinstance(structure.schedule_filter, str):
+        raise InputError("--fleet identifies arx, stages given or none", got=f"--structure {request.structure}",
+                         why="only least squares adds up from file to file", mend="leave --fleet out")
+    plan = plan_fleet(data, results.folder / "fleet", do=("identify",), structure=structure, roles=parse_roles(roles))
+    found = run_fleet(plan, scheduler=scheduler, say=say)
+    if found.found is None:
+        raise InputError("no file could be used", got=next(iter(found.left_out.values()), ""))
+    model = found.found
+    results.add("model.json", lambda path: save(model.model, path))
+    results.json("identification.json", {**model.to_dict(), "model": "model.json"})
+    results.json("fleet.json", found.to_dict())
+    return found

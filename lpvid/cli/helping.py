@@ -20,7 +20,7 @@ from typer.core import TyperCommand, TyperGroup
 
 PANELS: dict[str, tuple[str, ...]] = {
     "Data": ("data", "files", "plan", "input", "output", "schedule", "role", "flip",
-             "sample_rate", "held_out", "hold_out", "training"),
+             "sample_rate", "chunk", "held_out", "hold_out", "training"),
     "Model": ("structure", "na", "nb", "nk", "order", "past", "innovation", "on", "trial", "odd", "states", "side",
               "forgetting", "degree", "basis", "segments", "shape", "schedule_filter", "schedule_lag", "no_constant",
               "affine", "affine_terms", "lagged", "passive", "balanced", "form", "refit_form", "model", "models",
@@ -33,7 +33,7 @@ PANELS: dict[str, tuple[str, ...]] = {
     "Characterisation": ("speeds", "rebound", "tolerance", "nominal", "specimen", "delay"),
     "Export": ("to", "name", "precision", "clamp", "at", "limit", "anti_windup", "format"),
     "Output": ("out", "json", "plan_experiment", "list_models", "schema"),
-    "Run": ("do", "scheduler", "workers", "time_limit", "retries", "config",
+    "Run": ("do", "fleet", "scheduler", "workers", "time_limit", "retries", "config",
              "template", "seed", "help", "version", "install_completion", "show_completion"),
 }
 """Panels of the help, in their order, with the options that belong to each; any other stands in a panel of its own."""

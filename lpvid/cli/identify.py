@@ -10,6 +10,7 @@ import typer
 
 from lpvid.cli import options
 from lpvid.cli.running import SHORTFALL, Results, command, conclude, working
+from lpvid.errors import InputError
 
 
 class On(StrEnum):
@@ -131,6 +132,12 @@ def identify(
     role: options.Role = None,
     flip: options.Flip = None,
     sample_rate: options.SampleRateOrRaw = None,
+    chunk: options.Chunk = None,
+    fleet: Annotated[bool, typer.Option("--fleet", help="One model of all files, each read by another process (extra "
+                                        "scale); --out keeps the state, from which a run that was cut short goes "
+                                        "on.")] = False,
+    scheduler: Annotated[str | None, typer.Option("--scheduler", metavar="ADDRESS", help="With --fleet: a running Dask "
+                                                  "scheduler; left out, a cluster on this machine.")] = None,
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:
@@ -139,7 +146,8 @@ def identify(
     --form adds state_space.json, --refit-form puts the form re-estimated there, and its figures into form.json.
 
     Without --schedule the model is time-invariant. A velocity that was not measured is derived from displacement.
-    Every figure says whether it is free-run or one-step, on training or on held-out data.
+    Every figure says whether it is free-run or one-step, on training or on held-out data. With --chunk the data are
+    read in parts (arx, recursive); an interrupted run goes on behind its last part where --out names the same folder.
     """
     from lpvid.cli.data import asked_rate, numbers, read_parts, split_names, working_rate
     from lpvid.cli.data import hold_out as part
@@ -163,6 +171,29 @@ def identify(
                       None if form is None else form.value, refit, refit_form, budget)
     with working("reading") as say:
         request.check()
+        whole = {"--auto": auto, "--hold-out": hold_out, "--refit": refit, "--refit-form": refit_form}
+        if scheduler is not None and not fleet:
+            raise InputError("--scheduler names the cluster of --fleet", mend="add --fleet, or leave it out")
+        if fleet:
+            from lpvid.cli.fleet import identify_fleet
+
+            other = {"--chunk": chunk, "--held-out": held_out, "--flip": flip, "--sample-rate": rate, "--form": form}
+            joint = identify_fleet(request, data, role, {**whole, **other}, scheduler, results, say)
+            conclude(results, joint.to_dict(), str(joint), json)
+            if joint.failed:
+                raise typer.Exit(SHORTFALL)
+            return
+        if chunk is not None:
+            from lpvid.cli.streamed import fit_parts
+            from lpvid.cli.streamed import parts as read_in_parts
+
+            chunks, apart = (None if paths is None else read_in_parts(paths, chunk, roles=role, flip=flip,
+                                                                      sample_rate=rate) for paths in (data, held_out))
+            assert chunks is not None
+            streamed = fit_parts(request, chunks, apart, whole, out, say)
+            streamed.deliver(results, say)
+            conclude(results, streamed.to_dict(), str(streamed), json)
+            return
         records, kept = read_parts(data, held_out, roles=role, flip=flip, sample_rate=rate)
         working_at, notes = working_rate([*records, *kept], rate, raw)
         training, tail = part(records, hold_out)

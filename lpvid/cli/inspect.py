@@ -9,7 +9,8 @@ from lpvid.cli.running import Results, command, conclude, working
 @command
 def inspect(data: options.Data, input: options.Inputs = None, output: options.Outputs = None,
             schedule: options.Schedule = None, role: options.Role = None, flip: options.Flip = None,
-            sample_rate: options.SampleRate = None, out: options.Out = None, json: options.Json = False) -> None:
+            sample_rate: options.SampleRate = None, chunk: options.Chunk = None,
+            out: options.Out = None, json: options.Json = False) -> None:
     """Say what is wrong with measured data and how to mend it; writes audit.json and report.html.
 
     Exits with 0 on anything that parses: what it finds are findings, not errors.
@@ -18,11 +19,19 @@ def inspect(data: options.Data, input: options.Inputs = None, output: options.Ou
 
     results = Results(out)
     with working("reading") as say:
-        records = read_records(data, roles=role, flip=flip, sample_rate=sample_rate)
-        from lpvid.auditing import audit
+        if chunk is None:
+            records = read_records(data, roles=role, flip=flip, sample_rate=sample_rate)
+            from lpvid.auditing import audit
 
-        say("auditing")
-        found = audit(records, scheduling=split_names(schedule) or None, inputs=split_names(input))
+            say("auditing")
+            found = audit(records, scheduling=split_names(schedule) or None, inputs=split_names(input))
+        else:
+            from lpvid.auditing.streamed import audit_stream
+            from lpvid.cli.streamed import beginning, parts
+
+            chunks = parts(data, chunk, roles=role, flip=flip, sample_rate=sample_rate)
+            found = audit_stream(chunks, scheduling=split_names(schedule) or None, inputs=split_names(input), say=say)
+            records = [beginning(chunks)]
         if results.kept:
             from lpvid.report.inspection import inspection_page
 

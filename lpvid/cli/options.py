@@ -28,3 +28,5 @@ SampleRateOrRaw = Annotated[str | None, typer.Option("--sample-rate", metavar="H
 Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for the results and report.html.",
                                           show_default=False)]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on standard output, and nothing else.")]
+Chunk = Annotated[int | None, typer.Option("--chunk", min=2, metavar="ROWS", help="Read so many samples at a time "
+                                           "(Parquet, MDF 4, CSV): for data larger than memory, e.g. 500000.")]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any
 
 import typer
 
@@ -19,7 +20,7 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
                                 "many samples ahead; repeat for several.")] = None,
              training: Annotated[bool, typer.Option("--training", help="These data are those the model was fitted to: "
                                                     "label the figures so.")] = False,
-             out: options.Out = None, json: options.Json = False) -> None:
+             chunk: options.Chunk = None, out: options.Out = None, json: options.Json = False) -> None:
     """Compare a model with measurements, free run first; writes validation.json and report.html.
 
     --input, --output and --schedule say which channels play the parts of the model's, in the model's order. Data of
@@ -33,6 +34,10 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
     results = Results(out)
     with working("reading") as say:
         loaded = load(model)
+        if chunk is not None:
+            _in_parts(results, loaded, data, {"roles": role, "flip": flip, "sample_rate": sample_rate}, chunk,
+                      "training" if training else "held-out", json, say)
+            return
         records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=sample_rate)
         loaded = acting_model(loaded, records, sample_rate)
         named = {"input": split_names(input), "output": split_names(output), "schedule": split_names(schedule)}
@@ -50,4 +55,26 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
             say("drawing")
             results.json("validation.json", found.to_dict())
             results.report(validation_page(found, loaded, comparisons(loaded, records, found.label), model.name))
+    conclude(results, found.to_dict(), repr(found), json)
+
+
+def _in_parts(results: Results, model: Any, data: Sequence[str], how: dict[str, Any], rows: int, label: str,
+              json: bool, say: Callable[[str], None]) -> None:
+    """The same for data that are read in parts."""
+    from lpvid.cli.streamed import beginning, parts
+    from lpvid.validation.report import acting_model
+    from lpvid.validation.streamed import validate_stream
+
+    chunks = parts(data, rows, **how)
+    head = beginning(chunks)
+    acts = acting_model(model, [head])
+    used = (*(s.name for s in (*acts.inputs, *acts.outputs)), *acts.box.names)
+    found = validate_stream(acts, chunks.only(used), label=label, say=say)
+    if results.kept:
+        from lpvid.report.figures import comparisons
+        from lpvid.report.validation import validation_page
+
+        say("drawing")
+        results.json("validation.json", found.to_dict())
+        results.report(validation_page(found, acts, comparisons(acts, [head], found.label), "the model"))
     conclude(results, found.to_dict(), repr(found), json)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,18 @@ def read_table(path: Path) -> Table:
         Damaged, groups on different rasters, a size claim beyond all bounds, or asammdf is not installed.
     """
     where = str(path)
+    with opened(path) as file:
+        groups = [g for g in file.virtual_groups if file.groups[g].channel_group.cycles_nr]
+        claimed = sum(_claim(file.groups[g]) for g in groups)
+        check_claim(claimed, where, held=path.stat().st_size)
+        found = [s for g in groups for s in signals(file, g)]
+    return table(found, where)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Any]:
+    """An MDF file of asammdf; whatever it cannot make sense of becomes one line."""
+    where = str(path)
     with path.open("rb") as stream:
         if stream.read(3) != b"MDF":
             raise corrupt(where, "MDF", ValueError("the file does not begin with MDF"))
@@ -41,28 +55,31 @@ def read_table(path: Path) -> Table:
         raise without_library(where, "asammdf") from None
     try:
         with path.open("rb") as stream, MDF(stream) as file:
-            groups = [g for g in file.virtual_groups if file.groups[g].channel_group.cycles_nr]
-            claimed = sum(_claim(file.groups[g]) for g in groups)
-            check_claim(claimed, where, held=path.stat().st_size)
-            signals = [s for g in groups for s in _signals(file, g)]
+            yield file
     except (InputError, PermissionError, FileNotFoundError, MemoryError):
         raise
     except Exception as error:  # asammdf raises its own and struct's, numpy's and Python's errors on damaged files
         raise corrupt(where, "MDF", error) from None
-    return _table(signals, where)
 
 
 def _claim(group: Any) -> int:
     return 8 * int(group.channel_group.cycles_nr) * max(len(group.channels), 1)
 
 
-def _signals(file: Any, group: int) -> list[Any]:
-    master = file.masters_db.get(group)
-    indices = [i for i in range(len(file.groups[group].channels)) if i != master]
-    return [file.get(group=group, index=i, ignore_invalidation_bits=True) for i in indices]
+def signals(file: Any, group: int, first: int = 0, rows: int | None = None,
+            wanted: Sequence[str] | None = None) -> list[Any]:
+    """Channels of a group, whole or `rows` samples from `first` on; of the names wanted, where any of them is there."""
+    channels, master = file.groups[group].channels, file.masters_db.get(group)
+    indices = [i for i in range(len(channels)) if i != master]
+    if wanted is not None:
+        folded = {w.casefold() for w in wanted}
+        indices = [i for i in indices if channels[i].name.strip().casefold() in folded] or indices
+    part = {} if rows is None else {"record_offset": first, "record_count": rows}
+    return [file.get(group=group, index=i, ignore_invalidation_bits=True, **part) for i in indices]
 
 
-def _table(signals: list[Any], where: str) -> Table:
+def table(signals: list[Any], where: str) -> Table:
+    """Signals on one raster as columns after their clock."""
     if not signals:
         raise InputError(f"{where}: there are no samples", mend="export the data again")
     clock = np.asarray(signals[0].timestamps, dtype=float)

@@ -1,62 +1,126 @@
-"""Files larger than memory: CSV and Parquet read as a sequence of records."""
+"""Files larger than memory: CSV, Parquet and MDF 4 read as a sequence of records."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from lpvid import _checks
-from lpvid.condition.tables import Column, Table, to_record
+from lpvid.condition.tables import Table, to_record
 from lpvid.errors import InputError
-from lpvid.files import csv, parquet
-from lpvid.files._table import corrupt, fault_text, parse_cells, stated_period, without_library
+from lpvid.files import find, natural, record_names
+from lpvid.files._parts import READERS, reader
 from lpvid.record import Record
+
+ROWS = 131_072
+"""Samples of a part: 1 MB a channel. Parts of 64 thousand to 500 thousand are read at about the same rate."""
 
 
 @dataclass(frozen=True)
 class Chunks:
-    """A file as consecutive records; every loop over it reads the file anew, `rows` samples at a time.
+    """Files as consecutive records; every loop over them reads the files anew, `rows` samples at a time.
 
     Parameters
     ----------
-    path : Path
+    sets : tuple of (str, tuple of Path)
+        Records by name, each in one file or in several that continue each other.
     rows : int
+        Samples in memory at once.
     roles : mapping of str to str
     sample_rate : float or None
-        Rate [Hz] of a file without a time column.
+        Rate [Hz] of files without a time column.
+    channels : tuple of str or None
+        Names or roles that are read; None for all.
     """
 
-    path: Path
+    sets: tuple[tuple[str, tuple[Path, ...]], ...]
     rows: int
     roles: Mapping[str, str] = field(default_factory=dict)
     sample_rate: float | None = None
+    channels: tuple[str, ...] | None = None
 
     def __iter__(self) -> Iterator[Record]:
-        read = _csv_tables if self.path.suffix.lower() in csv.EXTENSIONS else _parquet_tables
-        return _records(_no_lone_row(read(self.path, self.rows)), self)
+        return (record for _, record in self.located())
+
+    def only(self, channels: Sequence[str]) -> Chunks:
+        """The same files, of which only these names or roles are read."""
+        return replace(self, channels=tuple(channels))
+
+    @property
+    def version(self) -> str:
+        """Names, sizes and dates of the files: another text where one of them has changed."""
+        stats = [(str(p), p.stat().st_size, p.stat().st_mtime_ns) for _, parts in self.sets for p in parts]
+        return repr((stats, dict(self.roles), self.sample_rate))
+
+    def located(self, place: tuple[int, int, int] = (0, 0, 0)) -> Iterator[tuple[tuple[int, int, int], Record]]:
+        """Records from a place on, each with the place behind it: set, file of the set, row of the file."""
+        begin, begin_part, begin_row = place
+        for number, (name, parts) in enumerate(self.sets[begin:], begin):
+            at_first = number == begin
+            yield from self._set(number, name, parts, begin_part if at_first else 0, begin_row if at_first else 0)
+
+    def _set(self, number: int, name: str, parts: Sequence[Path], first: int,
+             row: int) -> Iterator[tuple[tuple[int, int, int], Record]]:
+        """Records of one set; clocks that a file only states run on, and time must run forward."""
+        before, rows_before = -np.inf, row + sum(_length(p) for p in parts[:first])
+        for k, after, table in _no_lone_row(self._tables(parts, first, row)):
+            path = parts[k]
+            record = self._record(table, str(path), name)
+            row = after - record.n_samples
+            if record.time is None:
+                assert record.sample_time is not None
+                record = replace(record, time=None, start=rows_before * record.sample_time)
+            elif record.time[0] <= before:
+                what = "repeats" if record.time[0] == before else "runs backward"
+                raise InputError(f"{path}: time {what} in row {row + 1}",
+                                 got=f"{record.time[0]:.9g} s after {before:.9g} s",
+                                 mend="sort the rows, or drop the repeated one")
+            rows_before += record.n_samples
+            before = record.times[-1] if record.sample_time is None else (
+                record.start + (record.n_samples - 1) * record.sample_time)
+            yield (number, k, after), record
+
+    def _tables(self, parts: Sequence[Path], first: int, row: int) -> Iterator[_Placed]:
+        """File of the set, row behind the table, and the table."""
+        for k, path in enumerate(parts[first:], first):
+            read = reader(path)
+            assert read is not None
+            at = row if k == first else 0
+            for table in read(path, self.rows, at, self._columns()):
+                at += table.columns[0].values.size
+                yield k, at, table
+
+    def _columns(self) -> list[str] | None:
+        """Names in the file of what is read."""
+        return None if self.channels is None else [self.roles.get(c, c) for c in self.channels]
+
+    def _record(self, table: Table, where: str, name: str) -> Record:
+        """One part as a record; a role of a channel that is not read is left out."""
+        read = {c.name.casefold() for c in table.columns}
+        roles = {r: c for r, c in self.roles.items() if self.channels is None or c.casefold() in read}
+        return to_record(table, where, name=name, sample_rate=self.sample_rate, roles=roles)
 
 
-def read_chunks(path: str | Path, rows: int = 100_000, *, roles: Mapping[str, str] | None = None,
+def read_chunks(paths: str | Path | Iterable[str | Path], rows: int = ROWS, *, roles: Mapping[str, str] | None = None,
                 sample_rate: float | None = None) -> Chunks:
-    """Read a CSV or Parquet file as records of at most about `rows` samples that continue each other.
+    """Read CSV, Parquet and MDF 4 files as records of at most about `rows` samples that continue each other.
 
     The rules are those of `read`: units from the header, SI inside, missing samples NaN, text a fault of its channel.
 
     Parameters
     ----------
-    path : str or Path
+    paths : str, Path or several of them
+        Files, patterns and folders, each file a record of its own. A folder named ``*.parquet`` is one data set, whose
+        files continue each other in natural order.
     rows : int
-        Samples in memory at once (the last record may have one more).
+        Samples in memory at once (the last record of a file may have one more).
     roles : mapping of str to str, optional
         Role name to channel name.
     sample_rate : float, optional
-        Rate [Hz] of a file without a time column.
+        Rate [Hz] of files without a time column.
 
     Returns
     -------
@@ -76,46 +140,52 @@ def read_chunks(path: str | Path, rows: int = 100_000, *, roles: Mapping[str, st
     >>> [(r.n_samples, round(r.start, 3), r["velocity"].tolist()[:2]) for r in read_chunks(path, rows=3)]
     [(3, 0.0, [0.0, 0.001]), (4, 0.006, [0.003, 0.004])]
     """
-    found = Path(path)
-    if not found.is_file():
-        raise InputError(f"{path}: there is no such file", mend="check folder and extension")
-    known = (*csv.EXTENSIONS, *parquet.EXTENSIONS)
-    if found.suffix.lower() not in known:
-        raise InputError(f"{path}: the format '{found.suffix}' cannot be read in parts",
-                         mend=f"readable in parts are {', '.join(known)}")
+    given = [paths] if isinstance(paths, (str, Path)) else list(paths)
+    sets: list[tuple[str, tuple[Path, ...]]] = []
+    for item in given:
+        folder = Path(item)
+        if folder.is_dir() and folder.suffix.lower() in (".parquet", ".pq"):
+            inside = [p for p in folder.rglob("*") if p.is_file() and reader(p) is not None]
+            if not inside:
+                raise InputError(f"{folder}: the data set holds no file", mend="export the data again")
+            sets.append((folder.stem, tuple(sorted(inside, key=natural))))
+            continue
+        found = find(item)
+        sets += [(name, (path,)) for name, path in zip(record_names(found), found, strict=True)]
+    known = [e for extensions, _ in READERS for e in extensions]
+    for path in (p for _, parts in sets for p in parts):
+        if reader(path) is None:
+            raise InputError(f"{path}: the format '{path.suffix}' cannot be read in parts",
+                             mend=f"readable in parts are {', '.join(known)}")
+    if len({name for name, _ in sets}) < len(sets):
+        names = record_names([parts[0] if len(parts) == 1 else parts[0].parent for _, parts in sets])
+        sets = [(name, parts) for name, (_, parts) in zip(names, sets, strict=True)]
     rate = None if sample_rate is None else _checks.positive(sample_rate, "sample_rate", "Hz")
-    return Chunks(found, _checks.count(rows, "rows", at_least=2), dict(roles or {}), rate)
+    return Chunks(tuple(sets), _checks.count(rows, "rows", at_least=2), dict(roles or {}), rate)
 
 
-def _records(tables: Iterable[Table], chunks: Chunks) -> Iterator[Record]:
-    """Records in SI; clocks that a file only states run on from chunk to chunk, and time must run forward."""
-    where, name = str(chunks.path), chunks.path.stem
-    before, rows_before = -np.inf, 0
-    for table in tables:
-        record = to_record(table, where, name=name, sample_rate=chunks.sample_rate, roles=chunks.roles)
-        if record.time is None:
-            assert record.sample_time is not None
-            record = replace(record, time=None, start=rows_before * record.sample_time)
-        elif record.time[0] <= before:
-            what = "repeats" if record.time[0] == before else "runs backward"
-            raise InputError(f"{where}: time {what} in row {rows_before + 1}",
-                             got=f"{record.time[0]:.9g} s after {before:.9g} s",
-                             mend="sort the rows, or drop the repeated one")
-        rows_before += record.n_samples
-        before = record.times[-1]
-        yield record
+def _length(path: Path) -> int:
+    """Rows of a part of a data set that a restart passes over."""
+    if path.suffix.lower() in (".parquet", ".pq"):
+        import pyarrow.parquet as pq
+
+        return int(pq.read_metadata(path).num_rows)
+    return 0
 
 
-def _no_lone_row(tables: Iterable[Table]) -> Iterator[Table]:
-    """The same tables with a single last row joined to the one before: one sample has no clock."""
-    held: Table | None = None
-    for table in tables:
-        if held is not None and table.columns[0].values.size < 2:
-            held = _joined(held, table)
+_Placed = tuple[int, int, Table]
+
+
+def _no_lone_row(tables: Iterable[_Placed]) -> Iterator[_Placed]:
+    """The same tables with a single row joined to the table before it: one sample has no clock."""
+    held: _Placed | None = None
+    for k, after, table in tables:
+        if held is not None and (table.columns[0].values.size < 2 or held[2].columns[0].values.size < 2):
+            held = k, after, _joined(held[2], table)
             continue
         if held is not None:
             yield held
-        held = table
+        held = k, after, table
     if held is not None:
         yield held
 
@@ -125,88 +195,3 @@ def _joined(first: Table, second: Table) -> Table:
     columns = [replace(c, values=np.concatenate([c.values, later[c.name].values]), fault=c.fault or later[c.name].fault)
                for c in first.columns]
     return replace(first, columns=columns)
-
-
-# -- text ------------------------------------------------------------------------------------------------------------
-def _csv_tables(path: Path, rows: int) -> Iterator[Table]:
-    where = str(path)
-    if path.stat().st_size == 0:
-        raise InputError(f"{where}: the file is empty (0 bytes)", mend="export the data again")
-    layout = csv._layout(path, where)
-    line, row = layout.data_line, 0
-    with path.open(encoding=layout.encoding, newline=None) as stream:
-        lines = islice(stream, layout.data_line - 1, None)
-        while block := list(islice(lines, rows)):
-            columns = _columns(block, replace(layout, data_line=line), where, row)
-            line += len(block)
-            if columns[0].values.size:
-                row += columns[0].values.size
-                yield Table(csv._without_trailing(columns))
-
-
-def _columns(block: list[str], layout: Any, where: str, row: int) -> list[Column]:
-    """Columns of a block of lines, quickly where they hold nothing but numbers; `row` rows stand before it."""
-    text = [line.replace(",", ".") for line in block] if layout.decimal_comma else block
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            values = np.loadtxt(text, delimiter=layout.delimiter, comments=None, ndmin=2)
-        if values.shape[1] == len(layout.names):
-            return [csv._column(header, values[:, i], None) for i, header in enumerate(layout.names)]
-    except (ValueError, UserWarning):
-        pass
-    numbered = list(csv._rows(block, layout, where))
-    columns = []
-    for i, header in enumerate(layout.names):
-        cells = [cells[i] for _, cells in numbered]
-        values, at_fault = parse_cells(cells)
-        fault = None
-        if at_fault:
-            k = at_fault[0]
-            fault = fault_text(cells[k], row + k + 1, len(at_fault), numbered[k][0])
-        columns.append(csv._column(header, values, fault))
-    return columns
-
-
-# -- Parquet ---------------------------------------------------------------------------------------------------------
-def _parquet_tables(path: Path, rows: int) -> Iterator[Table]:
-    where = str(path)
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ImportError:
-        raise without_library(where, "pyarrow") from None
-    origin: dict[str, float] = {}
-    try:
-        with pq.ParquetFile(path) as file:
-            if not file.metadata.num_rows:
-                raise InputError(f"{where}: there are no samples", mend="export the data again")
-            period = stated_period(parquet._texts(file.schema_arrow.metadata), where)
-            for batch in file.iter_batches(batch_size=rows):
-                content = pa.Table.from_batches([batch])
-                yield Table(*_batch_columns(content, period, origin))
-    except (pa.ArrowException, ValueError, OSError, MemoryError, OverflowError) as error:
-        if isinstance(error, (InputError, PermissionError, FileNotFoundError)):
-            raise
-        raise corrupt(where, "Parquet", error) from None
-
-
-def _batch_columns(content: Any, period: float | None, origin: dict[str, float],
-                   ) -> tuple[list[Column], float | None, list[str]]:
-    """Columns of one batch; calendar stamps count from the first one of the whole file, kept in `origin`."""
-    import pyarrow as pa
-
-    columns, notes = [], []
-    for entry, data in zip(content.schema, content.columns, strict=True):
-        column = parquet._column(entry, data)
-        if column is None:
-            notes.append(f"column '{entry.name}' is left out: it holds {entry.type}, not numbers")
-            continue
-        if pa.types.is_timestamp(entry.type):
-            ticks = data.drop_null().cast(pa.int64()).to_numpy()
-            if ticks.size:
-                scale = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[entry.type.unit]
-                first = origin.setdefault(entry.name, ticks[0])
-                column = replace(column, values=column.values + float(ticks[0] - first) / scale)
-        columns.append(column)
-    return columns, period, notes

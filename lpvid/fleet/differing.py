@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -40,6 +40,8 @@ class Differing:
     fdr : float
     centre, spread : float
         Median of log d and its robust standard deviation.
+    p : mapping of str to float
+        Probability of a healthy file at least as far away.
     """
 
     score: Mapping[str, float]
@@ -48,6 +50,7 @@ class Differing:
     fdr: float
     centre: float
     spread: float
+    p: Mapping[str, float] = field(default_factory=dict)
 
 
 def shift(own: Factor, theta: np.ndarray) -> np.ndarray:
@@ -179,6 +182,58 @@ def differing_parameters(shifts: Mapping[str, np.ndarray], fdr: float = 0.05) ->
     return _named(names, np.sqrt(distance / typical), p, _checks.positive(fdr, "fdr"), 1.0, 1.0)
 
 
+def residual_level(own: Factor) -> float:
+    """Mean square of the residual that a file's own model of the structure leaves, outputs summed."""
+    k = own.columns
+    return float(np.sum(own.r[k:, k:] ** 2)) / max(own.rows - k, 1)
+
+
+def differing_residuals(levels: Mapping[str, float], fdr: float = 0.05) -> Differing:
+    """Which files' own models leave more, or less, than the others' own models do.
+
+    A fault outside the model's structure (a dry friction, say) need not move its parameters, but the model cannot
+    describe it. The logarithm of the level is taken as normal about the fleet's median, as in `differing`, and both
+    tails count: a fault can also swallow what the structure fails to describe.
+
+    Parameters
+    ----------
+    levels : mapping of str to float
+        As `residual_level` gives them.
+    fdr : float
+
+    Returns
+    -------
+    Differing
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> levels = {f"d{k}": float(np.exp(rng.normal(3, 0.1))) for k in range(40)} | {"high": 60.0, "low": 8.0}
+    >>> differing_residuals(levels).named
+    ('high', 'low')
+    """
+    from scipy.stats import t
+
+    one = differing(levels, fdr)
+    if not one.p:
+        return one
+    names = list(levels)
+    scores = np.array([one.score[n] for n in names])
+    p = 2 * t.sf(np.abs(scores), EFFICIENCY * len(names))
+    return _named(names, scores, p, fdr, one.centre, one.spread)
+
+
+def either(first: Differing, second: Differing) -> Differing:
+    """Files that differ by one of two tests: p = min(1, 2 min(p₁, p₂)) (Bonferroni), with the score of the smaller."""
+    if not first.p or not second.p:
+        return first
+    names = list(first.p)
+    nearer = [first if first.p[n] <= second.p[n] else second for n in names]
+    p = np.array([min(1.0, 2 * one.p[n]) for n, one in zip(names, nearer, strict=True)])
+    scores = np.array([one.score[n] for n, one in zip(names, nearer, strict=True)])
+    return _named(names, scores, p, first.fdr, first.centre, first.spread)
+
+
 def _distances(z: np.ndarray) -> np.ndarray:
     """(n,) squared distances from the half that lies closest together."""
     n, k = z.shape
@@ -226,4 +281,4 @@ def _named(names: list[str], scores: np.ndarray, p: np.ndarray, fdr: float, cent
     q[order] = np.minimum(np.minimum.accumulate(steps[::-1])[::-1], 1.0)
     named = tuple(names[k] for k in order if q[k] <= fdr)
     return Differing(dict(zip(names, map(float, scores), strict=True)), dict(zip(names, map(float, q), strict=True)),
-                     named, fdr, centre, spread)
+                     named, fdr, centre, spread, dict(zip(names, map(float, p), strict=True)))

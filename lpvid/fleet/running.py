@@ -12,7 +12,16 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.fleet import steps
-from lpvid.fleet.differing import Differing, departure, differing, differing_parameters, shift
+from lpvid.fleet.differing import (
+    Differing,
+    departure,
+    differing,
+    differing_parameters,
+    differing_residuals,
+    either,
+    residual_level,
+    shift,
+)
 from lpvid.fleet.plan import FleetPlan, Job
 from lpvid.fleet.state import Outcome, keep
 from lpvid.identification.streaming import merged_factor
@@ -185,6 +194,7 @@ def _common(plan: FleetPlan, stage: Callable[..., list[Job]], outcomes: dict[str
         factors = {j.name: steps.read_factor(j) for j in fitted}
         apart = differing_parameters({n: shift(own, theta) for n, own in factors.items()}, plan.fdr) or \
             differing({n: departure(own, theta) for n, own in factors.items()}, plan.fdr)
+        apart = either(apart, differing_residuals({n: residual_level(own) for n, own in factors.items()}, plan.fdr))
         following = [j for j in fitted if j.name not in apart.named]
         if following == kept or not following:
             break

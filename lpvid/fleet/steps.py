@@ -9,6 +9,8 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from queue import Empty, Queue
+from threading import Thread
 
 import numpy as np
 
@@ -54,7 +56,7 @@ def scan(job: Job, plan: FleetPlan) -> Outcome:
                 "sample_time": period}
         return json.dumps(data)
 
-    return _here("scan", job, stamp(job.path, plan.key("scan")), work)
+    return _here("scan", job, stamp(job.path, plan.key("scan")), work, plan.limit)
 
 
 def factor(job: Job, plan: FleetPlan, box: Scheduling, rate: float, tag: str) -> Outcome:
@@ -68,7 +70,7 @@ def factor(job: Job, plan: FleetPlan, box: Scheduling, rate: float, tag: str) ->
         part.replace(target)
         return f"{found.samples} samples"
 
-    return _here("identify", job, f"{stamp(job.path, plan.key('identify'))}-{tag}", work)
+    return _here("identify", job, f"{stamp(job.path, plan.key('identify'))}-{tag}", work, plan.limit)
 
 
 def judge(job: Job, plan: FleetPlan, model: Path, rate: float, tag: str) -> Outcome:
@@ -84,7 +86,7 @@ def judge(job: Job, plan: FleetPlan, model: Path, rate: float, tag: str) -> Outc
         return json.dumps({"esr": free.esr, "rmse": free.rmse, "unit": free.rmse_unit, "mean_error": free.mean_error,
                            "diverged": free.diverged_at is not None})
 
-    return _here("judge", job, f"{stamp(job.path, plan.key('identify'))}-{tag}", work)
+    return _here("judge", job, f"{stamp(job.path, plan.key('identify'))}-{tag}", work, plan.limit)
 
 
 def diagnose(job: Job, plan: FleetPlan, model: Path, tag: str) -> Outcome:
@@ -117,17 +119,29 @@ def _roles(plan: FleetPlan) -> list[str]:
     return [word for role, channel in plan.roles.items() for word in ("--role", f"{role}={channel}")]
 
 
-def _here(step: str, job: Job, key: str, work: Callable[[], str]) -> Outcome:
-    """A step inside the worker."""
+def _here(step: str, job: Job, key: str, work: Callable[[], str], limit: float) -> Outcome:
+    """A step inside the worker, in a thread that is left behind where it hangs beyond the limit."""
     found = outcome(job, step, key)
     if found is not None and found.final:
         return found
-    begun = time.monotonic()
+    begun, ended = time.monotonic(), Queue[tuple[str, str] | Exception]()
+
+    def run() -> None:
+        try:
+            ended.put((work(), "done"))
+        except InputError as error:
+            ended.put((" ".join(str(error).split()), "refused"))
+        except Exception as error:  # handed to the thread that waits, and from there to Dask
+            ended.put(error)
+
+    Thread(target=run, daemon=True).start()
     try:
-        message, state = work(), "done"
-    except InputError as error:
-        message, state = " ".join(str(error).split()), "refused"
-    return keep(job, Outcome(step, state, message, round(time.monotonic() - begun, 3), key))
+        answer = ended.get(timeout=limit)
+    except Empty:
+        answer = f"stopped after {limit:g} s", "stopped"
+    if isinstance(answer, Exception):
+        raise answer
+    return keep(job, Outcome(step, answer[1], answer[0], round(time.monotonic() - begun, 3), key))
 
 
 def _command(step: str, job: Job, plan: FleetPlan, words: Sequence[str], key: str) -> Outcome:

@@ -10,6 +10,7 @@ from lpvid.condition import segments, with_velocity
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.familiar import heads, ranges, roles, usual_range
+from lpvid.files.streaming import Chunks
 from lpvid.identification.result import Identification
 from lpvid.identification.sandwich import residual_memory
 from lpvid.identification.separation import separated, spoken_for
@@ -23,14 +24,15 @@ COLOURED_LIMIT = 400_000
 """samples up to which a coloured residual's covariance is worth two more passes over the data."""
 
 
-def identify(records: Record | Sequence[Record], structure: Structure, *, sample_rate: float | None = None,
-             held_out: Record | Sequence[Record] | None = None) -> Identification:
+def identify(records: Record | Sequence[Record] | Chunks, structure: Structure, *, sample_rate: float | None = None,
+             held_out: Record | Sequence[Record] | Chunks | None = None) -> Identification:
     """Fit a structure to measured records.
 
     Parameters
     ----------
-    records : Record or sequence of Record
-        Training data; cut at gaps and NaN of the channels in use, never interpolated.
+    records : Record, sequence of Record, or Chunks
+        Training data; cut at gaps and NaN of the channels in use, never interpolated. `Chunks` of files larger than
+        memory are read part by part, for `ARX` and `Recursive` (`lpvid.identify_stream`).
     structure : Structure
         E.g. ``ARX(na=4, nb=4, input="velocity", output="force", basis=Polynomial("current", degree=1))``.
     sample_rate : float, optional
@@ -63,6 +65,8 @@ def identify(records: Record | Sequence[Record], structure: Structure, *, sample
     >>> found.model.frozen_poles([1.0]).real.round(6)
     array([0.7])
     """
+    if isinstance(records, Chunks):
+        return _streamed(records, structure, sample_rate, held_out)
     listed = as_records(records)
     if not listed:
         raise InputError("no records to identify from")
@@ -81,7 +85,21 @@ def identify(records: Record | Sequence[Record], structure: Structure, *, sample
         before = figures(found.unconstrained, pieces, "training")
         late = () if held_out is None else (validate(found.unconstrained, held_out, label="held-out"),)
         found = found.replace(unconstrained_figures=(before, *late))
-    return found.replace(held_out=kept) if kept is None else spoken_for(found.replace(held_out=kept), held_out)
+    if kept is None or held_out is None or isinstance(held_out, Chunks):
+        return found.replace(held_out=kept)
+    return spoken_for(found.replace(held_out=kept), held_out)
+
+
+def _streamed(chunks: Chunks, structure: Structure, sample_rate: float | None,
+              held_out: Record | Sequence[Record] | Chunks | None) -> Identification:
+    """The estimate and its figures from files that do not fit into memory."""
+    from lpvid.identification.streaming import identify_stream
+
+    if sample_rate is not None:
+        raise InputError("a stream keeps its own rate", got=f"{sample_rate:g} Hz", mend="resample the files before")
+    found = identify_stream(chunks, structure)  # type: ignore[arg-type]
+    found = found.replace(training=validate(found.model, chunks, label="training"))
+    return found if held_out is None else found.replace(held_out=validate(found.model, held_out, label="held-out"))
 
 
 def _coloured(found: Identification, pieces: Sequence[Record]) -> Identification:

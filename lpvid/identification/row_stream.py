@@ -10,11 +10,9 @@ from lpvid.errors import InputError
 from lpvid.identification.arx import ARX
 from lpvid.identification.regression import CHUNK
 from lpvid.model.input_stage import InputStage
-from lpvid.model.scheduling_stage import SchedulingLag
+from lpvid.model.scheduling_stage import memory
 from lpvid.record import Record
 
-FORGOTTEN = 40.0
-"""time constants after which a lag's start is below rounding: exp(−40) = 4e-18."""
 PUSH = 8 * CHUNK
 """samples of a record that are taken in at once."""
 
@@ -44,7 +42,7 @@ class RowStream:
         self.columns = structure._places(structure._filter_width())[1]
         self.n_outputs, self.n_inputs = len(structure.output), len(structure.input)
         self.ahead = max(-structure.basis.lags[0], 0)
-        self.keep = self.start + (0 if self.filter is None else _memory(self.filter, sample_time))
+        self.keep = self.start + (0 if self.filter is None else memory(self.filter, sample_time))
         self.cut()
 
     @property
@@ -129,11 +127,3 @@ class RowStream:
             self._y, self._u, self._p, self._w = self._y[drop:], self._u[drop:], self._p[drop:], self._w[drop:]
             self._next -= drop
         return block
-
-
-def _memory(stage: object, sample_time: float) -> int:
-    if not isinstance(stage, SchedulingLag):
-        raise InputError("a stream needs to know how long a scheduling filter remembers", got=type(stage).__name__,
-                         mend="use a SchedulingLag")
-    slowest = max(stage.tau_rise, stage.tau_fall)
-    return int(np.ceil((stage.delay + FORGOTTEN * slowest) / sample_time)) + 2

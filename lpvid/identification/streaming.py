@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+import os
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from lpvid._threads import single_thread
-from lpvid.condition import segments
-from lpvid.condition.segmentation import RATE_TOLERANCE
+from lpvid.condition.pieces import Cutter
 from lpvid.errors import InputError
+from lpvid.familiar import roles
+from lpvid.files.streaming import Chunks
 from lpvid.identification.arx import ARX
+from lpvid.identification.checkpoint import Checkpoint
 from lpvid.identification.recursive import Recursive, RecursiveEstimator, packaged
-from lpvid.identification.regression import CHUNK, Factor
+from lpvid.identification.regression import CHUNK, Factor, rows_of
 from lpvid.identification.result import Identification
 from lpvid.identification.row_stream import RowStream
-from lpvid.record import Record
+from lpvid.identification.stream_facts import Facts, box_of, located
+from lpvid.record import Channel, Record
 from lpvid.scheduling import Scheduling
 
 
 def identify_stream(chunks: Iterable[Record], structure: ARX | Recursive, *, box: Scheduling | None = None,
-                    ) -> Identification:
+                    checkpoint: str | os.PathLike | None = None,
+                    say: Callable[[str], None] = lambda text: None) -> Identification:
     """Fit a structure to records that arrive one after the other; memory does not grow with their number.
 
     A chunk that bears the last one's name and starts one sample after its end continues it: the lags reach across the
@@ -37,11 +43,16 @@ def identify_stream(chunks: Iterable[Record], structure: ARX | Recursive, *, box
         Stages as objects or None.
     box : Scheduling, optional
         Range of the scheduling variables, to which the basis is normalised; spares the first run.
+    checkpoint : path, optional
+        File that keeps the state after every chunk. Where it holds that of the same structure and data, the work goes
+        on behind the last chunk; it is removed at the end.
+    say : callable
+        Receives progress.
 
     Returns
     -------
     Identification
-        Without training figures: `validate` gives them for data that fit into memory. The notes tell the one-step ESR.
+        Without training figures, which `identify` gives for `Chunks`. The notes tell the one-step ESR.
 
     Raises
     ------
@@ -58,34 +69,78 @@ def identify_stream(chunks: Iterable[Record], structure: ARX | Recursive, *, box
     >>> found.parameters.round(6) + 0.0, found.n_samples
     (array([0. , 0.5]), 299)
     """
-    recursive = structure if isinstance(structure, Recursive) else None
     arx = structure.structure if isinstance(structure, Recursive) else structure
     if not isinstance(arx, ARX):
         raise InputError("only ARX and Recursive can be identified from a stream", got=type(structure).__name__)
+    if isinstance(chunks, Chunks):
+        chunks = chunks.only(arx.channels)
+    kept = None if checkpoint is None else Checkpoint(checkpoint, {
+        "structure": structure.to_dict(), "box": None if box is None else box.to_dict(),
+        "data": chunks.version if isinstance(chunks, Chunks) else ""})
+    known = None if kept is None else kept.load()
+    if known is not None and known[0].get("box"):
+        box = Scheduling.from_dict(known[0]["box"])
     if box is None:
-        box = _scan(chunks, arx)
+        box = _scan(chunks, arx, say)
+    fold, facts = _folded(chunks, structure, arx, box, kept, known, say)
+    facts.refuse_still()
+    found = fold.result(facts.named_heads(), box)
+    if kept is not None:
+        kept.remove()
+    esr = fold.one_step_esr(facts)
+    note = f"identified from a stream of {facts.samples} samples in {facts.records} record(s)"
+    found = _remembered(found, facts)
+    return found.replace(notes=(*found.notes, note + ("" if esr is None else f"; one-step ESR {esr:.4g}")))
+
+
+def _folded(chunks: Iterable[Record], structure: ARX | Recursive, arx: ARX, box: Scheduling, kept: Checkpoint | None,
+            known: tuple[dict[str, Any], dict[str, np.ndarray]] | None, say: Callable[[str], None],
+            ) -> tuple[_Batch | _Running, Facts]:
+    """Everything from the last checkpoint on, folded into one estimate."""
     bound = replace(arx, basis=arx.basis.bound(box))
+    facts, cutter, place = Facts(arx), Cutter(), None
     fold: _Batch | _Running | None = None
-    seen = _Seen()
+
+    def begun(period: float) -> _Batch | _Running:
+        if isinstance(structure, Recursive):
+            return _Running(RecursiveEstimator(structure, box, period))
+        return _Batch(bound, box, RowStream(bound, period))
+
+    if known is not None and known[0].get("place") is not None:
+        meta, arrays = known
+        facts.restore(meta["facts"], arrays)
+        cutter, place = Cutter(**meta["cutter"]), meta["place"]
+        fold = begun(cutter.period or 0.0)
+        fold.restore(meta["fold"], arrays)
+        say(f"going on behind {facts.samples:,} samples")
     with single_thread():
-        for piece, continues in _pieces(chunks, arx.channels):
-            if fold is None:
-                assert piece.sample_time is not None
-                fold = (_Batch(bound, RowStream(bound, piece.sample_time)) if recursive is None else
-                        _Running(RecursiveEstimator(recursive, box, piece.sample_time)))
-            if not continues:
-                fold.cut()
-            fold.take(piece)
-            seen.add(piece, arx, continues)
+        for after, chunk in located(chunks, place):
+            for piece, continues in cutter.cut(chunk, arx.channels):
+                if fold is None:
+                    fold = begun(cutter.period or 0.0)
+                if not continues:
+                    fold.cut()
+                fold.take(piece)
+                facts.add(piece, continues)
+            if kept is not None and fold is not None:
+                plain, arrays = facts.state()
+                own, more = fold.state()
+                kept.save({"box": box.to_dict(), "place": after, "cutter": vars(cutter), "facts": plain, "fold": own},
+                          {**arrays, **more})
+            say(f"{facts.samples:,} samples")
         if fold is None:
             raise InputError("no usable samples in the stream", mend="check the channels in use for missing samples")
         fold.cut()
-        seen.refuse_still(arx)
-        heads = seen.named_heads()
-        found = fold.result(heads, box)
-    esr = fold.one_step_esr(seen)
-    note = f"identified from a stream of {seen.samples} samples in {seen.records} record(s)"
-    return found.replace(notes=(*found.notes, note + ("" if esr is None else f"; one-step ESR {esr:.4g}")))
+    return fold, facts
+
+
+def _remembered(found: Identification, facts: Facts) -> Identification:
+    """Let the model know its training data again: first samples, ranges, roles."""
+    model, first = found.model, facts.named_heads()[0]
+    training = {**model.metadata.get("training", {}), "heads": facts.heads, "ranges": facts.ranges,
+                "usual": facts.usual}
+    metadata = {**model.metadata, "training": training, "roles": roles(first, list(facts.ranges))}
+    return found.replace(model=model.replace(metadata=metadata))
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,25 +187,11 @@ def stream_factor(chunks: Iterable[Record], structure: ARX, box: Scheduling) -> 
     InputError
         As for `identify_stream`.
     """
-    bound = replace(structure, basis=structure.basis.bound(box))
-    batch: _Batch | None = None
-    seen = _Seen()
-    with single_thread():
-        for piece, continues in _pieces(chunks, structure.channels):
-            if batch is None:
-                assert piece.sample_time is not None
-                batch = _Batch(bound, RowStream(bound, piece.sample_time))
-            if not continues:
-                batch.cut()
-            batch.take(piece)
-            seen.add(piece, structure, continues)
-        if batch is None:
-            raise InputError("no usable samples in the stream", mend="check the channels in use for missing samples")
-        batch.cut()
-    heads = seen.named_heads()
+    batch, facts = _folded(chunks, structure, structure, box, None, None, lambda text: None)
+    assert isinstance(batch, _Batch)
+    heads = facts.named_heads()
     assert heads[0].sample_time is not None
-    return StreamFactor(Factor(batch.qr.r, batch.qr.rows_seen, batch.stream.size), seen.samples, heads[0].sample_time,
-                        tuple(heads), seen.power, seen.mean)
+    return StreamFactor(batch.factor, facts.samples, heads[0].sample_time, tuple(heads), facts.power, facts.mean)
 
 
 def merged_factor(factors: Sequence[Factor], width: int = 64) -> Factor:
@@ -182,20 +223,34 @@ def merged_factor(factors: Sequence[Factor], width: int = 64) -> Factor:
 
 # -- folding ---------------------------------------------------------------------------------------------------------
 class _Batch:
-    """One QR over all rows."""
+    """One QR over all rows: written into its workspace from each piece and the samples before it that lags reach.
 
-    def __init__(self, bound: ARX, stream: RowStream) -> None:
+    A scheduling filter and a basis that reads ahead go through a `RowStream`, which remembers what they need.
+    """
+
+    def __init__(self, bound: ARX, box: Scheduling, stream: RowStream) -> None:
         from lpvid._kernels import ChunkedQR
 
-        self.bound, self.stream = bound, stream
+        self.bound, self.stream, self.data = bound, stream, bound._data(box, None)
         self.qr = ChunkedQR(stream.size + stream.n_outputs, CHUNK)
+        self.plain = stream.filter is None and not stream.ahead
+        self.tail: Record | None = None
 
     def take(self, piece: Record) -> None:
-        for rows in self.stream.blocks(piece):
-            self._absorb(rows)
+        if not self.plain:
+            for rows in self.stream.blocks(piece):
+                self._absorb(rows)
+            return
+        whole = piece if self.tail is None else _joined(self.tail, piece, self.bound.channels)
+        for count in rows_of(whole, self.data, self.qr.block, self.qr.columns):
+            self.qr.absorb(count)
+        if self.data.start:
+            self.tail = whole.slice(max(whole.n_samples - self.data.start, 0), whole.n_samples)
 
     def cut(self) -> None:
-        self._absorb(self.stream.close())
+        self.tail = None
+        if not self.plain:
+            self._absorb(self.stream.close())
 
     def _absorb(self, rows: np.ndarray) -> None:
         head = self.qr.columns
@@ -204,18 +259,40 @@ class _Batch:
             self.qr.block[:, head: head + part.shape[1]] = part
             self.qr.absorb(part.shape[1])
 
+    @property
+    def factor(self) -> Factor:
+        return Factor(self.qr.r, self.qr.rows_seen, self.stream.size)
+
     def result(self, heads: list[Record], box: Scheduling) -> Identification:
         if self.qr.rows_seen <= self.stream.size:
             raise InputError(f"{self.qr.rows_seen} equations cannot determine {self.stream.size} parameters per output",
                              mend="give longer records, or lower the orders or the degree")
-        return self.bound.solved(heads, box, Factor(self.qr.r, self.qr.rows_seen, self.stream.size))
+        return self.bound.solved(heads, box, self.factor)
 
-    def one_step_esr(self, seen: _Seen) -> float | None:
+    def one_step_esr(self, facts: Facts) -> float | None:
         """Of ordinary least squares; None where ridge or weights make the residual sum another."""
-        if self.bound.ridge or self.bound.weight is not None or not np.all(seen.power > 0):
+        if self.bound.ridge or self.bound.weight is not None or not np.all(facts.power > 0):
             return None
         k = self.stream.size
-        return float(np.mean(np.sum(self.qr.r[k:, k:] ** 2, axis=0) / seen.power))
+        return float(np.mean(np.sum(self.qr.r[k:, k:] ** 2, axis=0) / facts.power))
+
+    def state(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        tail = {} if self.tail is None else {f"tail:{n}": self.tail[n] for n in self.bound.channels}
+        return {"rows": self.qr.rows_seen, "stream": None if self.plain else self.stream.state()}, \
+            {"r": self.qr.r, **tail}
+
+    def restore(self, meta: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+        self.qr.resume(arrays["r"], meta["rows"])
+        tail = {n.removeprefix("tail:"): Channel(v) for n, v in arrays.items() if n.startswith("tail:")}
+        self.tail = Record(tail, sample_time=self.stream.sample_time) if tail else None
+        if meta["stream"] is not None:
+            self.stream.restore(meta["stream"])
+
+
+def _joined(tail: Record, piece: Record, channels: Sequence[str]) -> Record:
+    """The piece behind the samples before it."""
+    values = {n: Channel(np.concatenate([tail[n], piece[n]])) for n in channels}
+    return Record(values, sample_time=piece.sample_time, name=piece.name)
 
 
 class _Running:
@@ -233,82 +310,17 @@ class _Running:
     def result(self, heads: list[Record], box: Scheduling) -> Identification:
         return packaged(self.estimator, heads)
 
-    def one_step_esr(self, seen: _Seen) -> None:
+    def one_step_esr(self, facts: Facts) -> None:
         return None
 
+    def state(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        return self.estimator.state(), {}
 
-# -- what was seen ---------------------------------------------------------------------------------------------------
-@dataclass
-class _Seen:
-    """Running facts about the stream."""
-
-    samples: int = 0
-    records: int = 0
-    duration: float = 0.0
-    heads: dict[str, Record] = field(default_factory=dict)
-    low: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    high: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    power: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    mean: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    count: int = 0
-
-    def add(self, piece: Record, arx: ARX, continues: bool) -> None:
-        assert piece.sample_time is not None
-        values = piece.matrix((*arx.input, *arx.output))
-        low, high = values.min(axis=0), values.max(axis=0)
-        self.low = np.minimum(self.low, low) if self.samples else low
-        self.high = np.maximum(self.high, high) if self.samples else high
-        self.samples += piece.n_samples
-        self.records += not continues
-        self.duration += piece.n_samples * piece.sample_time
-        self.heads.setdefault(piece.name, piece.slice(0, 1))
-        y = values[0 if continues else arx.start:, len(arx.input):]
-        if len(y):  # pairwise update of mean and sum of squares (Chan, Golub & LeVeque 1983)
-            mean, total = y.mean(axis=0), self.count + len(y)
-            own = np.sum((y - mean) ** 2, axis=0)
-            shift = mean - self.mean if self.count else np.zeros(y.shape[1])
-            self.power = own if not self.count else self.power + own + shift**2 * self.count * len(y) / total
-            self.mean = mean if not self.count else self.mean + shift * len(y) / total
-            self.count = total
-
-    def refuse_still(self, arx: ARX) -> None:
-        for name, low, high in zip((*arx.input, *arx.output), self.low, self.high, strict=True):
-            if not high > low:
-                raise InputError(f"channel '{name}' never moves", got=f"the constant {low:.6g}",
-                                 why="nothing can be learnt from it", mend="leave it out, or check the sensor")
-
-    def named_heads(self) -> list[Record]:
-        """One short record for each name, at the mean rate."""
-        period = self.duration / self.samples
-        return [replace(head, time=None, sample_time=period, name=name) for name, head in self.heads.items()]
+    def restore(self, meta: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+        self.estimator = RecursiveEstimator.restore(self.estimator.structure, meta)
 
 
-def _pieces(chunks: Iterable[Record], channels: tuple[str, ...]) -> Iterator[tuple[Record, bool]]:
-    """Uniform, finite pieces in order, and whether each continues the one before."""
-    last: tuple[str, float] | None = None  # name, and time at which the next sample would stand
-    period: float | None = None
-    for chunk in chunks:
-        for piece in _finite_pieces(chunk, channels):
-            step = piece.sample_time
-            assert step is not None
-            if period is not None and abs(step / period - 1) > RATE_TOLERANCE:
-                raise InputError(f"record '{chunk.name}' changes its sampling rate",
-                                 got=f"{1 / step:.6g} Hz after {1 / period:.6g} Hz", mend="resample it before")
-            period = step if period is None else period
-            continues = last is not None and last[0] == chunk.name and abs(piece.start - last[1]) < 0.5 * period
-            yield piece, continues
-            last = (chunk.name, piece.start + piece.n_samples * step)
-
-
-def _finite_pieces(chunk: Record, channels: tuple[str, ...]) -> list[Record]:
-    usable = np.isfinite(chunk.matrix(channels)).all(axis=1).any()
-    sound = all(c.fault is None and c.unit_known and not np.isinf(c.values).any() for c in map(chunk.channel, channels))
-    if not usable and sound:
-        return []  # a stretch of missing samples only
-    return [replace(piece, time=None, name=chunk.name) for piece in segments([chunk], channels, minimum=1)]
-
-
-def _scan(chunks: Iterable[Record], arx: ARX) -> Scheduling:
+def _scan(chunks: Iterable[Record], arx: ARX, say: Callable[[str], None]) -> Scheduling:
     """The box around the scheduling of the whole stream."""
     names = arx.basis.names
     if not names:
@@ -319,15 +331,11 @@ def _scan(chunks: Iterable[Record], arx: ARX) -> Scheduling:
                          mend="give box=Scheduling(names, lower, upper), or read_chunks(...), which can be run twice")
     low, high = np.full(len(names), np.inf), np.full(len(names), -np.inf)
     units: tuple[str, ...] = ()
-    for piece, _ in _pieces(chunks, arx.channels):
-        p = piece.matrix(names)
-        low, high = np.minimum(low, p.min(axis=0)), np.maximum(high, p.max(axis=0))
-        units = tuple(piece.unit(n) for n in names)
-    if not units:
-        raise InputError("no usable samples in the stream", mend="check the channels in use for missing samples")
-    for name, lo, hi in zip(names, low, high, strict=True):
-        if arx.basis.degree != 0 and hi - lo <= 1e-9 * max(abs(lo), abs(hi)):
-            raise InputError(f"scheduling variable '{name}' is constant over the whole data set", got=f"{lo:.6g}",
-                             why="a dependence on it cannot be identified",
-                             mend="use degree 0, or add records at other levels")
-    return Scheduling(names, tuple(low.tolist()), tuple(high.tolist()), units=units)
+    cutter, seen = Cutter(), 0
+    for chunk in chunks:
+        for piece, _ in cutter.cut(chunk, arx.channels):
+            p = piece.matrix(names)
+            low, high = np.minimum(low, p.min(axis=0)), np.maximum(high, p.max(axis=0))
+            units, seen = tuple(piece.unit(n) for n in names), seen + piece.n_samples
+        say(f"range of the scheduling: {seen:,} samples")
+    return box_of(names, arx.basis.degree, low, high, units)

@@ -11,6 +11,9 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 
+FORGOTTEN = 40.0
+"""time constants after which a lag's start is below rounding: exp(−40) = 4e-18."""
+
 
 class SchedulingStage(ABC):
     """A causal filter from the logged scheduling to the one that the coefficients see.
@@ -169,3 +172,18 @@ def scheduling_stage_from_dict(data: Mapping | None) -> SchedulingStage | None:
     if data.get("kind") not in SCHEDULING_STAGES:
         raise InputError("unknown scheduling filter in a model file", got=data.get("kind"))
     return SCHEDULING_STAGES[data["kind"]](**{k: v for k, v in data.items() if k != "kind"})
+
+
+def memory(stage: object, sample_time: float) -> int:
+    """Samples after which a filter's start is below rounding.
+
+    Raises
+    ------
+    InputError
+        A filter of which that is not known.
+    """
+    if not isinstance(stage, SchedulingLag):
+        raise InputError("a stream needs to know how long a scheduling filter remembers", got=type(stage).__name__,
+                         mend="use a SchedulingLag")
+    slowest = max(stage.tau_rise, stage.tau_fall)
+    return int(np.ceil((stage.delay + FORGOTTEN * slowest) / sample_time)) + 2

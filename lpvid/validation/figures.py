@@ -106,14 +106,15 @@ class Pool:
         self.unit = run.units[0]
         if self.diverged is None:
             self.diverged = run.diverged_at
-        return _figures(run.kind, (error, power, total), len(measured), self.unit, run.diverged_at)
+        return figures_of(run.kind, (error, power, total), len(measured), self.unit, run.diverged_at)
 
     def total(self, kind: str) -> Figures:
-        return _figures(kind, (self.error, self.power, self.sum), self.count, self.unit, self.diverged)
+        return figures_of(kind, (self.error, self.power, self.sum), self.count, self.unit, self.diverged)
 
 
-def _figures(kind: str, sums: tuple[np.ndarray, np.ndarray, float], count: int, unit: str,
-             diverged: int | None) -> Figures:
+def figures_of(kind: str, sums: tuple[np.ndarray, np.ndarray, float], count: int, unit: str,
+               diverged: int | None) -> Figures:
+    """Figures from squared error and squared deviation per output, and the sum of the first output's errors."""
     error, power, total = sums
     if diverged is not None or count == 0:
         return Figures(kind, None, None, None, unit, count, diverged)

@@ -15,6 +15,7 @@ from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.familiar import familiar, recalled
+from lpvid.files.streaming import Chunks
 from lpvid.model.adaptable import Adaptable, acting
 from lpvid.model.hull import outside_share
 from lpvid.model.lft import LFTModel
@@ -169,7 +170,7 @@ def along(model: Model | Adaptable, records: Record | Sequence[Record], sample_r
     return model, pieces, notes
 
 
-def validate(model: Model | Adaptable, records: Record | Sequence[Record], *, sample_rate: float | None = None,
+def validate(model: Model | Adaptable, records: Record | Sequence[Record] | Chunks, *, sample_rate: float | None = None,
              label: str = "held-out", horizons: Sequence[int] = ()) -> Validation:
     """Figures of a model on measured records, free-run, one-step and at any further prediction horizons.
 
@@ -180,8 +181,9 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record], *, sa
     model : LPVTransferFunction, LPVStateSpace, SelfScheduled or Adaptable
         An `Adaptable` runs at the rate of the data it was fitted to, or where that is not known at `sample_rate`, or
         at the data's.
-    records : Record or sequence of Record
-        With the model's inputs, outputs and scheduling; cut at gaps and NaN.
+    records : Record, sequence of Record, or Chunks
+        With the model's inputs, outputs and scheduling; cut at gaps and NaN. `Chunks` of files larger than memory are
+        read part by part (`lpvid.validation.streamed.validate_stream`).
     sample_rate : float, optional
         Only the model's own rate [Hz] is accepted; it is used in any case.
     label : str
@@ -199,6 +201,15 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record], *, sa
     InputError
         Missing channels, another unit than the model's, no stretch long enough.
     """
+    if isinstance(records, Chunks):
+        from lpvid.validation.streamed import validate_stream
+
+        if horizons or sample_rate is not None:
+            raise InputError("a stream is validated by free run and one step, at its own rate",
+                             mend="read the records whole: lpv.read(...)")
+        acts = acting_model(model, [next(iter(records))])
+        used = (*(s.name for s in (*acts.inputs, *acts.outputs)), *acts.box.names)
+        return validate_stream(acts, records.only(used), label=label)
     model, pieces, notes = along(model, records, sample_rate)
     seen = familiar(model.metadata, pieces, model.outputs[0].name)
     if seen and label == "held-out":

@@ -97,15 +97,18 @@ def probability(p: float) -> str:
 
 
 def _whiteness(residuals: Sequence[np.ndarray], lags: int) -> ResidualTest:
-    from scipy.stats import chi2
+    return whiteness(_autocovariance(residuals, lags), sum(len(e) for e in residuals), lags)
 
-    n = sum(len(e) for e in residuals)
-    r = _autocovariance(residuals, lags)
+
+def whiteness(r: np.ndarray, n: int, lags: int) -> ResidualTest:
+    """Ljung and Box's test from the autocovariance over lags 0 … `lags` of n residuals."""
+    from scipy.special import chdtrc
+
     if not r[0] > 0:
         return ResidualTest("whiteness", 0.0, 1.0, True, "the residual is zero")
     rho = r[1:] / r[0]
     q = float(n * (n + 2) * np.sum(rho**2 / (n - np.arange(1, lags + 1))))
-    p = float(chi2.sf(q, lags))
+    p = float(chdtrc(lags, q))
     worst = int(np.argmax(np.abs(rho))) + 1
     says = (f"white at the {100 * LEVEL:.0f} % level" if p >= LEVEL else
             f"not white: correlation {rho[worst - 1]:+.2f} at lag {worst} ({probability(p)}); "
@@ -114,13 +117,28 @@ def _whiteness(residuals: Sequence[np.ndarray], lags: int) -> ResidualTest:
 
 
 def _independence(pairs: Sequence[tuple[np.ndarray, np.ndarray]], lags: int) -> ResidualTest:
-    from scipy.stats import chi2
-
     n = sum(len(e) for e, _ in pairs)
     cross = np.array([sum(float(e[k:] @ u[: len(u) - k]) for e, u in pairs) / n for k in range(lags)])
     reach = 4 * lags
     re = _autocovariance([e for e, _ in pairs], reach)
     ru = _autocovariance([u for _, u in pairs], reach + lags)
+    return independence(cross, re, ru, n)
+
+
+def independence(cross: np.ndarray, re: np.ndarray, ru: np.ndarray, n: int) -> ResidualTest:
+    """The test of independence from n samples' covariances.
+
+    Parameters
+    ----------
+    cross : (lags,) array
+        Of the residual with the signal 0 … lags − 1 samples before.
+    re, ru : (4 lags + 1,) and (5 lags + 1,) arrays
+        Autocovariances of residual and signal.
+    n : int
+    """
+    from scipy.special import chdtrc
+
+    lags, reach = cross.size, re.size - 1
     taper = 1 - np.arange(reach + 1) / (reach + 1)
     both = np.concatenate([(re * taper)[:0:-1], re * taper])
     shift = np.arange(-reach, reach + 1)
@@ -132,7 +150,7 @@ def _independence(pairs: Sequence[tuple[np.ndarray, np.ndarray]], lags: int) -> 
         return ResidualTest("independence", 0.0, 1.0, True, "the residual is zero")
     projected = vectors[:, keep].T @ cross
     statistic = float(n * np.sum(projected**2 / values[keep]))
-    p = float(chi2.sf(statistic, int(keep.sum())))
+    p = float(chdtrc(int(keep.sum()), statistic))
     says = (f"independent of present and past inputs at the {100 * LEVEL:.0f} % level" if p >= LEVEL else
             f"depends on present or past inputs ({probability(p)}): other input lags, a higher degree or a shaped "
             "input may help")

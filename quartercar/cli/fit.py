@@ -36,6 +36,9 @@ def fit(
                                            "long it takes.")] = False,
     passive: Annotated[bool, typer.Option("--passive", help="Fit lpv-arx so that it never gives energy, certified; the "
                                           "other models' passivity is checked as ever.")] = False,
+    budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Leave out the fits that "
+                                                 "are not done by then; cheap models come first.")] = None,
+    workers: Annotated[int | None, typer.Option("--workers", min=1, help="Processes that fit (one a core).")] = None,
     input: options.Inputs = None,
     output: options.Outputs = None,
     schedule: options.Schedule = None,
@@ -66,7 +69,8 @@ def fit(
         named = (split_names(input), split_names(output), split_names(schedule))
         training, kept = ([damper_parts(r, *named) for r in part] for part in (training, kept))
         wanted: list[str | Damper] = [*(split_names(models) or ([] if parameters else ("all",)))]
-        settings = CompareSettings(seed=seed, sample_rate=rate, thorough=thorough, passive=passive)
+        settings = CompareSettings(seed=seed, sample_rate=rate, thorough=thorough, passive=passive,
+                                   workers=workers, budget=budget)
         found = compare(training, [*wanted, *_given(parameters or (), training, kept, rate)], kept, settings, say)
         found = found.with_notes(notes)
         _deliver(results, found, say)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -17,9 +18,17 @@ import lpvid as lpv
 from lpvid.cli.app import app
 from lpvid.errors import InputError
 from lpvid.fleet import differing, plan_fleet, run_fleet
-from lpvid.fleet.differing import departure, differing_parameters, shift
+from lpvid.fleet.differing import (
+    departure,
+    differing_parameters,
+    differing_residuals,
+    either,
+    residual_level,
+    shift,
+)
 from lpvid.fleet.running import connected
 from lpvid.fleet.state import Outcome, keep, outcome
+from lpvid.fleet.steps import _here
 from lpvid.identification.regression import Factor
 from lpvid.identification.streaming import merged_factor, stream_factor
 
@@ -110,6 +119,32 @@ def test_the_false_discovery_rate_holds_between_parameters(count: int, size: int
     assert differing_parameters({f"h{k}": np.zeros(4) for k in range(19)}) is None
 
 
+@pytest.mark.parametrize("count", [12, 40, 200])
+def test_either_of_two_tests_keeps_the_false_discovery_rate(count: int) -> None:
+    """One file differs in its parameters, another in its residual alone; healthy ones in neither."""
+    rng = np.random.default_rng(count)
+    false, right = [], []
+    for _ in range(200):
+        departures = {f"h{k}": float(np.exp(rng.normal(-4, 0.3))) for k in range(count)}
+        levels = {n: float(np.exp(rng.normal(3, 0.1))) for n in departures}
+        departures |= {"moved": float(np.exp(-4 + 0.3 * 12)), "unlike": float(np.exp(-4))}
+        levels |= {"moved": float(np.exp(3)), "unlike": float(np.exp(3 - 0.1 * 12))}
+        found = either(differing(departures), differing_residuals(levels)).named
+        false.append(sum(n.startswith("h") for n in found) / max(len(found), 1))
+        right.append(len({"moved", "unlike"} & set(found)) / 2)
+    assert np.mean(false) <= 0.05 + 2 * np.std(false) / np.sqrt(200), np.mean(false)
+    assert np.mean(right) > 0.9, np.mean(right)
+
+
+def test_the_level_of_a_residual_is_its_mean_square(rng: np.random.Generator) -> None:
+    x, y = rng.normal(size=(300, 2)), rng.normal(size=(300, 1))
+    left = y - x @ np.linalg.lstsq(x, y, rcond=None)[0]
+    own = Factor(np.linalg.qr(np.hstack([x, y]), mode="r"), 300, 2)
+    assert residual_level(own) == pytest.approx(np.sum(left**2) / 298)
+    few = {f"a{k}": 1.0 + k for k in range(5)}
+    assert either(differing(few), differing_residuals(few)).named == ()
+
+
 def test_a_departure_is_the_likelihood_ratio_of_common_parameters(rng: np.random.Generator) -> None:
     x, y = rng.normal(size=(200, 3)), rng.normal(size=(200, 1))
     own = Factor(np.linalg.qr(np.hstack([x, y]), mode="r"), 200, 3)
@@ -150,6 +185,19 @@ def test_an_outcome_counts_for_its_own_settings_only(tmp_path: Path) -> None:
     assert outcome(job, "audit", "other") is None
     (job.folder / "state.json").write_text("{ not json")
     assert outcome(job, "audit", "k") is None
+
+
+def test_a_step_that_hangs_inside_a_worker_is_stopped(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t")
+    job = plan_fleet([str(tmp_path / "a.csv")], tmp_path / "out").jobs[0]
+    never = threading.Event()
+    found = _here("scan", job, "k", lambda: str(never.wait(60)), 0.2)
+    never.set()
+    assert (found.state, found.message, found.final) == ("stopped", "stopped after 0.2 s", False)
+    assert outcome(job, "scan", "k") == found
+    assert _here("scan", job, "k", lambda: "fine", 60.0).state == "done"
+    with pytest.raises(ZeroDivisionError):
+        _here("identify", job, "k", lambda: str(1 / 0), 60.0)
 
 
 def test_a_missing_scheduler_is_one_line() -> None:
@@ -217,3 +265,26 @@ def test_a_step_that_takes_too_long_is_reported_and_tried_again_by_the_next_run(
 def test_without_a_folder_the_command_says_so(folder: Path) -> None:
     result = CliRunner().invoke(app, ["fleet", f"{folder}/*.csv"])
     assert result.exit_code == 2 and "--out DIR" in result.stderr and result.stderr.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_identify_on_a_fleet_is_the_model_of_all_files(folder: Path, tmp_path: Path) -> None:
+    words = ["--input", "velocity", "--output", "force", "--schedule", "current", "--na", "2", "--nb", "2", "--nk", "0"]
+    files = [str(folder / f"d{k:02d}.csv") for k in range(6)]  # too few for anybody to be left out
+    out = tmp_path / "one"
+    joint = CliRunner().invoke(app, ["identify", *files, *words, "--fleet", "--out", str(out), "--json"])
+    assert joint.exit_code == 0, joint.output
+    whole = lpv.identify_stream([r for f in files for r in lpv.read(f)], STRUCTURE)
+    found = lpv.load(out / "model.json")
+    np.testing.assert_allclose(found.a, whole.model.a, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(found.b, whole.model.b, rtol=1e-8, atol=1e-7)
+    assert json.loads((out / "identification.json").read_text())["n_samples"] == whole.n_samples
+
+
+def test_what_a_fleet_cannot_identify_is_one_line(folder: Path, tmp_path: Path) -> None:
+    words = ["identify", f"{folder}/d0*.csv", "--input", "velocity", "--output", "force", "--nk", "0", "--fleet"]
+    out = ["--out", str(tmp_path / "out")]
+    for more, said in ((["--auto", *out], "--auto"), (["--structure", "oe", *out], "identifies arx"), ([], "--out DIR"),
+                       (["--shape", "tanh", *out], "identifies arx"), (["--hold-out", "1/3", *out], "--hold-out")):
+        result = CliRunner().invoke(app, [w for w in words if "--auto" not in more or w not in ("--nk", "0")] + more)
+        assert result.exit_code == 2 and said in result.stderr and result.stderr.count("\n") == 1, result.output

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid import _checks
+from lpvid._processes import in_processes
 from lpvid.errors import InputError, LpvError
 from lpvid.record import Record
 from quartercar.dampers import model_class, model_names
@@ -51,6 +52,10 @@ class CompareSettings:
         All data and twenty starts for every model, however long that takes.
     passive : bool
         Models that can be fitted under the constraint of passivity (lpv-arx) are; the others are checked as ever.
+    workers : int or None
+        Processes that fit; None for one on each processor. The comparison does not depend on it.
+    budget : float or None
+        Wall time [s] after which fits that are not done are left out; cheap models come first.
     """
 
     seed: int = 0
@@ -60,11 +65,17 @@ class CompareSettings:
     sampled_samples: int = 40_000
     thorough: bool = False
     passive: bool = False
+    workers: int | None = 1
+    budget: float | None = None
 
     def __post_init__(self) -> None:
         _checks.count(self.seed, "seed")
         for name in ("quick_work", "slow_work", "sampled_samples"):
             _checks.count(getattr(self, name), name, at_least=1)
+        if self.workers is not None:
+            _checks.count(self.workers, "workers", at_least=1)
+        if self.budget is not None:
+            _checks.positive(self.budget, "budget", "s")
 
 
 def compare(records: Sequence[Record], models: str | Sequence[str | Damper] = "all",
@@ -195,29 +206,62 @@ def _constrained(suited: Sequence[Damper]) -> tuple[str, ...]:
 def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings,
              progress: Callable[[str], None]) -> tuple[list[DamperFit], list[tuple[str, str]], bool]:
     """Fits, failures, and whether the work came to its end."""
+    jobs = [_job(d, data, settings) for d in suited]
+
+    def said(done: int, running: list[int], left: float | None) -> None:
+        names = ", ".join(suited[k].name for k in running)
+        about = "" if left is None else f", about {left:.0f} s left"
+        progress(f"fitting {names} ({done} of {len(suited)} done{about})")
+
+    ended = in_processes(_fitted, jobs, workers=settings.workers, budget=settings.budget,
+                         costs=[_cost(d, r, s) for d, r, s in jobs], say=said)
     fits: list[DamperFit] = []
     failed: list[tuple[str, str]] = []
-    for i, damper in enumerate(suited, start=1):
-        progress(f"fitting {damper.name} ({i} of {len(suited)})")
-        try:
-            fits.append(_fit(damper, data, settings))
-        except (LpvError, ArithmeticError, np.linalg.LinAlgError) as error:
-            failed.append((damper.name, _reason(error, damper.name)))
-        except KeyboardInterrupt:
-            if not fits:
-                raise
-            return fits, failed + [(d.name, "interrupted") for d in suited[i - 1:]], False
-    return fits, failed, True
+    for damper, one in zip(suited, ended, strict=True):
+        if one.stopped:
+            failed.append((damper.name, one.stopped if settings.budget is None or one.stopped != "budget" else
+                           f"not done within --budget {settings.budget:g} s"))
+        elif one.error is not None:
+            if not isinstance(one.error, (LpvError, ArithmeticError, np.linalg.LinAlgError, RuntimeError)):
+                raise one.error
+            failed.append((damper.name, _reason(one.error, damper.name)))
+        else:
+            assert one.value is not None
+            fits.append(one.value)
+    return fits, failed, not any(one.stopped == "interrupted" for one in ended)
 
 
-def _fit(damper: Damper, data: Prepared, settings: CompareSettings) -> DamperFit:
+_Job = tuple[Damper, tuple[Record, ...], FitSettings]
+
+
+def _job(damper: Damper, data: Prepared, settings: CompareSettings) -> _Job:
+    """Model, records and settings of one fit."""
     effort = QUICK
     if isinstance(damper, DynamicDamper) and not settings.thorough:
         effort = SLOW if len(damper.states) <= SMALL else STIFF
     effort = replace(effort, seed=settings.seed, polarity=data.polarity)
     if settings.thorough:
-        return fit(damper, data.training, settings=effort)
-    return fit(damper, stretches(data.training, _affordable(damper, settings), STRETCH), settings=effort)
+        return damper, data.training, effort
+    return damper, tuple(stretches(data.training, _affordable(damper, settings), STRETCH)), effort
+
+
+def _fitted(job: _Job) -> DamperFit:
+    damper, records, effort = job
+    return fit(damper, records, settings=effort)
+
+
+def _cost(damper: Damper, records: Sequence[Record], effort: FitSettings) -> float:
+    """Work of a fit in simulated samples: of every start on shortened data, and of the best on all.
+
+    A law's free run is a formula, an integration takes some tens of operations a sample, an implicit one a system of
+    equations.
+    """
+    count, samples = max(len(damper.parameters), 1), sum(r.n_samples for r in records)
+    simulated = (effort.starts * effort.tasting_evaluations * min(effort.tasting_samples, samples)
+                 + effort.polished * effort.evaluations * samples) * (count + 1)
+    if not isinstance(damper, LawDamper):
+        return float(samples * count**2)
+    return float(simulated * (1 if not isinstance(damper, DynamicDamper) else 10 * len(damper.states)))
 
 
 def _affordable(damper: Damper, settings: CompareSettings) -> int:

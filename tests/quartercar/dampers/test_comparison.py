@@ -371,3 +371,26 @@ def test_unknown_models_and_empty_lists():
         compare([guo_record()], [])
     with pytest.raises(InputError, match="no records"):
         compare([], "linear")
+
+
+def test_the_comparison_does_not_depend_on_the_number_of_processes() -> None:
+    t = np.arange(2500) / 500
+    v = 0.1 * np.sin(12 * t) + 0.05 * np.sin(31 * t)
+    run = Record({"velocity": v, "force": 1500 * v + 60 * np.tanh(v / 0.02)}, sample_time=1 / 500, name="run",
+                 units={"velocity": "m/s", "force": "N"})
+    one, two = (compare([run], ["linear", "power-law", "narx-2"], settings=CompareSettings(workers=n)) for n in (1, 2))
+    assert [r.name for r in one.rows] == [r.name for r in two.rows]
+    for mine, other in zip(one.rows, two.rows, strict=True):
+        assert mine.damper.values == other.damper.values
+        assert mine.held_out.total.esr == other.held_out.total.esr
+
+
+def test_a_budget_leaves_out_what_is_not_done() -> None:
+    t = np.arange(1500) / 500
+    v = 0.1 * np.sin(12 * t)
+    run = Record({"velocity": v, "force": 1500 * v}, sample_time=1 / 500, name="run")
+    with pytest.raises(InputError, match=r"not done within --budget 0\.001 s"):
+        compare([run], ["linear"], settings=CompareSettings(budget=0.001))
+    for wrong in ({"budget": 0.0}, {"workers": 0}):
+        with pytest.raises(InputError):
+            CompareSettings(**wrong)

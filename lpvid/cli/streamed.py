@@ -1,0 +1,91 @@
+"""What `identify`, `validate` and `inspect` do with data that are read in parts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lpvid.errors import InputError
+
+if TYPE_CHECKING:
+    from lpvid.cli.modelling import Outcome
+    from lpvid.cli.structures import Request
+    from lpvid.files.streaming import Chunks
+    from lpvid.record import Record
+
+DRAWN = 20_000
+"""Samples at the beginning of the data that the report draws and that decide on the first input lag."""
+STATE = "stream-state.npz"
+"""File in --out that holds what was folded so far; gone when the estimate is complete."""
+
+
+def parts(data: Sequence[str], rows: int, *, roles: Sequence[str] | None, flip: Sequence[str] | None,
+          sample_rate: float | None) -> Chunks:
+    """DATA in parts, with roles applied."""
+    from lpvid.cli.data import parse_roles
+    from lpvid.files.streaming import read_chunks
+
+    if flip:
+        raise InputError("--chunk reads files as they are", got="--flip", mend="turn the sign where the files are "
+                         "written, or leave --chunk out")
+    return read_chunks(data, rows, roles=parse_roles(roles), sample_rate=sample_rate)
+
+
+def beginning(chunks: Chunks) -> Record:
+    """The first samples, in memory."""
+    first = next(iter(chunks))
+    cut = first.slice(0, DRAWN)
+    return replace(cut, **({"time": None} if cut.time is None else {"sample_time": None}))
+
+
+def fit_parts(request: Request, chunks: Chunks, held_out: Chunks | None, refused: Mapping[str, Any],
+              folder: Path | None, say: Callable[[str], None]) -> Outcome:
+    """Audit, choose what was left open, fit, validate: part by part.
+
+    Parameters
+    ----------
+    request : Request
+    chunks, held_out : Chunks
+    refused : mapping
+        Options that need whole records, by name; those that were given are refused.
+    folder : Path or None
+        Where the state goes, from which an interrupted estimate goes on.
+    say : callable
+        Receives progress.
+
+    Returns
+    -------
+    Outcome
+    """
+    from lpvid.auditing.streamed import audit_stream
+    from lpvid.cli.modelling import Outcome, _marked, _settled
+    from lpvid.identification.streaming import identify_stream
+    from lpvid.validation.streamed import validate_stream
+
+    for name, given in refused.items():
+        if given:
+            raise InputError(f"{name} needs the records whole", why="--chunk reads them in parts",
+                             mend=f"leave {name} out, or leave --chunk out")
+    if request.structure not in ("arx", "recursive") or "passive" in request.given:
+        raise InputError("--chunk identifies arx and recursive", got=f"--structure {request.structure}"
+                         + (" --passive" if "passive" in request.given else ""), mend="leave --chunk out")
+    head = beginning(chunks)
+    structure, notes = _settled(request, [head], say)
+    found = identify_stream(chunks, structure,  # type: ignore[arg-type]
+                            checkpoint=None if folder is None else folder / STATE, say=lambda t: say(f"fitting: {t}"))
+    used = structure.channels
+    found = found.replace(training=validate_stream(found.model, chunks.only(used), label="training",
+                                                   say=lambda t: say(f"validating: {t}")))
+    shown: tuple[Record, ...] = ()
+    if held_out is not None:
+        shown = (beginning(held_out),)
+        kept = validate_stream(found.model, held_out.only(used), say=lambda t: say(f"held-out data: {t}"))
+        found = found.replace(held_out=kept)
+    heard = audit_stream(chunks, scheduling=request.schedule or None, inputs=request.input,
+                         say=lambda t: say(f"auditing: {t}"))
+    said = (*notes, *(("the first input lag was chosen on the first "
+                       f"{head.n_samples} samples",) if request.searches_delay else ()),
+            f"the report draws the first {head.n_samples} samples")
+    return Outcome(_marked(found.replace(notes=(*said, *found.notes)), heard), (), heard, (head,), shown, request.form)

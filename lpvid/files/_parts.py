@@ -1,0 +1,183 @@
+"""Tables of consecutive samples from the middle of a file on: CSV, Parquet and MDF 4 in parts."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lpvid.condition.tables import Column, Table, is_time_name
+from lpvid.errors import InputError
+from lpvid.files import csv, mdf4, parquet
+from lpvid.files._table import corrupt, fault_text, headed, parse_cells, stated_period, without_library
+
+Reader = Callable[[Path, int, int, Sequence[str] | None], Iterator[Table]]
+"""(path, rows of a part, row to begin with, channels wanted or None for all) to tables."""
+
+
+def reader(path: Path) -> Reader | None:
+    """What reads a file of this extension in parts; None where nothing does."""
+    for extensions, read in READERS:
+        if path.suffix.lower() in extensions:
+            return read
+    return None
+
+
+# -- text ------------------------------------------------------------------------------------------------------------
+def _csv_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None) -> Iterator[Table]:
+    where = str(path)
+    if path.stat().st_size == 0:
+        raise InputError(f"{where}: the file is empty (0 bytes)", mend="export the data again")
+    layout = csv._layout(path, where)
+    line, row = layout.data_line, 0
+    with path.open(encoding=layout.encoding, newline=None) as stream:
+        lines = islice(stream, layout.data_line - 1, None)
+        while row < first:  # blank lines are no rows
+            text = next(lines, None)
+            if text is None:
+                return
+            line, row = line + 1, row + bool(text.strip())
+        while block := list(islice(lines, rows)):
+            columns = _columns(block, replace(layout, data_line=line), where, row)
+            line += len(block)
+            if columns[0].values.size:
+                row += columns[0].values.size
+                yield Table(csv._without_trailing(columns))
+
+
+def _columns(block: list[str], layout: Any, where: str, row: int) -> list[Column]:
+    """Columns of a block of lines, quickly where they hold nothing but numbers; `row` rows stand before it."""
+    text = [line.replace(",", ".") for line in block] if layout.decimal_comma else block
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            values = np.loadtxt(text, delimiter=layout.delimiter, comments=None, ndmin=2)
+        if values.shape[1] == len(layout.names):
+            return [csv._column(header, values[:, i], None) for i, header in enumerate(layout.names)]
+    except (ValueError, UserWarning):
+        pass
+    numbered = list(csv._rows(block, layout, where))
+    columns = []
+    for i, header in enumerate(layout.names):
+        cells = [cells[i] for _, cells in numbered]
+        values, at_fault = parse_cells(cells)
+        fault = None
+        if at_fault:
+            k = at_fault[0]
+            fault = fault_text(cells[k], row + k + 1, len(at_fault), numbered[k][0])
+        columns.append(csv._column(header, values, fault))
+    return columns
+
+
+# -- Parquet ---------------------------------------------------------------------------------------------------------
+def _parquet_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None) -> Iterator[Table]:
+    where = str(path)
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise without_library(where, "pyarrow") from None
+    origin: dict[str, float] = {}
+    try:
+        with pq.ParquetFile(path) as file:
+            if not file.metadata.num_rows:
+                raise InputError(f"{where}: there are no samples", mend="export the data again")
+            period = stated_period(parquet._texts(file.schema_arrow.metadata), where)
+            columns = _in_use(file.schema_arrow.names, wanted)
+            if first:
+                _batch_columns(pa.Table.from_batches([next(file.iter_batches(1, columns=columns))]), period, origin)
+            groups, behind = _groups_from(file.metadata, first)
+            batches = (b for g in groups for b in file.iter_batches(rows, [g], columns, use_threads=False))
+            for content in _batches(batches, rows, behind):
+                yield Table(*_batch_columns(content, period, origin))
+    except (pa.ArrowException, ValueError, OSError, MemoryError, OverflowError) as error:
+        if isinstance(error, (InputError, PermissionError, FileNotFoundError)):
+            raise
+        raise corrupt(where, "Parquet", error) from None
+
+
+def _in_use(names: Sequence[str], wanted: Sequence[str] | None) -> list[str] | None:
+    """Columns of the file that hold the clock or a channel in use; None for all."""
+    if wanted is None:
+        return None
+    folded = {w.casefold() for w in wanted}
+    held = [n for n in names if headed(n)[0].casefold() in folded or is_time_name(headed(n)[0])]
+    return held if any(not is_time_name(headed(n)[0]) for n in held) else None
+
+
+def _groups_from(metadata: Any, first: int) -> tuple[list[int], int]:
+    """Row groups from the one that holds a row on, and how many of their rows stand before it."""
+    sizes = [metadata.row_group(i).num_rows for i in range(metadata.num_row_groups)]
+    before = 0
+    for i, size in enumerate(sizes):
+        if before + size > first:
+            return list(range(i, len(sizes))), first - before
+        before += size
+    return [], 0
+
+
+def _batches(batches: Iterator[Any], rows: int, drop: int) -> Iterator[Any]:
+    """Tables of about `rows` rows, without the first `drop`.
+
+    Batches come from one row group after the other: an iterator over several keeps all that it has read (pyarrow 26).
+    Small ones are put together.
+    """
+    import pyarrow as pa
+
+    held: list[Any] = []
+    for batch in batches:
+        if drop >= batch.num_rows:
+            drop -= batch.num_rows
+            continue
+        held.append(batch.slice(drop))
+        drop = 0
+        if sum(b.num_rows for b in held) > rows // 2:
+            yield pa.Table.from_batches(held)
+            held = []
+    if held:
+        yield pa.Table.from_batches(held)
+
+
+def _batch_columns(content: Any, period: float | None, origin: dict[str, float],
+                   ) -> tuple[list[Column], float | None, list[str]]:
+    """Columns of one batch; calendar stamps count from the first one of the whole file, kept in `origin`."""
+    import pyarrow as pa
+
+    columns, notes = [], []
+    for entry, data in zip(content.schema, content.columns, strict=True):
+        column = parquet._column(entry, data)
+        if column is None:
+            notes.append(f"column '{entry.name}' is left out: it holds {entry.type}, not numbers")
+            continue
+        if pa.types.is_timestamp(entry.type):
+            ticks = data.drop_null().cast(pa.int64()).to_numpy()
+            if ticks.size:
+                scale = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[entry.type.unit]
+                first = origin.setdefault(entry.name, ticks[0])
+                column = replace(column, values=column.values + float(ticks[0] - first) / scale)
+        columns.append(column)
+    return columns, period, notes
+
+
+# -- MDF -------------------------------------------------------------------------------------------------------------
+def _mdf_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None) -> Iterator[Table]:
+    where = str(path)
+    with mdf4.opened(path) as file:
+        groups = [g for g in file.virtual_groups if file.groups[g].channel_group.cycles_nr]
+        total = max((int(file.groups[g].channel_group.cycles_nr) for g in groups), default=0)
+        if not total:
+            raise InputError(f"{where}: there are no samples", mend="export the data again")
+        for row in range(first, total, rows):
+            signals = [s for g in groups for s in mdf4.signals(file, g, row, rows, wanted)]
+            yield mdf4.table(signals, where)
+
+
+READERS: tuple[tuple[tuple[str, ...], Reader], ...] = (
+    (csv.EXTENSIONS, _csv_tables), (parquet.EXTENSIONS, _parquet_tables), (mdf4.EXTENSIONS, _mdf_tables),
+)
+"""Extensions and what reads them in parts."""

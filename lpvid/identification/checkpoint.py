@@ -1,0 +1,51 @@
+"""A long estimate's state on disk: what stands there is not computed again after an interruption."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+META = "meta"
+
+
+class Checkpoint:
+    """One file that is always whole: written beside, then moved into place.
+
+    Parameters
+    ----------
+    path : path
+    about : object
+        What the state belongs to, as JSON: structure, data and their version. A state of anything else is no state.
+    """
+
+    def __init__(self, path: str | os.PathLike, about: object) -> None:
+        self.path = Path(path)
+        self.key = hashlib.sha256(json.dumps(about, sort_keys=True, default=str).encode()).hexdigest()
+
+    def load(self) -> tuple[dict[str, Any], dict[str, np.ndarray]] | None:
+        """Plain data and arrays; None where there is no state, or one of something else, or a damaged one."""
+        try:
+            with np.load(self.path, allow_pickle=False) as found:
+                meta = json.loads(str(found[META]))
+                arrays = {n: found[n] for n in found.files if n != META}
+        except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+            return None
+        return (meta, arrays) if meta.pop("key", None) == self.key else None
+
+    def save(self, meta: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
+        """Replace the state."""
+        part = self.path.with_name(self.path.name + ".part.npz")
+        part.parent.mkdir(parents=True, exist_ok=True)
+        np.savez(part, **{META: np.array(json.dumps({**meta, "key": self.key}))}, **arrays)
+        part.replace(self.path)
+
+    def remove(self) -> None:
+        """The work is done."""
+        self.path.unlink(missing_ok=True)

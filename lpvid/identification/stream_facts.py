@@ -1,0 +1,145 @@
+"""What a stream has shown so far: its pieces, its length, ranges, first samples; memory does not grow with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from lpvid.errors import InputError
+from lpvid.familiar import RECORDS, SAMPLES, heads, usual_range
+from lpvid.files.streaming import Chunks
+from lpvid.identification.arx import ARX
+from lpvid.record import Channel, Record
+from lpvid.scheduling import Scheduling
+
+BLOCK = 512
+"""Samples of a stretch of scheduling that is kept for its usual range."""
+BLOCKS = 256
+"""Stretches kept at most; beyond them every second one goes, and half as many are taken."""
+
+
+def located(chunks: Iterable[Record], place: Any) -> Iterator[tuple[Any, Record]]:
+    """Chunks from a place on, each with the place behind it; None is the beginning."""
+    if isinstance(chunks, Chunks):
+        yield from chunks.located() if place is None else chunks.located(tuple(place))
+        return
+    for number, chunk in enumerate(chunks, 1):
+        if place is None or number > place:
+            yield number, chunk
+
+
+@dataclass
+class Facts:
+    """Running facts about a stream."""
+
+    arx: ARX
+    samples: int = 0
+    records: int = 0
+    duration: float = 0.0
+    firsts: dict[str, Record] = field(default_factory=dict)
+    heads: list[list[float]] = field(default_factory=list)
+    ranges: dict[str, list[float]] = field(default_factory=dict)
+    power: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    mean: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    count: int = 0
+    blocks: list[np.ndarray] = field(default_factory=list)
+    every: int = 1
+    passed: int = 0
+
+    def add(self, piece: Record, continues: bool) -> None:
+        """Take in the next piece."""
+        assert piece.sample_time is not None
+        arx = self.arx
+        for name in dict.fromkeys((*arx.input, *arx.output, *arx.basis.names)):
+            low, high = float(piece[name].min()), float(piece[name].max())
+            before = self.ranges.get(name, [low, high])
+            self.ranges[name] = [min(before[0], low), max(before[1], high)]
+        if not continues and len(self.heads) < RECORDS:
+            self.heads += heads([piece.slice(0, SAMPLES)], arx.output[0])
+        self.samples += piece.n_samples
+        self.records += not continues
+        self.duration += piece.n_samples * piece.sample_time
+        if piece.name not in self.firsts:
+            self.firsts[piece.name] = _copied(piece.slice(0, 1))
+        self._block(piece)
+        outputs = [piece[n][0 if continues else arx.start:] for n in arx.output]
+        if outputs[0].size:  # pairwise update of mean and sum of squares (Chan, Golub & LeVeque 1983)
+            y, total = outputs[0], self.count + outputs[0].size
+            mean = np.array([y.mean() for y in outputs])
+            own = np.array([np.dot(e, e) for e in (y - m for y, m in zip(outputs, mean, strict=True))])
+            shift = mean - self.mean if self.count else np.zeros(mean.size)
+            self.power = own if not self.count else self.power + own + shift**2 * self.count * y.size / total
+            self.mean = mean if not self.count else self.mean + shift * y.size / total
+            self.count = total
+
+    def _block(self, piece: Record) -> None:
+        """Keep a stretch of the scheduling from the middle of the piece."""
+        if not self.arx.basis.names:
+            return
+        self.passed += 1
+        if self.passed % self.every:
+            return
+        middle = max((piece.n_samples - BLOCK) // 2, 0)
+        self.blocks.append(piece.matrix(self.arx.basis.names)[middle: middle + BLOCK].copy())
+        if len(self.blocks) > BLOCKS:
+            self.blocks, self.every = self.blocks[1::2], 2 * self.every
+
+    def refuse_still(self) -> None:
+        """An input or output that never moved."""
+        for name in (*self.arx.input, *self.arx.output):
+            low, high = self.ranges[name]
+            if not high > low:
+                raise InputError(f"channel '{name}' never moves", got=f"the constant {low:.6g}",
+                                 why="nothing can be learnt from it", mend="leave it out, or check the sensor")
+
+    @property
+    def usual(self) -> dict[str, list[float]]:
+        """Usual range of each scheduling variable, from the stretches that are kept."""
+        return {n: usual_range([b[:, k] for b in self.blocks]) for k, n in enumerate(self.arx.basis.names)}
+
+    def named_heads(self) -> list[Record]:
+        """One short record for each name, at the mean rate."""
+        period = self.duration / self.samples
+        return [replace(head, time=None, sample_time=period, name=name) for name, head in self.firsts.items()]
+
+    def state(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Plain data and arrays, from which `restore` goes on."""
+        firsts = {name: {"roles": dict(r.roles), "time": r.sample_time, "channels":
+                         {k: [float(c.values[0]), c.unit] for k, c in r.channels.items()}}
+                  for name, r in self.firsts.items()}
+        return ({"samples": self.samples, "records": self.records, "duration": self.duration, "firsts": firsts,
+                 "heads": self.heads, "ranges": self.ranges, "count": self.count, "every": self.every,
+                 "passed": self.passed, "blocks": len(self.blocks)},
+                {"power": self.power, "mean": self.mean, **{f"block{k}": b for k, b in enumerate(self.blocks)}})
+
+    def restore(self, meta: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+        """Go on from a `state`."""
+        for name in ("samples", "records", "duration", "heads", "ranges", "count", "every", "passed"):
+            setattr(self, name, meta[name])
+        self.power, self.mean = arrays["power"], arrays["mean"]
+        self.blocks = [arrays[f"block{k}"] for k in range(meta["blocks"])]
+        self.firsts = {name: Record({k: Channel(np.array([v]), unit) for k, (v, unit) in one["channels"].items()},
+                                    sample_time=one["time"], roles=one["roles"], name=name)
+                       for name, one in meta["firsts"].items()}
+
+
+def _copied(record: Record) -> Record:
+    """The same samples in arrays of their own: a slice would hold the whole chunk."""
+    return replace(record, channels={k: replace(c, values=c.values.copy()) for k, c in record.channels.items()},
+                   time=None)
+
+
+def box_of(names: tuple[str, ...], degree: int | None, low: np.ndarray, high: np.ndarray,
+           units: tuple[str, ...]) -> Scheduling:
+    """The box around the scheduling of a whole stream."""
+    if not units:
+        raise InputError("no usable samples in the stream", mend="check the channels in use for missing samples")
+    for name, lo, hi in zip(names, low, high, strict=True):
+        if degree != 0 and hi - lo <= 1e-9 * max(abs(lo), abs(hi)):
+            raise InputError(f"scheduling variable '{name}' is constant over the whole data set", got=f"{lo:.6g}",
+                             why="a dependence on it cannot be identified",
+                             mend="use degree 0, or add records at other levels")
+    return Scheduling(names, tuple(low.tolist()), tuple(high.tolist()), units=units)

@@ -1,0 +1,55 @@
+"""in_processes: results in order, errors and deaths of one item, a budget, what is sent between the processes."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+
+from lpvid import Record
+from lpvid._processes import Done, in_processes
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_results_stand_in_their_order_whatever_the_number_of_processes(workers: int) -> None:
+    items = [9.0, -1.0, 4.0, "x", 16.0]
+    found = in_processes(math.sqrt, items, workers=workers)
+    assert [d.value for d in found] == [3.0, None, 2.0, None, 4.0]
+    assert [type(d.error) for d in found] == [type(None), ValueError, type(None), TypeError, type(None)]
+
+
+def test_a_process_that_dies_takes_only_its_item_with_it() -> None:
+    found = in_processes(os._exit, [3, 4], workers=2)
+    assert [str(d.error) for d in found] == ["its process died"] * 2
+    found = in_processes(eval, ["1", "__import__('os').abort()", "2", "3"], workers=2)
+    assert [d.value for d in found] == [1, None, 2, 3] and "died" in str(found[1].error)
+
+
+def test_a_budget_stops_what_runs_and_leaves_what_has_not_begun() -> None:
+    begun = time.monotonic()
+    found = in_processes(time.sleep, [0.0, 600.0, 600.0, 0.0], workers=2, budget=20.0)
+    assert time.monotonic() - begun < 120
+    assert [d.stopped for d in found] == ["", "budget", "budget", "budget"]
+
+
+def test_what_runs_is_reported_with_an_estimate() -> None:
+    said: list[tuple] = []
+    in_processes(time.sleep, [0.01, 0.02, 0.01], workers=1, costs=[1.0, 2.0, 1.0], say=lambda *told: said.append(told))
+    assert [t[:2] for t in said] == [(0, [0]), (1, [1]), (2, [2])]
+    assert said[0][2] is None and said[1][2] > said[2][2] > 0
+
+
+def test_records_go_there_and_back() -> None:
+    record = Record({"u": np.arange(5.0)}, sample_time=0.1, roles={"input": "u"}, name="run")
+    back, frozen = in_processes(copied, [record, MappingProxyType({"a": 1})], workers=2)
+    assert isinstance(back, Done) and isinstance(back.value, Record) and isinstance(frozen.value, MappingProxyType)
+    np.testing.assert_array_equal(back.value["input"], record["u"])
+
+
+def copied(given: object) -> object:
+    """Importable by a worker, as this folder stands on its path."""
+    return given
