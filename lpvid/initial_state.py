@@ -111,13 +111,6 @@ def _states(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray) -> np.ndarray 
 
     n = model.order
     assert model.state_offset is not None
-<<<<<<< 7e1c84a2ceb7619ddc1b505b2e179b7f5b6a2815
-    states, none = np.zeros((len(u), n)), np.zeros((1, 1, 1))
-    matrices = (np.ascontiguousarray(model.A), np.ascontiguousarray(model.B), none, none,
-                np.ascontiguousarray(model.state_offset[:, :, None]), none, none)
-    states_run(matrices, np.ascontiguousarray(phi), _checks.read_only(np.ascontiguousarray(u)), np.zeros(n), states)
-    if not np.isfinite(states).all() or np.abs(states).max() > np.sqrt(np.finfo(float).max) / len(u):
-=======
 
     def extended(matrices: np.ndarray, last: np.ndarray) -> np.ndarray:
         out = np.concatenate([matrices, last[None]])
@@ -130,7 +123,8 @@ def _states(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray) -> np.ndarray 
         extended(model.A, np.zeros((n, n))), extended(model.B, np.zeros(model.B.shape[1:])),
         extended(none, np.eye(n)), extended(np.zeros(model.B.shape), np.zeros(model.B.shape[1:])),
         extended(model.state_offset, np.zeros(n)), extended(np.zeros((len(model.A), n)), np.zeros(n)),
-        np.column_stack([phi, np.ones(len(phi))]), u, np.zeros(n), states, np.inf)
+        np.column_stack([phi, np.ones(len(phi))]), _checks.read_only(u),
+        _checks.read_only(np.zeros(n)), states, np.inf)
     return None if code >= 0 else states
 
 
@@ -142,7 +136,6 @@ def _prior(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, influence: np.n
     if states is None:
         return None
     if np.abs(states).max() > np.sqrt(np.finfo(float).max) / len(u):
->>>>>>> f6cb6ac3e9c4a9749f0fd536a998f9013ae5c80c
         return None
     reached = states.T @ states / len(u)
     values, vectors = np.linalg.eigh(np.einsum("koi,koj->ij", influence, influence) / len(influence))

@@ -203,12 +203,9 @@ def _predict_equation(model: LPVTransferFunction, u: np.ndarray, p: np.ndarray, 
     """k-step prediction by the equation, span by span, so that the basis of the whole record is never held."""
     from lpvid import _kernels
 
-<<<<<<< 7e1c84a2ceb7619ddc1b505b2e179b7f5b6a2815
     u, y = _checks.read_only(u), _checks.read_only(y)
-=======
     if horizon == 1:
         return _one_step(model, u, p, y)
->>>>>>> f6cb6ac3e9c4a9749f0fd536a998f9013ae5c80c
     out, n, start = y.copy(), len(y), model.start
     local = model.basis.lags == (0, 0)
     span = SPAN if local else n
@@ -289,10 +286,6 @@ def _spans(model: LPVTransferFunction, a: np.ndarray, b: np.ndarray, first_lag: 
     driven.setflags(write=False)  # one kind of array, one compilation
     n, local = len(out), model.basis.lags == (0, 0)
     span = SPAN if local else n
-<<<<<<< 7e1c84a2ceb7619ddc1b505b2e179b7f5b6a2815
-    driven = _checks.read_only(np.ascontiguousarray(u.T))
-=======
->>>>>>> f6cb6ac3e9c4a9749f0fd536a998f9013ae5c80c
     for first in range(start, n, span):
         last = min(first + span, n)
         low = first - start if local else 0
@@ -355,14 +348,9 @@ def _run_ss(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, x0: np.ndarray
             scale: float) -> int | None:
     from lpvid import _kernels
 
-<<<<<<< 7e1c84a2ceb7619ddc1b505b2e179b7f5b6a2815
     x0 = _checks.read_only(np.ascontiguousarray(x0))
     code = _kernels.free_run_ss(model.A, model.B, model.C, model.D, model.state_offset, model.output_offset, phi,
                                 _checks.read_only(u), x0, out, _limit(model, u, scale, x0))
-=======
-    code = _kernels.free_run_ss(model.A, model.B, model.C, model.D, model.state_offset, model.output_offset, phi, u,
-                                np.array(x0, dtype=float), out, _limit(model, u, scale, x0))
->>>>>>> f6cb6ac3e9c4a9749f0fd536a998f9013ae5c80c
     return None if code < 0 else int(code)
 
 
