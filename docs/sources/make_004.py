@@ -11,7 +11,7 @@ import time
 
 import figures_004 as draw
 import numpy as np
-from study_004 import EXPERIMENTS, Chain, Row, compare_all, held_out, identify_chain
+from study_004 import EXPERIMENTS, Chain, Row, compare_all, held_out, identify_chain, regressions
 from writing import number, picture, table, write
 
 import lpvid as lpv
@@ -141,7 +141,14 @@ def zones_text(chain: Chain) -> list[str]:
             ["current [A]", "v_high [mm/s]", "m₁ [N·s/m]", "c₁ [N]", "m₂ [N·s/m]", "c₂ [N]", "m₃ [N·s/m]", "c₃ [N]"],
             rows,
         ),
-        "Ours, virtual, for Figs. 3.2 to 3.6 and Table C.1, whose numbers are lost.",
+        "Ours, virtual, for Figs. 3.2 to 3.6 and Table C.1, whose numbers are lost. Over the current:",
+        table(
+            ["coefficient", "at 0 A", "per A", "R² of first degree", "R² of second degree"],
+            [
+                [f"{r.name} [{r.unit}]", *(number(c) for c in r.coefficients), *(f"{q:.3f}" for q in r.r_squared)]
+                for r in regressions(found)
+            ],
+        ),
         table(
             ["the source reads from its figures", "ours, virtual"],
             [
@@ -204,7 +211,7 @@ def inventory() -> list[str]:
                 [
                     "Figs. 1.4, 3.1, 2.2",
                     "force over velocity by current",
-                    "first figure below, and `quartercar.plot.loops_by_current`",
+                    "below; for own data `quartercar.plot.loops_by_current`",
                 ],
                 ["Figs. 3.2, 3.3, 3.5, 3.6, C.2", "zones, slopes, intercepts, limits", "below"],
                 ["Fig. 3.4", "one LTI model fails", "below"],
@@ -245,6 +252,12 @@ def main(full: bool) -> None:
             "## Headline numbers",
             headline(chain, rows, first),
             *inventory(),
+            "## Force by current (Figs. 1.4, 2.2, 3.1)",
+            picture(
+                draw.by_current(list(kept["test-8"])),
+                "004-currents",
+                "Loops at four of seven constant currents. Virtual rig, test-8.",
+            ),
             "## Three zones (Figs. 3.2 to 3.6, Table C.1)",
             *zones_text(chain),
             picture(
