@@ -259,19 +259,6 @@ def test_the_tutorial_runs(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("site")
-def test_the_least_squares_of_source_003_recovers_its_own_networks() -> None:
-    import numpy as np
-    from make_003 import fit_as_source
-
-    speed = np.linspace(0.0, 1.0, 23)
-    series = fit_as_source(speed, 5.0 + 2.0 * speed + 3.0 * speed**2, "series")
-    assert np.allclose(series.coefficients, (2.0, 3.0)) and series.offset == 5.0 and series.esr < 1e-20
-    force = np.linspace(0.0, 4.0, 23)
-    parallel = fit_as_source(0.1 * force + 0.3 * np.sqrt(force), force, "parallel")
-    assert np.allclose(parallel.coefficients, (0.1, 0.3)) and parallel.esr < 1e-20
-
-
-@pytest.mark.usefixtures("site")
 def test_the_device_of_source_002_settles_to_its_law() -> None:
     """At constant speed and duty: law, full Dahl friction and gas, other in rebound than in compression."""
     import numpy as np

@@ -43,6 +43,8 @@ _EXPORTS = {
     "quartercar.dampers.passivity": ("Passivity", "check_passivity"),
     "quartercar.dampers.log_fit": ("fit_log_force",),
     "quartercar.dampers.slopes": ("SlopeDiagnosis", "log_slopes"),
+    "quartercar.dampers.bridged": ("Branch", "Bridged"),
+    "quartercar.dampers.network_squares": ("NetworkSquares", "fit_network_squares"),
     "quartercar.dampers.topology": ("NetworkChoice", "choose_network"),
     "quartercar.dampers.static_characteristic": ("StaticCharacteristic", "static_points"),
     "quartercar.dampers.steady_windows": ("WindowSettings", "steady_windows"),
