@@ -1,6 +1,7 @@
-"""Page of source 004: `python docs/sources/make_004.py [--full]`, some two minutes; with --full about an hour.
+"""Page of source 004: `python docs/sources/make_004.py --full`, some ten minutes; without --full two.
 
---full: tests 4 and 5 at the source's 600 s on a damper that warms up, with all replicates.
+--full: tests 4 and 5 at the source's 600 s on a damper that warms up, with all replicates; the page that is kept is
+this one. After each model the time that is left is printed.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ text that we have has lost most of its tables and equations.
 `quartercar.rig`, which lies outside every class of models below. Equal figures would be chance. The question is
 whether the same statements hold.
 
-This page is written by `python docs/sources/make_004.py`. Free-run figures on held-out records throughout."""
+This page is written by `python docs/sources/make_004.py --full`. Free-run figures on held-out records throughout."""
 
 
 def discretised() -> tuple[np.ndarray, np.ndarray]:
@@ -242,7 +243,9 @@ def main(full: bool) -> None:
     }
     locus = plot.locus(lpv.pole_locus(chain.canonical), critical=lpv.critical_scheduling(chain.canonical))
     length = (
-        "the source's 600 s, warming, all replicates" if full else "60 s (the source: 600 s; `--full`), one replicate"
+        "the source's 600 s on a damper that warms up, all replicates; 1.6 h of held-out records"
+        if full
+        else "60 s (quick mode, without `--full`; the source: 600 s), one replicate"
     )
     write(
         "004",
@@ -308,5 +311,5 @@ def main(full: bool) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--full", action="store_true", help="600 s tests with all replicates; about an hour")
+    parser.add_argument("--full", action="store_true", help="600 s tests with all replicates; some ten minutes")
     main(parser.parse_args().full)

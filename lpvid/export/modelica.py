@@ -15,6 +15,7 @@ from lpvid.errors import InputError
 from lpvid.export.exportable import Exportable, Options
 from lpvid.export.exporting import Content, Export, content, written
 from lpvid.export.flow import Flow
+from lpvid.export.fmu_description import BASE
 from lpvid.export.modelica_printer import literal, says, spelled, step_function
 from lpvid.export.step_program import Quantity, StepProgram
 from lpvid.units import base_exponents
@@ -193,7 +194,7 @@ def modelica_unit(unit: str) -> str:
     if re.fullmatch(r"[AKNVWJmsg]|kg|Pa|rad|Hz", unit):
         return unit
     base = base_exponents(unit) if unit else {}
-    if not base or not all(float(e).is_integer() for e in base.values()):
+    if not base or not all(n in BASE and float(e).is_integer() for n, e in base.items()):
         return ""
     return ".".join(f"{n}{'' if int(e) == 1 else int(e)}" for n, e in base.items())
 

@@ -41,12 +41,14 @@ class ModelicaPrinter(Printer):
     """Modelica inside one function, where every quantity is a local variable; indices count from one.
 
     A name that two blocks of a program declare with different shapes is two variables, since functions declare all
-    of theirs at the top; `declared` lists them after `block`.
+    of theirs at the top; `declared` lists them after `block`, and `conditional` those that first occur in a branch.
     """
 
     def __init__(self) -> None:
         self.declared: dict[str, str] = {}
+        self.conditional: dict[str, str] = {}
         self._now: dict[str, str] = {}
+        self._branches = 0
 
     def number(self, value: float) -> str:
         return repr(float(value))
@@ -89,6 +91,8 @@ class ModelicaPrinter(Printer):
             found, count = f"{spelled(name)}_v{count}", count + 1
         self.declared[found] = kind
         self._now[name] = found
+        if self._branches:
+            self.conditional[found] = kind
         return found
 
     def lines(self, statement: Statement, depth: int) -> list[str]:
@@ -121,8 +125,10 @@ class ModelicaPrinter(Printer):
                 self._now[name] = outside
             return out
         assert isinstance(statement, Branch)
+        self._branches += 1
         out = [*wrapped(f"{pad}if {self.text(statement.condition)} then"), *self.block(statement.then, depth + 1)]
         out += [f"{pad}else", *self.block(statement.other, depth + 1)] if statement.other else []
+        self._branches -= 1
         return [*out, f"{pad}end if;"]
 
 
@@ -183,11 +189,17 @@ def step_function(program: StepProgram) -> list[str]:
             for name, kind in printer.declared.items()]
     out += ["algorithm"]
     out += [f"    {_entry(spelled(q.name), at)} := before[{k}];" for k, (q, at) in _places(program.states)]
+    out += [f"    {name} := {_zero(kind)};" for name, kind in printer.conditional.items()]  # a value on every way
     out += body
     out += [f"    after[{k}] := {_entry(spelled(('der_' if home == 'rate' else '') + q.name), at)};"
             for (k, (q, at)), home in zip(_places(program.states), _homes(ahead), strict=True)]
     out += [f"    after[{count + k}] := {spelled(q.name)};" for k, q in enumerate(program.outputs, 1)]
     return [*out, "end step;"]
+
+
+def _zero(kind: str) -> str:
+    name, _, shape = kind.partition("[")
+    return f"zeros({shape[:-1]})" if shape else "0" if name == "Integer" else "0.0"
 
 
 def _homes(ahead: Sequence[tuple[str, Quantity]]) -> list[str]:
