@@ -61,7 +61,8 @@ def own_effect(folder: Path) -> Names:
 
 
 SCENES: dict[str, Callable[[Path], Names]] = {
-    "README.md": rig_files, "docs/characterise.md": rig_files, "docs/scaling.md": long_file, "docs/ride.md": a_controller,
+    "README.md": rig_files, "docs/characterise.md": rig_files, "docs/scaling.md": long_file,
+    "docs/ride.md": a_controller,
     "docs/diagnosis.md": own_effect}
 """What stands in the folder, and in the namespace, of a page's block."""
 

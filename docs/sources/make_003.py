@@ -11,8 +11,14 @@ import numpy as np
 from writing import example, number, picture, table, write
 
 from lpvid.plot.style import BLUE, INK, MUTED, VERMILION, label, look, panels
-from quartercar.dampers import NetworkChoice, NetworkSquares, StaticCharacteristic, choose_network
-from quartercar.dampers import fit_network_squares, static_points
+from quartercar.dampers import (
+    NetworkChoice,
+    NetworkSquares,
+    StaticCharacteristic,
+    choose_network,
+    fit_network_squares,
+    static_points,
+)
 from quartercar.dampers.bridged import Branch, Bridged
 from quartercar.dampers.hydraulics import Laminar, Turbulent
 
