@@ -157,12 +157,13 @@ def hidden_effect() -> list[str]:
     ]
     return [
         "## A hidden effect: the valve that is missing",
-        "The source's point is that the valve's lag and delay cannot be dropped. Here they are: the device is a Force Map "
-        "with the valve above, the baseline a Force Map whose duty acts at once, and the whole catalogue is searched "
-        "(`docs/sources/diagnosis_002.py`).",
+        "The source's point is that the valve's lag and delay cannot be dropped. Here they are: the device is a Force "
+        "Map with the valve above, the baseline a Force Map whose duty acts at once, and the whole catalogue is "
+        "searched (`docs/sources/diagnosis_002.py`).",
         table(["diagnosis", "ours, virtual"], rows),
-        f"True time constants {spread[0]:.0f} to {spread[-1]:.0f} ms, delays 6 to 14 ms, by direction and edge. Expected "
-        f"was that nothing but lags of the command is named: {'so it is' if named and set(named) <= lags else 'not so'}.",
+        f"True time constants {spread[0]:.0f} to {spread[-1]:.0f} ms, delays 6 to 14 ms, by direction and edge. "
+        "Expected was that nothing but lags of the command is named: "
+        f"{'so it is' if named and set(named) <= lags else 'not so'}.",
     ]
 
 

@@ -13,6 +13,7 @@ from lpvid.errors import InputError
 from lpvid.export.c_build import find_compiler, run_self_test
 from lpvid.export.c_source import c_files
 from lpvid.export.exportable import Options
+from lpvid.export.matlab import find_octave
 from lpvid.export.python_printer import run
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial, Product, Scheduling, Spline
@@ -307,3 +308,13 @@ def test_a_loop_law_in_modelica_agrees():
     from lpvid.export.modelica import modelica_content
 
     assert modelica_content(export(loop("guo", "clipped-optimal"))).passed
+
+
+@pytest.mark.skipif(find_octave() is None, reason="GNU Octave is not installed")
+@pytest.mark.parametrize("case", ["extended-bouc-wen, full", "force-map, edges", "power-law", "guo-15"])
+def test_octave_runs_the_dampers(case):
+    """A local value named as a function of MATLAB would hide it there."""
+    from lpvid.export.matlab import matlab_content
+
+    made = matlab_content(export(DAMPERS[case]))
+    assert made.passed, made.checks
