@@ -1,7 +1,7 @@
 """Pictures of the documentation, from computations: `python docs/pictures.py [NAME…]` makes those of the explanations.
 
-`python docs/pictures.py --all` makes every picture again: these, the five source pages with theirs, and `images/`; half
-an hour of processor time.
+`python docs/pictures.py --all` makes every picture again: these, the five source pages with theirs, and `images/`; a
+quarter of an hour of processor time.
 
 Every legend names whether data are measured or virtual, and whether a figure is free-run or one-step. The site's build
 calls `draw_missing`, which makes only those that are not there or older than this file.
