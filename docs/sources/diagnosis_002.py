@@ -12,8 +12,10 @@ catalogue has eight numbers.
 
 from __future__ import annotations
 
+import json
 import sys
 import time
+from typing import Any
 
 import numpy as np
 from study_002 import TRUE_LAG
@@ -57,7 +59,19 @@ def diagnose() -> lpv.Diagnosis:
     return lpv.diagnose(training, DamperBaseline(ForceMap(**SHAPE, lag="none")), CATALOGUE, held_out=[held_out])
 
 
+def summary(found: lpv.Diagnosis) -> dict[str, Any]:
+    """What the page shows."""
+    rivals = [n for r in found.rivals for n in r.names]
+    numbers = [[f"{c.name}: {p.name}", f"{p.value:.3g} {p.unit} ± {p.std:.1g}"]
+               for c in found.causes for p in c.parameters]
+    return {"verdict": found.verdict, "causes": [c.name for c in found.causes], "rivals": rivals, "numbers": numbers,
+            "before": found.before.esr_held_out, "after": found.after and found.after.esr_held_out,
+            "gain_percent": found.gain_percent}
+
+
 if __name__ == "__main__":
     begun = time.perf_counter()
-    print(diagnose())
+    result = diagnose()
+    print(result, file=sys.stderr)
+    print(json.dumps(summary(result)))
     print(f"{time.perf_counter() - begun:.0f} s", file=sys.stderr)

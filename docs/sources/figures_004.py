@@ -60,7 +60,7 @@ def zones(chain: Chain, constant: Sequence[lpv.Record]) -> Figure:
 def by_current(constant: Sequence[lpv.Record]) -> Figure:
     """Figs. 1.4, 2.2, 3.1: force over displacement and velocity at every constant current."""
     runs = sorted(constant, key=lambda r: float(r["current"].mean()))
-    colours = [BLUE, GREEN, VERMILION, *CYCLE]
+    colours = (MUTED, BLUE, GREEN, VERMILION)
     with look():
         figure, axes = panels(1, 2, height=3.0)
         for ax, channel, unit, scale in zip(
@@ -73,7 +73,7 @@ def by_current(constant: Sequence[lpv.Record]) -> Figure:
                     run["force"][part],
                     color=colour,
                     linewidth=0.8,
-                    label=f"{run['current'].mean():.2g} A, {VIRTUAL}",
+                    label=f"{abs(run['current'].mean()):.1f} A, {VIRTUAL}",
                 )
             ax.set(xlabel=label(channel, unit), ylabel=label("force", "N"))
         axes[0, 1].legend(fontsize=7)

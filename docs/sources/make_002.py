@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
 import sys
 import time
 from typing import TYPE_CHECKING
 
 import numpy as np
-from diagnosis_002 import diagnose
 from study_002 import CUTOFF, TAPS, TRUE_LAG, Foreign, fit_models, lag_values, records
-from writing import number, picture, table, write
+from writing import FOLDER, number, picture, table, write
 
 import lpvid as lpv
 from lpvid.plot.style import BLUE, INK, MUTED, VERMILION, label, look, panels
@@ -142,18 +143,18 @@ def lags(models: dict[str, Stepwise]) -> str:
 
 
 def hidden_effect() -> list[str]:
-    """What a diagnosis says of a Force Map without valve dynamics (see `diagnosis_002`)."""
-    found = diagnose()
-    named = [c.name for c in found.causes] or [n for r in found.rivals for n in r.names]
-    before, after = found.before, found.after
+    """What a diagnosis says of a Force Map without valve dynamics (see `diagnosis_002`, which runs by itself)."""
+    script = [sys.executable, str(FOLDER / "diagnosis_002.py")]
+    found = json.loads(subprocess.run(script, cwd=FOLDER, check=True, stdout=subprocess.PIPE).stdout)
+    named = found["causes"] or found["rivals"]
     spread = sorted(1e3 * t for t, _ in TRUE_LAG.values())
     lags = {"rise-fall-lag", "coil-lag", "command-delay", "valve-dynamics"}
     rows = [
-        ["verdict", found.verdict],
-        ["named" if found.causes else "cannot be kept apart", ", ".join(f"`{n}`" for n in named)],
-        *([f"{c.name}: {p.name}", f"{p.value:.3g} {p.unit} ± {p.std:.1g}"] for c in found.causes for p in c.parameters),
-        ["free-run ESR, held-out, before", number(before.esr_held_out)],
-        ["free-run ESR, held-out, with the lag", number(after.esr_held_out) if after is not None else "–"],
+        ["verdict", found["verdict"]],
+        ["named" if found["causes"] else "cannot be kept apart", ", ".join(f"`{n}`" for n in named)],
+        *found["numbers"],
+        ["free-run ESR, held-out, before", number(found["before"])],
+        ["free-run ESR, held-out, with the lag", number(found["after"])],
     ]
     return [
         "## A hidden effect: the valve that is missing",
