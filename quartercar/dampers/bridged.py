@@ -108,7 +108,7 @@ class Bridged(Path):
                 low, high = -along.max(), -along.min()
                 if high > low:
                     move = brentq(lambda d, loop=loop, along=along: self._around(loop, along + d), low, high,
-                                  xtol=EPS * np.abs(along).max(), rtol=EPS)
+                                  xtol=EPS * np.abs(along).max(), rtol=np.float64(EPS))
                     q[loop.places] += loop.signs * move
         raise NumericalError(f"the flows of a network with {len(self._loops)} loops did not settle in {SWEEPS} passes")
 
