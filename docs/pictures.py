@@ -1,4 +1,7 @@
-"""Pictures of the explanations, from computations: `python docs/pictures.py [NAME…]` makes all or the named ones again.
+"""Pictures of the documentation, from computations: `python docs/pictures.py [NAME…]` makes those of the explanations.
+
+`python docs/pictures.py --all` makes every picture again: these, the five source pages with theirs, and `images/`; a
+quarter of an hour of processor time.
 
 Every legend names whether data are measured or virtual, and whether a figure is free-run or one-step. The site's build
 calls `draw_missing`, which makes only those that are not there or older than this file.
@@ -6,7 +9,10 @@ calls `draw_missing`, which makes only those that are not there or older than th
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -206,7 +212,29 @@ def draw_missing(folder: Path = FOLDER) -> None:
             draw(name, folder)
 
 
+SOURCES = ("make_000.py", "make_001.py", "make_002.py", "make_003.py", "make_004.py --full")
+"""of `docs/sources`"""
+
+
+def draw_everything() -> None:
+    """All pictures of the documentation, each by the script that owns it."""
+    here = Path(__file__).resolve().parent
+    for name in PICTURES:
+        print(draw(name))
+    for script in SOURCES:
+        subprocess.run([sys.executable, *script.split()], cwd=here / "sources", check=True)
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run([sys.executable, "-m", "quartercar", "demo", "--out", folder], cwd=here.parent, check=True)
+        shutil.copy(Path(folder) / "overview.png", here / "images" / "overview.png")
+        example = here.parent / "examples" / "characterise_damper.py"
+        subprocess.run([sys.executable, str(example), folder], cwd=here.parent, check=True)
+        shutil.copy(Path(folder) / "characteristics.png", here / "images" / "characterise.png")
+
+
 if __name__ == "__main__":
+    if sys.argv[1:] == ["--all"]:
+        draw_everything()
+        sys.exit()
     unknown = [n for n in sys.argv[1:] if n not in PICTURES]
     if unknown:
         sys.exit(f"no picture {unknown[0]}; there are {', '.join(PICTURES)}")

@@ -259,19 +259,6 @@ def test_the_tutorial_runs(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("site")
-def test_the_least_squares_of_source_003_recovers_its_own_networks() -> None:
-    import numpy as np
-    from make_003 import fit_as_source
-
-    speed = np.linspace(0.0, 1.0, 23)
-    series = fit_as_source(speed, 5.0 + 2.0 * speed + 3.0 * speed**2, "series")
-    assert np.allclose(series.coefficients, (2.0, 3.0)) and series.offset == 5.0 and series.esr < 1e-20
-    force = np.linspace(0.0, 4.0, 23)
-    parallel = fit_as_source(0.1 * force + 0.3 * np.sqrt(force), force, "parallel")
-    assert np.allclose(parallel.coefficients, (0.1, 0.3)) and parallel.esr < 1e-20
-
-
-@pytest.mark.usefixtures("site")
 def test_the_device_of_source_002_settles_to_its_law() -> None:
     """At constant speed and duty: law, full Dahl friction and gas, other in rebound than in compression."""
     import numpy as np
@@ -287,3 +274,32 @@ def test_the_device_of_source_002_settles_to_its_law() -> None:
         settled = law(speed, 0.3, shape) + np.copysign(device.friction, speed) + device.gas_preload
         assert force == pytest.approx(settled, rel=1e-3)
     assert law(0.05, 0.3, shape) == pytest.approx(-device.rebound * law(-0.05, 0.3, shape))
+
+
+@pytest.mark.usefixtures("site")
+def test_dead_links_of_a_site_are_named(tmp_path: Path) -> None:
+    from building.links import dead_links
+
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "index.html").write_text('<p id="top"><a href="#top">a</a><a href="sub/page.html#there">b</a><img '
+                                         'src="none.png"><a href="https://example.org/x">c</a><a href="#no">d</a>')
+    (tmp_path / "sub" / "page.html").write_text('<h1 id="there"></h1><a href="..">up</a><a href="../gone.html">e</a>')
+    assert sorted(dead_links(tmp_path)) == ["index.html: #no", "index.html: none.png", "sub/page.html: ../gone.html"]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("site")
+def test_the_lags_of_source_002_come_back_by_direction_and_edge() -> None:
+    """Eight time constants and delays, all different and away from the defaults, from a device of another form."""
+    import numpy as np
+    from study_002 import NODES, TRUE_LAG, Foreign, lag_values, records
+
+    from quartercar.dampers import ExtendedBoucWen, identify_stepwise
+
+    training, _ = records(Foreign(), np.random.default_rng(2))
+    found = identify_stepwise(ExtendedBoucWen(nodes=NODES, current_unit="1"), training)
+    for key, (time_constant, delay) in lag_values(found).items():
+        assert time_constant == pytest.approx(TRUE_LAG[key][0], abs=4e-3), key
+        assert delay == pytest.approx(TRUE_LAG[key][1], abs=4e-3), key
+    assert lag_values(found)["compression", "fall"][0] == max(t for t, _ in lag_values(found).values())
+    assert lag_values(found)["rebound", "rise"][0] == min(t for t, _ in lag_values(found).values())

@@ -57,6 +57,29 @@ def zones(chain: Chain, constant: Sequence[lpv.Record]) -> Figure:
     return figure
 
 
+def by_current(constant: Sequence[lpv.Record]) -> Figure:
+    """Figs. 1.4, 2.2, 3.1: force over displacement and velocity at every constant current."""
+    runs = sorted(constant, key=lambda r: float(r["current"].mean()))
+    colours = (MUTED, BLUE, GREEN, VERMILION)
+    with look():
+        figure, axes = panels(1, 2, height=3.0)
+        for ax, channel, unit, scale in zip(
+            axes[0], ("displacement", "velocity"), ("mm", "m/s"), (1e3, 1.0), strict=True
+        ):
+            for run, colour in zip(runs[::2], colours, strict=False):
+                part = slice(1000, 1800)
+                ax.plot(
+                    scale * run[channel][part],
+                    run["force"][part],
+                    color=colour,
+                    linewidth=0.8,
+                    label=f"{abs(run['current'].mean()):.1f} A, {VIRTUAL}",
+                )
+            ax.set(xlabel=label(channel, unit), ylabel=label("force", "N"))
+        axes[0, 1].legend(fontsize=7)
+    return figure
+
+
 def linear_fails(chain: Chain, run: lpv.Record) -> Figure:
     """Fig. 3.4: one linear model of velocity beside the LPV model, at one current."""
     with look():

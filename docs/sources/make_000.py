@@ -147,6 +147,23 @@ def loops(sines: list[Sine], amplitude: float) -> Figure:
     return figure
 
 
+def plans() -> tuple[str, str]:
+    """Tables I and II: amplitudes and frequencies with the peak velocities that follow from (1)-(2)."""
+    sines = [
+        [
+            f"{1e3 * x:g}",
+            ", ".join(f"{f:g}" for f in fs),
+            ", ".join(f"{2e3 * np.pi * f * x:.0f}{'' if 2 * np.pi * f * x <= RIG_SPEED else ' (not run)'}" for f in fs),
+        ]
+        for x, fs in SINES.items()
+    ]
+    ramps = [[f"{f:g}", f"{4e3 * f * 0.063:.1f}"] for f in RAMPS]
+    return (
+        table(["amplitude [mm]", "frequencies, source and ours [Hz]", "peak velocity 2πfX [mm/s]"], sines),
+        table(["ramp at 63 mm, source and ours [Hz]", "velocity 4fX [mm/s]"], ramps),
+    )
+
+
 def constants(found: RampFit, creep: list[lpv.Record]) -> str:
     """Table III and the static tests."""
     ours, theirs = found.law.printed("mm"), SWIFT_2012.printed("mm")
@@ -251,23 +268,21 @@ def main() -> None:
             table(
                 ["source", "what it shows", "here"],
                 [
-                    [
-                        "Table I",
-                        "sines",
-                        "; ".join(f"{1e3 * x:g} mm: {', '.join(f'{f:g}' for f in fs)} Hz" for x, fs in SINES.items()),
-                    ],
-                    ["Table II", "ramps at 63 mm", f"{', '.join(f'{f:g}' for f in RAMPS)} Hz"],
+                    ["Tables I, II", "sines, ramps", "below"],
                     ["Table III", "constants", "below"],
                     ["Table IV", "work per cycle", "below"],
                     ["Figs. 1 to 3", "specimen and rig", "photographs and a drawing, no data"],
                     ["Figs. 4 to 6", "courses of displacement and velocity", "as Tables I and II"],
                     ["Figs. 7, 8", "measured work and characteristic diagrams of sines", "below, as sets"],
-                    ["Fig. 9", "work diagrams of ramps", "first picture, left"],
+                    ["Fig. 9", "work diagrams of ramps", "the ramp fit, left"],
                     ["Fig. 10", "creep loop, gas and friction", "last row of the constants"],
-                    ["Figs. 11 to 13", "force over velocity of the ramps, curve fits", "first picture, right"],
+                    ["Figs. 11 to 13", "force over velocity of the ramps, curve fits", "the ramp fit, right"],
                     ["Figs. 14 to 19", "work and characteristic diagrams, model and test", "below, as sets"],
                 ],
             ),
+            "## Test plans (Tables I and II)",
+            *plans(),
+            "The source prints 3,5 at 30 mm (read as 3.5 Hz) and 2 Hz twice. The rig's limit is 0.7 m/s.",
             "## Constants (Table III)",
             constants(found, creep),
             picture(ramp_picture(found, ramps), "000-ramps", "The ramp fit. Virtual damper."),

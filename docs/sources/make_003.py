@@ -5,22 +5,38 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from writing import example, number, picture, table, write
 
 from lpvid.plot.style import BLUE, INK, MUTED, VERMILION, label, look, panels
-from quartercar.dampers import NetworkChoice, choose_network, static_points
+from quartercar.dampers import (
+    NetworkChoice,
+    NetworkSquares,
+    StaticCharacteristic,
+    choose_network,
+    fit_network_squares,
+    static_points,
+)
+from quartercar.dampers.bridged import Branch, Bridged
+from quartercar.dampers.laws.hydraulics import Laminar, Turbulent
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from lpvid import Record
 
-USED = 21
-"""points of 23 that the source's least squares uses: the two lowest speeds are friction"""
+BRIDGE = Bridged(
+    [
+        Branch("in", "a", Laminar(4e4)),
+        Branch("in", "b", Turbulent(4e8)),
+        Branch("a", "b", Turbulent(1e7)),
+        Branch("a", "out", Turbulent(6e8)),
+        Branch("b", "out", Laminar(9e4)),
+    ]
+)
+"""a bridge in force and speed [N·s/m], [N·s²/m²]: two ways with their losses in opposite order, and a gap across"""
 INTRO = """# 003: series or parallel losses in a hydraulic damper (Titurus and co-workers)
 
 An aerospace damper with one fixed orifice, 23 triangle runs below 2 mm/s. Is its static characteristic that of a
@@ -29,49 +45,10 @@ laminar and a turbulent loss in series, or in parallel?
 **Whose data.** The *source* prints figures without numbers, since a scale is confidential. *Ours* are **virtual**: a
 compressible oil column behind a network, dry friction of 10 N, 1 % of noise (`examples/network_topology.py`). One
 device has its losses in series, as the source concludes for its own; another has a leak beside them, which the source
-does not test.
+does not test; a third is a bridge, one of the general networks of (3)-(4), which is no series or parallel at all.
 
 This page is written by `python docs/sources/make_003.py`. Points are steady forces over speed; every fit is static,
 so that free-run and one-step are the same, and sees all of its points (training), except where held-out is written."""
-
-
-@dataclass(frozen=True)
-class SourceFit:
-    """Least squares of the source, (7) for series and (8) for parallel, in the force domain.
-
-    F̃ = F − min F over the points, of which the two lowest speeds are left out (21 of 23). Series minimises the error
-    of F̃ in F̃ = c_L v + c_Q v², parallel that of v in v = a F̃ + b √F̃, as printed; both are judged in F̃.
-    """
-
-    name: str
-    coefficients: tuple[float, float]
-    offset: float
-    esr: float
-
-    def force(self, speed: np.ndarray) -> np.ndarray:
-        """F(v), the parallel law by its stable inverse √F̃ = 2v/(b + √(b² + 4 a v))."""
-        first, second = self.coefficients
-        if self.name == "series":
-            return self.offset + first * speed + second * speed**2
-        inside = np.maximum(second**2 + 4 * first * speed, 0.0)
-        return self.offset + (2 * speed / (second + np.sqrt(inside))) ** 2
-
-
-def fit_as_source(speed: np.ndarray, force: np.ndarray, name: str) -> SourceFit:
-    """(7) or (8) on quadrant 1.
-
-    >>> v = np.linspace(0.01, 1.0, 23)
-    >>> found = fit_as_source(v, 5.0 + 2.0 * v + 3.0 * v**2, "series")
-    >>> [round(c, 2) for c in found.coefficients]
-    [2.0, 3.0]
-    """
-    offset = float(force.min())
-    v, f = speed[-USED:], force[-USED:] - offset
-    columns, target = ([v, v**2], f) if name == "series" else ([f, np.sqrt(f)], v)
-    found = np.linalg.lstsq(np.column_stack(columns), target, rcond=None)[0]
-    fit = SourceFit(name, (float(found[0]), float(found[1])), offset, np.nan)
-    error = force[-USED:] - fit.force(v)
-    return SourceFit(name, fit.coefficients, offset, float(np.sum(error**2) / np.sum((f - f.mean()) ** 2)))
 
 
 def quadrant(choice: NetworkChoice) -> tuple[np.ndarray, np.ndarray]:
@@ -93,7 +70,7 @@ def steady_levels(runs: Mapping[float, Record]) -> Figure:
     return figure
 
 
-def characteristics(choice: NetworkChoice, fits: Sequence[SourceFit]) -> Figure:
+def characteristics(choice: NetworkChoice, fits: Sequence[NetworkSquares]) -> Figure:
     """Figs. 4, 6 and 7: points and both networks, linear and logarithmic; the source's fits and ours."""
     v, f = quadrant(choice)
     grid = np.geomspace(v.min(), v.max(), 200)
@@ -103,7 +80,7 @@ def characteristics(choice: NetworkChoice, fits: Sequence[SourceFit]) -> Figure:
             ax.plot(1e3 * v, f, "o", mfc="none", ms=4, color=INK, label="triangle runs, virtual")
             for fit, style in zip(fits, ("-", "--"), strict=True):
                 ax.plot(
-                    1e3 * grid, fit.force(grid), style, color=VERMILION, label=f"source's least squares: {fit.name}"
+                    1e3 * grid, fit.force(grid), style, color=VERMILION, label=f"source's least squares: {fit.form}"
                 )
             ax.plot(
                 1e3 * grid, choice.best.force(grid), ":", color=BLUE, label=f"ours, in log force: {choice.best.network}"
@@ -113,11 +90,18 @@ def characteristics(choice: NetworkChoice, fits: Sequence[SourceFit]) -> Figure:
     return figure
 
 
-def comparison(choices: dict[str, NetworkChoice], fits: dict[str, list[SourceFit]]) -> str:
+def bridged(speeds: np.ndarray, rng: np.random.Generator) -> StaticCharacteristic:
+    """Steady points of the bridge with friction and 0.3 % of noise."""
+    force = BRIDGE.pressure(speeds) + 10.0
+    noise = 0.003 * force
+    return StaticCharacteristic(speeds, force + noise * rng.standard_normal(speeds.size), noise)
+
+
+def comparison(choices: dict[str, NetworkChoice], fits: dict[str, list[NetworkSquares]]) -> str:
     """ESR by the source's own least squares, and ours."""
     rows = []
     for truth, choice in choices.items():
-        esr = {f.name: f.esr for f in fits[truth]}
+        esr = {f.form: f.esr for f in fits[truth]}
         rows.append(
             [
                 f"losses {truth}",
@@ -141,9 +125,9 @@ def comparison(choices: dict[str, NetworkChoice], fits: dict[str, list[SourceFit
     )
 
 
-def constants(choice: NetworkChoice, fits: Sequence[SourceFit], truth: tuple[float, float, float]) -> str:
+def constants(choice: NetworkChoice, fits: Sequence[NetworkSquares], truth: tuple[float, float, float]) -> str:
     """True, source's and our constants of the device in series."""
-    series = next(f for f in fits if f.name == "series")
+    series = next(f for f in fits if f.form == "series")
     ours = choice.fits["series"].theta
     rows = [
         ["c_L [N·s/m]", number(truth[0], 4), number(series.coefficients[0], 4), number(float(ours[0]), 4)],
@@ -153,6 +137,11 @@ def constants(choice: NetworkChoice, fits: Sequence[SourceFit], truth: tuple[flo
     return table(["constant", "true", "source's least squares", "ours, jointly in log force"], rows)
 
 
+def bridge_share() -> float:
+    """Flow through the gap of the bridge at the largest speed, as a share of what enters."""
+    return float(abs(BRIDGE.flows(2e-3)[2]) / 2e-3)
+
+
 def main() -> None:
     """Compute everything and write the page."""
     begun = time.perf_counter()
@@ -160,7 +149,8 @@ def main() -> None:
     rng = np.random.default_rng(3)
     runs = {name: [study.run(v, truth, rng) for v in study.SPEEDS] for name, truth in study.TRUTHS.items()}
     choices = {name: choose_network(static_points(found)) for name, found in runs.items()}
-    fits = {name: [fit_as_source(*quadrant(c), n) for n in ("series", "parallel")] for name, c in choices.items()}
+    choices["bridged"] = choose_network(bridged(study.SPEEDS, rng))
+    fits = {name: [fit_network_squares(*quadrant(c), n) for n in ("series", "parallel")] for name, c in choices.items()}
     series = choices["series"]
     slopes = series.slopes
     bend = ", ".join(f"{s:.2f}" for s in slopes.slope[[0, len(slopes.slope) // 2, -1]])
@@ -194,6 +184,12 @@ def main() -> None:
                         f"a device with a leak beside the losses: {choices['mixed'].verdict}",
                         "not tested in the source (E3.9)",
                     ],
+                    [
+                        "general networks of nodes (3)-(4)",
+                        f"a bridge with {bridge_share():.0%} of the flow across it: "
+                        f"{choices['bridged'].verdict}",
+                        "a static characteristic shows the order of losses, not the wiring",
+                    ],
                 ],
             ),
             "## Series or parallel",
@@ -204,7 +200,11 @@ def main() -> None:
             table(
                 ["source", "what it shows", "here"],
                 [
-                    ["Figs. 1, 2, 5", "damper, rig, networks", "drawings; `quartercar.dampers.laws.hydraulics`"],
+                    [
+                        "Figs. 1, 2, 5",
+                        "damper, rig, networks",
+                        "drawings; `quartercar.dampers.laws.hydraulics`, bridges in `quartercar.dampers.bridged`",
+                    ],
                     ["Fig. 3", "steady force levels of two runs", "below"],
                     ["Fig. 4", "static characteristic, linear and logarithmic", "below, points"],
                     ["Figs. 6, 7", "both networks, linear and logarithmic", "below, lines"],

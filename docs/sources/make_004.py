@@ -1,6 +1,7 @@
-"""Page of source 004: `python docs/sources/make_004.py [--full]`, some two minutes; with --full about an hour.
+"""Page of source 004: `python docs/sources/make_004.py --full`, some ten minutes; without --full two.
 
---full: tests 4 and 5 at the source's 600 s on a damper that warms up, with all replicates.
+--full: tests 4 and 5 at the source's 600 s on a damper that warms up, with all replicates; the page that is kept is
+this one. After each model the time that is left is printed.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import time
 
 import figures_004 as draw
 import numpy as np
-from study_004 import EXPERIMENTS, Chain, Row, compare_all, held_out, identify_chain
+from study_004 import EXPERIMENTS, Chain, Row, compare_all, held_out, identify_chain, regressions
 from writing import number, picture, table, write
 
 import lpvid as lpv
@@ -31,7 +32,7 @@ text that we have has lost most of its tables and equations.
 `quartercar.rig`, which lies outside every class of models below. Equal figures would be chance. The question is
 whether the same statements hold.
 
-This page is written by `python docs/sources/make_004.py`. Free-run figures on held-out records throughout."""
+This page is written by `python docs/sources/make_004.py --full`. Free-run figures on held-out records throughout."""
 
 
 def discretised() -> tuple[np.ndarray, np.ndarray]:
@@ -141,7 +142,14 @@ def zones_text(chain: Chain) -> list[str]:
             ["current [A]", "v_high [mm/s]", "m₁ [N·s/m]", "c₁ [N]", "m₂ [N·s/m]", "c₂ [N]", "m₃ [N·s/m]", "c₃ [N]"],
             rows,
         ),
-        "Ours, virtual, for Figs. 3.2 to 3.6 and Table C.1, whose numbers are lost.",
+        "Ours, virtual, for Figs. 3.2 to 3.6 and Table C.1, whose numbers are lost. Over the current:",
+        table(
+            ["coefficient", "at 0 A", "per A", "R² of first degree", "R² of second degree"],
+            [
+                [f"{r.name} [{r.unit}]", *(number(c) for c in r.coefficients), *(f"{q:.3f}" for q in r.r_squared)]
+                for r in regressions(found)
+            ],
+        ),
         table(
             ["the source reads from its figures", "ours, virtual"],
             [
@@ -204,7 +212,7 @@ def inventory() -> list[str]:
                 [
                     "Figs. 1.4, 3.1, 2.2",
                     "force over velocity by current",
-                    "first figure below, and `quartercar.plot.loops_by_current`",
+                    "below; for own data `quartercar.plot.loops_by_current`",
                 ],
                 ["Figs. 3.2, 3.3, 3.5, 3.6, C.2", "zones, slopes, intercepts, limits", "below"],
                 ["Fig. 3.4", "one LTI model fails", "below"],
@@ -235,7 +243,9 @@ def main(full: bool) -> None:
     }
     locus = plot.locus(lpv.pole_locus(chain.canonical), critical=lpv.critical_scheduling(chain.canonical))
     length = (
-        "the source's 600 s, warming, all replicates" if full else "60 s (the source: 600 s; `--full`), one replicate"
+        "the source's 600 s on a damper that warms up, all replicates; 1.6 h of held-out records"
+        if full
+        else "60 s (quick mode, without `--full`; the source: 600 s), one replicate"
     )
     write(
         "004",
@@ -245,6 +255,12 @@ def main(full: bool) -> None:
             "## Headline numbers",
             headline(chain, rows, first),
             *inventory(),
+            "## Force by current (Figs. 1.4, 2.2, 3.1)",
+            picture(
+                draw.by_current(list(kept["test-8"])),
+                "004-currents",
+                "Loops at four of seven constant currents. Virtual rig, test-8.",
+            ),
             "## Three zones (Figs. 3.2 to 3.6, Table C.1)",
             *zones_text(chain),
             picture(
@@ -295,5 +311,5 @@ def main(full: bool) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--full", action="store_true", help="600 s tests with all replicates; about an hour")
+    parser.add_argument("--full", action="store_true", help="600 s tests with all replicates; some ten minutes")
     main(parser.parse_args().full)

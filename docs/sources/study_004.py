@@ -130,12 +130,46 @@ def identify_chain(training: Sequence[lpv.Record]) -> Chain:
 def compare_all(
     chain: Chain, training: Sequence[lpv.Record], kept: Mapping[str, Sequence[lpv.Record]]
 ) -> tuple[list[Row], dict[str, object]]:
-    """All rows, and the models by "family, model"."""
+    """All rows, and the models by "family, model"; after each row, how long the others may take at this row's pace."""
     rows, models = [], {}
     listed = [*laws(training), *((f, n, t, (lambda m=m: m)) for f, n, t, m in chain.models())]
-    for family, name, where, make in listed:
+    hours = sum(r.n_samples * r.sample_time for runs in kept.values() for r in runs) / 3600
+    print(f"{len(listed)} models along {hours:.2f} h of held-out records", file=sys.stderr)
+    first = time.perf_counter()
+    for k, (family, name, where, make) in enumerate(listed, 1):
         begun = time.perf_counter()
         model = models[f"{family}, {name}"] = make()
         rows.append(judge(family, name, where, model, kept))
-        print(f"{family}, {name}: mean ESR {rows[-1].mean}, {time.perf_counter() - begun:.0f} s", file=sys.stderr)
+        now = time.perf_counter()
+        left = (now - first) / k * (len(listed) - k)
+        print(
+            f"{family}, {name}: mean ESR {rows[-1].mean}, {now - begun:.0f} s; about {left / 60:.0f} min to go",
+            file=sys.stderr,
+        )
     return rows, models
+
+
+@dataclass(frozen=True)
+class LineOverCurrent:
+    """A slope, an intercept or v_high of every level against its polynomial in the current (Table C.1)."""
+
+    name: str
+    unit: str
+    coefficients: tuple[float, ...]
+    r_squared: tuple[float, ...]
+    """of first and second degree"""
+
+
+def regressions(found: ZoneRegression) -> list[LineOverCurrent]:
+    """First-degree lines through the seven levels, with R² of first and second degree."""
+    levels, lines = np.array(found.levels), np.array(found.lines)
+    listed = [("v_high", "m/s", np.array(found.limits))]
+    listed += [(f"m_{z + 1}", "N·s/m", lines[:, z, 0]) for z in range(3)]
+    listed += [(f"c_{z + 1}", "N", lines[:, z, 1]) for z in range(3)]
+    rows = []
+    for name, unit, values in listed:
+        fits = [np.polynomial.polynomial.polyfit(levels, values, degree) for degree in (1, 2)]
+        spread = np.sum((values - values.mean()) ** 2)
+        left = [np.sum((values - np.polynomial.polynomial.polyval(levels, f)) ** 2) for f in fits]
+        rows.append(LineOverCurrent(name, unit, tuple(fits[0].tolist()), tuple(float(1 - e / spread) for e in left)))
+    return rows

@@ -13,7 +13,7 @@ from lpvid.errors import InputError
 if TYPE_CHECKING:
     from lpvid.export.exporting import Content
 
-To = Annotated[str, typer.Option("--to", metavar="FORM", help="c, fmu2, fmu3, matlab, control or csv.")]
+To = Annotated[str, typer.Option("--to", metavar="FORM", help="c, fmu2, fmu3, modelica, matlab, control or csv.")]
 Name = Annotated[str, typer.Option("--name", metavar="NAME", help="Prefix of files and functions; left out, one from "
                                    "the kind of model.", show_default=False)]
 Precision = Annotated[str, typer.Option("--precision", metavar="TYPE", help="Arithmetic of the C code: double or "
@@ -40,10 +40,10 @@ def export(model: options.ModelFile, to: To = "c", out: options.Out = None, name
     """Write a model, damper, controller or synthesis for other tools.
 
     c: one header, one source and a self-test in C99, without allocation or global state. fmu2, fmu3: a co-simulation
-    FMU of the same C, compiled here, sources inside. matlab: a .mat file with .m files that rebuild and step it.
-    control: a Python file for python-control. csv: coefficients and frozen matrices. What was exported is compared with
-    this package's own simulation where the system has the tools for it; the figures are printed, and the exit code is 3
-    where they are not what an export promises.
+    FMU of the same C, compiled here, sources inside. modelica: a package in text. matlab: a .mat file with .m files
+    that rebuild and step it. control: a Python file for python-control. csv: coefficients and frozen matrices. What
+    was exported is compared with this package's own simulation where the system has the tools for it; the figures are
+    printed, and the exit code is 3 where they are not what an export promises.
     """
     from lpvid.export.exportable import Options
     from lpvid.export.exporting import content

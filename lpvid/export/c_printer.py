@@ -22,7 +22,8 @@ from lpvid.export.step_program import (
     StepProgram,
 )
 
-HOMES = {"input": "u->", "output": "y->", "state": "s->", "parameter": "p->", "rate": "dx->", "local": ""}
+HOMES = {"input": "u->", "output": "y->", "state": "s->", "parameter": "p->", "rate": "dx->", "local": "",
+         "state_tangent": "ds->", "input_tangent": "du->", "rate_tangent": "ddx->", "output_tangent": "dy->"}
 WORDS = {"and": "&&", "or": "||", "not": "!"}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Sequence
 
@@ -11,6 +12,7 @@ from lpvid import _checks
 from lpvid.export.c_printer import CPrinter, c_number, initializer
 from lpvid.export.exportable import Exportable
 from lpvid.export.step_program import Quantity, StepProgram
+from lpvid.export.tangent import tangent
 
 PRECISIONS = ("double", "float")
 TOLERANCE = {"double": 1e-12, "float": 1e-5}
@@ -58,7 +60,7 @@ def header(program: StepProgram, precision: str) -> str:
             f"extern const {name}_parameters {name}_defaults;", "",
             "/**", " * @brief Start from rest.", " * @param[out] s States at the start.", " */",
             f"void {name}_init({name}_states *s);", "",
-            *(_step_prototype(name) if sampled else _flow_prototype(name)), "",
+            *(_step_prototype(name) if sampled else [*_flow_prototype(name), "", *_tangent_prototype(name)]), "",
             "#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {guard} */", ""]
     return "\n".join(out)
 
@@ -89,6 +91,17 @@ def _flow_prototype(name: str) -> list[str]:
             " * @param[in] u Inputs.", " * @param[out] dx Derivatives, per second.", " * @param[out] y Outputs.", " */",
             f"void {name}_derivatives(const {name}_parameters *p, const {name}_states *s, const {name}_inputs *u,",
             f"{' ' * (len(name) + 18)}{name}_states *dx, {name}_outputs *y);"]
+
+
+def _tangent_prototype(name: str) -> list[str]:
+    pad = " " * (len(name) + 18)
+    return ["/**", " * @brief Derivatives and outputs, and their exact differentials in a direction.",
+            f" * @param[in] p Parameters, {name}_defaults for instance.", " * @param[in] s States.",
+            " * @param[in] u Inputs.", " * @param[in] ds, du The direction: how states and inputs move.",
+            " * @param[out] dx, y As of the function above.", " * @param[out] ddx, dy Their differentials.", " */",
+            f"void {name}_directional(const {name}_parameters *p, const {name}_states *s, const {name}_inputs *u,",
+            f"{pad}const {name}_states *ds, const {name}_inputs *du, {name}_states *dx, {name}_outputs *y,",
+            f"{pad}{name}_states *ddx, {name}_outputs *dy);"]
 
 
 def _groups(program: StepProgram) -> list[tuple[str, tuple[Quantity, ...], str]]:
@@ -137,7 +150,17 @@ def source(program: StepProgram, precision: str) -> str:
         marks = ("p", "s", "u", "dx", "y")
         out += ["}", "", *[line.rstrip(";") for line in _flow_prototype(name)[-2:]], "{"]
     out += [f"    (void){mark};" for mark in marks if f"{mark}->" not in text]
-    return "\n".join([*out, text, "}", ""])
+    out += [text, "}", ""]
+    return "\n".join(out if program.sample_time else [*out, *_directional(program, precision)])
+
+
+def _directional(program: StepProgram, precision: str) -> list[str]:
+    """The function of `_tangent_prototype`, by `lpvid.export.tangent`."""
+    moving = tangent(program)
+    text = "\n".join(CPrinter(moving, precision).block(moving.body, 1))
+    marks = [m for m in ("p", "s", "u", "ds", "du", "dx", "y", "ddx", "dy") if not re.search(rf"\b{m}->", text)]
+    return [*(line.rstrip(";") for line in _tangent_prototype(program.name)[-3:]), "{",
+            *(f"    (void){m};" for m in marks), text, "}", ""]
 
 
 def _start(q: Quantity, single: bool) -> list[str]:

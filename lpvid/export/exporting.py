@@ -22,7 +22,7 @@ class Export:
     Attributes
     ----------
     form : str
-        "c", "fmu2", "fmu3", "matlab", "control" or "csv".
+        "c", "fmu2", "fmu3", "modelica", "matlab", "control" or "csv".
     files : tuple of Path
     says : str
         What was exported.
@@ -140,6 +140,7 @@ FORMS: Mapping[str, tuple[str, str]] = {
     "c": ("lpvid.export.exporting", "c_content"),
     "fmu2": ("lpvid.export.fmu", "fmi2_content"),
     "fmu3": ("lpvid.export.fmu", "fmi3_content"),
+    "modelica": ("lpvid.export.modelica", "modelica_content"),
     "matlab": ("lpvid.export.matlab", "matlab_content"),
     "control": ("lpvid.export.control_file", "control_content"),
     "csv": ("lpvid.export.csv_tables", "csv_content"),
@@ -156,13 +157,14 @@ def content(model: Any, form: str, options: Options | None = None, precision: st
         An unknown form; a model that the form cannot hold, with the nearest that can.
     """
     module, function = FORMS[_checks.one_of(form, tuple(FORMS), "the form of an export")]
-    if form.startswith("fmu") and (flow := flow_of(model, options)) is not None:
+    if form.startswith(("fmu", "modelica")) and (flow := flow_of(model, options)) is not None:
         from lpvid.export.fmu import flow_content
+        from lpvid.export.modelica import modelica_flow_content
 
         if options is not None and options.at:
             raise InputError("inputs of a continuous model are not held", got=", ".join(options.at),
                              mend="discretise it (lpvid.discretise), or let the importer set them")
-        return flow_content(flow, form, precision)
+        return modelica_flow_content(flow, precision) if form == "modelica" else flow_content(flow, form, precision)
     return getattr(importlib.import_module(module), function)(exportable(model, options), precision)
 
 

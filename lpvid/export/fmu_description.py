@@ -92,7 +92,7 @@ def _second(program: StepProgram, listed: tuple[Variable, ...], token: str, step
 
     sampled = bool(program.sample_time)
     kind, step = ("CoSimulation", program.sample_time) if sampled else ("ModelExchange", step)
-    fixed = 'canHandleVariableCommunicationStepSize="false" ' if sampled else ""
+    fixed = 'canHandleVariableCommunicationStepSize="false" ' if sampled else 'providesDirectionalDerivative="true" '
     a = quoteattr
     out = ['<?xml version="1.0" encoding="UTF-8"?>',
            f'<fmiModelDescription fmiVersion="2.0" modelName={a(program.name)} guid={a(token)} '
@@ -127,7 +127,7 @@ def _third(program: StepProgram, listed: tuple[Variable, ...], token: str, step:
     sampled = bool(program.sample_time)
     kind, step = ("CoSimulation", program.sample_time) if sampled else ("ModelExchange", step)
     fixed = ('canHandleVariableCommunicationStepSize="false" ' f'fixedInternalStepSize="{_real(step)}" ' if sampled
-             else "")
+             else 'providesDirectionalDerivatives="true" ')
     a = quoteattr
     out = ['<?xml version="1.0" encoding="UTF-8"?>',
            f'<fmiModelDescription fmiVersion="3.0" modelName={a(program.name)} instantiationToken={a(token)} '

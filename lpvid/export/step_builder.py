@@ -30,7 +30,7 @@ RESERVED = frozenset((
     "and", "as", "assert", "class", "def", "del", "elif", "except", "finally", "from", "global", "import", "in",
     "is", "lambda", "None", "nonlocal", "not", "or", "pass", "raise", "try", "with", "yield", "True", "False",
     "end", "function", "otherwise", "until", "p", "s", "u", "y", "i", "j", "k", "pi", "math", "real", "tanh", "exp",
-    "sqrt", "sin", "cos", "floor", "pow", "fmin", "fmax", "fabs"))
+    "sqrt", "sin", "cos", "floor", "pow", "fmin", "fmax", "fabs", "power", "abs", "min", "max", "zeros", "choose"))
 """Words of C, Python and MATLAB, and names that the printers use themselves."""
 
 

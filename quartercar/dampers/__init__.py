@@ -45,6 +45,8 @@ _EXPORTS = {
     "quartercar.dampers.evaluation.passivity": ("Passivity", "check_passivity"),
     "quartercar.dampers.bench.log_fit": ("fit_log_force",),
     "quartercar.dampers.bench.slopes": ("SlopeDiagnosis", "log_slopes"),
+    "quartercar.dampers.bridged": ("Branch", "Bridged"),
+    "quartercar.dampers.network_squares": ("NetworkSquares", "fit_network_squares"),
     "quartercar.dampers.bench.topology": ("NetworkChoice", "choose_network"),
     "quartercar.dampers.bench.static_characteristic": ("StaticCharacteristic", "static_points"),
     "quartercar.dampers.bench.steady_windows": ("WindowSettings", "steady_windows"),

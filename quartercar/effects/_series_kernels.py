@@ -357,7 +357,8 @@ def _given(size, element):
             d += element[3]
     if element[1] > 0.0:
         whole = size + element[2]
-        place = size / whole * (AIR.size - 1)
+        # a march that leaves all bounds ends here with an infinite or undefined force: int(nan) is no place
+        place = size / whole * (AIR.size - 1) if size < np.inf else AIR.size - 1.0
         node = min(int(place), AIR.size - 2)
         rise = AIR[node + 1] - AIR[node]
         d += element[1] * (AIR[node] + (place - node) * rise)

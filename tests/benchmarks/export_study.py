@@ -1,9 +1,12 @@
 """Exports in figures: error against the simulation in both precisions, time of a step, size of code and data.
 
-    python tests/benchmarks/export_study.py
+    python tests/benchmarks/export_study.py            C: one row per kind and precision
+    python tests/benchmarks/export_study.py --forms    FMU, Octave, Modelica and python-control: one row per kind
 
-One row per kind, compiled with ``cc -O2``; the time is the mean over a million steps along the trajectory of the
-self-test, the code size that of the object file's text segment (``size``).
+Compiled with ``cc -O2``; the time is the mean over a million steps along the trajectory of the self-test, the code size
+that of the object file's text segment (``size``). With --forms, every error is what the export itself prints, relative
+to the largest output, along a random trajectory against this package's own simulation; continuous models go to model
+exchange, with the error of their directional derivatives beside that of derivatives and outputs.
 """
 
 from __future__ import annotations
@@ -19,15 +22,30 @@ from typing import Any
 import numpy as np
 
 import lpvid as lpv
+from lpvid.errors import InputError
 from lpvid.export.c_build import compile_c, find_compiler, run_self_test
 from lpvid.export.c_source import FLAGS, c_files
 from lpvid.export.exportable import Exportable, Options, exportable
+from lpvid.export.exporting import Content, content
 from lpvid.synthesis.saturated import saturate
 from quartercar.controllers import law_class
 from quartercar.controllers.contract import Setting
 from quartercar.controllers.loop.chain import ChainSettings
 from quartercar.controllers.loop.sensing import SETS
-from quartercar.dampers import ExtendedBoucWen, ForceMap, Guo, Kwok
+from quartercar.dampers import (
+    BoucWen,
+    ExtendedBoucWen,
+    ForceMap,
+    Guo,
+    Guo5,
+    Guo6,
+    Guo7,
+    Guo15,
+    Kwok,
+    PowerLaw,
+    PowerLawFrictionGas,
+    WangKamath,
+)
 from quartercar.export import EXPORTER
 from quartercar.export.loop_steps import LoopLaw
 from quartercar.parameters import MEGANE
@@ -59,7 +77,10 @@ def cases() -> dict[str, Exportable]:
     dampers = {"guo": Guo(degree=1, current_range=(0.0, 2.0)), "kwok": Kwok(degree=1, current_range=(0.0, 2.0)),
                "force-map, 3 nodes": ForceMap(nodes=(0.0, 1.0, 2.0), current_range=(0.0, 2.0)),
                "extended-bouc-wen, 3 nodes": ExtendedBoucWen(nodes=(0.0, 1.0, 2.0), current_range=(0.0, 2.0))}
-    found |= {name: EXPORTER.prepare(d, Options()) for name, d in dampers.items()}
+    span: dict[str, Any] = {"current_range": (0.0, 2.0)}
+    more = {"guo-5": Guo5(**span), "guo-6": Guo6(**span), "guo-7": Guo7(**span), "guo-15": Guo15(**span),
+            "power-law": PowerLaw(), "power-law-friction-gas": PowerLawFrictionGas()}
+    found |= {name: EXPORTER.prepare(d, Options()) for name, d in {**dampers, **more}.items()}
     for law, sensors, known in (("skyhook", "stroke-body", damper), ("skyhook", "stroke-body", dampers["guo"]),
                                 ("clipped-optimal", "stroke-body-wheel", dampers["guo"]),
                                 ("skyhook", "stroke-body", dampers["extended-bouc-wen, 3 nodes"])):
@@ -104,7 +125,43 @@ int main(void)
     return float(ran.stdout.split()[0]), int(re.findall(r"\d+", listed.splitlines()[1])[0])
 
 
+FORMS = ("fmu2", "fmu3", "matlab", "modelica", "control")
+
+
+def continuous() -> dict[str, Any]:
+    """Models that an importer integrates."""
+    box = lpv.Scheduling(("rho",), (0.0,), (1.0,))
+    a = np.array([[[-1.0, 2.0], [-2.0, -3.0]], [[0.0, 1.0], [-1.0, -1.0]]])
+    rng = np.random.default_rng(0)
+    model = lpv.LPVStateSpace(a, rng.normal(size=(2, 2, 1)), rng.normal(size=(2, 1, 2)), rng.normal(size=(2, 1, 1)),
+                              lpv.Polynomial("rho", 1), None, box)
+    span: dict[str, Any] = {"current_range": (0.0, 2.0)}
+    return {"continuous state space": model, "bouc-wen": BoucWen(**span), "wang-kamath": WangKamath(degree=2, **span)}
+
+
+def figures(made: Content) -> str:
+    """Every relative error that an export prints, and a mark where it did not pass."""
+    errors = [e for check in made.checks for e in re.findall(r"error ([-+.\de]+)", check)]
+    return " ".join(errors or ["not run"]) + ("" if made.passed else " FAILED")
+
+
+def forms() -> None:
+    """One row per kind: the errors of every form."""
+    print("| kind | " + " | ".join(FORMS) + " |\n|" + "---|" * (1 + len(FORMS)))
+    for name, noun in {**cases(), **continuous()}.items():
+        row = []
+        for form in FORMS:
+            try:
+                row.append(figures(content(noun, form)))
+            except InputError:
+                row.append("–")
+        print(f"| {name} | " + " | ".join(row) + " |", flush=True)
+
+
 def main() -> None:
+    if "--forms" in sys.argv[1:]:
+        forms()
+        return
     if find_compiler() is None or shutil.which("size") is None:
         sys.exit("this study needs a C compiler and binutils")
     print(f"{'kind':40s} {'precision':9s} {'error':>8s} {'rounding':>8s} {'ns/step':>8s} {'code+const':>10s} "

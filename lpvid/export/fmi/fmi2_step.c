@@ -66,3 +66,16 @@ STATUS(RealStatus, fmi2Real)
 STATUS(IntegerStatus, fmi2Integer)
 STATUS(BooleanStatus, fmi2Boolean)
 STATUS(StringStatus, fmi2String)
+
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference vUnknown_ref[], size_t nUnknown,
+                                        const fmi2ValueReference vKnown_ref[], size_t nKnown,
+                                        const fmi2Real dvKnown[], fmi2Real dvUnknown[])
+{
+    (void)vUnknown_ref;
+    (void)nUnknown;
+    (void)vKnown_ref;
+    (void)nKnown;
+    (void)dvKnown;
+    (void)dvUnknown;
+    return complain((Instance *)c, "there are no directional derivatives");
+}

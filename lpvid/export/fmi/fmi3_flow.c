@@ -4,6 +4,8 @@
 #define STATES (@STATES@u)
 #define FIRST_STATE (@FIRST_STATE@u)
 #define FIRST_DERIVATIVE (@FIRST_DERIVATIVE@u)
+#define INPUTS (@INPUTS@u)
+#define OUTPUTS (@OUTPUTS@u)
 
 /** Outputs and derivatives at the present states and inputs. */
 static void look(Instance *m)
@@ -175,4 +177,43 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
     (void)earlyReturn;
     (void)lastSuccessfulTime;
     return complain((Instance *)instance, "this FMU is for model exchange");
+}
+
+/** Whether a variable is an input or a state, with respect to which there are derivatives. */
+static int known(fmi3ValueReference vr)
+{
+    return (vr < INPUTS) || ((vr >= FIRST_STATE) && (vr < (FIRST_STATE + STATES)));
+}
+
+/** Whether a variable is an output or the derivative of a state. */
+static int unknown(fmi3ValueReference vr)
+{
+    return ((vr >= INPUTS) && (vr < (INPUTS + OUTPUTS))) ||
+           ((vr >= FIRST_DERIVATIVE) && (vr < (FIRST_DERIVATIVE + STATES)));
+}
+
+fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const fmi3ValueReference unknowns[], size_t nUnknowns,
+                                        const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[],
+                                        size_t nSeed, fmi3Float64 sensitivity[], size_t nSensitivity)
+{
+    Instance *m = (Instance *)instance;
+    Instance way;
+    memset(&way, 0, sizeof(way));
+    if ((nSeed != nKnowns) || (nSensitivity != nUnknowns)) {
+        return complain(m, "every variable is a scalar");
+    }
+    for (size_t i = 0; i < nKnowns; i++) {
+        if (known(knowns[i]) == 0) {
+            return complain(m, "derivatives are with respect to inputs and states");
+        }
+        *variable(&way, knowns[i]) = (@NAME@_real)seed[i];
+    }
+    @NAME@_directional(&m->p, &m->s, &m->u, &way.s, &way.u, &m->dx, &m->y, &way.dx, &way.y);
+    for (size_t i = 0; i < nUnknowns; i++) {
+        if (unknown(unknowns[i]) == 0) {
+            return complain(m, "derivatives are of outputs and of the derivatives of states");
+        }
+        sensitivity[i] = (fmi3Float64)*variable(&way, unknowns[i]);
+    }
+    return fmi3OK;
 }

@@ -88,22 +88,6 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte seriali
     return complain((Instance *)instance, "fmi3DeserializeFMUState is not supported");
 }
 
-fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const fmi3ValueReference unknowns[], size_t
-                                        nUnknowns, const fmi3ValueReference knowns[], size_t nKnowns, const
-                                        fmi3Float64 seed[], size_t nSeed, fmi3Float64 sensitivity[], size_t
-                                        nSensitivity)
-{
-    (void)unknowns;
-    (void)nUnknowns;
-    (void)knowns;
-    (void)nKnowns;
-    (void)seed;
-    (void)nSeed;
-    (void)sensitivity;
-    (void)nSensitivity;
-    return complain((Instance *)instance, "fmi3GetDirectionalDerivative is not supported");
-}
-
 fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueReference unknowns[], size_t nUnknowns,
                                     const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[],
                                     size_t nSeed, fmi3Float64 sensitivity[], size_t nSensitivity)

@@ -171,3 +171,19 @@ fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance instance, size_t *nConti
     (void)nContinuousStates;
     return complain((Instance *)instance, "fmi3GetNumberOfContinuousStates is not supported");
 }
+
+fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const fmi3ValueReference unknowns[], size_t
+                                        nUnknowns, const fmi3ValueReference knowns[], size_t nKnowns, const
+                                        fmi3Float64 seed[], size_t nSeed, fmi3Float64 sensitivity[], size_t
+                                        nSensitivity)
+{
+    (void)unknowns;
+    (void)nUnknowns;
+    (void)knowns;
+    (void)nKnowns;
+    (void)seed;
+    (void)nSeed;
+    (void)sensitivity;
+    (void)nSensitivity;
+    return complain((Instance *)instance, "fmi3GetDirectionalDerivative is not supported");
+}

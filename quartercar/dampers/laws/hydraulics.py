@@ -150,7 +150,7 @@ class Series(Path):
         return np.sum([p.pressure(flow) for p in self.parts], axis=0)
 
     def flow(self, pressure: np.ndarray | float) -> np.ndarray:
-        return _inverted(self.pressure, np.asarray(pressure, dtype=float), 1.5, self.parts[0].flow)
+        return invert_odd(self.pressure, np.asarray(pressure, dtype=float), 1.5, self.parts[0].flow)
 
 
 class Parallel(Path):
@@ -169,7 +169,7 @@ class Parallel(Path):
         return np.sum([p.flow(pressure) for p in self.parts], axis=0)
 
     def pressure(self, flow: np.ndarray | float) -> np.ndarray:
-        return _inverted(self.flow, np.asarray(flow, dtype=float), 0.75, self.parts[0].pressure)
+        return invert_odd(self.flow, np.asarray(flow, dtype=float), 0.75, self.parts[0].pressure)
 
 
 def _some(parts: tuple[Path, ...], name: str) -> tuple[Path, ...]:
@@ -178,7 +178,7 @@ def _some(parts: tuple[Path, ...], name: str) -> tuple[Path, ...]:
     return parts
 
 
-def _inverted(function: Callable[[np.ndarray], np.ndarray], target: np.ndarray, slope: float,
+def invert_odd(function: Callable[[np.ndarray], np.ndarray], target: np.ndarray, slope: float,
               guess: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """Solve function(u) = target for an odd function whose log-log slope s is known to lie in slope·[2/3, 4/3].
 

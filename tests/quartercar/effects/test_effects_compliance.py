@@ -263,3 +263,15 @@ def test_a_force_model_without_compliance_names_it_and_not_friction() -> None:
     found = diagnose([record], DamperBaseline(made), [e for e in CATALOGUE if e.name in RIVALS])
     assert [c.name for c in found.causes] == ["series-compliance"]
     assert found.causes[0].parameters[0].value == pytest.approx(1 / 3e5, rel=0.1)
+
+
+@pytest.mark.parametrize("size", [np.inf, np.nan, 1e308])
+def test_a_force_beyond_all_bounds_reads_no_foreign_memory(size):
+    """The table of the entrained air is entered at its end, where int(nan) would be far outside."""
+    from quartercar.effects import _series_kernels as kernels
+
+    element = np.array([0.0, 1e-3, 100.0, 0.0, -np.inf, 0.0])
+    with np.errstate(all="ignore"):
+        d, _ = kernels._given.py_func(size, element)
+        assert d == kernels._given(size, element)[0]
+    assert d == pytest.approx(1e-3, rel=0.05)

@@ -13,6 +13,7 @@ from lpvid.errors import InputError
 from lpvid.export.c_build import find_compiler, run_self_test
 from lpvid.export.c_source import c_files
 from lpvid.export.exportable import Options
+from lpvid.export.matlab import find_octave
 from lpvid.export.python_printer import run
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial, Product, Scheduling, Spline
@@ -278,3 +279,42 @@ def test_a_damper_file_is_exported_from_the_command_line(tmp_path):
     save(BoucWen(), path)
     done = CliRunner().invoke(app, ["export", str(path), "--out", str(tmp_path / "d")])
     assert done.exit_code == 2 and "extended-bouc-wen" in done.stderr and not (tmp_path / "d").exists()
+
+
+@pytest.mark.parametrize("case", ["guo-7", "kwok, affine", "power-law-friction-gas", "force-map, edges",
+                                  "extended-bouc-wen, full"])
+def test_dampers_in_modelica_agree(case):
+    """Static laws as algebraic models, those with states by their samples; run by another's compiler."""
+    pytest.importorskip("rumoca", reason="the extra 'modelica' is not installed")
+    from lpvid.export.modelica import modelica_content
+
+    found = export(DAMPERS[case])
+    made = modelica_content(found)
+    assert made.passed, made.checks
+    block = made.files[f"{found.program.name}.mo"].decode().split("model Check")[0]
+    assert ("when" in block) == bool(found.program.states)
+
+
+@pytest.mark.parametrize("damper", [BoucWen(**RANGE), WangKamath()], ids=["bouc-wen", "wang-kamath"])
+def test_dampers_with_smooth_rates_in_modelica_agree(damper):
+    pytest.importorskip("rumoca", reason="the extra 'modelica' is not installed")
+    from lpvid.export.modelica import modelica_flow_content
+
+    assert modelica_flow_content(EXPORTER.flow(damper, Options())).passed
+
+
+def test_a_loop_law_in_modelica_agrees():
+    pytest.importorskip("rumoca", reason="the extra 'modelica' is not installed")
+    from lpvid.export.modelica import modelica_content
+
+    assert modelica_content(export(loop("guo", "clipped-optimal"))).passed
+
+
+@pytest.mark.skipif(find_octave() is None, reason="GNU Octave is not installed")
+@pytest.mark.parametrize("case", ["extended-bouc-wen, full", "force-map, edges", "power-law", "guo-15"])
+def test_octave_runs_the_dampers(case):
+    """A local value named as a function of MATLAB would hide it there."""
+    from lpvid.export.matlab import matlab_content
+
+    made = matlab_content(export(DAMPERS[case]))
+    assert made.passed, made.checks
