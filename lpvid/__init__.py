@@ -227,7 +227,6 @@ _EXPORTS = {
 _HOME = {name: module for module, names in _EXPORTS.items() for name in names}
 
 __all__ = [
-<<<<<<< 5b845ebcfc4ea67f1c5d4cea680783d9ec18f647
     "ARMAX",
     "ARX",
     "H2",
@@ -349,6 +348,7 @@ __all__ = [
     "export_csv",
     "export_fmu",
     "export_matlab",
+    "export_modelica",
     "exportable",
     "free_run_band",
     "frequency_band",
@@ -406,29 +406,6 @@ __all__ = [
     "validate",
     "verify",
     "weigh",
-=======
-    "ARMAX", "ARX", "H2", "Audit", "Baseline", "BoundCertificate", "BoxJenkins", "Candidates", "CanonicalForm",
-    "Channel", "Compliance", "Cone", "Diagnosis", "DiagnosisSettings", "Disc", "DissipativeFeedback", "Effect",
-    "Euler", "ExtendedModel", "ExtrapolationWarning", "Filter", "FormRefit", "Fourier", "Gain", "GainCertificate",
-    "Gap", "GeneralizedPlant", "HInfinity", "HalfPlane", "Identification", "InputError", "LFTFeedback", "LFTModel",
-    "LPVStateSpace", "LPVTransferFunction", "LpvError", "ModelComparison", "MultiObjective", "NumericalError",
-    "Observer", "OutputError", "OutputFeedback", "Passive", "PassivityCertificate", "PassivityMargin", "Polynomial",
-    "Product", "QuasiLPV", "Realization", "Record", "Recursive", "RefinedIV", "Ridge", "RightCoprime", "ScaledGain",
-    "Scheduling", "Selection", "Shifted", "Signal", "Simulation", "Spline", "StabilityCertificate", "Stacked",
-    "StateFeedback", "StateSpaceError", "Subspace", "Synthesis", "TanhStage", "Taylor", "ThreeZoneStage", "Tustin",
-    "Validation", "Verification", "ZeroOrderHold", "anti_windup", "append", "audit", "auto", "back_calculation",
-    "balanced_realization", "certified_share", "certify_gain", "certify_passivity", "certify_region",
-    "certify_stability", "certify_switching", "close_loop", "compare_models", "connect", "control_system",
-    "critical_scheduling", "decay_rate", "diagnose", "discretise", "export_c", "export_control", "export_csv",
-    "export_fmu", "export_matlab", "export_modelica", "exportable", "free_run_band", "frequency_band", "from_control",
-    "from_function", "from_grid", "from_lft", "frozen_stability", "h2_norm", "identify", "identify_stream",
-    "joint_spectral_radius", "l2_gain", "l2_gains", "largest_range", "largest_rate", "lift", "load", "model_hash",
-    "parallel", "passivity_margin", "pole_band", "pole_locus", "predict", "read", "realize", "reduce_order",
-    "refit_form", "saturate", "save", "scaled_gain", "select", "series", "simulate", "sparsify",
-    "stability_probability", "steadied", "step_response", "summing_junction", "synthesize", "to_affine",
-    "to_continuous", "to_control", "to_grid", "to_gridded", "to_lft", "to_polynomial", "to_polytopic", "validate",
-    "verify", "weigh",
->>>>>>> 203c695948e832fde895a85f4196e2be1752948f
 ]
 
 
