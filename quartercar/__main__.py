@@ -1,0 +1,5 @@
+"""`python -m quartercar`: the command line."""
+
+from quartercar.cli import main
+
+main()
