@@ -4,8 +4,8 @@
 
 By hand is given the advantage: each structure's best order is the one of the highest held-out fit, of which `--auto`
 sees nothing. All figures are free-run fits [%] on held-out data, but the ceiling, which is estimated from the training
-data's noise and applied to the held-out data's spread. Times are processor seconds. FILE has one line for each group and
-part; what stands there is not run again, so that several of these may share the work.
+data's noise and applied to the held-out data's spread. Times are processor seconds. FILE has one line for each group
+and part; what stands there is not run again, so that several of these may share the work.
 """
 
 from __future__ import annotations
@@ -165,7 +165,9 @@ def table(rows: Sequence[dict]) -> str:
         hand, ceiling = row.get("hand", {}), row.get("ceiling")
         cells = [f"{hand[k]:.1f}" if k in hand else "–" for k in kinds]
         gap = f"{row['auto'] - max(hand.values()):+.1f}" if hand and "auto" in row else "–"
-        found = (f"{row['auto']:.1f} | {row['structure']}", f"{row['seconds']:.0f}") if "auto" in row else ("– | –", "–")
+        found = ("– | –", "–")
+        if "auto" in row:
+            found = f"{row['auto']:.1f} | {row['structure']}", f"{row['seconds']:.0f}"
         lines.append(f"| {row['group']} | {found[0]} | {' | '.join(cells)} | {gap} | "
                      f"{'–' if ceiling is None else f'{ceiling:.1f}'} | {found[1]} |")
     return "\n".join(lines)

@@ -46,7 +46,8 @@ def record(seed: int, seconds: float = 20.0, rate: float = 512.0) -> str:
     """A damper with a knee, gas and a lag of its force behind the current, as CSV; numpy alone."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(seconds * rate)) / rate
-    x = sum(8e-3 / f * np.sin(2 * np.pi * f * t + rng.uniform(0, 6.28)) for f in (0.7, 1.6, 3.7, 8.3, 13.1))
+    tones = [8e-3 / f * np.sin(2 * np.pi * f * t + rng.uniform(0, 6.28)) for f in (0.7, 1.6, 3.7, 8.3, 13.1)]
+    x = np.sum(tones, axis=0)
     v = np.gradient(x, t)
     current = np.repeat(rng.uniform(0, 1.5, round(seconds / 0.5)), round(rate / 2))[: t.size]
     yielding = np.zeros(t.size)

@@ -9,7 +9,6 @@ from scipy.signal import lfilter
 import lpvid as lpv
 from lpvid.condition import folds
 from lpvid.identification.selection import auto
-from lpvid.identification.selection.competing import NEAR
 from lpvid.identification.selection.free_run import cross_validate, make_folds
 from lpvid.identification.selection.rounds import output_error
 from lpvid.identification.subspace_order import FOLDS, GAP, free_run_errors
