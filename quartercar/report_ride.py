@@ -173,7 +173,7 @@ def _figures(found: RideComparison, road: str, bounds: Sequence[Bound]) -> Table
     return Table(("law", "comfort [m/s²]", "tyre load [N]", "stroke [mm]", "largest [mm]", "MTVV [m/s²]", "off road",
                   "current at a limit", "demand out of reach", "likely reaction"), rows,
                  "Means over the seeds ± half of the 95 % interval; comfort is W_k-weighted (ISO 2631-1), tyre load "
-                 "and stroke are rms. Likely reaction: the classes of ISO 2631-1, annex C, which overlap. Green: unbeaten "
+                 "and stroke are rms. Likely reaction: ISO 2631-1, annex C, overlapping classes. Green: unbeaten "
                  "in comfort and tyre load at once.", tuple(range(1, 9)), marks)
 
 
