@@ -37,5 +37,5 @@ def opposite_remark(model: Model, pieces: Sequence[Record], found: Figures) -> s
     other = pool.total("free-run")
     if other.esr is None or other.esr >= 1 or other.fit_percent is None:
         return None
-    return (f"with the sign of '{name}' turned the free-run fit would be {other.fit_percent:.1f} %: its polarity is not "
-            f"that of the training data; --flip {name}")
+    return (f"with the sign of '{name}' turned the free-run fit would be {other.fit_percent:.1f} %: its polarity is "
+            f"another than in the training data; --flip {name}")
