@@ -135,7 +135,7 @@ def test_contents_steps_origin_and_terms(tmp_path):
     assert ids == ["next", "figures", "over-time", "figures-2", "origin"]
     assert re.findall(r'<a href="#([^"]+)"', html) == ids
     assert "3 February 2031, 04:05 UTC" in html and html.index("3 February") < html.index("<section")
-    listed = render(Page("t", "v", "good", (), steps=(Step("Go.", "lpvid x --controller passive,OUT/c.json,only.json"),),
+    listed = render(Page("t", "v", "good", (), steps=(Step("Go.", "lpvid x --law passive,OUT/c.json,only.json"),),
                          origin=origin))
     assert "<span>passive,res/c.json,deep/only.json</span>" in listed
     assert '<span>res/model.json</span>' in html  # OUT stands for the folder of the results
