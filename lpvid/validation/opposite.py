@@ -28,9 +28,9 @@ def opposite_remark(model: Model, pieces: Sequence[Record], found: Figures) -> s
     -------
     str or None
     """
-    if len(model.outputs) > 1 or found.esr is None or found.esr <= 1:
+    if len(model.outputs) != 1 or found.esr is None or found.esr <= 1:
         return None
-    name, pool = model.outputs[0].name, Pool()
+    (name,), pool = [s.name for s in model.outputs], Pool()
     for piece in pieces:
         turned = piece.with_channel(name, -piece[name])
         pool.add(turned.matrix([name]), simulate(model, turned))
