@@ -77,7 +77,7 @@ def _mismatch(view: View, relation: Relation | None) -> Finding:
 
 
 def _pair(view: View) -> tuple[np.ndarray, np.ndarray] | None:
-    if not view.displacement or not view.velocity or view.period is None:
+    if not view.displacement or view.velocity in (None, view.displacement) or view.period is None:
         return None
     found = view.run(view.displacement, view.velocity)
     if found is None or not np.ptp(found[0]) > 0 or not np.ptp(found[1]) > 0:

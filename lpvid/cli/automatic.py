@@ -89,7 +89,7 @@ def choose(request: Request, training: Sequence[Record], held_out: Sequence[Reco
     say : callable
         Receives what is being done, with the best so far.
     budget : float, optional
-        Time for the search [s].
+        Processor time for the search [s].
 
     Returns
     -------

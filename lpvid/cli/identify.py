@@ -67,8 +67,9 @@ def identify(
                                            "installed package gives.")] = "arx",
     auto: Annotated[bool, typer.Option("--auto", help="Choose the structure by its free run in cross-validation on the "
                                        "training data.")] = False,
-    budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Time for the search of "
-                                                 "--auto (300); the fit of its choice comes on top.")] = None,
+    budget: Annotated[float | None, typer.Option("--budget", min=1.0, metavar="SECONDS", help="Processor time for "
+                                                 "the search of --auto (300); the fit of its choice comes on "
+                                                 "top.")] = None,
     na: Annotated[int | None, typer.Option("--na", min=0, help="Output lags (4; quasi: 0).")] = None,
     nb: Annotated[str | None, typer.Option("--nb", metavar="N[,N…]", help="Input lags, one number or one per input "
                                            "(4).")] = None,

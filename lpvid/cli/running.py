@@ -72,6 +72,11 @@ def command(function: Callable[P, T]) -> Callable[P, T]:
         except KeyboardInterrupt:
             typer.echo("interrupted: nothing was written", err=True)
             raise typer.Exit(INTERRUPTED) from None
+        except BrokenPipeError:
+            raise  # the reader of the output left, as `head` does: no fault of the input
+        except OSError as error:
+            typer.echo(f"error: {error.filename or 'a file'}: {error.strerror or error}", err=True)
+            raise typer.Exit(InputError.exit_code) from None
 
     return run
 
@@ -178,8 +183,6 @@ class Results:
         self.folder = folder
         self._writers: list[tuple[str, Callable[[Path], object]]] = []
         self._absent: list[str] = []
-        if folder is not None and folder.exists() and not folder.is_dir():
-            raise InputError(f"--out {folder}: there is a file of this name", mend="name a folder")
         if folder is not None:
             _check_writable(folder)
 
@@ -264,12 +267,20 @@ class Results:
 
 def _check_writable(folder: Path) -> None:
     """Refuse a folder that cannot be made or written."""
-    held = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
-    if not held.is_dir():
-        raise InputError(f"--out {folder}: '{held}' is a file", mend="name a folder elsewhere")
-    if not os.access(held, os.W_OK | os.X_OK):
-        raise InputError(f"--out {folder}: cannot write there", got=f"no permission to write in '{held}'",
-                         mend="name another folder, or change its permissions")
+    try:
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"--out {folder}: there is a file of this name", mend="name a folder")
+        held = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
+        if not held.is_dir():
+            raise InputError(f"--out {folder}: '{held}' is a file", mend="name a folder elsewhere")
+        probe = Path(tempfile.mkdtemp(prefix=".lpvid.", dir=held))  # what permissions alone do not show: try
+        try:
+            (probe / folder.absolute().relative_to(held)).mkdir(parents=True, exist_ok=True)
+        finally:
+            shutil.rmtree(probe, ignore_errors=True)
+    except OSError as error:
+        raise InputError(f"--out {folder}: cannot write there", got=error.strerror or str(error),
+                         mend="name another folder, or change its permissions") from None
 
 
 def _manifest(folder: Path) -> dict[str, list[str]]:

@@ -67,7 +67,7 @@ class Request:
     refit_form : bool
         Whether the state-space form is re-estimated in its own entries.
     budget : float or None
-        Time for the search of the structure [s], if another than `BUDGET`.
+        Processor time for the search of the structure [s], if another than `BUDGET`.
     """
 
     input: tuple[str, ...]

@@ -167,6 +167,21 @@ def exportable(noun: Any, options: Options | None = None) -> Exportable:
                           "extended_lpv.json")
 
 
+def has_step(noun: Any) -> bool:
+    """Whether a model, damper or controller can be exported as it is.
+
+    Examples
+    --------
+    >>> has_step("a text")
+    False
+    """
+    try:
+        exportable(noun)
+    except InputError:
+        return False
+    return True
+
+
 def flow_of(noun: Any, options: Options | None = None) -> Any:
     """A continuous model as a `lpvid.export.flow.Flow`; None for what is sampled."""
     for exporter in () if isinstance(noun, Exportable) else exporters():

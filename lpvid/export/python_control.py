@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.export.control_io_system import labels, nonlinear_io_system
+from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction, block_companion
 from lpvid.scheduling import Basis, Polynomial, Product, Scheduling, Spline
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     import control
 
 Model = LPVTransferFunction | LPVStateSpace
+UNITS = "lpvid_units"
+"""attribute of a python-control system with the units of its signals and of the scheduling, by name."""
 __all__ = ["from_control", "frozen_state_space", "nonlinear_io_system", "to_grid"]
 
 
@@ -37,7 +40,8 @@ def frozen_state_space(model: Model, at: Sequence[float] | np.ndarray) -> contro
     Returns
     -------
     control.StateSpace
-        Discrete with the model's period, or continuous for a continuous model.
+        Discrete with the model's period, or continuous for a continuous model. python-control has no units: they are in
+        its attribute `lpvid_units`, where `from_control` finds them again.
 
     Examples
     --------
@@ -48,8 +52,12 @@ def frozen_state_space(model: Model, at: Sequence[float] | np.ndarray) -> contro
     import control
 
     a, b, c, d = model.frozen(at) if isinstance(model, LPVStateSpace) else _frozen_observer(model, at)
-    return control.StateSpace(a, b, c, d, model.sample_time or 0.0, inputs=labels(model.filter_inputs),
-                              outputs=labels(model.outputs))
+    inputs, outputs = labels(model.filter_inputs), labels(model.outputs)
+    frozen = control.StateSpace(a, b, c, d, model.sample_time or 0.0, inputs=inputs, outputs=outputs)
+    units = dict(zip(model.box.names, model.box.units, strict=False))
+    units |= {n: s.unit for n, s in zip((*inputs, *outputs), (*model.filter_inputs, *model.outputs), strict=True)}
+    setattr(frozen, UNITS, units)
+    return frozen
 
 
 def to_grid(model: Model, points: Sequence | np.ndarray) -> list[control.StateSpace]:
@@ -79,7 +87,8 @@ def _frozen_observer(model: LPVTransferFunction, at: Sequence[float] | np.ndarra
 
 # -- back ------------------------------------------------------------------------------------------------------------
 def from_control(systems: Sequence[control.StateSpace], at: Sequence | np.ndarray, basis: Basis | None = None, *,
-                 names: Sequence[str] | str | None = None, box: Scheduling | None = None) -> LPVStateSpace:
+                 names: Sequence[str] | str | None = None, box: Scheduling | None = None,
+                 units: Mapping[str, str] | None = None) -> LPVStateSpace:
     """An LPV model from frozen models on a grid of scheduling points.
 
     The states of all systems must mean the same (as they do in `to_grid`): matrices are fitted entry by entry. Without
@@ -97,6 +106,9 @@ def from_control(systems: Sequence[control.StateSpace], at: Sequence | np.ndarra
         Scheduling variables; left out, those of the basis or p (p1, p2 … for several).
     box : Scheduling, optional
         Left out, the smallest box around the points.
+    units : mapping of str to str, optional
+        SI units of inputs, outputs and scheduling variables by name; left out, those that `to_control` and `to_grid`
+        left with the system.
 
     Returns
     -------
@@ -126,7 +138,10 @@ def from_control(systems: Sequence[control.StateSpace], at: Sequence | np.ndarra
     names = _variable_names(names, basis, box, points.shape[1])
     if basis is None:
         basis = _interpolating(names, points)
-    box = box or Scheduling.of(names, points)
+    known = {**getattr(systems[0], UNITS, {}), **(units or {})}
+    for name in units or {}:
+        _checks.known_name(name, (*systems[0].input_labels, *systems[0].output_labels, *names), "signal")
+    box = box or Scheduling.of(names, points, units=tuple(known.get(n, "") for n in names))
     basis = basis.bound(box)
     columns = points[:, [names.index(n) for n in basis.names]]
     phi = basis.evaluate(columns)
@@ -142,7 +157,8 @@ def from_control(systems: Sequence[control.StateSpace], at: Sequence | np.ndarra
     kept = Scheduling(*([tuple(getattr(box, f)[box.names.index(n)] for n in basis.names)
                          for f in ("names", "lower", "upper", "rate", "units")]))
     return LPVStateSpace(**matrices, basis=basis, sample_time=period, scheduling=kept,
-                         inputs=tuple(systems[0].input_labels), outputs=tuple(systems[0].output_labels),
+                         inputs=tuple(Signal(n, known.get(n, "")) for n in systems[0].input_labels),
+                         outputs=tuple(Signal(n, known.get(n, "")) for n in systems[0].output_labels),
                          metadata={"from_control": {"points": points.tolist(), "largest_misfit": misfit}})
 
 

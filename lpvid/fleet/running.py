@@ -147,8 +147,8 @@ def run_fleet(plan: FleetPlan, *, scheduler: str | None = None, workers: int | N
     InputError
         Without Dask, or where the scheduler does not answer.
     """
-    plan.out.mkdir(parents=True, exist_ok=True)
     with connected(scheduler, workers) as client:
+        plan.out.mkdir(parents=True, exist_ok=True)
         outcomes: dict[str, dict[str, Outcome]] = {j.name: {} for j in plan.jobs}
 
         def stage(step: str, function: Callable[..., Outcome], jobs: Sequence[Job], *more: Any) -> list[Job]:

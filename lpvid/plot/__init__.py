@@ -1,4 +1,7 @@
-"""Figures: every function takes nouns and returns a matplotlib `Figure`; nothing global is touched."""
+"""Figures: every function takes nouns, draws on new axes or on those of ``ax=``, and returns its `Axes`.
+
+`show`, `svg` and `png` take a figure or axes. Nothing global is touched.
+"""
 
 from __future__ import annotations
 

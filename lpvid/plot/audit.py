@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.plot.style import BLUE, CYCLE, INK, label, look, panels, robust_limits, thinned
+from lpvid.plot.style import (
+    BLUE,
+    CYCLE,
+    INK,
+    Ax,
+    Drawn,
+    drawn,
+    label,
+    legend_below,
+    look,
+    panels,
+    robust_limits,
+    thinned,
+)
 from lpvid.record import Record
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 MOST_CHANNELS = 6
 MOST_RECORDS = 6
 
 
-def channel_traces(record: Record, channels: Sequence[str] | None = None) -> Figure:
+def channel_traces(record: Record, channels: Sequence[str] | None = None, ax: Ax = None) -> Drawn:
     """Every channel of a record over time, one panel each.
 
     Parameters
@@ -26,14 +35,16 @@ def channel_traces(record: Record, channels: Sequence[str] | None = None) -> Fig
         As read; missing samples leave a gap in the line.
     channels : sequence of str, optional
         Which, at most six; the first six by default.
+    ax : Axes or array of one for each channel, optional
+        Where to draw; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    matplotlib.axes.Axes or array of them
     """
     names = [record.resolve(c) for c in (channels or record.channels)][:MOST_CHANNELS]
     with look():
-        figure, axes = panels(len(names), height=1.25, sharex=True)
+        figure, axes = panels(len(names), height=1.25, sharex=True, ax=ax)
         for ax, name in zip(axes[:, 0], names, strict=True):
             x, y = thinned(record.times, record[name])
             ax.plot(x, y, color=BLUE, linewidth=0.8)
@@ -43,10 +54,10 @@ def channel_traces(record: Record, channels: Sequence[str] | None = None) -> Fig
         figure.align_ylabels()
         axes[-1, 0].set_xlabel("time [s]")
         axes[0, 0].set_title(f"{record.name}: {record.n_samples} samples over {record.duration:.4g} s")
-    return figure
+    return drawn(axes)
 
 
-def spectra(records: Sequence[Record], channels: Sequence[str]) -> Figure | None:
+def spectra(records: Sequence[Record], channels: Sequence[str], ax: Ax = None) -> Drawn | None:
     """Amplitude spectral density of channels, one panel each, one line per record (Welch, Hann window).
 
     Parameters
@@ -54,52 +65,55 @@ def spectra(records: Sequence[Record], channels: Sequence[str]) -> Figure | None
     records : sequence of Record
         Only their longest finite stretch on a uniform clock is used.
     channels : sequence of str
+    ax : Axes or array of one for each channel, optional
+        Where to draw; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure or None
+    matplotlib.axes.Axes or array of them, or None
         None when no record has a stretch long enough.
     """
     names = list(channels)[:MOST_CHANNELS]
-    drawn = {name: [(r, *found) for r in records[:MOST_RECORDS] if (found := _density(r, name)) is not None]
+    found = {name: [(r, *pair) for r in records[:MOST_RECORDS] if (pair := _density(r, name)) is not None]
              for name in names}
-    drawn = {name: rows for name, rows in drawn.items() if rows}
-    if not drawn:
+    found = {name: rows for name, rows in found.items() if rows}
+    if not found:
         return None
-    columns = min(2, len(drawn))
+    columns, foreign = min(2, len(found)), ax is not None
     with look():
-        figure, axes = panels(-(-len(drawn) // columns), columns, height=2.3)
-        for ax, (name, rows) in zip(axes.ravel(), drawn.items(), strict=False):
+        figure, axes = panels(-(-len(found) // columns), columns, height=2.3, ax=ax, count=len(found))
+        for ax, (name, rows) in zip(axes.ravel(), found.items(), strict=False):
             for (record, f, density), colour in zip(rows, CYCLE if len(rows) > 1 else (INK,), strict=False):
                 ax.loglog(f[1:], density[1:], color=colour, linewidth=0.9, label=record.name)
             ax.set_title(name)
             ax.set_xlabel("frequency [Hz]")
             ax.set_ylabel(f"density [{rows[0][0].unit(name) or '1'}/√Hz]")
             ax.margins(x=0)
-        for ax in axes.ravel()[len(drawn):]:
+        for ax in axes.ravel()[len(found):]:
             ax.set_visible(False)
-        if max(map(len, drawn.values())) > 1:
-            handles, names = axes[0, 0].get_legend_handles_labels()
-            figure.legend(handles, names, loc="outside lower center", ncols=min(len(names), 6))
-    return figure
+        if max(map(len, found.values())) > 1:
+            legend_below(figure, axes[0, 0], foreign, 6)
+    return drawn(axes, len(found))
 
 
-def strokes(named: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> Figure:
+def strokes(named: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]], ax: Ax = None) -> Drawn:
     """Force over velocity and over displacement, as measured, coloured by record.
 
     Parameters
     ----------
     named : sequence of (name, displacement [m], velocity [m/s], force [N])
         At most six are drawn.
+    ax : (2,) array of Axes, optional
+        Where to draw; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    (2,) array of matplotlib.axes.Axes
     """
     shown = list(named)[:MOST_RECORDS]
-    step = max(1, sum(row[3].size for row in shown) // 8000)
+    step, foreign = max(1, sum(row[3].size for row in shown) // 8000), ax is not None
     with look():
-        figure, axes = panels(1, 2, height=3.6)
+        figure, axes = panels(1, 2, height=3.6, ax=ax)
         for (name, displacement, velocity, force), colour in zip(shown, CYCLE, strict=False):
             for ax, x in zip(axes[0], (velocity, displacement), strict=True):
                 ax.plot(x[::step], force[::step], ".", markersize=1.8, color=colour, rasterized=True, label=name,
@@ -110,9 +124,8 @@ def strokes(named: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> 
             ax.axhline(0, color=INK, linewidth=0.5)
             ax.axvline(0, color=INK, linewidth=0.5)
         if len(shown) > 1:
-            handles, names = axes[0, 0].get_legend_handles_labels()
-            figure.legend(handles, names, loc="outside lower center", ncols=min(len(names), 6), markerscale=4)
-    return figure
+            legend_below(figure, axes[0, 0], foreign, 6, markerscale=4)
+    return drawn(axes)
 
 
 def _density(record: Record, name: str) -> tuple[np.ndarray, np.ndarray] | None:

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from lpvid.analysis.bands import Band
 from lpvid.plot.comparison import Comparison
-from lpvid.plot.style import MEASURED, MODEL, label, legend_above, look, panels
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from lpvid.plot.style import MEASURED, MODEL, Ax, Drawn, drawn, label, legend_above, look, panels
 
 CLOSE_UP = 400
 """Samples of the free run that are drawn."""
 
 
-def free_run_band(shown: Comparison, band: Band) -> Figure:
+def free_run_band(shown: Comparison, band: Band, ax: Ax = None) -> Drawn:
     """Free run with its band and the measured output, over the stretch where the band is widest.
 
     Parameters
@@ -25,10 +20,12 @@ def free_run_band(shown: Comparison, band: Band) -> Figure:
     shown : Comparison
     band : Band
         On the first samples of the same record.
+    ax : (2,) array of Axes, optional
+        Where to draw; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    (2,) array of matplotlib.axes.Axes
     """
     width = (band.high - band.low)[:, 0]
     size = min(CLOSE_UP, width.size)
@@ -36,7 +33,7 @@ def free_run_band(shown: Comparison, band: Band) -> Figure:
     first = int(np.argmax(sums[size:] - sums[:-size])) if width.size > size else 0
     window = slice(first, first + size)
     with look():
-        figure, axes = panels(2, heights=[2.6, 1.3], sharex=True)
+        axes = panels(2, heights=[2.6, 1.3], sharex=True, ax=ax)[1]
         ax = axes[0, 0]
         t = band.axis[window]
         ax.fill_between(t, band.low[window, 0], band.high[window, 0], color=MODEL, alpha=0.3, linewidth=0,
@@ -53,7 +50,7 @@ def free_run_band(shown: Comparison, band: Band) -> Figure:
         below.set_xlabel(label("time", "s"))
         ax.set_ylim(*_limits(shown.measured[window], shown.free_run.output[window, 0], band, window))
         legend_above(ax, 3)
-    return figure
+    return drawn(axes)
 
 
 def _limits(measured: np.ndarray, free_run: np.ndarray, band: Band, window: slice) -> tuple[float, float]:

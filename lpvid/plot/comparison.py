@@ -16,6 +16,9 @@ from lpvid.plot.style import (
     MODEL,
     MUTED,
     WIDTH,
+    Ax,
+    Drawn,
+    drawn,
     label,
     legend_above,
     look,
@@ -28,7 +31,6 @@ from lpvid.simulation import Model, Simulation, predict, simulate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 WINDOW = 400
 """Samples in the close-up."""
@@ -103,7 +105,7 @@ def compare(model: Model, record: Record, label: str) -> Comparison:
     return Comparison(record, label, simulate(model, record), predict(model, record, 1), output.name, output.unit)
 
 
-def free_run(shown: Comparison, scheduling: Sequence[str] = ()) -> Figure:
+def free_run(shown: Comparison, scheduling: Sequence[str] = (), ax: Ax = None) -> Drawn:
     """Measured output and free run over the whole record, and over the stretch with the largest error.
 
     Parameters
@@ -111,16 +113,18 @@ def free_run(shown: Comparison, scheduling: Sequence[str] = ()) -> Figure:
     shown : Comparison
     scheduling : sequence of str
         Scheduling variables drawn below the close-up (at most two).
+    ax : array of Axes, optional
+        Where to draw: two, and one for each scheduling variable; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    array of matplotlib.axes.Axes
     """
     names = list(scheduling)[:2]
     t, y, run, error = shown.record.times, shown.measured, shown.free_run.output[:, 0], shown.error
-    window = worst_stretch(error)
+    window, foreign = worst_stretch(error), ax is not None
     with look():
-        figure, axes = panels(2 + len(names), heights=[1.9, 2.5, *([0.95] * len(names))])
+        figure, axes = panels(2 + len(names), heights=[1.9, 2.5, *([0.95] * len(names))], ax=ax)
         ax = axes[0, 0]
         ax.plot(*thinned(t, y), color=MEASURED, linewidth=0.7, label=shown.origin)
         ax.plot(*thinned(t, run), color=MODEL, linewidth=0.7, alpha=0.85, label="free run")
@@ -135,11 +139,12 @@ def free_run(shown: Comparison, scheduling: Sequence[str] = ()) -> Figure:
         for axis, name in zip(axes[2:, 0], names, strict=True):
             axis.plot(t[window], shown.record[name][window], color=BLUE, drawstyle="steps-post")
             axis.set_ylabel(label(name, shown.record.unit(name)))
-            axis.sharex(axes[1, 0])
+            if not foreign:
+                axis.sharex(axes[1, 0])
             axis.set_ylim(*robust_limits(shown.record[name]))
         axes[-1, 0].set_xlabel("time [s]")
         figure.align_ylabels()
-    return figure
+    return drawn(axes)
 
 
 def _close_up(ax: Axes, shown: Comparison, window: slice) -> None:
@@ -155,36 +160,38 @@ def _close_up(ax: Axes, shown: Comparison, window: slice) -> None:
     ax.set_xlim(float(t[0]), float(t[-1]))
 
 
-def overlay(shown: Sequence[tuple[str, Comparison]]) -> Figure:
+def overlay(shown: Sequence[tuple[str, Comparison]], ax: Ax = None) -> Drawn:
     """Free runs of several models over one measured record, whole and where the first of them is worst.
 
     Parameters
     ----------
     shown : sequence of (str, Comparison)
         Names and runs along the same record, each at its model's rate; measured as the first has it.
+    ax : (2,) array of Axes, optional
+        Where to draw; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    (2,) array of matplotlib.axes.Axes
     """
     first = shown[0][1]
     t, window = first.record.times, worst_stretch(first.error)
     ends = float(t[window.start]), float(t[window.stop - 1])
     with look():
-        figure, axes = panels(2, heights=[1.9, 2.7])
+        axes = panels(2, heights=[1.9, 2.7], ax=ax)[1]
         for ax, close in zip(axes[:, 0], (False, True), strict=True):
             keep = window if close else slice(None)
             ax.plot(*thinned(t[keep], first.measured[keep]), color=MEASURED, linewidth=1.4 if close else 0.7,
                     label=first.origin)
-            drawn = []
+            runs = []
             for k, (name, c) in enumerate(shown):
                 own = c.record.times
                 inside = (own >= ends[0]) & (own <= ends[1]) if close else np.ones(own.size, dtype=bool)
                 run = c.free_run.output[inside, 0]
-                drawn.append(run)
+                runs.append(run)
                 ax.plot(*thinned(own[inside], run), color=CYCLE[(k + 1) % len(CYCLE)], linewidth=1.1 if close else 0.6,
                         label=name)
-            ax.set_ylim(*limits_of(first.measured[keep], np.concatenate(drawn), 0.1))
+            ax.set_ylim(*limits_of(first.measured[keep], np.concatenate(runs), 0.1))
             ax.set_ylabel(label(first.output, first.unit))
             ax.margins(x=0.005)
         axes[0, 0].axvspan(*ends, color=BLUE, alpha=0.10, linewidth=0)
@@ -192,10 +199,10 @@ def overlay(shown: Sequence[tuple[str, Comparison]]) -> Figure:
         axes[1, 0].set_title(f"The stretch with the largest error of {shown[0][0]}")
         legend_above(axes[1, 0], len(shown) + 1)
         axes[1, 0].set_xlabel("time [s]")
-    return figure
+    return drawn(axes)
 
 
-def loops(shown: Sequence[Comparison], against: Sequence[str]) -> Figure | None:
+def loops(shown: Sequence[Comparison], against: Sequence[str], ax: Ax = None) -> Drawn | None:
     """Measured and free-run output against other channels (force-velocity, force-displacement).
 
     Parameters
@@ -203,10 +210,12 @@ def loops(shown: Sequence[Comparison], against: Sequence[str]) -> Figure | None:
     shown : sequence of Comparison
     against : sequence of str
         Channels for the horizontal axes; those a record lacks are left out.
+    ax : Axes or array of one for each channel, optional
+        Where to draw; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure or None
+    matplotlib.axes.Axes or array of them, or None
         None when no such channel was recorded.
     """
     names = [n for n in against if all(c.record.has(n) and n != c.output for c in shown)]
@@ -214,7 +223,7 @@ def loops(shown: Sequence[Comparison], against: Sequence[str]) -> Figure | None:
         return None
     step = max(1, sum(c.record.n_samples for c in shown) // CLOUD)
     with look():
-        figure, axes = panels(1, len(names), height=3.5, width=WIDTH if len(names) > 1 else 5.6)
+        axes = panels(1, len(names), height=3.5, width=WIDTH if len(names) > 1 else 5.6, ax=ax)[1]
         for ax, name in zip(axes[0], names, strict=True):
             for i, c in enumerate(shown):
                 keep = slice(c.start, None, step)
@@ -232,7 +241,7 @@ def loops(shown: Sequence[Comparison], against: Sequence[str]) -> Figure | None:
             for handle in ax.get_legend().legend_handles:  # type: ignore[union-attr]
                 handle.set_markersize(6)  # type: ignore[union-attr]
                 handle.set_alpha(1.0)  # type: ignore[union-attr]
-    return figure
+    return drawn(axes)
 
 
 def limits_of(measured: np.ndarray, model: np.ndarray, margin: float) -> tuple[float, float]:

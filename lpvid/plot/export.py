@@ -7,7 +7,7 @@ import io
 import re
 from typing import TYPE_CHECKING
 
-from lpvid.plot.style import look
+from lpvid.plot.style import Drawn, figure_of, look
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,11 +26,14 @@ _PIXELS = re.compile(rb'"data:image/png;base64,([^"]*)"')
 _IDLE = re.compile(rb"<metadata>.*?</metadata>|<!--.*?-->|<!DOCTYPE[^>]*>", re.DOTALL)
 
 
-def svg(figure: Figure) -> bytes:
-    """The figure as SVG: lines as lines, dense clouds as embedded pixels; the same figure gives the same bytes."""
+def svg(figure: Figure | Drawn) -> bytes:
+    """The figure, or that of these axes, as SVG: lines as lines, dense clouds as embedded pixels.
+
+    The same figure gives the same bytes.
+    """
     buffer = io.BytesIO()
     with look():
-        figure.savefig(buffer, format="svg", dpi=CLOUD_DPI, metadata={"Date": None, "Creator": "lpvid"})
+        figure_of(figure).savefig(buffer, format="svg", dpi=CLOUD_DPI, metadata={"Date": None, "Creator": "lpvid"})
     return shortened(buffer.getvalue())
 
 
@@ -87,9 +90,9 @@ def _fewer_colours(found: re.Match[bytes]) -> bytes:
     return b'"data:image/png;base64,%s"' % base64.b64encode(best)
 
 
-def png(figure: Figure) -> bytes:
-    """The figure as PNG."""
+def png(figure: Figure | Drawn) -> bytes:
+    """The figure, or that of these axes, as PNG."""
     buffer = io.BytesIO()
     with look():
-        figure.savefig(buffer, format="png", metadata={"Software": "lpvid"})
+        figure_of(figure).savefig(buffer, format="png", metadata={"Software": "lpvid"})
     return buffer.getvalue()

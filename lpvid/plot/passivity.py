@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid.analysis.passivity_margin import BAND, PassivityMargin
-from lpvid.plot.style import CYCLE, INK, VERMILION, label, legend_above, look, panels
+from lpvid.plot.style import CYCLE, INK, VERMILION, Ax, Drawn, drawn, label, legend_above, look, panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -16,32 +16,34 @@ LINES = 5
 """Scheduling values that are drawn as lines."""
 
 
-def passivity(found: PassivityMargin) -> Figure:
+def passivity(found: PassivityMargin, ax: Ax = None) -> Drawn:
     """Least damping over the amplitudes, by frequency and scheduling.
 
     Parameters
     ----------
     found : PassivityMargin
+    ax : Axes or array of two, optional
+        Where to draw; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    matplotlib.axes.Axes or array of them
         Left a map over the first scheduling variable, with the limit of passivity; right, or alone, lines.
     """
     maps = len(found.names) == 1 and len(found.scheduling) > 1 and bool(np.isfinite(found.damping).all())
     with look():
-        figure, axes = panels(1, 2 if maps else 1, height=3.4)
+        figure, axes = panels(1, 2 if maps else 1, height=3.4, ax=ax)
         if maps:
             _map(figure, axes[0, 0], found)
         _lines(axes[0, -1], found)
-    return figure
+    return drawn(axes)
 
 
 def _map(figure: Figure, ax, found: PassivityMargin) -> None:
     size = float(np.abs(found.damping).max()) or 1.0
-    drawn = ax.pcolormesh(found.frequencies, found.scheduling[:, 0], found.damping, cmap="RdBu", vmin=-size, vmax=size,
+    shades = ax.pcolormesh(found.frequencies, found.scheduling[:, 0], found.damping, cmap="RdBu", vmin=-size, vmax=size,
                           shading="nearest", rasterized=True)
-    figure.colorbar(drawn, ax=ax, label=label("damping", found.unit), fraction=0.046, pad=0.03)
+    figure.colorbar(shades, ax=ax, label=label("damping", found.unit), fraction=0.046, pad=0.03)
     if found.mask.any() and not found.mask.all():
         ax.contour(found.frequencies, found.scheduling[:, 0], found.damping, [0.0], colors=INK, linewidths=0.9)
     _frequency(ax, found)

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid.plot.comparison import Comparison
-from lpvid.plot.style import BLUE, INK, MODEL, label, legend_above, look, panels
+from lpvid.plot.style import BLUE, INK, MODEL, Ax, Drawn, drawn, label, legend_above, look, panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 CROSSED = 4
 """Inputs that the residual is correlated with, at most."""
@@ -20,7 +19,8 @@ NORMAL_99 = 2.576
 """99 % of a normal law lie within so many standard deviations."""
 
 
-def residuals(shown: Sequence[Comparison], lags: int = 40, inputs: Sequence[str] = ()) -> Figure | None:
+def residuals(shown: Sequence[Comparison], lags: int = 40, inputs: Sequence[str] = (),
+              ax: Ax = None) -> Drawn | None:
     """One-step residuals: histogram about their own mean, autocorrelation, cross-correlation with inputs.
 
     The limits hold 99 % of a lag's correlations where there is none. Of the autocorrelation they are those of white
@@ -33,10 +33,12 @@ def residuals(shown: Sequence[Comparison], lags: int = 40, inputs: Sequence[str]
     lags : int
     inputs : sequence of str
         Channels for the cross-correlation, at most `CROSSED`.
+    ax : array of Axes, optional
+        Where to draw: two, and one for each input that moves; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    array of matplotlib.axes.Axes, or None
         None when there is nothing finite.
     """
     usable = [c for c in shown if c.innovation.size > 4 and np.isfinite(c.innovation).all()]
@@ -47,7 +49,7 @@ def residuals(shown: Sequence[Comparison], lags: int = 40, inputs: Sequence[str]
     moving = [n for n in inputs if all(c.record.has(n) for c in usable)
               and any(np.ptp(c.record[n][c.one_step.start:]) > 0 for c in usable)][:CROSSED]
     with look():
-        figure, axes = panels(1 + (len(moving) + 1) // 2, 2, height=2.4)
+        axes = panels(1 + (len(moving) + 1) // 2, 2, height=2.4, ax=ax, count=2 + len(moving))[1]
         cells = axes.ravel()
         _histogram(cells[0], pooled, usable[0].unit)
         _autocorrelation(cells[1], usable, lags)
@@ -55,7 +57,7 @@ def residuals(shown: Sequence[Comparison], lags: int = 40, inputs: Sequence[str]
             _cross_correlation(ax, usable, name, lags)
         for ax in cells[2 + len(moving):]:
             ax.set_visible(False)
-    return figure
+    return drawn(axes, 2 + len(moving))
 
 
 def _histogram(ax: Axes, values: np.ndarray, unit: str) -> None:

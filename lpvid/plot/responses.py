@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.plot.style import CYCLE, MUTED, WIDTH, label, look, panels
+from lpvid.plot.style import CYCLE, MUTED, WIDTH, Ax, Drawn, drawn, label, legend_below, look, panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 BEYOND = 3.0
 """Factor by which an axis reaches beyond the estimates: some draws have a pole on the unit circle."""
@@ -39,7 +38,7 @@ class Response:
 
 
 def bode(hertz: np.ndarray, shown: Sequence[Response], inputs: Sequence[str], units: Sequence[str], output: str,
-         level: float = 0.95) -> Figure:
+         level: float = 0.95, ax: Ax = None) -> Drawn:
     """Magnitude and phase, one column for each input, and how wide the band of the magnitude is.
 
     The lowest row has half the band over the estimate, in per cent: a band narrower than its line is seen there.
@@ -54,16 +53,18 @@ def bode(hertz: np.ndarray, shown: Sequence[Response], inputs: Sequence[str], un
     output : str
     level : float
         Of the bands.
+    ax : array of Axes, optional
+        Where to draw: a column for each input, of three rows with bands and two without; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    array of matplotlib.axes.Axes
     """
     banded = any(r.drawn is not None for r in shown)
-    columns = len(inputs)
+    columns, foreign = len(inputs), ax is not None
     with look():
         figure, axes = panels(3 if banded else 2, columns, heights=[2.5, 1.7, *([1.3] if banded else [])],
-                              width=WIDTH if columns > 1 else 8.0, sharex=True)
+                              width=WIDTH if columns > 1 else 8.0, sharex=True, ax=ax)
         for j, (name, unit) in enumerate(zip(inputs, units, strict=True)):
             for response, colour, dash in zip(shown, CYCLE, DASHES, strict=False):
                 _bode_curve(axes[:, j], hertz, response, j, colour, dash, level)
@@ -77,10 +78,11 @@ def bode(hertz: np.ndarray, shown: Sequence[Response], inputs: Sequence[str], un
                 axes[2, j].set_yscale("log")
                 axes[2, j].set_ylabel(f"{level:.0%} band [± %]")
             axes[-1, j].set_xlabel(label("frequency", "Hz"))
-            axes[-1, j].set_xscale("log")
-            axes[-1, j].set_xlim(float(hertz[0]), float(hertz[-1]))
-        _legend(figure, axes[0, 0])
-    return figure
+            for row in axes[:, j]:  # the rows of a new figure share it
+                row.set_xscale("log")
+                row.set_xlim(float(hertz[0]), float(hertz[-1]))
+        legend_below(figure, axes[0, 0], foreign, 3)
+    return drawn(axes)
 
 
 def _bode_curve(column: np.ndarray, hertz: np.ndarray, response: Response, j: int, colour: str, dash: str,
@@ -100,10 +102,11 @@ def _bode_curve(column: np.ndarray, hertz: np.ndarray, response: Response, j: in
 
 
 def steps(time: np.ndarray, shown: Sequence[Response], inputs: Sequence[str], units: Sequence[str], output: str,
-          level: float = 0.95) -> Figure:
-    """Responses to a unit step in each input, with their bands; arguments as for `bode`."""
+          level: float = 0.95, ax: Ax = None) -> Drawn:
+    """Responses to a unit step in each input, with their bands, one panel each; other arguments as for `bode`."""
+    foreign = ax is not None
     with look():
-        figure, axes = panels(1, len(inputs), height=2.7, width=WIDTH if len(inputs) > 1 else 8.0)
+        figure, axes = panels(1, len(inputs), height=2.7, width=WIDTH if len(inputs) > 1 else 8.0, ax=ax)
         for j, (name, unit) in enumerate(zip(inputs, units, strict=True)):
             ax = axes[0, j]
             for response, colour, dash in zip(shown, CYCLE, DASHES, strict=False):
@@ -118,13 +121,8 @@ def steps(time: np.ndarray, shown: Sequence[Response], inputs: Sequence[str], un
             ax.set_ylabel(label("response", unit))
             ax.set_xlabel(label("time", "s"))
             ax.set_xlim(float(time[0]), float(time[-1]))
-        _legend(figure, axes[0, 0])
-    return figure
-
-
-def _legend(figure: Figure, ax: Axes) -> None:
-    handles, names = ax.get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=min(len(names), 3))
+        legend_below(figure, axes[0, 0], foreign, 3)
+    return drawn(axes)
 
 
 def _reach(ax: Axes, curves: Sequence[np.ndarray]) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from lpvid.analysis.critical import CriticalScheduling
 from lpvid.analysis.pole_locus import PoleLocus
 from lpvid.analysis.uncertainty import PoleBand
-from lpvid.plot.style import BLUE, INK, MUTED, SCALE, VERMILION, label, look, panels
+from lpvid.plot.style import BLUE, INK, MUTED, SCALE, VERMILION, Ax, Drawn, drawn, label, look, panels
 
 CROWD = 400
 """Poles of a locus above which they are drawn as pixels: a mark of its own for each would fill the page."""
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def locus(found: PoleLocus, band: PoleBand | None = None, critical: CriticalScheduling | None = None) -> Figure:
+def locus(found: PoleLocus, band: PoleBand | None = None, critical: CriticalScheduling | None = None,
+          ax: Ax = None) -> Drawn:
     """Frozen poles of a discrete or continuous model over one scheduling variable.
 
     Parameters
@@ -29,20 +30,22 @@ def locus(found: PoleLocus, band: PoleBand | None = None, critical: CriticalSche
         Uncertainty from the parameter covariance.
     critical : CriticalScheduling, optional
         Critical values, drawn where they fall into the range shown.
+    ax : (2,) array of Axes, optional
+        Where to draw; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    (2,) array of matplotlib.axes.Axes
         Left the plane of the poles, right the largest modulus (or real part), below it damping or frequency.
     """
     with look():
-        figure, axes = panels(1, 2, height=4.3)
+        figure, axes = panels(1, 2, height=4.3, ax=ax)
         _plane(figure, axes[0, 0], found, band)
         _margin(axes[0, 1], found, band, critical)
-    return figure
+    return drawn(axes)
 
 
-def poles(values: np.ndarray, discrete: bool = True) -> Figure:
+def poles(values: np.ndarray, discrete: bool = True, ax: Ax = None) -> Drawn:
     """The poles of a model without scheduling variables.
 
     Parameters
@@ -50,18 +53,19 @@ def poles(values: np.ndarray, discrete: bool = True) -> Figure:
     values : (n,) complex array
         z in discrete time, s [rad/s] in continuous time.
     discrete : bool
+    ax : Axes, optional
+        Where to draw; left out, in a new figure.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    matplotlib.axes.Axes
     """
     with look():
-        figure, axes = panels(1, height=4.0, width=4.6)
-        ax = axes[0, 0]
+        ax = panels(1, height=4.0, width=4.6, ax=ax)[1][0, 0]
         _background(ax, discrete)
         ax.plot(np.real(values), np.imag(values), "x", color=BLUE, markersize=7)
         ax.set_title("Poles")
-    return figure
+    return ax
 
 
 def _background(ax: Axes, discrete: bool) -> None:
@@ -82,9 +86,9 @@ def _plane(figure: Figure, ax: Axes, found: PoleLocus, band: PoleBand | None) ->
         ax.plot(np.real(cloud), np.imag(cloud), ".", color=MUTED, alpha=0.18, markersize=2.0, rasterized=True,
                 label=f"poles of {band.draws} models drawn from the covariance")
     colours = np.repeat(found.p[:, None], found.poles.shape[1], axis=1)
-    drawn = ax.scatter(np.real(found.poles).ravel(), np.imag(found.poles).ravel(), c=colours.ravel(), s=9, cmap=SCALE,
+    marks = ax.scatter(np.real(found.poles).ravel(), np.imag(found.poles).ravel(), c=colours.ravel(), s=9, cmap=SCALE,
                        zorder=3, linewidths=0, rasterized=found.poles.size > CROWD, label="poles of this model")
-    figure.colorbar(drawn, ax=ax, label=label(found.variable, found.unit), fraction=0.046, pad=0.03)
+    figure.colorbar(marks, ax=ax, label=label(found.variable, found.unit), fraction=0.046, pad=0.03)
     ax.set_title("Frozen poles")
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=1, borderaxespad=0.0, markerscale=2)
     for handle in ax.get_legend().legend_handles:  # type: ignore[union-attr]

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lpvid.errors import InputError
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -19,6 +21,10 @@ CYCLE = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY)
 MEASURED, MODEL = INK, VERMILION
 SCALE = "viridis"
 """Colour map for a scheduling variable: rises in lightness, so that it survives a grey print."""
+Ax = Any
+"""Where a figure is drawn: one `matplotlib.axes.Axes`, an array or a sequence of them, or None for a new figure."""
+Drawn = Any
+"""What a drawing function returns: its `matplotlib.axes.Axes`, or an array of them in the order of `plt.subplots`."""
 WIDTH = 9.9
 """Width of a figure in a report [inch]."""
 DENSE = 4000
@@ -46,8 +52,39 @@ def look() -> Iterator[None]:
 
 
 def panels(rows: int, columns: int = 1, *, height: float = 2.2, width: float = WIDTH, sharex: bool = False,
-           heights: list[float] | None = None) -> tuple[Figure, np.ndarray]:
-    """A figure with a (rows, columns) array of axes, laid out without overlap."""
+           heights: list[float] | None = None, ax: Ax = None, count: int | None = None) -> tuple[Figure, np.ndarray]:
+    """A figure with a (rows, columns) array of axes, laid out without overlap; or the caller's axes.
+
+    Parameters
+    ----------
+    rows, columns : int
+    height, width : float
+        Of a row, and of the figure [inch].
+    sharex : bool
+    heights : list of float, optional
+        Of each row [inch].
+    ax : Axes, array or sequence of them, optional
+        The caller's.
+    count : int, optional
+        How many panels are used, where the last row is not full: so many of the caller's axes are needed.
+
+    Returns
+    -------
+    Figure, (rows, columns) array of Axes
+        (1, count) with the caller's axes where the last row is not full.
+
+    Raises
+    ------
+    InputError
+        Another number of axes.
+    """
+    if ax is not None:
+        given = np.atleast_1d(np.asarray(ax, dtype=object)).ravel()
+        needed = rows * columns if count is None else count
+        if given.size != needed:
+            raise InputError(f"this is drawn on {needed} axes", got=str(given.size),
+                             mend=f"plt.subplots({rows}, {columns})" if needed > 1 else "one Axes")
+        return given[0].figure, given.reshape((rows, columns) if needed == rows * columns else (1, needed))
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -59,6 +96,19 @@ def panels(rows: int, columns: int = 1, *, height: float = 2.2, width: float = W
     return figure, axes
 
 
+def drawn(axes: np.ndarray, count: int | None = None) -> Drawn:
+    """One Axes where there is one, else the array of them as `plt.subplots` has it, or the first `count` in a row."""
+    kept = axes if count is None or count == axes.size else axes.ravel()[:count]
+    return kept.ravel()[0] if kept.size == 1 else np.squeeze(kept)
+
+
+def figure_of(shown: Any) -> Figure:
+    """The figure of what a drawing function returns; a figure is its own."""
+    from matplotlib.figure import Figure
+
+    return shown if isinstance(shown, Figure) else np.atleast_1d(np.asarray(shown, dtype=object)).ravel()[0].figure
+
+
 def label(name: str, unit: str) -> str:
     """Axis label with its unit."""
     return f"{name} [{unit or '1'}]"
@@ -68,6 +118,15 @@ def legend_above(axes: Axes, columns: int = 4) -> None:
     """A legend between title and plot, right-aligned: it never covers data."""
     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), ncols=columns, borderaxespad=0.0, handlelength=1.6,
                 columnspacing=1.4)
+
+
+def legend_below(figure: Figure, axes: Axes, foreign: bool, columns: int, **more: Any) -> None:
+    """One legend for all panels below them; on the caller's axes, which have a layout of their own, on the first."""
+    handles, names = axes.get_legend_handles_labels()
+    if foreign:
+        axes.legend(handles, names, **more)
+    else:
+        figure.legend(handles, names, loc="outside lower center", ncols=min(len(names), columns), **more)
 
 
 def thinned(x: np.ndarray, y: np.ndarray, most: int = DENSE) -> tuple[np.ndarray, np.ndarray]:

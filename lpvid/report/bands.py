@@ -59,7 +59,7 @@ def response_section(found: Identification, shown: Sequence[Comparison], seed: i
         middle = places[len(places) // 2]
         models = {"this model": model, **same}
         held = f" at {said[len(places) // 2]}" if model.box.names else ""
-        items += overlaid_figures(models, dict.fromkeys(models, middle), held, longest)
+        items += overlaid_figures(models, dict.fromkeys(models, middle), f"several models{held}", longest)
     return (Section("Frequency and step response", tuple(items)),)
 
 

@@ -11,7 +11,7 @@ from lpvid.plot import Comparison
 from lpvid.record import Record
 from lpvid.report.courses import overlay_traces
 from lpvid.report.figures import comparisons, grade
-from lpvid.report.page import Item, Mark, Notes, Page, Section, Step, Table, number
+from lpvid.report.page import Item, Mark, Notes, Page, Paragraph, Section, Step, Table, number
 from lpvid.report.responses import overlaid_figures, scheduling_places
 from lpvid.simulation import Model
 from lpvid.validation.comparing import ModelComparison
@@ -103,4 +103,12 @@ def _responses(found: ModelComparison, shown: Sequence[tuple[str, Comparison]]) 
     places = {n: (p := scheduling_places(m.box, [runs[n]])[0])[len(p) // 2] for n, m in kept.items()}
     longest = max(runs[n].record.n_samples for n in kept)
     held = ", the scheduling held at its median" if any(m.box.names for m in kept.values()) else ""
-    return overlaid_figures(kept, places, held, longest)
+    names = list(kept)
+    items = overlaid_figures(kept, places, f"{' and '.join(names) if len(names) < 3 else 'several models'}{held}",
+                             longest)
+    missing = [n for n in runs if n not in kept]
+    if missing:
+        inputs = ", ".join(s.name for s in kept[names[0]].filter_inputs)
+        items.append(Paragraph(f"Without a curve in these two figures: {', '.join(missing)}. Only models "
+                               f"that are linear at a fixed scheduling, behind the same inputs ({inputs}), have one."))
+    return items

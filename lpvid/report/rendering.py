@@ -123,8 +123,13 @@ def _step(step: Step, origin: Origin | None) -> Step:
     paths = {n: s.name for n, s in zip(names, origin.sources, strict=True) if names.count(n) == 1}
     if origin.folder:
         paths[OUT] = origin.folder.rstrip("/")
-    parts = (word.partition("/") for word in step.command.split(" "))
-    return Step(step.text, " ".join(paths.get(first, first) + slash + rest for first, slash, rest in parts))
+
+    def resolved(name: str) -> str:
+        first, slash, rest = name.partition("/")
+        return paths.get(first, first) + slash + rest
+
+    words = (",".join(resolved(name) for name in word.split(",")) for word in step.command.split(" "))
+    return Step(step.text, " ".join(words))
 
 
 def _ids(page: Page) -> list[str]:

@@ -60,9 +60,9 @@ def frozen_figures(model: Linear, drawn: Sequence[Linear], places: Sequence[np.n
 
 def overlaid_figures(models: Mapping[str, Linear], at: Mapping[str, np.ndarray], said: str,
                      longest: int) -> list[Item]:
-    """Bode plot and step response of several models over each other, each at its own value of the scheduling."""
+    """Bode plot and step response of models over each other, each at its own value of the scheduling; `said`: whose."""
     shown = [(name, model, [], at[name]) for name, model in models.items()]
-    return _figures(shown, longest, f", several models{said}.")
+    return _figures(shown, longest, f" of {said}.")
 
 
 def _figures(several: Sequence[tuple[str, Linear, list[Linear], np.ndarray]], longest: int, words: str) -> list[Item]:

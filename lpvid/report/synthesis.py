@@ -68,8 +68,15 @@ def _steps(result: Synthesis) -> tuple[Step, ...]:
                 Step("Relax a weight, or bound the rate of the scheduling, and try again."),)
     return (Step("Let anyone check the certificate without a solver.",
                  f"lpvid verify {OUT}/certificate.json {OUT}/closed_loop.json"),
-            Step("Take the controller to a control unit, discretised.", f"lpvid export {OUT}/controller.json --to c "
-                 "--out exported"))
+            _taking(result))
+
+
+def _taking(result: Synthesis) -> Step:
+    """How the controller leaves: a continuous one at the rate of the control unit."""
+    continuous = result.controller is not None and getattr(result.controller, "sample_time", None) is None
+    at = " --sample-rate HZ" if continuous else ""
+    return Step(f"Take the controller to a control unit{', at its rate HZ' if continuous else ''}.",
+                f"lpvid export {OUT}/controller.json --to c{at} --out exported")
 
 
 def _mark(result: Synthesis) -> Mark:

@@ -17,6 +17,7 @@ from lpvid.model.hull import outside_share
 from lpvid.record import Record
 from lpvid.simulation import Model, Simulation, simulate
 from lpvid.validation.figures import Figures, Pool
+from lpvid.validation.opposite import opposite_remark
 from lpvid.validation.report import acting_model, along
 
 
@@ -147,7 +148,9 @@ def free_runs(model: Model | Adaptable, records: Record | Sequence[Record],
     if measured:
         seen = familiar(acting.metadata, pieces, acting.outputs[0].name)
         label = "held-out" if not seen else "training" if len(seen) == len(pieces) else "partly training"
-    return FreeRuns(acting, tuple(runs), label, pool.total("free-run") if measured else None, notes)
+    overall = pool.total("free-run") if measured else None
+    turned = None if overall is None else opposite_remark(acting, pieces, overall)
+    return FreeRuns(acting, tuple(runs), label, overall, notes if turned is None else (*notes, turned))
 
 
 def _columns(model: Model, record: Record, run: Simulation, measured: bool) -> dict[str, tuple[np.ndarray, str]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from lpvid.record import Record
 from lpvid.simulation import Model, predict, simulate
 from lpvid.validation.coherent import independence_remark
 from lpvid.validation.figures import Figures, Pair, Pool, RecordFigures
+from lpvid.validation.opposite import opposite_remark
 from lpvid.validation.regimes import Regime, Stretch, regimes
 from lpvid.validation.residuals import Instrument, ResidualTest, residual_of, residual_tests
 
@@ -216,7 +217,9 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record] | Chun
         label = "training" if len(seen) == len(pieces) else "partly training"
         notes += (f"not held-out: {', '.join(seen[:4])} begins with samples that the model was fitted to",)
     said = independence_remark(model, pieces, label) if label != "training" else None
-    return figures(model, pieces, label, notes if said is None else (*notes, said), horizons)
+    found = figures(model, pieces, label, notes if said is None else (*notes, said), horizons)
+    turned = opposite_remark(model, pieces, found.overall.free_run)
+    return found if turned is None else replace(found, notes=(*found.notes, turned))
 
 
 def figures(model: Model, pieces: Sequence[Record], label: str, notes: tuple[str, ...] = (),

@@ -60,7 +60,9 @@ class CharacteriseSettings:
         object.__setattr__(self, "speeds", speeds)
         _checks.one_of(self.rebound, ("positive", "negative"), "rebound")
         for name, delay in self.delays.items():
-            _checks.real(delay, f"the delay of '{name}'")
+            if _checks.real(delay, f"the delay of '{name}'") < 0:
+                raise InputError(f"the delay of '{name}' must not be negative", got=f"{delay:g} s",
+                                 why="a sensor is never early", mend="name the sensors that are late")
         if self.sample_rate is not None:
             _checks.positive(self.sample_rate, "sample_rate", "Hz")
         if self.specimen and self.specimen != "file":

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lpvid.export.exportable import has_step
 from lpvid.report import OUT, Figure, Mark, Notes, Page, Paragraph, Section, Step, Table, Traces, number
 from lpvid.report.courses import signal_traces
 from lpvid.report.page import percent
@@ -110,11 +111,11 @@ def _use(ride: Ride) -> Table:
 def _steps(found: Design | IdentifiedDesign) -> tuple[Step, ...]:
     if not found.synthesis.solved:
         return (Step(f"{found.synthesis.mend[:1].upper()}{found.synthesis.mend[1:]}."),) if found.synthesis.mend else ()
+    leaving = (Step("Take the loop law to a control unit.", f"quartercar export --controller {OUT}/controller.json "
+                    "--to c --out exported"),) if has_step(found.controller) else ()
     return (Step("Compare it with other laws on rough roads, with intervals.", f"quartercar ride --controller "
                  f"passive,skyhook,{OUT}/controller.json --seeds 8 --out ride"),
             Step("Tune the weights on rides.", "quartercar design --tune 40 --out tuned"),
             Step("Let anyone check the certificate without a solver.",
-                 f"lpvid verify {OUT}/certificate.json {OUT}/closed_loop.json"),
-            Step("Take the loop law to a control unit.", f"quartercar export --controller {OUT}/controller.json --to c "
-                 "--out exported"))
+                 f"lpvid verify {OUT}/certificate.json {OUT}/closed_loop.json"), *leaving)
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from lpvid.report import Item, Paragraph, Table, number
 from lpvid.report.page import percent
+from quartercar.criteria import comfort_classes
 from quartercar.rides.bound import MEASURES, Bound, obtained, told_floor, told_share
 from quartercar.rides.comparison import Interval
 
@@ -39,13 +40,14 @@ def bound_items(bounds: Sequence[Bound]) -> tuple[Item, ...]:
 
 
 def bound_row(bound: Bound) -> tuple[str, ...]:
-    """The least objective as a row of the table of laws: comfort, tyre load, stroke, largest, MTVV, off road."""
+    """The least objective as a row of the table of laws: all columns of it."""
     def mean(name: str, scale: float, digits: int) -> str:
         return number(scale * float(np.mean([getattr(f, name) for f in bound.at()])), digits)
 
     return (f"clairvoyant bound, {bound.car} car ({len(bound.seeds)} of the seeds)", mean("comfort", 1, 4),
             mean("tyre_load", 1, 4), mean("stroke", 1e3, 3), mean("largest_stroke", 1e3, 3), mean("transient", 1, 4),
-            percent(float(np.mean([f.off_road for f in bound.at()]))), "–", "–")
+            percent(float(np.mean([f.off_road for f in bound.at()]))), "–", "–",
+            ", ".join(comfort_classes(float(np.mean([f.comfort for f in bound.at()])))))
 
 
 def _mean(bound: Bound, aim: str, measure: str) -> str:

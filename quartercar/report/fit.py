@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid.export.exportable import has_step
 from lpvid.plot import passivity
 from lpvid.report import (
     OUT,
@@ -138,9 +139,13 @@ def _steps(found: Comparison) -> tuple[Step, ...]:
         steps = [Step("Put the best model into a car and compare control laws.",
                       f"quartercar ride --damper {OUT}/{name}.json --out ride"),
                  Step("Ask what it still gets wrong, and which cause explains that.",
-                      f"lpvid diagnose DATA --baseline {OUT}/{name}.json --out diagnosis"),
-                 Step("Take it along: C, FMU, MATLAB, tables.",
-                      f"lpvid export {OUT}/{name}.json --to c --out exported")]
+                      f"lpvid diagnose DATA --baseline {OUT}/{name}.json --out diagnosis")]
+    stepping = next((r.damper.name for r in found.rows if r.fit is not None and has_step(r.damper)), None)
+    if stepping is not None:
+        what = "it" if stepping == name else f"'{stepping}'"
+        also = "" if stepping == name else ", the best one with a step of fixed length"
+        steps.append(Step(f"Take {what} along{also}: C, FMU, MATLAB, tables.",
+                          f"lpvid export {OUT}/{stepping}.json --to c --out exported"))
     if found.best.flags:
         steps.insert(0, Step(f"{found.best.name} is flagged ({', '.join(found.best.flags)}): see the remarks before "
                              "you use it."))

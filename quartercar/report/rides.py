@@ -164,15 +164,17 @@ def _figures(found: RideComparison, road: str, bounds: Sequence[Bound]) -> Table
     rows = tuple((r.name, told(r.interval("comfort")), told(r.interval("tyre_load")),
                   told(r.interval("stroke"), 1e3, 3), number(1e3 * r.interval("largest_stroke").mean, 3),
                   number(r.interval("transient").mean, 4), percent(r.interval("off_road").mean),
-                  percent(r.interval("at_limits").mean), percent(r.interval("out_of_reach").mean))
+                  percent(r.interval("at_limits").mean), percent(r.interval("out_of_reach").mean),
+                  ", ".join(comfort_classes(r.interval("comfort").mean)))
                  for r in found.on(road))
     marks: tuple[Mark, ...] = tuple("good" if r.name in found.front[road] else "plain" for r in found.on(road))
     rows += tuple(bound_row(b) for b in bounds if b.road == road)
     marks += ("plain",) * (len(rows) - len(marks))
     return Table(("law", "comfort [m/s²]", "tyre load [N]", "stroke [mm]", "largest [mm]", "MTVV [m/s²]", "off road",
-                  "current at a limit", "demand out of reach"), rows,
+                  "current at a limit", "demand out of reach", "likely reaction"), rows,
                  "Means over the seeds ± half of the 95 % interval; comfort is W_k-weighted (ISO 2631-1), tyre load "
-                 "and stroke are rms. Green: unbeaten in comfort and tyre load at once.", tuple(range(1, 9)), marks)
+                 "and stroke are rms. Likely reaction: ISO 2631-1, annex C, overlapping classes. Green: unbeaten "
+                 "in comfort and tyre load at once.", tuple(range(1, 9)), marks)
 
 
 def _against(found: RideComparison, road: str) -> Table:

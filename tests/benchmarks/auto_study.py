@@ -1,10 +1,11 @@
 """`--auto` against every structure by hand at its best order, on every shared record group.
 
-    LPVID_DATA=… python tests/benchmarks/auto_study.py [--budget SECONDS] [--out FILE.jsonl] [GROUP…]
+    LPVID_DATA=… python tests/benchmarks/auto_study.py [--budget S] [--out FILE.jsonl] [--only auto|hand] [GROUP…]
 
 By hand is given the advantage: each structure's best order is the one of the highest held-out fit, of which `--auto`
 sees nothing. All figures are free-run fits [%] on held-out data, but the ceiling, which is estimated from the training
-data's noise and applied to the held-out data's spread. A group that stands in FILE already is not run again.
+data's noise and applied to the held-out data's spread. Times are processor seconds. FILE has one line for each group
+and part; what stands there is not run again, so that several of these may share the work.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
 from real_records import GROUPS, Part, written
 
 import lpvid as lpv
@@ -25,6 +27,7 @@ from lpvid.cli.automatic import choose
 from lpvid.cli.structures import Request
 from lpvid.condition.preparing import decimation
 from lpvid.errors import LpvError
+from lpvid.identification.selection.result import describe
 from lpvid.identification.structure import Structure
 from lpvid.record import Record
 
@@ -94,39 +97,63 @@ def by_hand(case: Case) -> Iterator[tuple[str, Structure]]:
                                         external=external)
 
 
-def run(case: Case, folder: Path, budget: float) -> dict:
-    """One row of the table."""
+@dataclass(frozen=True)
+class Data:
+    """Records of a case, read once.
+
+    Attributes
+    ----------
+    training, held_out : list of Record
+    rate : float or None
+        Rate of the models [Hz].
+    """
+
+    training: list[Record]
+    held_out: list[Record]
+    rate: float | None
+
+
+def read(case: Case, folder: Path) -> Data:
+    """The records of a case, with the rate that the command would take."""
     with TemporaryDirectory() as cut:
         training = lpv.read(written(folder, case.training, Path(cut) / "training"))
         held_out = lpv.read(written(folder, case.held_out, Path(cut) / "held_out"))
-    rate = case.sample_rate or decimation([*training, *held_out])[0]
-    begun = time.perf_counter()
-    request = Request(case.input, (case.output,), case.schedule, "arx", {}, rate, True)
-    choice, found = choose(request, training, held_out, lambda text: None, budget)
-    seconds = time.perf_counter() - begun
+    return Data(training, held_out, case.sample_rate or decimation([*training, *held_out])[0])
+
+
+def by_auto(case: Case, data: Data, budget: float) -> dict:
+    """The command's choice and its figures."""
+    begun = time.process_time()
+    request = Request(case.input, (case.output,), case.schedule, "arx", {}, data.rate, True)
+    choice, found = choose(request, data.training, data.held_out, lambda text: None, budget)
+    seconds = time.process_time() - begun
     judged = found.held_out
     assert judged is not None
-    hand, spent = _hand(case, training, held_out, rate)
-    return {"group": case.name, "auto": judged.overall.free_run.fit_percent, "structure":
-            choice.to_dict()["best"], "ceiling": choice.held_out_percent, "seconds": seconds,
-            "candidates": sum(r.esr is not None for r in choice.selection.table), "hand": hand, "hand_seconds": spent,
-            "notes": list(choice.selection.notes)}
+    return {"auto": judged.overall.free_run.fit_percent, "structure": choice.to_dict()["best"],
+            "ceiling": choice.held_out_percent, "seconds": seconds,
+            "candidates": sum(r.esr is not None for r in choice.selection.table),
+            "left_out": list(choice.selection.left_out), "notes": list(choice.selection.notes),
+            "table": [str(row) for row in choice.selection.table[:12]]}
 
 
-def _hand(case: Case, training: Sequence[Record], held_out: Sequence[Record],
-          rate: float | None) -> tuple[dict[str, float], float]:
+def by_all_hands(case: Case, data: Data, most: float) -> dict:
+    """The best held-out fit of every structure, in `most` processor seconds: those not tried by then are counted."""
     best: dict[str, float] = {}
-    begun = time.perf_counter()
+    which: dict[str, str] = {}
+    begun, left = time.process_time(), 0
     for kind, structure in by_hand(case):
+        if time.process_time() - begun > most:
+            left += 1
+            continue
         try:
-            found = lpv.identify(training, structure, sample_rate=rate, held_out=held_out)
+            found = lpv.identify(data.training, structure, sample_rate=data.rate, held_out=data.held_out)
         except LpvError:
             continue
         assert found.held_out is not None
         fit = found.held_out.overall.free_run.fit_percent
-        if fit is not None:
-            best[kind] = max(best.get(kind, -1e9), float(fit))
-    return best, time.perf_counter() - begun
+        if fit is not None and fit > best.get(kind, -np.inf):
+            best[kind], which[kind] = float(fit), describe(structure)
+    return {"hand": best, "which": which, "hand_seconds": time.process_time() - begun, "hand_left": left}
 
 
 def table(rows: Sequence[dict]) -> str:
@@ -135,11 +162,24 @@ def table(rows: Sequence[dict]) -> str:
     lines = ["| group | auto | structure of it | " + " | ".join(kinds) + " | auto − best | ceiling | auto, s |",
              "|---" * (len(kinds) + 6) + "|"]
     for row in rows:
-        cells = [f"{row['hand'][k]:.1f}" if k in row["hand"] else "–" for k in kinds]
-        ceiling = "–" if row["ceiling"] is None else f"{row['ceiling']:.1f}"
-        lines.append(f"| {row['group']} | {row['auto']:.1f} | {row['structure']} | {' | '.join(cells)} | "
-                     f"{row['auto'] - max(row['hand'].values()):+.1f} | {ceiling} | {row['seconds']:.0f} |")
+        hand, ceiling = row.get("hand", {}), row.get("ceiling")
+        cells = [f"{hand[k]:.1f}" if k in hand else "–" for k in kinds]
+        gap = f"{row['auto'] - max(hand.values()):+.1f}" if hand and "auto" in row else "–"
+        found = ("– | –", "–")
+        if "auto" in row:
+            found = f"{row['auto']:.1f} | {row['structure']}", f"{row['seconds']:.0f}"
+        lines.append(f"| {row['group']} | {found[0]} | {' | '.join(cells)} | {gap} | "
+                     f"{'–' if ceiling is None else f'{ceiling:.1f}'} | {found[1]} |")
     return "\n".join(lines)
+
+
+def stored(file: Path | None) -> dict[str, dict]:
+    """Rows by group, their parts put together."""
+    rows: dict[str, dict] = {}
+    for line in file.read_text(encoding="utf-8").splitlines() if file and file.exists() else ():
+        row = json.loads(line)
+        rows.setdefault(row["group"], {}).update(row)
+    return rows
 
 
 def main() -> None:
@@ -147,18 +187,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="--auto against every structure by hand")
     parser.add_argument("groups", nargs="*")
     parser.add_argument("--budget", type=float, default=300.0)
+    parser.add_argument("--most", type=float, default=600.0, help="processor seconds for a group by hand")
+    parser.add_argument("--only", choices=("auto", "hand"))
     parser.add_argument("--out", type=Path)
     asked = parser.parse_args()
-    rows = [json.loads(line) for line in asked.out.read_text().splitlines()] if asked.out and asked.out.exists() else []
-    for case in cases():
-        if (asked.groups and case.name not in asked.groups) or any(r["group"] == case.name for r in rows):
-            continue
-        rows.append(run(case, Path(os.environ["LPVID_DATA"]), asked.budget))
-        print(table(rows[-1:]).splitlines()[-1], flush=True)
-        if asked.out:
-            with asked.out.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(rows[-1]) + "\n")
-    print(table(rows))
+    known = {case.name: case for case in cases()}
+    rows = stored(asked.out)
+    for name in asked.groups or known:
+        for part, key in (("auto", "auto"), ("hand", "hand")):
+            row = stored(asked.out).get(name, rows.get(name, {}))
+            if key in row or asked.only not in (None, part):
+                continue
+            data = read(known[name], Path(os.environ["LPVID_DATA"]))
+            found = (by_auto(known[name], data, asked.budget) if part == "auto" else
+                     by_all_hands(known[name], data, asked.most))
+            rows[name] = {**row, "group": name, **found}
+            print(table([rows[name]]).splitlines()[-1], flush=True)
+            if asked.out:
+                with asked.out.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps({"group": name, **found}) + "\n")
+    shown = stored(asked.out) or rows
+    print(table([shown[n] for n in known if n in shown]))
 
 
 if __name__ == "__main__":

@@ -72,9 +72,9 @@ def test_the_figure_shows_the_curves_where_a_few_draws_widen_the_band_by_orders_
     wide = np.zeros((n, 1))
     wide[50] = 1e7
     band = Band(np.arange(n) * 0.01, run.output - wide, run.output, run.output + wide, 0.95, 100, 0, "free-run output")
-    low, high = plot.free_run_band(shown, band).axes[0].get_ylim()
+    low, high = plot.free_run_band(shown, band)[0].get_ylim()
     span = np.ptp(np.concatenate([data["y"][:400], run.output[:400, 0]]))
     assert low <= run.output[:400].min() and high >= run.output[:400].max() and high - low < 3.5 * span
     narrow = Band(band.axis, run.output - 0.01, run.output, run.output + 0.01, 0.95, 100, 0, "free-run output")
-    low, high = plot.free_run_band(shown, narrow).axes[0].get_ylim()
+    low, high = plot.free_run_band(shown, narrow)[0].get_ylim()
     assert high - low < 1.3 * span

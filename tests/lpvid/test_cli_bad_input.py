@@ -263,6 +263,23 @@ def test_inspect_takes_whatever_parses(tmp_path, content, names):
     assert found, "every one of these has something to say"
 
 
+def test_a_velocity_in_a_unit_of_length_is_not_compared_with_itself(tmp_path):
+    (tmp_path / "a.csv").write_text(table(HEADER.replace("m/s", "cm")))
+    found = json.loads(CliRunner().invoke(app, ["inspect", str(tmp_path / "a.csv"), "--json"]).stdout)["findings"]
+    assert "unit-contradicts-name" in {f["name"] for f in found}
+    assert not any(f["name"].startswith("velocity-") for f in found)
+
+
+@pytest.mark.parametrize("out", ["x" * 300, "model.csv/x"])
+def test_a_folder_that_cannot_be_made_is_refused_before_the_work(tmp_path, out):
+    (tmp_path / "model.csv").write_text(table())
+    refused(tmp_path, "inspect", tmp_path / "model.csv", "--out", tmp_path / out, parts=("--out",))
+
+
+def test_a_name_that_no_file_can_have(tmp_path):
+    refused(tmp_path, "inspect", "x" * 300 + ".csv", parts=("xxx",))
+
+
 def identified(tmp_path: Path, content: str, *options: object) -> dict:
     (tmp_path / "a.csv").write_text(content)
     result = CliRunner().invoke(app, ["identify", str(tmp_path / "a.csv"), "--schedule", "current", "--na", "1", "--nb",

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import lpvid as lpv
 from lpvid.errors import InputError
 from lpvid.export.python_control import from_control, frozen_state_space, nonlinear_io_system, to_grid
 from lpvid.model.input_stage import TanhStage
@@ -155,6 +156,20 @@ def test_a_grid_comes_back_exactly_at_its_points(rng):
     between = 0.5 * (model.frozen([0.1])[0] + model.frozen([0.9])[0])
     np.testing.assert_allclose(middle, between, atol=1e-12)
     assert [s.name for s in back.inputs] == ["u1", "u2"]
+
+
+def test_units_come_back_and_may_be_given():
+    box = lpv.Scheduling(("current",), (0.0,), (2.0,), units=("A",))
+    model = LPVStateSpace([[[0.5]], [[0.1]]], [[[1.0]], [[0.0]]], [[[1.0]], [[0.0]]], [[[0.0]], [[0.0]]],
+                          Polynomial("current", 1), 0.01, scheduling=box, inputs=(lpv.Signal("velocity", "m/s"),),
+                          outputs=(lpv.Signal("force", "N"),))
+    back = from_control(to_grid(model, [0.0, 2.0]), [0.0, 2.0], names="current")
+    assert (back.inputs[0].unit, back.outputs[0].unit, back.box.units) == ("m/s", "N", ("A",))
+    foreign = control.StateSpace([[0.5]], [[1.0]], [[2.0]], [[0.0]], 0.1, inputs=["velocity"], outputs=["force"])
+    given = from_control([foreign, foreign], [0.0, 1.0], names="current", units={"force": "N", "current": "A"})
+    assert (given.inputs[0].unit, given.outputs[0].unit, given.box.units) == ("", "N", ("A",))
+    with pytest.raises(InputError, match="pressure"):
+        from_control([foreign, foreign], [0.0, 1.0], names="current", units={"pressure": "Pa"})
 
 
 def test_a_polynomial_grid_comes_back_everywhere_with_its_own_basis():

@@ -19,7 +19,7 @@ from lpvid.analysis.bands import frequency_response
 from lpvid.analysis.frozen_responses import step_response
 from lpvid.auditing import audit
 from lpvid.plot.responses import Response
-from lpvid.plot.style import thinned
+from lpvid.plot.style import figure_of, thinned
 from lpvid.report import Figure, Notes, Page, Paragraph, Section, Table, number, render
 from lpvid.report.bands import response_section, sureness
 from lpvid.report.figures import comparisons
@@ -176,8 +176,7 @@ def test_the_bode_plot_follows_the_estimate():
     hertz = np.array([0.1, 1.0, 4.0])
     response = frequency_response(model, [], hertz)[:, 0]
     drawn = np.stack([response * 1e-9, response, response * 1e9 * np.exp(0.2j)])
-    figure = plot.bode(hertz, [Response("fixed", response, drawn)], ["u"], ["1"], "y")
-    size, phase, width = figure.axes
+    size, phase, width = plot.bode(hertz, [Response("fixed", response, drawn)], ["u"], ["1"], "y")
     expected = 2 / (1 - 0.5 * np.exp(-2j * np.pi * hertz * 0.1))
     assert size.lines[0].get_ydata() == pytest.approx(np.abs(expected), rel=1e-12)
     assert phase.lines[0].get_ydata() == pytest.approx(np.degrees(np.unwrap(np.angle(expected))), rel=1e-12)
@@ -239,7 +238,7 @@ def test_axes_carry_names_and_units(found):
     figures = [plot.free_run(c[0], ("current",)), plot.loops(c, ("velocity", "displacement")), plot.residuals(c),
                plot.channel_traces(record()), plot.spectra([record(), record(5)], ["force", "velocity"]),
                plot.locus(lpv.pole_locus(found.model)), plot.poles(np.array([0.5, -0.2]))]
-    for figure in figures:
+    for figure in map(figure_of, figures):
         for ax in figure.axes:
             if ax.get_visible():
                 assert re.search(r"\[.+\]", ax.get_ylabel()) or (ax is not figure.axes[0] and not ax.get_ylabel())
@@ -250,7 +249,7 @@ def test_axes_carry_names_and_units(found):
 def test_curves_are_those_of_the_simulation(found):
     c = comparisons(found.model, [record(2)], "held-out")[0]
     run = lpv.simulate(found.model, record(2)).output[:, 0]
-    close_up = {line.get_label(): line for line in plot.free_run(c).axes[1].lines}
+    close_up = {line.get_label(): line for line in plot.free_run(c)[1].lines}
     times = close_up["free run"].get_xdata()
     at = np.round(np.asarray(times) * RATE).astype(int)
     assert np.array_equal(close_up["free run"].get_ydata(), run[at])
@@ -272,6 +271,44 @@ def test_thinning_keeps_both_ends_and_extremes(n):
     x, kept = thinned(np.arange(float(n)), y, most=1000)
     assert kept.size <= 1002 and np.nanmax(kept) == np.nanmax(y) and np.nanmin(kept) == np.nanmin(y)
     assert np.all(np.diff(x) >= 0) and x[-1] >= n - 1 - 2 * n / 1000 and x[0] <= 2 * n / 1000
+
+
+def test_figures_are_drawn_on_the_callers_axes(found):
+    """What a function draws on new axes it draws on the caller's, and returns them; a wrong number is refused."""
+    from matplotlib.figure import Figure as Canvas
+
+    c = comparisons(found.model, [record(2)], "held-out")
+    hertz = np.array([0.1, 1.0])
+    response = Response("fixed", np.array([[1.0 + 0j], [0.5 - 0.5j]]))
+    margin = lpv.passivity_margin(found.model)
+    drawings = {
+        "free_run": lambda ax: plot.free_run(c[0], ("current",), ax=ax), "overlay": lambda ax: plot.overlay(
+            [("a", c[0])], ax=ax), "loops": lambda ax: plot.loops(c, ("velocity", "displacement"), ax=ax),
+        "residuals": lambda ax: plot.residuals(c, inputs=("velocity",), ax=ax),
+        "channel_traces": lambda ax: plot.channel_traces(record(), ax=ax),
+        "spectra": lambda ax: plot.spectra([record(), record(5)], ["force", "velocity", "current"], ax=ax),
+        "strokes": lambda ax: plot.strokes([("a", *(record()[n] for n in ("displacement", "velocity", "force")))],
+                                           ax=ax),
+        "locus": lambda ax: plot.locus(lpv.pole_locus(found.model), ax=ax),
+        "poles": lambda ax: plot.poles(np.array([0.5, -0.2]), ax=ax),
+        "bode": lambda ax: plot.bode(hertz, [response], ["u"], ["1"], "y", ax=ax),
+        "steps": lambda ax: plot.steps(hertz, [Response("fixed", response.values.real)], ["u"], ["1"], "y", ax=ax),
+        "passivity": lambda ax: plot.passivity(margin, ax=ax),
+        "free_run_band": lambda ax: plot.free_run_band(c[0], lpv.free_run_band(
+            found.draw(np.random.default_rng(0), 20), record(2)), ax=ax)}
+    assert {*drawings, "Comparison", "compare", "png", "svg", "show"} == set(plot.__all__)
+    for name, draw in drawings.items():
+        made = np.atleast_1d(np.asarray(draw(None), dtype=object)).ravel()
+        given = Canvas().subplots(1, made.size, squeeze=False)
+        back = np.atleast_1d(np.asarray(draw(given), dtype=object)).ravel()
+        assert list(back) == list(given.ravel()), name
+        for new, old in zip(back, made, strict=True):
+            assert new.get_xlabel() == old.get_xlabel() or not old.get_xlabel(), name
+            assert len(new.lines) == len(old.lines) and len(new.collections) == len(old.collections), name
+            for a, b in zip(new.lines, old.lines, strict=True):
+                np.testing.assert_array_equal(np.asarray(a.get_ydata()), np.asarray(b.get_ydata()))
+        with pytest.raises(lpv.InputError, match="is drawn on"):
+            draw(Canvas().subplots(1, made.size + 1, squeeze=False))
 
 
 def test_figures_leave_no_global_state(found):

@@ -135,6 +135,9 @@ def test_contents_steps_origin_and_terms(tmp_path):
     assert ids == ["next", "figures", "over-time", "figures-2", "origin"]
     assert re.findall(r'<a href="#([^"]+)"', html) == ids
     assert "3 February 2031, 04:05 UTC" in html and html.index("3 February") < html.index("<section")
+    listed = render(Page("t", "v", "good", (), steps=(Step("Go.", "lpvid x --law passive,OUT/c.json,only.json"),),
+                         origin=origin))
+    assert "<span>passive,res/c.json,deep/only.json</span>" in listed
     assert '<span>res/model.json</span>' in html  # OUT stands for the folder of the results
     assert '<span>deep/only.json</span>' in html  # and a file that was read for its path
     for text in ("a/run.csv</td><td class=\"hash\">0123456789ab", "b/run.csv</td>",

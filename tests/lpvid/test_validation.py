@@ -42,6 +42,18 @@ def test_figures_by_hand() -> None:
     assert found.label == "held-out"
 
 
+def test_a_turned_sensor_is_named_and_a_useless_model_is_not(rng: np.random.Generator) -> None:
+    """y = −2u + noise of a tenth: the turned fit is that of the noise; against noise alone no sign helps."""
+    u = rng.normal(size=2000)
+    noise = 0.2 * rng.normal(size=2000)
+    notes = validate(GAIN, a_record(u, -2 * u + noise)).notes
+    expected = 100 * (1 - np.linalg.norm(noise) / np.linalg.norm(2 * u - noise - np.mean(2 * u - noise)))
+    said = next(n for n in notes if "--flip y" in n)
+    assert float(said.split("would be ")[1].split(" %")[0]) == pytest.approx(expected, abs=0.051)
+    assert not any("--flip" in n for n in validate(GAIN, a_record(u, 2 * u + noise)).notes)
+    assert not any("--flip" in n for n in validate(GAIN, a_record(u, rng.normal(size=2000))).notes)
+
+
 def test_samples_that_the_run_starts_from_are_left_out(rng: np.random.Generator) -> None:
     model = LPVTransferFunction.siso(
         [[-0.5]], [[0.0], [0.0], [0.0], [1.0]], Polynomial(), TS, inputs=("u",), outputs=("y",)

@@ -34,14 +34,16 @@ def compete(search: Search, rounds: Iterable[Round], records: Sequence[Record]) 
     search.say("estimating the noise")
     ceiling, tried = _ceiling(search, records), []
     for entry in rounds:
-        if search.late():
-            break
-        if entry.further and not far_below(search, ceiling):
+        if (entry.further and not far_below(search, ceiling)) or not entry.structures:
             continue
-        if not entry.structures:
+        if search.late():
+            search.left_out.append(entry.name)
             continue
         search.try_others(entry.structures)
         tried.append(entry)
+        unfinished = search.unfinished(entry.structures)
+        if unfinished:
+            search.left_out.append(f"{entry.name}: {unfinished} of {len(entry.structures)}")
         search.say(f"round '{entry.name}' done after {search.seconds:.0f} s", line=True)
     return _conclusion(search, ceiling, any(entry.further for entry in tried))
 

@@ -20,6 +20,8 @@ from lpvid.simulation import Model, simulate
 
 GAP = 4
 """gap between training and held-out samples, in times the longest past of any candidate."""
+TIME_UP = "the time was up"
+"""how the reason of a candidate begins that a search's budget left unfinished."""
 POLE_SAMPLES = 20_000
 """training samples at which frozen poles are looked at."""
 
@@ -132,7 +134,7 @@ def cross_validate(structure: Structure, parts: Sequence[Fold], all_records: Seq
     for done, i in enumerate(sequence.tolist(), start=1):
         training, held = parts[i]
         if late():
-            return Trial(error, f"the time was up before fold {done} of {len(parts)}", size, outside)
+            return Trial(error, f"{TIME_UP} before fold {done} of {len(parts)}", size, outside)
         try:
             if fixed and isinstance(structure, ARX) and box is not None:
                 found = structure.regress(training, box)

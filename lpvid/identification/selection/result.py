@@ -136,6 +136,8 @@ class Selection(Shown):
         False after an interruption: the ranking holds what was done until then.
     folds : int
     notes : tuple of str
+    left_out : tuple of str
+        What the budget did not allow, in the order of the search; empty where it went through.
     """
 
     best: Structure
@@ -144,13 +146,14 @@ class Selection(Shown):
     complete: bool = True
     folds: int = 5
     notes: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""
         return {"schema": "lpvid/selection/1", "best": describe(self.best), "complete": self.complete,
                 "folds": self.folds, "candidates": len(self.table), "table": [r.to_dict() for r in self.table],
                 "identification": None if self.identification is None else self.identification.to_dict(),
-                "notes": list(self.notes)}
+                "notes": list(self.notes), "left_out": list(self.left_out)}
 
     def __repr__(self) -> str:
         tested = sum(r.esr is not None for r in self.table)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from time import monotonic
+from time import process_time
 
 import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.identification.arx import ARX
-from lpvid.identification.selection.free_run import Fold, Trial, cross_validate, spread, unstable_share
+from lpvid.identification.selection.free_run import TIME_UP, Fold, Trial, cross_validate, spread, unstable_share
 from lpvid.identification.selection.result import Row, describe
 from lpvid.identification.selection.screening import Refused, Screened, screen
 from lpvid.identification.structure import Structure
@@ -36,7 +36,9 @@ class Search:
     def __init__(self, records: Sequence[Record], parts: Sequence[Fold], limit: float, places: int,
                  progress: Progress | None, budget: float | None = None) -> None:
         self.records, self.parts, self.limit, self.places, self.progress = records, parts, limit, places, progress
-        self.begun, self.budget = monotonic(), budget
+        self.begun, self.budget = process_time(), budget
+        self.unreached: set[int] = set()
+        self.left_out: list[str] = []
         self.screened: list[Screened] = []
         self.refused: list[Row] = []
         self.direct: list[Structure] = []
@@ -81,10 +83,15 @@ class Search:
         """Whether the time for the search is up; never before there is a candidate that could be taken."""
         return self.budget is not None and self.seconds > self.budget and self.best is not None
 
+    def unfinished(self, structures: Iterable[Structure]) -> int:
+        """How many of them the time ran out on."""
+        asked = tuple(structures)
+        return sum(t.failure.startswith(TIME_UP) for s, t in self.others if s in asked)
+
     @property
     def seconds(self) -> float:
-        """Time since the search began [s]."""
-        return monotonic() - self.begun
+        """Processor time since the search began [s]: what else the machine does changes nothing."""
+        return process_time() - self.begun
 
     @property
     def best(self) -> tuple[Structure, Trial] | None:
@@ -120,7 +127,11 @@ class Search:
         return self.outside[index] <= self.limit
 
     def _try(self, index: int) -> None:
-        if index not in self.trials and not self.late():
+        if index in self.trials:
+            return
+        if self.late():
+            self.unreached.add(index)
+        else:
             self._tell(len(self.trials), f"cross-validating in free run {describe(self.screened[index].asked)}")
             self.trials[index] = cross_validate(self.screened[index].structure, self.parts, self.records)
 
@@ -191,7 +202,9 @@ class Search:
             if i in self.trials:
                 continue
             share = self.outside.get(i)
-            if share is not None and share > self.limit:
+            if i in self.unreached:
+                reason = f"{TIME_UP} before it was cross-validated"
+            elif share is not None and share > self.limit:
                 reason = f"frozen pole outside at {100 * share:.2g} % of training samples"
             else:
                 reason = f"BIC {self.screened[i].bic - self.screened[0].bic:.4g} above the least: not cross-validated"

@@ -64,8 +64,9 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     progress : callable, optional
         Called with steps done, steps in sight, and what is being done.
     budget : float, optional
-        Time for the search [s]: no further fit is begun after it, once there is a candidate to take. The refit of the
-        choice comes on top.
+        Processor time for the search [s]: no further fit is begun after it, once there is a candidate to take. The
+        refit of the choice comes on top. The order of the search does not depend on it, nor on what else the machine
+        does; `Selection.left_out` names what it did not allow.
 
     Returns
     -------
@@ -130,10 +131,10 @@ def _concluded(search: Search, pieces: Sequence[Record], held_out: Record | Sequ
         mend = "allow a share outside with outside=…, or try other" if "frozen" in reasons[0] else "try other"
         raise InputError(f"none of {len(table)} candidates survives", got="; ".join(reasons[:2]),
                          mend=f"{mend} orders, bases or longer records")
-    if search.late():
-        left = sum("time was up" in row.reason for row in table)
-        notes.append(f"the search ended at its budget of {search.budget:.4g} s"
-                     + (f" with {left} candidates unfinished" if left else "") + ": a longer one may find better")
+    left_out = _left_out(search)
+    if left_out:
+        notes.append(f"the search ended at its budget of {search.budget:.4g} s of processor time and left out "
+                     f"{'; '.join(left_out)}: a longer one may find better")
     final: Identification | None = None
     chosen, highest = tested[0] if tested else 0, -np.inf
     try:
@@ -165,7 +166,13 @@ def _concluded(search: Search, pieces: Sequence[Record], held_out: Record | Sequ
         final = _with_held_out(final, held_out)
     table.insert(0, table.pop(chosen))
     table[0] = replace(table[0], structure=in_full(table[0].structure))
-    return Selection(table[0].structure, tuple(table), final, complete, folds, tuple(notes))
+    return Selection(table[0].structure, tuple(table), final, complete, folds, tuple(notes), left_out)
+
+
+def _left_out(search: Search) -> tuple[str, ...]:
+    """What the budget did not allow, in the order in which it would have been tried."""
+    first = [(len(search.unreached), "ARX of the short list"), (search.unfinished(search.direct), "other candidates")]
+    return (*(f"{count} {name}" for count, name in first if count), *dict.fromkeys(search.left_out))
 
 
 def _refit(search: Search, structure: Structure, pieces: Sequence[Record]) -> tuple[Identification, str]:
