@@ -46,14 +46,8 @@ def test_limits_hold_99_per_cent_of_correlations_of_what_is_independent():
     """Coloured residual beside coloured input: the share of bars outside is near 1 % over many lags and records."""
     rng = np.random.default_rng(3)
     outside = counted = 0
-<<<<<<< b05c4808271e11576a527b027e6d0f1afb8af61c
     for _ in range(15):
-        figure = plot.residuals([compared(coloured(rng, 2500, 0.9), coloured(rng, 2500, 0.8))], 80, ["u"])
-        ax = figure.axes[2]
-=======
-    for _ in range(60):
-        ax = plot.residuals([compared(coloured(rng, 2500, 0.9), coloured(rng, 2500, 0.8))], 20, ["u"])[2]
->>>>>>> d17cc5d9a79c4748948330642ca1f0706506438a
+        ax = plot.residuals([compared(coloured(rng, 2500, 0.9), coloured(rng, 2500, 0.8))], 80, ["u"])[2]
         lines = [seg for c in ax.collections if hasattr(c, "get_segments") for seg in c.get_segments()]
         band = -float(ax.patches[0].get_y())
         outside += sum(abs(float(seg[1][1])) > band for seg in lines)
