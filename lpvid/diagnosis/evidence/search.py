@@ -14,6 +14,7 @@ from lpvid.diagnosis.evidence.discrepancy import USUAL
 from lpvid.diagnosis.evidence.independence import independent
 from lpvid.diagnosis.evidence.priors import inclusion
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
+from lpvid.diagnosis.noise import NoiseLevel
 from lpvid.diagnosis.problem import Problem, projector, without
 from lpvid.diagnosis.refitting import Refit, descend, hopped_on
 from lpvid.diagnosis.screening import Direction, Move, directions, move, placed
@@ -62,8 +63,10 @@ class Search:
         Of those, the ones whose children are known.
     kept : float
         κ of the best set's error, by which all sets are weighed.
-    predictable : float
-        Share of that error which the inputs predict.
+    structured : float
+        Share of that error beyond the noise floor.
+    repeats : NoiseLevel or None
+        What repeated inputs show of the noise.
     """
 
     data: Data
@@ -74,7 +77,8 @@ class Search:
     moved: list[Move] = field(default_factory=list)
     enlarged: set[frozenset[str]] = field(default_factory=set)
     kept: float = 1.0
-    predictable: float = 0.0
+    structured: float = 0.0
+    repeats: NoiseLevel | None = None
 
     @property
     def problem(self) -> Problem:
@@ -256,8 +260,8 @@ class Search:
         for _ in range(3):
             best = self.best
             errors = self.problem.errors(best.fit.composition, best.fit.vector)
-            self.kept, self.predictable = best.fit.cached(
-                "independent", lambda e=errors: independent(self.problem, e, self.channels))
+            found = best.fit.cached("independent", lambda e=errors: independent(self.problem, e, self.repeats))
+            self.kept, self.structured = found.kept, found.structured
             if self.best is best:
                 return
 
@@ -287,9 +291,9 @@ def posterior(search: Search) -> list[tuple[Weighed, float]]:
 
 
 def probabilities(sets: Sequence[tuple[Weighed, float]]) -> dict[str, float]:
-    """Probability of every component that some set holds, wherever it sits, the most probable first."""
+    """Probability of every component that some set holds, in whatever form, the most probable first."""
     held: dict[str, float] = {}
     for w, p in sets:
-        for c in {e.component for e in w.effects}:
+        for c in set(w.kinds):
             held[c] = held.get(c, 0.0) + p
     return dict(sorted(held.items(), key=lambda t: (-t[1], t[0])))
