@@ -14,9 +14,9 @@ from toy_diagnosis import CAUSES, NOISES, Bent, Cubic, Dry, DryTwin, problem_of,
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.evidence.discrepancy import SIZES, USUAL, Discrepancy, marginal
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
-from lpvid.diagnosis.evidence.independence import independent
+from lpvid.diagnosis.evidence.independence import WORTH, independent
 from lpvid.diagnosis.evidence.judging import LEAST, NOTABLE, Member
-from lpvid.diagnosis.evidence.priors import STRENGTH, inclusion, of_strength
+from lpvid.diagnosis.evidence.priors import STRENGTH, inclusion, of_strength, off_prior
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
 from lpvid.diagnosis.refitting import refit
@@ -74,20 +74,35 @@ def test_the_prior_of_a_strength_is_a_density_whatever_its_unit():
         assert np.isclose(whole, 1.0, atol=1e-3)
 
 
-@pytest.mark.parametrize("pole, wanted", [(0.0, 1.0), (0.9, (1 - 0.81) / (1 + 0.81))])
-def test_noise_is_worth_what_its_memory_leaves(pole, wanted):
-    noise = lfilter([1.0], [1.0, -pole], np.random.default_rng(1).standard_normal(12000))
+@pytest.mark.parametrize("wave, wanted", [(0.0, 0.0), (0.5, 0.125 / 1.125), (2.0, 2.0 / 3.0)])
+def test_white_noise_is_the_floor_and_the_rest_is_structure(wave, wanted):
+    noise = np.random.default_rng(1).standard_normal(12000) + wave * np.sin(0.05 * np.arange(12000))
     problem, _ = problem_of(record(np.random.default_rng(2), n=12000))
-    kept, share = independent(problem, [noise], ["u"])
-    assert share < 0.02
-    assert np.isclose(kept, wanted, rtol=0.2)
+    found = independent(problem, [noise])
+    assert np.isclose(found.structured, wanted, atol=0.07)
+    assert np.isclose(found.floor, 1.0, rtol=0.1)
+
+
+def test_the_floor_is_not_free_to_take_up_slow_noise():
+    noise = lfilter([1.0], [1.0, -0.9], np.random.default_rng(1).standard_normal(12000))
+    problem, _ = problem_of(record(np.random.default_rng(2), n=12000))
+    floor = 1 / 1.9**2  # the spectrum of the filter at half the rate
+    assert floor < independent(problem, [noise]).floor < 1.5 * floor
 
 
 def test_an_error_that_is_all_structure_is_worth_few_samples():
     problem, _ = problem_of(record(np.random.default_rng(2)))
-    kept, share = independent(problem, [np.tanh(3 * s["u"]) ** 2 for s in problem.signals], ["u"])
-    assert share > 0.9
-    assert kept * problem.n_samples < 100
+    found = independent(problem, [np.tanh(3 * s["u"]) ** 2 for s in problem.signals])
+    assert found.structured > 0.9
+    assert found.kept * problem.n_samples < 1.2 * WORTH
+
+
+def test_a_number_that_the_data_do_not_reach_goes_back_to_its_prior_for_nothing():
+    a, h, scale = np.array([3.0]), np.array([2.0]), np.array([0.5])
+    product = quad(lambda t: np.exp(-0.5 * h[0] * t**2 - 0.5 * scale[0] * (t + a[0] / np.sqrt(scale[0])) ** 2), -50, 50)
+    expected = np.log(product[0]) - 0.5 * np.log(2 * np.pi / (h[0] + scale[0]))
+    assert np.isclose(off_prior(a, scale, h), expected, rtol=1e-9)
+    assert off_prior(a, scale, np.zeros(1)) == 0.0
 
 
 def test_scales_follow_the_size_of_the_rig():

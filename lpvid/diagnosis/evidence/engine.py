@@ -132,8 +132,7 @@ def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     data = Data(problem, Discrepancy.of(problem, baseline), looked_at, usable)
     channels = [c for c in problem.signals[0].channels if c != baseline.output
                 and all(s.has(c) for s in problem.signals)]
-    driving = [c for c in baseline.channels if c != baseline.output]
-    return Search(data, usable, channels, say, repeats=noise_level(signals, driving, problem.blocks.mask())), unusable
+    return Search(data, usable, channels, say), unusable
 
 
 def problem_of(records: Sequence[Record], baseline: Baseline) -> Problem:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.diagnosis.noise import NoiseLevel
 from lpvid.diagnosis.problem import Problem
 
 WORTH = 30.0
@@ -41,13 +40,13 @@ class Independence:
     floor: float
 
 
-def independent(problem: Problem, errors: Sequence[np.ndarray], repeats: NoiseLevel | None = None) -> Independence:
-    """κ of an error: 1/κ = (1 − p)/κ₀ + p N/α.
+def independent(problem: Problem, errors: Sequence[np.ndarray], worth: float = WORTH) -> Independence:
+    """κ of an error: 1/κ = (1 − p) + p N/α.
 
-    p is the share beyond the noise floor. The floor is what repeats leave, where there are any, or else what the error
-    holds in the band where nothing moves, as white noise, which is not free to take up more than that: all else is a
-    misfit of the law, or noise so slow that nothing tells it from one. Noise is worth κ₀N = N/Σρ_k² samples (Bartlett
-    1946), a misfit α in all.
+    p is the share beyond the noise floor: what the error holds in the band where nothing moves, as white noise, which
+    is not free to take up more than that. All else is a misfit of the law, or noise so slow that nothing tells it from
+    one. White noise is worth its samples, a misfit α in all. Repeats are no floor: where their inputs differ by a per
+    cent, so do their outputs.
 
     Parameters
     ----------
@@ -55,19 +54,16 @@ def independent(problem: Problem, errors: Sequence[np.ndarray], repeats: NoiseLe
         Not whitened.
     errors : sequence of (n,) arrays
         Per record, in the output's unit.
-    repeats : NoiseLevel, optional
-        What repeated inputs show of the noise.
+    worth : float
+        α.
     """
     stacked = problem.stack(errors, whiten=False)
     total = float(np.mean(stacked**2))
     if not total > 0:
         return Independence(1.0, 0.0, 0.0)
     power, count = _spectrum(problem, stacked)
-    white = total * min(_lowest(power, count) / float(power.mean()), 1.0)
-    known = 0.0 if repeats is None or repeats.variance is None else min(repeats.variance, total)
-    floor, memory = (known, _memory(power)) if known > white else (white, 1.0)
-    share = 1.0 - floor / total
-    return Independence(1 / max((1 - share) * memory + share * problem.n_samples / WORTH, 1.0), share, floor)
+    white = min(_lowest(power, count) / float(power.mean()), 1.0)
+    return Independence(1 / max(white + (1 - white) * problem.n_samples / worth, 1.0), 1 - white, white * total)
 
 
 def _spectrum(problem: Problem, stacked: np.ndarray) -> tuple[np.ndarray, int]:
@@ -88,7 +84,3 @@ def _lowest(power: np.ndarray, count: int) -> float:
     lowest = np.sort(power)[: max(int(QUIET * power.size), 1)]
     return float(lowest.mean()) / max(1.0 - LOWEST / np.sqrt(count), QUIET)
 
-
-def _memory(power: np.ndarray) -> float:
-    """Σ_k ρ_k² = mean(S²)/mean(S)²."""
-    return max(float(np.mean(power**2) / np.mean(power) ** 2), 1.0)

@@ -11,10 +11,9 @@ from lpvid._threads import in_parallel
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.discrepancy import USUAL
-from lpvid.diagnosis.evidence.independence import independent
+from lpvid.diagnosis.evidence.independence import WORTH, independent
 from lpvid.diagnosis.evidence.priors import inclusion
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
-from lpvid.diagnosis.noise import NoiseLevel
 from lpvid.diagnosis.problem import Problem, projector, without
 from lpvid.diagnosis.refitting import Refit, descend, hopped_on
 from lpvid.diagnosis.screening import Direction, Move, directions, move, placed
@@ -24,6 +23,9 @@ BEAM, CHILDREN, DEEPEST = 3, 6, 4
 """sets enlarged at every size, refitted children of each, and members at most"""
 OF_EACH = 2
 """of the children at least so many without memory and so many with one: each imitates the other at first"""
+EAGER = 3.0
+"""times the samples that a structured error is worth, as which it counts while sets are sought: three causes that only
+act jointly must be reached over two that win too little by themselves"""
 ROUNDS = 2
 """times that the best set is pulled apart, each member dropped and swapped"""
 HEAT, STEPS = 2, 8
@@ -65,8 +67,8 @@ class Search:
         κ of the best set's error, by which all sets are weighed.
     structured : float
         Share of that error beyond the noise floor.
-    repeats : NoiseLevel or None
-        What repeated inputs show of the noise.
+    worth : float
+        α of that: more while sets are sought, so that larger ones are reached, than where they are judged.
     """
 
     data: Data
@@ -78,7 +80,7 @@ class Search:
     enlarged: set[frozenset[str]] = field(default_factory=set)
     kept: float = 1.0
     structured: float = 0.0
-    repeats: NoiseLevel | None = None
+    worth: float = EAGER * WORTH
 
     @property
     def problem(self) -> Problem:
@@ -110,12 +112,15 @@ class Search:
             self._reweigh()
             if self.best is before and self.best.members in self.enlarged:
                 break
-        for _ in range(ROUNDS):
-            before = self.best
-            self._pull_apart(before)
+        for worth in (self.worth, WORTH):
+            self.worth = worth
             self._reweigh()
-            if self.best is before:
-                break
+            for _ in range(ROUNDS):
+                before = self.best
+                self._pull_apart(before)
+                self._reweigh()
+                if self.best is before:
+                    break
 
     def _open(self, w: Weighed) -> bool:
         """Whether a set may still be enlarged; one with a filter of all channels is not, which comes last."""
@@ -260,7 +265,8 @@ class Search:
         for _ in range(3):
             best = self.best
             errors = self.problem.errors(best.fit.composition, best.fit.vector)
-            found = best.fit.cached("independent", lambda e=errors: independent(self.problem, e, self.repeats))
+            found = best.fit.cached(("independent", self.worth),
+                                    lambda e=errors, worth=self.worth: independent(self.problem, e, worth))
             self.kept, self.structured = found.kept, found.structured
             if self.best is best:
                 return
