@@ -228,18 +228,20 @@ def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, holds: Callab
              ) -> tuple[tuple[str, float], ...]:
     """Effects that take the place of one, with their probability in its absence; none where nothing does surely.
 
-    What is more often beside it than without it takes no place; and only where it or one of them is there with `NAMED`
-    do they answer for it together.
+    Of what a set holds in its absence, and the best set does not, that which changes the output most does its work;
+    and only where it or one of them is there with `NAMED` do they answer for it together.
     """
     lone: dict[str, float] = {}
-    beside: dict[str, float] = {}
     form: dict[str, str] = {}
     for w, p in sets:
-        for e, k in zip(w.effects, w.kinds, strict=True):
-            if e.name not in best.members and (k not in best.kinds or not holds(w)):
-                (beside if holds(w) else lone)[k] = (beside if holds(w) else lone).get(k, 0.0) + p
-                form.setdefault(k, e.name)
-    listed = {k: p for k, p in lone.items() if p > max(LISTED, beside.get(k, 0.0))}
+        if not holds(w):
+            other = [(c, k, e.name) for e, k, c in zip(w.effects, w.kinds, w.changes, strict=True)
+                     if e.name not in best.members]
+            if other:
+                _, k, name = max(other)
+                lone[k] = lone.get(k, 0.0) + p
+                form.setdefault(k, name)
+    listed = {k: p for k, p in lone.items() if p > LISTED}
     together = sum(p for w, p in sets if holds(w) or listed.keys() & set(w.kinds))
     if together < NAMED:
         return ()
