@@ -112,15 +112,14 @@ class Search:
             self._reweigh()
             if self.best is before and self.best.members in self.enlarged:
                 break
-        for worth in (self.worth, WORTH):
-            self.worth = worth
+        self.worth = WORTH
+        self._reweigh()
+        for _ in range(ROUNDS):
+            before = self.best
+            self._pull_apart(before)
             self._reweigh()
-            for _ in range(ROUNDS):
-                before = self.best
-                self._pull_apart(before)
-                self._reweigh()
-                if self.best is before:
-                    break
+            if self.best is before:
+                break
 
     def _open(self, w: Weighed) -> bool:
         """Whether a set may still be enlarged; one with a filter of all channels is not, which comes last."""
