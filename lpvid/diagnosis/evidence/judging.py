@@ -214,7 +214,7 @@ def _member(search: Search, sets: Sequence[tuple[Weighed, float]], best: Weighed
 
     probability = float(sum(p for w, p in sets if holds(w)))
     family = [p for w, p in sets if any(e.family == effect.family for e in w.effects)]
-    rivals = () if probability >= NAMED else _instead(sets, best, holds)
+    rivals = () if probability >= NAMED else _instead(sets, best, kind, holds)
     change = float(np.sqrt(np.mean((rest.errors - fit.errors) ** 2))) / search.data.discrepancy.force
     without = search.visited.get(best.members - {effect.name})
     gain = search.score(best) - (search.score(without) if without is not None else -np.inf)
@@ -224,7 +224,7 @@ def _member(search: Search, sets: Sequence[tuple[Weighed, float]], best: Weighed
                   change, float(gain) if np.isfinite(gain) else 0.0)
 
 
-def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, holds: Callable[[Weighed], bool]
+def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, holds: Callable[[Weighed], bool]
              ) -> tuple[tuple[str, float], ...]:
     """Effects that take the place of one, with their probability in its absence; none where nothing does surely.
 
@@ -236,7 +236,7 @@ def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, holds: Callab
     for w, p in sets:
         if not holds(w):
             other = [(c, k, e.name) for e, k, c in zip(w.effects, w.kinds, w.changes, strict=True)
-                     if e.name not in best.members]
+                     if e.name not in best.members and (k == kind or k not in best.kinds)]
             if other:
                 _, k, name = max(other)
                 lone[k] = lone.get(k, 0.0) + p

@@ -150,14 +150,13 @@ class Weighed:
 
 
 def kind_of(effect: Effect, values: np.ndarray, candidates: Sequence[Effect]) -> str:
-    """Name of the simplest candidate that an effect is a form of, as its numbers stand.
+    """Name of the candidate of which an effect is a form, as its numbers stand.
 
     Friction that breaks away, friction behind a spring and |v|^n sgn v of a small n are dry friction; air in oil is a
     spring. Sets that differ in the form alone share what they say of the component.
     """
-    family = {c.name for c in candidates if c.family == effect.family}
-    simpler = [n for n in effect.comes_to(values) if any(c.name == n for c in candidates)]
-    simpler += [n for n in effect.contains if n in family]
+    known = {c.name for c in candidates}
+    simpler = [n for n in (*effect.comes_to(values), effect.form_of) if n in known]
     return simpler[0] if simpler else effect.component
 
 
