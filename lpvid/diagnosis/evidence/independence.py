@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.diagnosis.problem import Problem
 
-WORTH = 30.0
+WORTH = 25.0
 """α, independent samples that a structured error is worth, by calibration over blind cases of two rigs (diagnosis.md):
 a law errs by few mechanisms, however many samples show them"""
 SEGMENT = 64

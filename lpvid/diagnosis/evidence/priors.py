@@ -15,6 +15,9 @@ STRENGTH = 0.3
 DECADES = 1.0
 """standard deviation of the decimal logarithm of a positive shape about its grid, in decades: within a factor of ten"""
 
+SHAPE = 1.0
+"""log-likelihood that a fitted shape wins by its mere freedom (Akaike 1974), which every one of them costs"""
+
 
 def inclusion(effect: Effect) -> float:
     """ln π/(1 − π)."""
@@ -37,8 +40,11 @@ def of_strength(change: float, slope: float) -> tuple[float, float]:
     return float(value), (slope / STRENGTH) ** 2
 
 
-def of_shape(p: EffectParameter, value: float, looked_at: Sequence[float]) -> tuple[float, float, float]:
+def of_shape(p: EffectParameter, value: float, looked_at: Sequence[float]) -> tuple[float, float]:
     """Prior of a shape: log-normal about where it was looked at, or normal about neutral.
+
+    Its volume does not count (`SHAPE` does): how many numbers a filter has, and over how many decades somebody lets
+    them run, says nothing about whether there is one, and must not decide between rivals that fit alike.
 
     Parameters
     ----------
@@ -49,21 +55,19 @@ def of_shape(p: EffectParameter, value: float, looked_at: Sequence[float]) -> tu
 
     Returns
     -------
-    level, apart, curvature : float
-        Log-density at the middle of the prior, carried to `value` by d ln θ; distance of `value` from there in
-        standard deviations; and curvature at `value`. The log-density is level − apart²/2.
+    apart, curvature : float
+        Distance of `value` from the middle of the prior in standard deviations, and curvature there.
     """
     positive = [g for g in looked_at if g > 0]
     if p.choices:
-        return -float(np.log(len(p.choices))), 0.0, 2 * np.pi  # no volume: one of a few things
+        return 0.0, 0.0
     if positive and p.bounds[0] >= 0 and 0.0 not in looked_at and value > 0:
         width = DECADES * np.log(10.0)
-        apart = (np.log(value) - float(np.mean(np.log(positive)))) / width
-        return -float(np.log(np.sqrt(2 * np.pi) * width * value)), float(apart), (1 / (width * value)) ** 2
+        return float((np.log(value) - float(np.mean(np.log(positive)))) / width), (1 / (width * value)) ** 2
     width = max(max((abs(g - p.neutral) for g in looked_at), default=0.0), *(
         abs(b - p.neutral) for b in p.plausible)) if not positive or p.bounds[0] < 0 else max(positive)
     width = max(width, 1e-12)
-    return -float(np.log(np.sqrt(2 * np.pi) * width)), (value - p.neutral) / width, 1 / width**2
+    return (value - p.neutral) / width, 1 / width**2
 
 
 def off_prior(apart: np.ndarray, precision: np.ndarray, curvature: np.ndarray) -> float:

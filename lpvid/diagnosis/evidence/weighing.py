@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy, Marginal, marginal
-from lpvid.diagnosis.evidence.priors import inclusion, of_shape, of_strength, off_prior
+from lpvid.diagnosis.evidence.priors import SHAPE, inclusion, of_shape, of_strength, off_prior
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit
 
@@ -103,8 +103,9 @@ class Weighed:
     def evidence(self, kept: float) -> float:
         """ln p(y | set) + ln p(set), up to what all sets share.
 
-        ln p(y|θ̂) + ln p(θ̂) + d/2 ln 2π − ½ ln|H|, H = κ/σ² J'(I − Φ diag(taken) Φ')J + prior precision (Tierney,
-        Kadane 1986); a parameter that these data do not reach keeps its prior and costs nothing.
+        ln p(y|θ̂) + ln p(θ̂) + d/2 ln 2π − ½ ln|H| over the baseline's parameters and the strengths, with H = κ/σ² J'(I −
+        Φ diag(taken) Φ')J + prior precision (Tierney, Kadane 1986); shapes where they are most probable, at `SHAPE`
+        each. A parameter that these data do not reach keeps its prior and costs nothing.
         """
         return self.fit.cached(("evidence", kept), lambda: self._weighed(kept))
 
@@ -112,34 +113,36 @@ class Weighed:
         if min(self.changes, default=1.0) < ABSENT:
             return -np.inf
         m = self.marginal(kept)
-        prior, apart, precision = self._prior
+        prior, apart, precision, amplitudes = self._prior
         hessian = (self.curvature - self.turned.T @ (m.taken[:, None] * self.turned)) * (kept / m.noise)
-        scale = 1 / np.sqrt(np.diag(hessian).clip(0) + precision)
-        _, size = np.linalg.slogdet((hessian + np.diag(precision)) * np.outer(scale, scale))
-        log_volume = -0.5 * size + float(np.log(scale).sum()) + 0.5 * scale.size * np.log(2 * np.pi)
         prior += off_prior(apart, precision, np.diag(hessian).clip(0))
+        hessian = hessian[np.ix_(amplitudes, amplitudes)]
+        scale = 1 / np.sqrt(np.diag(hessian).clip(0) + precision[amplitudes])
+        _, size = np.linalg.slogdet((hessian + np.diag(precision[amplitudes])) * np.outer(scale, scale))
+        log_volume = -0.5 * size + float(np.log(scale).sum()) + 0.5 * scale.size * np.log(2 * np.pi)
         return m.likelihood + prior + log_volume + sum(inclusion(e) for e in self.effects)
 
     @cached_property
-    def _prior(self) -> tuple[float, np.ndarray, np.ndarray]:
-        """Log-density of the parameters with shapes at the middle of theirs, how far off these are, and its curvature.
+    def _prior(self) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+        """Log-density, how far shapes lie off the middle of theirs, curvature, and whether a parameter is an amplitude.
         """
         composition, vector = self.fit.composition, self.fit.vector
         width = ROOM * composition.scales[: composition.own]
         total, precision = -float(np.log(np.sqrt(2 * np.pi) * width).sum()), np.zeros(vector.size)
-        apart = np.zeros(vector.size)
+        apart, amplitudes = np.zeros(vector.size), np.full(vector.size, True)
         precision[: composition.own] = 1 / width**2
         force = self.data.discrepancy.force * np.sqrt(self.data.problem.n_samples)
         for effect, place, change in zip(self.effects, composition.places, self.changes, strict=True):
             points = self.data.looked_at[effect.name]
             for k, (p, j) in enumerate(zip(effect.parameters, range(place.start, place.stop), strict=True)):
                 if k >= effect.strengths:
-                    value, apart[j], curved = of_shape(p, float(vector[j]), np.unique(points[:, k]).tolist())
+                    apart[j], curved = of_shape(p, float(vector[j]), np.unique(points[:, k]).tolist())
+                    value, amplitudes[j] = -SHAPE, False
                 else:
                     value, curved = of_strength(*self._size(j, float(vector[j]) - p.neutral, change, force,
                                                             effect.strengths == 1))
                 total, precision[j] = total + value, curved
-        return total, apart, precision
+        return total, apart, precision, amplitudes
 
     def _size(self, j: int, apart: float, change: float, force: float, alone: bool) -> tuple[float, float]:
         """Change of the output by one strength, and its slope, as shares of the output's rms."""
