@@ -11,13 +11,16 @@ from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 from toy_diagnosis import CAUSES, NOISES, Bent, Cubic, Dry, DryTwin, problem_of, record
 
+from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.effect import EffectParameter
 from lpvid.diagnosis.evidence.discrepancy import SIZES, USUAL, Discrepancy, marginal
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
 from lpvid.diagnosis.evidence.independence import WORTH, independent
 from lpvid.diagnosis.evidence.judging import LEAST, NOTABLE, Member
-from lpvid.diagnosis.evidence.priors import STRENGTH, inclusion, of_strength, off_prior
+from lpvid.diagnosis.evidence.priors import SHAPE, STRENGTH, inclusion, of_strength, off_prior
 from lpvid.diagnosis.evidence.scaling import Scales
+from lpvid.diagnosis.evidence.thinning import for_search
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
 from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.signals import Signals
@@ -153,6 +156,52 @@ def test_twins_share_the_probability():
     assert d.verdict == "cannot-tell"
     rivals, = d.rivals
     assert set(rivals.names) == {"dry", "dry-twin"}
+
+
+class DryForm(DryTwin):
+    name, title, form_of = "dry-form", "another form of the same component", "dry"
+
+
+def test_forms_of_one_component_add_up_and_the_component_is_named():
+    run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
+    d = diagnose([run], Bent(), (*CAUSES, DryForm()))
+    assert [c.name for c in d.causes] == ["dry"] and not d.rivals
+    assert d.weights is not None and d.weights.causes["dry"] > 0.99 and "dry-form" not in d.weights.causes
+
+
+class Blurred(DryTwin):
+    """The same with shapes that do nothing."""
+
+    name = "blurred"
+
+    @property
+    def parameters(self):
+        idle = (EffectParameter(n, "", n, 1.0, (0.1, 10.0), (1e-3, 1e3), (0.5, 2.0)) for n in "ab")
+        return (super().parameters[0], *idle)
+
+
+def test_how_many_shapes_a_cause_has_does_not_decide_between_rivals():
+    """Only by what their freedom is worth, one unit each; whatever range they were given, wherever a fit left them."""
+    problem, composition = problem_of(record(np.random.default_rng(3), hidden=lambda u: 0.6 * np.sign(u)))
+    force = float(np.sqrt(np.mean(problem.stack([s.output - s.output.mean() for s in problem.signals]) ** 2)))
+    points = {"dry-twin": np.array([[0.1]]), "blurred": np.array([[0.1, 0.5, 2.0], [0.1, 2.0, 0.5]])}
+    data = Data(problem, Discrepancy(np.zeros((problem.n_samples, 1)), np.zeros(1), force), points)
+    own = refit(problem, composition, composition.neutral).vector
+    plain = Weighed(data, refit(problem, Composition(composition.baseline, (DryTwin(),)), np.append(own, 0.5)))
+    for shapes in ((1.0, 1.0), (1e-3, 1e3)):
+        start = np.concatenate([own, [0.5], shapes])
+        shaped = Weighed(data, refit(problem, Composition(composition.baseline, (Blurred(),)), start))
+        assert np.isclose(plain.evidence(1.0) - shaped.evidence(1.0), 2 * SHAPE, atol=1e-3)
+
+
+def test_stretches_of_a_short_record_hold_enough_blocks():
+    """Blocks and start-up are rounded to whole samples; a stretch has room for both its blocks at any rate."""
+    for period in (1 / 813.8, 1 / 512, 1 / 600.7):
+        n = round(6.6 / period)
+        t = period * np.arange(n)
+        s = Signals(period, {"velocity": np.sin(30 * t), "displacement": -np.cos(30 * t) / 30}, np.sin(30 * t), "run")
+        cut = for_search((s,), True)
+        assert Blocks.of(cut, 0).count >= 8
 
 
 def test_a_small_misfit_of_the_law_is_no_cause():
