@@ -103,9 +103,10 @@ class Weighed:
     def evidence(self, kept: float) -> float:
         """ln p(y | set) + ln p(set), up to what all sets share.
 
-        ln p(y|θ̂) + ln p(θ̂) + d/2 ln 2π − ½ ln|H| over the baseline's parameters and the strengths, with H = κ/σ² J'(I −
-        Φ diag(taken) Φ')J + prior precision (Tierney, Kadane 1986); shapes where they are most probable, at `SHAPE`
-        each. A parameter that these data do not reach keeps its prior and costs nothing.
+        ln p(y|θ̂) + ln p(θ̂) + d/2 ln 2π − ½ ln(|H|/|H_b|) over the d strengths. H is that of strengths and baseline,
+        κ/σ² J'(I − Φ diag(taken) Φ')J + prior precision (Tierney, Kadane 1986), H_b that of the baseline alone: its
+        parameters are in every set and stand where they are most probable. Shapes do too, at `SHAPE` each. A parameter
+        that these data do not reach costs nothing.
         """
         return self.fit.cached(("evidence", kept), lambda: self._weighed(kept))
 
@@ -116,10 +117,10 @@ class Weighed:
         prior, apart, precision, amplitudes = self._prior
         hessian = (self.curvature - self.turned.T @ (m.taken[:, None] * self.turned)) * (kept / m.noise)
         prior += off_prior(apart, precision, np.diag(hessian).clip(0))
-        hessian = hessian[np.ix_(amplitudes, amplitudes)]
-        scale = 1 / np.sqrt(np.diag(hessian).clip(0) + precision[amplitudes])
-        _, size = np.linalg.slogdet((hessian + np.diag(precision[amplitudes])) * np.outer(scale, scale))
-        log_volume = -0.5 * size + float(np.log(scale).sum()) + 0.5 * scale.size * np.log(2 * np.pi)
+        held = hessian + np.diag(precision)
+        own = np.arange(precision.size) < self.fit.composition.own
+        apiece = 0.5 * np.log(2 * np.pi) * (amplitudes.sum() - own.sum())
+        log_volume = apiece - 0.5 * (_log_determinant(held, amplitudes) - _log_determinant(held, own))
         return m.likelihood + prior + log_volume + sum(inclusion(e) for e in self.effects)
 
     @cached_property
@@ -127,10 +128,9 @@ class Weighed:
         """Log-density, how far shapes lie off the middle of theirs, curvature, and whether a parameter is an amplitude.
         """
         composition, vector = self.fit.composition, self.fit.vector
-        width = ROOM * composition.scales[: composition.own]
-        total, precision = -float(np.log(np.sqrt(2 * np.pi) * width).sum()), np.zeros(vector.size)
+        total, precision = 0.0, np.zeros(vector.size)
         apart, amplitudes = np.zeros(vector.size), np.full(vector.size, True)
-        precision[: composition.own] = 1 / width**2
+        precision[: composition.own] = 1 / (ROOM * composition.scales[: composition.own]) ** 2
         force = self.data.discrepancy.force * np.sqrt(self.data.problem.n_samples)
         for effect, place, change in zip(self.effects, composition.places, self.changes, strict=True):
             points = self.data.looked_at[effect.name]
@@ -150,6 +150,13 @@ class Weighed:
         if not alone:
             return abs(apart) * slope, slope
         return change, change / abs(apart) if apart else slope
+
+
+def _log_determinant(matrix: np.ndarray, chosen: np.ndarray) -> float:
+    """ln of the determinant of the chosen rows and columns, scaled for the digits."""
+    part = matrix[np.ix_(chosen, chosen)]
+    scale = 1 / np.sqrt(np.maximum(np.diag(part), 1e-300))
+    return float(np.linalg.slogdet(part * np.outer(scale, scale))[1] - 2 * np.log(scale).sum())
 
 
 def kind_of(effect: Effect, values: np.ndarray, candidates: Sequence[Effect]) -> str:
