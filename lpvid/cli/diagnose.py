@@ -42,7 +42,7 @@ def diagnose(
     sample_rate: options.SampleRateOrRaw = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the significance tests.")] = 0,
     engine: Annotated[str, typer.Option("--engine", metavar="evidence|gates", help="evidence: sets of causes by their "
-                                        "probability beside a law that is never exact. gates: causes one by one, "
+                                        "weight beside a law that is never exact. gates: causes one by one, "
                                         "tested; for laws that are exact but for the cause.")] = "evidence",
     out: options.Out = None,
     json: options.Json = False,

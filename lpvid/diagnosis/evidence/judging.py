@@ -77,7 +77,7 @@ class Member:
         if self.change < least:
             return f"it changes the output by {self.change:.1%}, less than {least:.1%}: small print"
         if self.probability < NAMED and not self.rivals:
-            return f"probability {self.probability:.2f} only, and nothing takes its place"
+            return f"weight {self.probability:.2f} only, and nothing takes its place"
         return None
 
 
