@@ -41,9 +41,9 @@ def diagnose(
     flip: options.Flip = None,
     sample_rate: options.SampleRateOrRaw = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the significance tests.")] = 0,
-    engine: Annotated[str, typer.Option("--engine", metavar="gates|evidence", help="gates: causes one by one, "
-                                        "tested (the default). evidence: sets of causes by their probability; finds "
-                                        "more on measured records, slower, not calibrated.")] = "gates",
+    engine: Annotated[str, typer.Option("--engine", metavar="evidence|gates", help="evidence: sets of causes by their "
+                                        "weight beside a law that is never exact. gates: causes one by one, "
+                                        "tested; for laws that are exact but for the cause.")] = "evidence",
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Progress = Callable[[str], None]
 AUTO = "auto"
 """in the place of a baseline's name: the installed law that suits the records best"""
-ENGINES = ("gates", "evidence")
+ENGINES = ("evidence", "gates")
 """engines by name; the first is the default"""
 
 
@@ -62,7 +62,7 @@ class Question:
 def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
              held_out: Record | Sequence[Record] | None = None, *, parameters: Any = None,
              settings: DiagnosisSettings | None = None, sample_rate: float | None = None,
-             progress: Progress | None = None, engine: str = "gates") -> Diagnosis:
+             progress: Progress | None = None, engine: str = ENGINES[0]) -> Diagnosis:
     """Say what a baseline's simulation gets wrong, name the cause or say why not, extend it, measure the gain.
 
     Parameters
@@ -84,9 +84,9 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
         Resample to this rate [Hz].
     progress : callable, optional
         Told in words what is being done.
-    engine : {"gates", "evidence"}
-        Which engine decides: significance and gates, or the probability of sets of causes beside a law that is never
-        right to the noise (`lpvid.diagnosis.evidence`).
+    engine : {"evidence", "gates"}
+        Which engine decides: the probability of sets of causes beside a law that is never right to the noise
+        (`lpvid.diagnosis.evidence`), or significance and gates.
 
     Returns
     -------
@@ -136,7 +136,7 @@ def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = Non
 
 
 def answer(question: Question, settings: DiagnosisSettings | None = None,
-           progress: Progress | None = None, engine: str = "gates") -> Diagnosis:
+           progress: Progress | None = None, engine: str = ENGINES[0]) -> Diagnosis:
     """Run an engine on a question, and say what was done to the data."""
     from lpvid.auditing import audit
     from lpvid.diagnosis import engine as gates

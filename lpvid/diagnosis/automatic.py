@@ -61,8 +61,7 @@ def automatic(records: Sequence[Record], say: Callable[[str], None] = lambda tex
                          mend="name a baseline")
     problem, best = _problem(found[0].baseline, records), min(found, key=lambda law: law.error)
     composition = Composition(best.baseline)
-    channels = [c for c in problem.signals[0].channels if all(s.has(c) for s in problem.signals)]
-    kept, _ = independent(problem, problem.errors(composition, best.baseline.vector), channels)
+    kept = independent(problem, problem.errors(composition, best.baseline.vector)).kept
     count = kept * problem.n_samples
 
     def criterion(law: Law) -> float:

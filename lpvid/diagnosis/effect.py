@@ -200,6 +200,9 @@ class Effect(ABC):
     """whether only the evidence engine takes it: a law or a placement whose rivals must be weighed as a family"""
     placement_of: ClassVar[str] = ""
     """name of the effect of which it is the same component in another place; "" where it is none"""
+    form_of: ClassVar[str] = ""
+    """name of the component of which it is another form, so that evidence for either speaks for the component; "" where
+    it is one of its own. A special case that is another component (a stop, a linear spring) is none"""
     behind: ClassVar[str] = ""
     """stage without which it is nothing of its own: friction behind a spring needs something in series"""
     negligible: ClassVar[float] = 0.005

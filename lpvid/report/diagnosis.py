@@ -152,9 +152,9 @@ def _sets(weights: Weights) -> list[Item]:
     sets = tuple((", ".join(s.names) or "none", number(s.probability, 3),
                   "–" if s.held_out_esr is None else number(s.held_out_esr)) for s in weights.sets)
     families = tuple((n, number(p, 3)) for n, p in weights.families.items())
-    return [Table(("set of causes", "probability", "free-run ESR, held-out"), sets, "Among the sets that were looked "
-                  "at. Not calibrated: a probability ranks stories, it is no frequency of being right.", (1, 2)),
-            Table(("family", "probability that one of it is there"), families, "", (1,)),
+    return [Table(("set of causes", "weight", "free-run ESR, held-out"), sets, "Among the sets that were looked "
+                  "at. A weight ranks stories by their evidence; it is no frequency of being right.", (1, 2)),
+            Table(("family", "weight of the sets that hold one of it"), families, "", (1,)),
             Paragraph(f"What the inputs still predict of the error is {percent(weights.discrepancy)} of the output, "
                       f"above all {weights.where}. Every real law leaves one to three per cent.")]
 

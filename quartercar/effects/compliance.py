@@ -81,6 +81,7 @@ class EntrainedAir(SeriesElement):
     """Air in the oil: soft until it is compressed, a polytropic spring in series (equation sheet 3.5)."""
 
     name: ClassVar[str] = "entrained-air"
+    form_of: ClassVar[str] = "series-compliance"
     title: ClassVar[str] = "air in the oil"
     equation: ClassVar[str] = "v = w + dD/dt, D = s (1 - (1 + |F|/F_p)^(-1/1.3)) sign F, F = law(w)"
     reference: ClassVar[str] = "equation sheet 3.5"

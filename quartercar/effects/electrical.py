@@ -238,6 +238,7 @@ class RiseFallLag(CurrentEffect):
     """Unequal edges: the field builds up and breaks down with time constants of its own (equation sheet 3.14)."""
 
     name: ClassVar[str] = "rise-fall-lag"
+    form_of: ClassVar[str] = "coil-lag"
     path: ClassVar[str] = "current"
     title: ClassVar[str] = "the field rises and falls with different time constants"
     equation: ClassVar[str] = "tau di_e/dt = i - i_e, tau = T r where |i| rises, T/r where it falls"

@@ -135,6 +135,7 @@ class StribeckFriction(ParallelForce):
     """Breakaway force that falls off with speed (equation sheet 3.2)."""
 
     name: ClassVar[str] = "stribeck-friction"
+    form_of: ClassVar[str] = "coulomb-friction"
     title: ClassVar[str] = "breakaway friction that falls off with speed"
     equation: ClassVar[str] = "F += F_s exp(-(v/v_S)^2) tanh(v/eps)"
     reference: ClassVar[str] = "equation sheet 3.2"

@@ -13,6 +13,9 @@ from quartercar.effects.friction_gas import ParallelForce
 from quartercar.effects.hydraulics import HydraulicEffect
 from quartercar.effects.viscous import viscous_slope
 
+TURNED = 0.01
+"""widest plausible speed over which dry friction turns round [m/s], as in `CoulombFriction`"""
+
 
 class CubicSpring(ParallelForce):
     """A spring that hardens or softens with the way: the next terms of its characteristic (Duffing 1918)."""
@@ -71,6 +74,10 @@ class SaturatingDamping(HydraulicEffect):
     def added(self, s: Signals, core: Core, values: np.ndarray, baseline: Baseline) -> np.ndarray:
         q, v = float(values[0]), s["velocity"]
         return viscous_slope(s, core, baseline) * (np.tanh(q * v) / q - v)
+
+    def comes_to(self, values: np.ndarray) -> tuple[str, ...]:
+        """A bend within the speeds over which dry friction turns round is dry friction."""
+        return ("coulomb-friction",) if float(values[0]) * TURNED >= 1 else ()
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("v|v| as a further input", regressors=("velocity|velocity|",))

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from lpvid.auditing.resting import ENOUGH, FLAT
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
@@ -17,6 +18,9 @@ MOTION = ("displacement", "velocity", "acceleration")
 """channels that one position sensor feeds"""
 BESSEL = (0.7235, 1.0944)
 """damping of the pair of poles of Bessel's filter of order three, and time constant of the single one over theirs"""
+
+HAIRS = np.geomspace(1e-3, 0.1, 9)
+"""widths below the largest force, as shares of it, within which a clipped force may scatter"""
 
 
 def shifted(values: np.ndarray, samples: float) -> np.ndarray:
@@ -176,6 +180,32 @@ class ForceOffset(ChainEffect):
         return LpvChange("a constant as a further input", regressors=("1",))
 
 
+def piled_up(force: np.ndarray) -> bool:
+    """Whether the samples of a force pile up within a hair of its largest modulus: a fact of the record.
+
+    Within a width h below the peak of a smooth force, F_max − a t², lie half as many samples as within 4h, whatever a
+    and h; below a level at which it is clipped, nearly all of them. Several widths are tried, since the noise that an
+    amplifier adds behind its limit is not known.
+
+    Parameters
+    ----------
+    force : (n,) array
+
+    Examples
+    --------
+    >>> wave = 100 * np.sin(np.linspace(0, 60, 4000))
+    >>> piled_up(wave), piled_up(np.clip(wave, -90, 90))
+    (False, True)
+    """
+    size = np.abs(force)
+    top = float(size.max(initial=0.0))
+    if not top > 0:
+        return False
+    below = np.sort(1.0 - size / top)
+    near, wide = (np.searchsorted(below, k * HAIRS, side="right") for k in (1, 4))
+    return bool(np.any((wide >= ENOUGH) & (near > FLAT * wide)))
+
+
 class ForceClipping(Effect):
     """The amplifier saturates (equation sheet 3.20)."""
 
@@ -198,7 +228,11 @@ class ForceClipping(Effect):
         return [np.array([1 / (share * peak)]) for share in (0.55, 0.7, 0.85, 0.93, 0.97, 1.0) if peak > 0]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
+        if baseline.output != "force":
+            return f"{baseline.name} does not simulate a force"
+        if piled_up(np.concatenate([s.output for s in signals])):
+            return None
+        return "the samples do not pile up at the largest force, as those of a clipped one do"
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         reciprocal = float(values[0])

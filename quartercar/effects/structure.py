@@ -16,6 +16,10 @@ from quartercar.effects.electrical import SEEN_AFTER, clocked
 
 DEPTH = 1e-3
 """depth at which the stiffness of a progressive stop is told [m]"""
+LINEAR = 1.05
+"""exponent up to which a stop is linear"""
+NOWHERE = 0.1 * DEPTH
+"""distance from mid stroke within which a stop stops at none [m]"""
 SHORTEST = 1e-6
 """share of a sample below which the period of a resonance counts as in proportion"""
 
@@ -60,6 +64,10 @@ class EndStop(Effect):
             return core(s) + stiffness * np.sign(x) * depth * (depth / DEPTH) ** (exponent - 1)
 
         return run
+
+    def comes_to(self, values: np.ndarray) -> tuple[str, ...]:
+        """A linear stop that engages from mid stroke on is a spring."""
+        return ("gas-stiffness",) if float(values[1]) < NOWHERE and float(values[2]) < LINEAR else ()
 
     def lpv_change(self) -> LpvChange | None:
         return LpvChange("scheduled on the displacement too", schedule=("displacement",))

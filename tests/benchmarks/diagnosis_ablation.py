@@ -73,7 +73,7 @@ def main() -> None:
     for gate in () if options.table else ("full", *options.gate):
         folder = options.folder / gate
         folder.mkdir(parents=True, exist_ok=True)
-        foreign_scoreboard.run(Namespace(**vars(options) | {"folder": folder, "only": "", "engine": None,
+        foreign_scoreboard.run(Namespace(**vars(options) | {"folder": folder, "only": "", "engine": "gates",
                                                             "patches": GATES.get(gate)}))
     print(table(foreign_scoreboard.read(options.folder / "full"),
                 {g: foreign_scoreboard.read(options.folder / g) for g in GATES}))

@@ -170,7 +170,7 @@ def test_the_cause_is_named_and_the_gain_is_that_of_the_held_out_record(installe
     assert found.before.esr_held_out == pytest.approx(by_hand(bare, 0.0, other), rel=1e-9)
     assert found.gain_percent == pytest.approx(100 * (1 - found.after.esr_held_out / found.before.esr_held_out))
     told = json.loads(json.dumps(found.to_dict()))
-    assert told["schema"] == "lpvid/diagnosis/1" and told["complete"] and told["baseline"]["polarity"] == 1
+    assert told["schema"] == "lpvid/diagnosis/2" and told["complete"] and told["baseline"]["polarity"] == 1
     assert [c["name"] for c in told["cannot_tell"]] == ["heat"] and "temperature" in told["cannot_tell"][0]["reason"]
 
 
@@ -263,13 +263,15 @@ def test_parameters_may_be_given_and_their_error_is_told(installed, tmp_path):
         lpv.diagnose(measured(), Viscous(), CATALOGUE, parameters={})
 
 
-@pytest.mark.parametrize(("at", "reached"), [("screening", "screening"), ("fitting", "fitting viscous")])
-def test_an_interruption_leaves_what_is_known(at, reached):
+@pytest.mark.parametrize(("engine", "at", "reached"), [
+    ("gates", "screening", "screening"), ("gates", "fitting", "fitting viscous"),
+    ("evidence", "fitting", "fitting viscous")])
+def test_an_interruption_leaves_what_is_known(engine, at, reached):
     def stop(text: str) -> None:
         if text.startswith(at):
             raise KeyboardInterrupt
 
-    found = lpv.diagnose(measured(), Viscous(SLOPE), CATALOGUE, progress=stop)
+    found = lpv.diagnose(measured(), Viscous(SLOPE), CATALOGUE, progress=stop, engine=engine)
     assert not found.complete and not found.causes and reached in found.reason
     esr = by_hand(found.baseline["parameters"][0]["value"], 0.0, measured())
     assert found.before.esr_training == pytest.approx(esr, rel=0.05)

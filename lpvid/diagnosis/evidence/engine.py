@@ -27,6 +27,7 @@ from lpvid.diagnosis.interrupted import BestSoFar, InterruptedSearch
 from lpvid.diagnosis.noise import WHITE, noise_level
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit, refit
+from lpvid.diagnosis.remainder import predictable_share
 from lpvid.diagnosis.screening import screen
 from lpvid.diagnosis.signals import in_turn
 from lpvid.errors import InputError
@@ -38,7 +39,7 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
              progress: Callable[[str], None] | None = None) -> Diagnosis:
     """Find the most probable sets of causes, name what all of them hold, extend the model, measure the gain.
 
-    y = f(u; θ, S) + δ(u) + e over sets S: the steps and priors are those of docs/diagnosis.md, "By evidence".
+    y = f(u; θ, S) + δ(u) + e over sets S: the steps and priors are those of docs/diagnosis.md, "How it decides".
 
     Parameters
     ----------
@@ -94,13 +95,16 @@ def concluded(search: Search, records: Sequence[Record], baseline: Baseline, hel
     problem, alone = search.problem, search.visited[frozenset()].fit
     screened = tuple(screen(problem, alone, search.look(search.visited[frozenset()]), np.random.default_rng(seed)))
     judged = judge(search, say)
+    share, spread = predictable_share(problem, problem.errors(judged.fit.composition, judged.fit.vector),
+                                      search.channels)
+    predictable = float(np.clip(share if share > 2 * spread else 0.0, 0.0, 1.0))
     if sum(r.n_samples for r in records) > sum(s.n_samples for s in problem.signals):
         say("refitting the best set to all samples")
         judged = on_all_samples(judged, problem_of(records, baseline))
     whole = judged.problem
     driving = [c for c in baseline.channels if c != baseline.output]
     level = noise_level(whole.signals, driving, whole.blocks.mask())
-    return Outcome(baseline, search, judged, screened, unusable, level, held_out).diagnosis()
+    return Outcome(baseline, search, judged, screened, unusable, level, predictable, held_out).diagnosis()
 
 
 def best_of(search: Search) -> BestSoFar:
@@ -125,7 +129,7 @@ def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     scale = Scales.of(problem.signals).size
     looked_at = {e.name: np.array(e.spread_points(problem.signals, scale)).reshape(-1, len(e.parameters))
                  for e in usable}
-    data = Data(problem, Discrepancy.of(problem, baseline), looked_at)
+    data = Data(problem, Discrepancy.of(problem, baseline), looked_at, usable)
     channels = [c for c in problem.signals[0].channels if c != baseline.output
                 and all(s.has(c) for s in problem.signals)]
     return Search(data, usable, channels, say), unusable

@@ -3,43 +3,84 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from lpvid.diagnosis.problem import Problem
-from lpvid.diagnosis.remainder import predictable_share
 
-WORTH = 60.0
-"""independent samples that an error which is all structure is worth: a misfit of 1 % more or less says little, one of a
-factor of two 20 units of log-likelihood (diagnosis_real)"""
-SEGMENTS = 16
-"""averaged spectra from which the memory of an error is told"""
+WORTH = 25.0
+"""α, independent samples that a structured error is worth, by calibration over blind cases of two rigs (diagnosis.md):
+a law errs by few mechanisms, however many samples show them"""
+SEGMENT = 64
+"""samples of a segment of the averaged spectrum from which the white part of an error is read: 3000 hold 90 of them"""
+QUIET = 0.25
+"""share of the band that holds nothing of the motion: records are prepared at no less than four times the band in which
+99 % of what moves lies"""
+LOWEST = 1.27
+"""standard deviations below the mean at which the lowest quarter of a normal sample lies: φ(Φ⁻¹(¼))/¼"""
 
 
-def independent(problem: Problem, errors: Sequence[np.ndarray], channels: Sequence[str]) -> tuple[float, float]:
-    """κ, the share of the samples that is independent, and p, the share of the error that the inputs predict.
+@dataclass(frozen=True)
+class Independence:
+    """What an error is worth.
 
-    1/κ = (1 − p)/κ₀ + p N/α: noise has κ₀ = 1/Σρ_k² from its autocorrelation (Bartlett 1946), the misfit of a law is
-    worth α samples in all.
+    Attributes
+    ----------
+    kept : float
+        κ, share of the samples that is independent.
+    structured : float
+        p, share of the squared error beyond the noise floor.
+    floor : float
+        Variance of the noise.
     """
-    share, spread = predictable_share(problem, errors, channels)
-    share = float(np.clip(share if share > 2 * spread else 0.0, 0.0, 1.0))
-    memory = _memory(problem, errors)
-    return 1 / max((1 - share) * memory + share * problem.n_samples / WORTH, 1.0), share
+
+    kept: float
+    structured: float
+    floor: float
 
 
-def _memory(problem: Problem, errors: Sequence[np.ndarray]) -> float:
-    """Σ_k ρ_k² = mean(S²)/mean(S)² by averaged spectra, whose own scatter is taken off."""
-    from scipy.signal import welch
+def independent(problem: Problem, errors: Sequence[np.ndarray], worth: float = WORTH) -> Independence:
+    """κ of an error: 1/κ = (1 − p) + p N/α.
 
-    total, count = None, 0
-    size = max(min(min(e.size for e in errors), sum(e.size for e in errors) // SEGMENTS), 16)
-    for e, inside in zip(errors, problem.blocks.mask(), strict=True):
-        x = np.where(inside, e, 0.0)
-        _, power = welch(x - x.mean(), nperseg=size, detrend="constant")
-        pieces = max(2 * x.size // size - 1, 1)
-        total = pieces * power if total is None else total + pieces * power
-        count += pieces
-    assert total is not None
-    power = total[1:-1] / count
-    return max(float(np.mean(power**2) / max(np.mean(power) ** 2, 1e-300)) / (1 + 1.5 / count), 1.0)
+    p is the share beyond the noise floor: what the error holds in the band where nothing moves, as white noise, which
+    is not free to take up more than that. All else is a misfit of the law, or noise so slow that nothing tells it from
+    one. White noise is worth its samples, a misfit α in all. Repeats are no floor: where their inputs differ by a per
+    cent, so do their outputs.
+
+    Parameters
+    ----------
+    problem : Problem
+        Not whitened.
+    errors : sequence of (n,) arrays
+        Per record, in the output's unit.
+    worth : float
+        α.
+    """
+    stacked = problem.stack(errors, whiten=False)
+    total = float(np.mean(stacked**2))
+    if not total > 0:
+        return Independence(1.0, 0.0, 0.0)
+    power, count = _spectrum(problem, stacked)
+    white = min(_lowest(power, count) / float(power.mean()), 1.0)
+    return Independence(1 / max(white + (1 - white) * problem.n_samples / worth, 1.0), 1 - white, white * total)
+
+
+def _spectrum(problem: Problem, stacked: np.ndarray) -> tuple[np.ndarray, int]:
+    """Averaged power within the blocks over frequencies between none and half the rate, and segments averaged."""
+    size = int(min(SEGMENT, np.bincount(problem.block).min()))
+    window, total, count = np.hanning(size + 2)[1:-1], np.zeros(size // 2 + 1), 0
+    for b in range(problem.blocks.count):
+        x = stacked[problem.block == b]
+        for first in range(0, x.size - size + 1, max(size // 2, 1)):
+            total += np.abs(np.fft.rfft(window * x[first: first + size])) ** 2
+            count += 1
+    both = np.concatenate([total, total[1: -1 if size % 2 == 0 else None]])  # mean over both signs: Parseval
+    return both / max(count, 1), max(count, 1)
+
+
+def _lowest(power: np.ndarray, count: int) -> float:
+    """Level of the lowest quarter of a spectrum, the scatter of averages over `count` segments taken off."""
+    lowest = np.sort(power)[: max(int(QUIET * power.size), 1)]
+    return float(lowest.mean()) / max(1.0 - LOWEST / np.sqrt(count), QUIET)
+

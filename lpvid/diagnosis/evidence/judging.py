@@ -77,7 +77,7 @@ class Member:
         if self.change < least:
             return f"it changes the output by {self.change:.1%}, less than {least:.1%}: small print"
         if self.probability < NAMED and not self.rivals:
-            return f"probability {self.probability:.2f} only, and nothing takes its place"
+            return f"weight {self.probability:.2f} only, and nothing takes its place"
         return None
 
 
@@ -139,7 +139,7 @@ def judge(search: Search, say: Callable[[str], None]) -> Judged:
         sets = [(w, p) for w, p in posterior(search) if w.members not in refused]
         total = sum(p for _, p in sets)
         sets = [(w, p / total) for w, p in sets] if total > 0 else [(search.visited[frozenset()], 1.0)]
-        best = sets[0][0]
+        best = story(sets)
         say(f"held-out check of {', '.join(sorted(best.members)) or 'the baseline alone'}")
         fit = on_all(best.fit.composition, best.fit)
         after = folds_of(problem, fit)
@@ -180,30 +180,69 @@ def _helps(problem: Problem, rest: Refit, after: Folds) -> bool:
     return bool(gains.sum() > np.sqrt(gains @ gains))
 
 
+def story(sets: Sequence[tuple[Weighed, float]]) -> Weighed:
+    """The set to report: of the most probable components, in the forms that the data bear out.
+
+    Sets that hold the same components in different forms add up. Of those of the most probable components the most
+    probable one is taken whose special forms are sure themselves; a form that is not gives way to its component.
+    """
+    mass: dict[frozenset[str], float] = {}
+    for w, p in sets:
+        mass[frozenset(w.kinds)] = mass.get(frozenset(w.kinds), 0.0) + p
+    kinds = max(mass, key=lambda k: mass[k])
+    alike = [w for w, _ in sets if frozenset(w.kinds) == kinds]
+    sure = [w for w in alike if all(e.component == k or _form(e, sets) >= NAMED * mass[kinds]
+                                    for e, k in zip(w.effects, w.kinds, strict=True))]
+    return (sure or alike)[0]
+
+
+def _form(effect: Effect, sets: Sequence[tuple[Weighed, float]]) -> float:
+    """Probability that an effect is there in this very form, wherever it sits."""
+    return float(sum(p for w, p in sets if any(e.component == effect.component for e in w.effects)))
+
+
 def _member(search: Search, sets: Sequence[tuple[Weighed, float]], best: Weighed, fit: Refit, after: Folds,
             effect: Effect, rest: Refit) -> Member:
     problem = fit.problem
     gains = problem.block_sums(folds_of(problem, rest).plain**2 - after.plain**2)
     before = float(np.sum(folds_of(problem, rest).plain**2))
-    here = [p for w, p in sets if any(_same(effect, e) for e in w.effects)]
+    kind = best.kinds[best.effects.index(effect)]
+    simple = effect.component == kind
+
+    def holds(w: Weighed) -> bool:
+        return kind in w.kinds if simple else any(e.component == effect.component for e in w.effects)
+
+    probability = float(sum(p for w, p in sets if holds(w)))
     family = [p for w, p in sets if any(e.family == effect.family for e in w.effects)]
-    rivals: dict[str, float] = {}
-    for w, p in sets:
-        if not any(_same(effect, e) for e in w.effects):
-            for e in w.effects:
-                if e.name not in best.members:
-                    rivals[e.name] = rivals.get(e.name, 0.0) + p
-    probability = float(sum(here))
-    listed = sorted(((n, p) for n, p in rivals.items() if p > LISTED), key=lambda t: -t[1])
+    rivals = () if probability >= NAMED else _instead(sets, best, kind, holds)
     change = float(np.sqrt(np.mean((rest.errors - fit.errors) ** 2))) / search.data.discrepancy.force
     without = search.visited.get(best.members - {effect.name})
     gain = search.score(best) - (search.score(without) if without is not None else -np.inf)
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
-    return Member(effect, values, probability, float(sum(family)), tuple(listed) if probability < NAMED else (),
+    return Member(effect, values, probability, float(sum(family)), rivals,
                   rest.cost - fit.cost, 100 * float(gains.sum()) / max(before, 1e-300), float(np.mean(gains > 0)),
                   change, float(gain) if np.isfinite(gain) else 0.0)
 
 
-def _same(effect: Effect, other: Effect) -> bool:
-    """Whether another is the same component in some place, or holds it as its special case."""
-    return other.component == effect.component or effect.name in other.contains
+def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, holds: Callable[[Weighed], bool]
+             ) -> tuple[tuple[str, float], ...]:
+    """Effects that take the place of one, with their probability in its absence; none where nothing does surely.
+
+    Of what a set holds in its absence, and the best set does not, that which changes the output most does its work;
+    and only where it or one of them is there with `NAMED` do they answer for it together.
+    """
+    lone: dict[str, float] = {}
+    form: dict[str, str] = {}
+    for w, p in sets:
+        if not holds(w):
+            other = [(c, k, e.name) for e, k, c in zip(w.effects, w.kinds, w.changes, strict=True)
+                     if e.name not in best.members and (k == kind or k not in best.kinds)]
+            if other:
+                _, k, name = max(other)
+                lone[k] = lone.get(k, 0.0) + p
+                form.setdefault(k, name)
+    listed = {k: p for k, p in lone.items() if p > LISTED}
+    together = sum(p for w, p in sets if holds(w) or listed.keys() & set(w.kinds))
+    if together < NAMED:
+        return ()
+    return tuple((form[k], p) for k, p in sorted(listed.items(), key=lambda t: -t[1]))

@@ -39,6 +39,8 @@ class Outcome:
         Of all candidates beside the baseline alone.
     unusable : tuple of CannotTell
     level : NoiseLevel
+    predictable : float
+        Share of the squared error of the set that a regression on the inputs predicts.
     held_out : sequence of Record
     """
 
@@ -48,6 +50,7 @@ class Outcome:
     screened: tuple[Evidence, ...]
     unusable: tuple[CannotTell, ...]
     level: NoiseLevel
+    predictable: float
     held_out: Sequence[Record]
 
     @property
@@ -65,7 +68,7 @@ class Outcome:
     @property
     def of_law(self) -> float:
         """That part of it which the inputs predict."""
-        return float(np.sqrt(self.search.predictable)) * self.left
+        return float(np.sqrt(self.predictable)) * self.left
 
     def diagnosis(self) -> Diagnosis:
         """All of it."""
@@ -186,7 +189,7 @@ class Outcome:
         m = self.judged.sets[0][0].marginal(s.kept)
         white = s.kept > 0.5
         return {"name": "white-noise" if white else "coloured-noise", "order": 0, "level": float(np.sqrt(m.noise)),
-                "coefficients": [1.0], "from_repeats": self.level.says, "predictable_share": s.predictable,
+                "coefficients": [1.0], "from_repeats": self.level.says, "predictable_share": self.predictable,
                 "independent_samples": s.kept * s.problem.n_samples}
 
 

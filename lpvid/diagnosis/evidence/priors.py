@@ -15,6 +15,9 @@ STRENGTH = 0.3
 DECADES = 1.0
 """standard deviation of the decimal logarithm of a positive shape about its grid, in decades: within a factor of ten"""
 
+SHAPE = 1.0
+"""log-likelihood that a fitted shape wins by its mere freedom (Akaike 1974), which every one of them costs"""
+
 
 def inclusion(effect: Effect) -> float:
     """ln π/(1 − π)."""
@@ -38,7 +41,10 @@ def of_strength(change: float, slope: float) -> tuple[float, float]:
 
 
 def of_shape(p: EffectParameter, value: float, looked_at: Sequence[float]) -> tuple[float, float]:
-    """Log-density of a shape, and its curvature: log-normal about where it was looked at, or normal about neutral.
+    """Prior of a shape: log-normal about where it was looked at, or normal about neutral.
+
+    Its volume does not count (`SHAPE` does): how many numbers a filter has, and over how many decades somebody lets
+    them run, says nothing about whether there is one, and must not decide between rivals that fit alike.
 
     Parameters
     ----------
@@ -46,16 +52,42 @@ def of_shape(p: EffectParameter, value: float, looked_at: Sequence[float]) -> tu
     value : float
     looked_at : sequence of float
         The grid at the scale of the data.
+
+    Returns
+    -------
+    apart, curvature : float
+        Distance of `value` from the middle of the prior in standard deviations, and curvature there.
     """
     positive = [g for g in looked_at if g > 0]
     if p.choices:
-        return -float(np.log(len(p.choices))), 2 * np.pi  # no volume: one of a few things
+        return 0.0, 0.0
     if positive and p.bounds[0] >= 0 and 0.0 not in looked_at and value > 0:
         width = DECADES * np.log(10.0)
-        apart = (np.log(value) - float(np.mean(np.log(positive)))) / width
-        return float(-0.5 * apart**2 - np.log(np.sqrt(2 * np.pi) * width * value)), (1 / (width * value)) ** 2
+        return float((np.log(value) - float(np.mean(np.log(positive)))) / width), (1 / (width * value)) ** 2
     width = max(max((abs(g - p.neutral) for g in looked_at), default=0.0), *(
         abs(b - p.neutral) for b in p.plausible)) if not positive or p.bounds[0] < 0 else max(positive)
     width = max(width, 1e-12)
-    apart = (value - p.neutral) / width
-    return float(-0.5 * apart**2 - np.log(np.sqrt(2 * np.pi) * width)), 1 / width**2
+    return (value - p.neutral) / width, 1 / width**2
+
+
+def off_prior(apart: np.ndarray, precision: np.ndarray, curvature: np.ndarray) -> float:
+    """Log-density that parameters lose by lying off the middle of their prior, where the data hold them there.
+
+    −½ Σ a² h/(h + Λ): of a Gaussian likelihood of curvature h about the estimate times a Gaussian prior of precision Λ
+    that lies a standard deviations away. A number that the data do not reach (h = 0) goes back to its prior for
+    nothing, wherever a fit has left it.
+
+    Parameters
+    ----------
+    apart : (P,) array
+        a.
+    precision, curvature : (P,) arrays
+        Λ and h.
+
+    Examples
+    --------
+    >>> one = np.ones(1)
+    >>> [off_prior(2 * one, one, h * one) for h in (0.0, 1.0, 1e9)]
+    [0.0, -1.0, -1.999999998]
+    """
+    return -0.5 * float(np.sum(apart**2 * curvature / np.maximum(curvature + precision, 1e-300))) + 0.0

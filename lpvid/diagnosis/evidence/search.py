@@ -11,7 +11,7 @@ from lpvid._threads import in_parallel
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.discrepancy import USUAL
-from lpvid.diagnosis.evidence.independence import independent
+from lpvid.diagnosis.evidence.independence import WORTH, independent
 from lpvid.diagnosis.evidence.priors import inclusion
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
 from lpvid.diagnosis.problem import Problem, projector, without
@@ -23,6 +23,9 @@ BEAM, CHILDREN, DEEPEST = 3, 6, 4
 """sets enlarged at every size, refitted children of each, and members at most"""
 OF_EACH = 2
 """of the children at least so many without memory and so many with one: each imitates the other at first"""
+EAGER = 3.0
+"""times the samples that a structured error is worth, as which it counts while sets are sought: three causes that only
+act jointly must be reached over two that win too little by themselves"""
 ROUNDS = 2
 """times that the best set is pulled apart, each member dropped and swapped"""
 HEAT, STEPS = 2, 8
@@ -62,8 +65,10 @@ class Search:
         Of those, the ones whose children are known.
     kept : float
         κ of the best set's error, by which all sets are weighed.
-    predictable : float
-        Share of that error which the inputs predict.
+    structured : float
+        Share of that error beyond the noise floor.
+    worth : float
+        α of that: more while sets are sought, so that larger ones are reached, than where they are judged.
     """
 
     data: Data
@@ -74,7 +79,8 @@ class Search:
     moved: list[Move] = field(default_factory=list)
     enlarged: set[frozenset[str]] = field(default_factory=set)
     kept: float = 1.0
-    predictable: float = 0.0
+    structured: float = 0.0
+    worth: float = EAGER * WORTH
 
     @property
     def problem(self) -> Problem:
@@ -106,6 +112,8 @@ class Search:
             self._reweigh()
             if self.best is before and self.best.members in self.enlarged:
                 break
+        self.worth = WORTH
+        self._reweigh()
         for _ in range(ROUNDS):
             before = self.best
             self._pull_apart(before)
@@ -256,8 +264,9 @@ class Search:
         for _ in range(3):
             best = self.best
             errors = self.problem.errors(best.fit.composition, best.fit.vector)
-            self.kept, self.predictable = best.fit.cached(
-                "independent", lambda e=errors: independent(self.problem, e, self.channels))
+            found = best.fit.cached(("independent", self.worth),
+                                    lambda e=errors, worth=self.worth: independent(self.problem, e, worth))
+            self.kept, self.structured = found.kept, found.structured
             if self.best is best:
                 return
 
@@ -287,9 +296,9 @@ def posterior(search: Search) -> list[tuple[Weighed, float]]:
 
 
 def probabilities(sets: Sequence[tuple[Weighed, float]]) -> dict[str, float]:
-    """Probability of every component that some set holds, wherever it sits, the most probable first."""
+    """Probability of every component that some set holds, in whatever form, the most probable first."""
     held: dict[str, float] = {}
     for w, p in sets:
-        for c in {e.component for e in w.effects}:
+        for c in set(w.kinds):
             held[c] = held.get(c, 0.0) + p
     return dict(sorted(held.items(), key=lambda t: (-t[1], t[0])))

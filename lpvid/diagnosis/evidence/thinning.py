@@ -22,6 +22,8 @@ BAND = 0.8
 """share of half the sample rate that an anti-alias filter leaves"""
 FEWEST = 4
 """stretches over all records at least, so that slow causes show"""
+SLACK = 3
+"""samples beyond it, so that start-up and blocks, each rounded to whole samples, find room"""
 LEAD = START_UP / 2
 """time at the head of a stretch in which the one before leads over to it [s]; in the rest of the start-up the trace of
 that dies away"""
@@ -72,7 +74,7 @@ def stretched(signals: Sequence[Signals]) -> tuple[Signals, ...]:
     holds what came before it, of which heat is built up. A run along one record costs a fraction of runs along many.
     """
     period, total = signals[0].sample_time, sum(s.n_samples for s in signals)
-    size = round(length_of(signals) / period)
+    size = round(length_of(signals) / period) + SLACK
     wanted = max(ENOUGH // size, FEWEST, len(signals))
     if total <= max(wanted * size, ENOUGH):
         return tuple(signals) if len(signals) == 1 else (_whole(signals, round(LEAD / period)),)

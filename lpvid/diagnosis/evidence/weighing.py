@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy, Marginal, marginal
-from lpvid.diagnosis.evidence.priors import inclusion, of_shape, of_strength
+from lpvid.diagnosis.evidence.priors import SHAPE, inclusion, of_shape, of_strength, off_prior
 from lpvid.diagnosis.problem import Problem
 from lpvid.diagnosis.refitting import Refit
 
@@ -32,11 +33,13 @@ class Data:
     discrepancy : Discrepancy
     looked_at : mapping of str to (points, k) array
         Where each effect is looked at.
+    candidates : tuple of Effect
     """
 
     problem: Problem
     discrepancy: Discrepancy
     looked_at: dict[str, np.ndarray]
+    candidates: tuple[Effect, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,17 @@ class Weighed:
     def effects(self) -> tuple[Effect, ...]:
         """Its effects."""
         return self.fit.composition.effects
+
+    @cached_property
+    def kinds(self) -> tuple[str, ...]:
+        """Per effect the component that it is a special form of, as its numbers stand."""
+        places = self.fit.composition.places
+        return tuple(kind_of(e, self.fit.vector[p], self.data.candidates)
+                     for e, p in zip(self.effects, places, strict=True))
+
+    def holds(self, kind: str) -> bool:
+        """Whether a component is there in some form."""
+        return kind in self.kinds
 
     @cached_property
     def along(self) -> np.ndarray:
@@ -89,8 +103,10 @@ class Weighed:
     def evidence(self, kept: float) -> float:
         """ln p(y | set) + ln p(set), up to what all sets share.
 
-        ln p(y|θ̂) + ln p(θ̂) + d/2 ln 2π − ½ ln|H|, H = κ/σ² J'(I − Φ diag(taken) Φ')J + prior precision (Tierney,
-        Kadane 1986); a parameter that these data do not reach keeps its prior and costs nothing.
+        ln p(y|θ̂) + ln p(θ̂) + d/2 ln 2π − ½ ln(|H|/|H_b|) over the d strengths. H is that of strengths and baseline,
+        κ/σ² J'(I − Φ diag(taken) Φ')J + prior precision (Tierney, Kadane 1986), H_b that of the baseline alone: its
+        parameters are in every set and stand where they are most probable. Shapes do too, at `SHAPE` each. A parameter
+        that these data do not reach costs nothing.
         """
         return self.fit.cached(("evidence", kept), lambda: self._weighed(kept))
 
@@ -98,31 +114,35 @@ class Weighed:
         if min(self.changes, default=1.0) < ABSENT:
             return -np.inf
         m = self.marginal(kept)
-        prior, precision = self._prior
+        prior, apart, precision, amplitudes = self._prior
         hessian = (self.curvature - self.turned.T @ (m.taken[:, None] * self.turned)) * (kept / m.noise)
-        scale = 1 / np.sqrt(np.diag(hessian).clip(0) + precision)
-        _, size = np.linalg.slogdet((hessian + np.diag(precision)) * np.outer(scale, scale))
-        log_volume = -0.5 * size + float(np.log(scale).sum()) + 0.5 * scale.size * np.log(2 * np.pi)
+        prior += off_prior(apart, precision, np.diag(hessian).clip(0))
+        held = hessian + np.diag(precision)
+        own = np.arange(precision.size) < self.fit.composition.own
+        apiece = 0.5 * np.log(2 * np.pi) * (amplitudes.sum() - own.sum())
+        log_volume = apiece - 0.5 * (_log_determinant(held, amplitudes) - _log_determinant(held, own))
         return m.likelihood + prior + log_volume + sum(inclusion(e) for e in self.effects)
 
     @cached_property
-    def _prior(self) -> tuple[float, np.ndarray]:
-        """Log-density of the parameters, and the (P,) curvature of it."""
+    def _prior(self) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+        """Log-density, how far shapes lie off the middle of theirs, curvature, and whether a parameter is an amplitude.
+        """
         composition, vector = self.fit.composition, self.fit.vector
-        width = ROOM * composition.scales[: composition.own]
-        total, precision = -float(np.log(np.sqrt(2 * np.pi) * width).sum()), np.zeros(vector.size)
-        precision[: composition.own] = 1 / width**2
+        total, precision = 0.0, np.zeros(vector.size)
+        apart, amplitudes = np.zeros(vector.size), np.full(vector.size, True)
+        precision[: composition.own] = 1 / (ROOM * composition.scales[: composition.own]) ** 2
         force = self.data.discrepancy.force * np.sqrt(self.data.problem.n_samples)
         for effect, place, change in zip(self.effects, composition.places, self.changes, strict=True):
             points = self.data.looked_at[effect.name]
             for k, (p, j) in enumerate(zip(effect.parameters, range(place.start, place.stop), strict=True)):
                 if k >= effect.strengths:
-                    value, curved = of_shape(p, float(vector[j]), np.unique(points[:, k]).tolist())
+                    apart[j], curved = of_shape(p, float(vector[j]), np.unique(points[:, k]).tolist())
+                    value, amplitudes[j] = -SHAPE, False
                 else:
                     value, curved = of_strength(*self._size(j, float(vector[j]) - p.neutral, change, force,
                                                             effect.strengths == 1))
                 total, precision[j] = total + value, curved
-        return total, precision
+        return total, apart, precision, amplitudes
 
     def _size(self, j: int, apart: float, change: float, force: float, alone: bool) -> tuple[float, float]:
         """Change of the output by one strength, and its slope, as shares of the output's rms."""
@@ -130,6 +150,24 @@ class Weighed:
         if not alone:
             return abs(apart) * slope, slope
         return change, change / abs(apart) if apart else slope
+
+
+def _log_determinant(matrix: np.ndarray, chosen: np.ndarray) -> float:
+    """ln of the determinant of the chosen rows and columns, scaled for the digits."""
+    part = matrix[np.ix_(chosen, chosen)]
+    scale = 1 / np.sqrt(np.maximum(np.diag(part), 1e-300))
+    return float(np.linalg.slogdet(part * np.outer(scale, scale))[1] - 2 * np.log(scale).sum())
+
+
+def kind_of(effect: Effect, values: np.ndarray, candidates: Sequence[Effect]) -> str:
+    """Name of the candidate of which an effect is a form, as its numbers stand.
+
+    Friction that breaks away, friction behind a spring and |v|^n sgn v of a small n are dry friction; air in oil is a
+    spring. Sets that differ in the form alone share what they say of the component.
+    """
+    known = {c.name for c in candidates}
+    simpler = [n for n in (*effect.comes_to(values), effect.form_of) if n in known]
+    return simpler[0] if simpler else effect.component
 
 
 def change_by(problem: Problem, fit: Refit, effect: Effect) -> float:

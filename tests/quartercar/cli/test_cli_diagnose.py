@@ -73,7 +73,7 @@ def test_it_names_the_cause_and_writes_its_files(written):
     told = json.loads((out / "diagnosis.json").read_text())
     assert {p.name for p in out.iterdir()} >= {"diagnosis.json", "extended_model.json", "extended_lpv.json",
                                                "report.html"}
-    assert told["schema"] == "lpvid/diagnosis/1" and told["verdict"] == "explained"
+    assert told["schema"] == "lpvid/diagnosis/2" and told["verdict"] == "explained"
     cause, = told["causes"]
     number = cause["parameters"][0]
     assert cause["name"] == "coulomb-friction" and abs(number["value"] - 30.0) < 4 * number["std"]  # half of 60 N
@@ -162,7 +162,7 @@ def test_what_is_wrong_ends_in_one_line_and_nothing_is_written(files, tmp_path, 
 
 
 def test_an_interruption_keeps_what_is_known(files, tmp_path, monkeypatch):
-    from lpvid.diagnosis import engine
+    from lpvid.diagnosis.evidence import engine
 
     def stopped(*_, **__):
         raise KeyboardInterrupt

@@ -37,7 +37,7 @@ def test_a_cause_on_the_rig_with_its_probability_and_its_family():
 
 
 def test_an_engine_that_does_not_exist_is_refused():
-    with pytest.raises(InputError, match="engine must be one of gates, evidence"):
+    with pytest.raises(InputError, match="engine must be one of evidence, gates"):
         lpv.diagnose(hidden("coulomb-friction"), "guo", FEW, engine="oracle")
 
 

@@ -185,6 +185,16 @@ def test_a_step_for_each_sample_is_as_good_as_many(elements: dict[str, float], c
     assert np.sum((force - fine) ** 2) < 1e-4 * np.sum(fine**2)
 
 
+def test_a_force_that_is_no_number_leads_to_none_and_not_beyond_a_table() -> None:
+    """A search tries laws that explode; int(nan) as an index once ended the process."""
+    soft = Elements(play=2e-4, air_stroke=3e-4, air_force=500.0).numbers(0.0)
+    trace, out = np.zeros((4, 5)), np.zeros(4)
+    trace[:, 2] = np.nan, np.inf, -np.inf, 1e300
+    _series_kernels.softer(trace, soft, Elements(compliance=1e-6).numbers(0.0), out)
+    assert np.isnan(out[0])
+    assert np.isfinite(_series_kernels._given(-1e12, soft)).all()
+
+
 def test_elements_in_one_series_are_one_element() -> None:
     play = Backlash().compose(SeriesCompliance().compose(law, np.array([4e-7]), baseline()), np.array([1e-4]),
                               baseline())

@@ -10,7 +10,14 @@ from scipy.signal import bilinear, lfilter
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.signals import Signals
-from quartercar.effects.measurement import DisplacementDelay, ForceClipping, ForceDelay, ForceOffset, OneSidedFilter
+from quartercar.effects.measurement import (
+    DisplacementDelay,
+    ForceClipping,
+    ForceDelay,
+    ForceOffset,
+    OneSidedFilter,
+    piled_up,
+)
 from quartercar.effects.quantisation import Quantisation, grid_step, mean_rounding, smoothed_within
 
 FINE = 16
@@ -121,6 +128,17 @@ class TestZeroAndRange:
         got, limit = composed(ForceClipping(), [1 / 0.1], s, speed_itself), 0.1
         np.testing.assert_array_equal(got, np.clip(s["velocity"], -limit, limit))
         assert 0.01 < np.mean(np.abs(got) == limit) < 0.99
+
+    def test_only_a_force_that_piles_up_at_its_largest_value_is_clipped(self) -> None:
+        """A fact of the record: smooth peaks hold half as many samples within a width as within four of it."""
+        noise = 0.005 * np.random.default_rng(1).standard_normal(8192)
+        wave = np.sin(np.linspace(0.0, 300.0, 8192)) * (1 + 0.1 * np.sin(np.linspace(0.0, 17.0, 8192)))
+        assert not piled_up(wave) and not piled_up(wave + noise) and not piled_up(np.zeros(100))
+        for scale in (1e-3, 1.0, 1e4):
+            assert piled_up(scale * np.clip(wave, -0.8, 0.8)) and piled_up(scale * (np.clip(wave, -0.8, 0.8) + noise))
+        smooth, clipped = (Signals(PERIOD, {"velocity": wave}, y) for y in (wave, np.clip(wave, -0.8, 0.8)))
+        assert "pile up" in str(ForceClipping().applies(guo(), (smooth,)))
+        assert ForceClipping().applies(guo(), (clipped,)) is None
 
     def test_clipping_is_looked_for_below_the_peak(self) -> None:
         s = road_like()
