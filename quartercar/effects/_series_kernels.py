@@ -357,14 +357,9 @@ def _given(size, element):
             d += element[3]
     if element[1] > 0.0:
         whole = size + element[2]
-<<<<<<< 90e0f41a091f4ae9fb09ab64fc403aed8f6901e9
         # a march that leaves all bounds ends here with an infinite or undefined force: int(nan) is no place
         place = size / whole * (AIR.size - 1) if size < np.inf else AIR.size - 1.0
-        node = min(int(place), AIR.size - 2)
-=======
-        place = size / whole * (AIR.size - 1)
-        node = max(min(int(place), AIR.size - 2), 0)  # of a force that is no number too: int(nan) lies far outside
->>>>>>> 08d8507b1cb84fb2b72cb5c6b16cd1d5153d2a19
+        node = max(min(int(place), AIR.size - 2), 0)
         rise = AIR[node + 1] - AIR[node]
         d += element[1] * (AIR[node] + (place - node) * rise)
         slope += element[1] * rise * (AIR.size - 1) * element[2] / (whole * whole)
