@@ -88,6 +88,25 @@ class Hull:
     def disc(cls, names: Sequence[str], radius: float = 1.0, sides: int = 16) -> Hull:
         """The polygon around a circle: of (cos θ, sin θ) and its like.
 
+        Parameters
+        ----------
+        names : sequence of str
+            Two variables.
+        radius : float
+            Of the circle that the polygon encloses, in their unit.
+        sides : int
+            Sides of the polygon, at least three.
+
+        Returns
+        -------
+        Hull
+            The circle inside, its centre zero.
+
+        Raises
+        ------
+        InputError
+            Not two variables, a radius that is not positive, fewer than three sides.
+
         Examples
         --------
         >>> Hull.disc(("c", "s"), sides=4).vertices().round(6).tolist()
@@ -102,6 +121,11 @@ class Hull:
 
     def vertices(self) -> np.ndarray:
         """(V, n) corners, sorted [units of the variables].
+
+        Returns
+        -------
+        (V, n) array
+            One corner a row.
 
         Raises
         ------
