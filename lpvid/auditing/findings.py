@@ -45,7 +45,13 @@ class Finding:
         return f"{self.severity} {self.name}{f' [{where}]' if where else ''}: {self.evidence}{mend}"
 
     def to_dict(self) -> dict:
-        """As it stands in ``audit.json``."""
+        """As it stands in ``audit.json``.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"name": self.name, "record": self.record, "channel": self.channel, "severity": self.severity,
                 "evidence": self.evidence, "mend": self.mend, "value": self.value}
 
@@ -92,7 +98,13 @@ class Audit(Shown):
         return f"nothing against these data; {notes} note(s)" if notes else "nothing against these data"
 
     def to_dict(self) -> dict:
-        """As written to ``audit.json``."""
+        """As written to ``audit.json``.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"schema": SCHEMA, "verdict": self.verdict, "records": list(self.records),
                 "findings": [f.to_dict() for f in self.findings]}
 

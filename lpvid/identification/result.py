@@ -112,7 +112,13 @@ class Identification(Shown):
         return replace(self, **changes)
 
     def to_dict(self) -> dict:
-        """identification.json."""
+        """identification.json.
+
+        Returns
+        -------
+        dict
+            Plain values by name; arrays as lists.
+        """
         stage, lag = self.model.input_stage, self.model.scheduling_stage
         box = self.model.box
         rows = zip(self.parameter_names, self.parameters.tolist(), self.standard_errors.tolist(), strict=True)

@@ -164,13 +164,30 @@ class Hull:
         return inside
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads; arrays as lists.
+        """
         return {"names": list(self.names), "centre": self.centre.tolist(), "half_width": self.half_width.tolist(),
                 "normals": self.normals.tolist(), "offsets": self.offsets.tolist(), "exact": self.exact}
 
     @classmethod
     def from_dict(cls, data: Mapping) -> Hull:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        Hull
+            With the same values.
+        """
         n = len(data["names"])
         return cls(tuple(data["names"]), np.array(data["centre"]), np.array(data["half_width"]),
                    np.array(data["normals"], dtype=float).reshape(-1, n), np.array(data["offsets"]), data["exact"])

@@ -181,7 +181,13 @@ class LPVStateSpace(Shown):
         return replace(self, **changes)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads; arrays as lists.
+        """
         assert self.state_offset is not None and self.output_offset is not None and self.noise_covariance is not None
         gain = None if self.observer_gain is None else self.observer_gain.tolist()
         return {"kind": "lpv-state-space", "A": self.A.tolist(), "B": self.B.tolist(), "C": self.C.tolist(),
@@ -195,7 +201,18 @@ class LPVStateSpace(Shown):
 
     @classmethod
     def from_dict(cls, data: Mapping) -> LPVStateSpace:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        LPVStateSpace
+            With the same values.
+        """
         basis = basis_from_dict(data["basis"])
         m, n = basis.size, data["order"]
         stage = stage_from_dict(data["input_stage"])

@@ -231,7 +231,13 @@ class LPVTransferFunction(Shown):
         return replace(self, **changes)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads; arrays as lists.
+        """
         assert self.c is not None and self.noise_covariance is not None
         return {"kind": "lpv-transfer-function", "a": self.a.tolist(), "b": self.b.tolist(), "c": self.c.tolist(),
                 "basis": self.basis.to_dict(), "sample_time": self.sample_time, "lagged": self.lagged,
@@ -244,7 +250,18 @@ class LPVTransferFunction(Shown):
 
     @classmethod
     def from_dict(cls, data: Mapping) -> LPVTransferFunction:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        LPVTransferFunction
+            With the same values.
+        """
         basis = basis_from_dict(data["basis"])
         stage = stage_from_dict(data["input_stage"])
         outputs = tuple(Signal.from_dict(s) for s in data["outputs"])

@@ -218,7 +218,22 @@ def _singular_values(loop: LPVStateSpace, p: np.ndarray, frequencies: np.ndarray
 
 
 def responses(loop: LPVStateSpace, p: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
-    """(n, n_outputs, n_inputs) frozen response at frequencies [rad/s]."""
+    """(n, n_outputs, n_inputs) frozen response at frequencies [rad/s].
+
+    Parameters
+    ----------
+    loop : LPVStateSpace
+        A system.
+    p : (s,) array
+        Scheduling held at this point, in its units.
+    frequencies : (n,) array
+        [rad/s]
+
+    Returns
+    -------
+    (n, n_outputs, n_inputs) complex array
+        Response.
+    """
     a, b, c, d = loop.frozen(p)
     z = 1j * frequencies if loop.sample_time is None else np.exp(1j * frequencies * loop.sample_time)
     resolvent = np.linalg.solve(z[:, None, None] * np.eye(len(a)) - a, np.broadcast_to(b, (len(z), *b.shape)))

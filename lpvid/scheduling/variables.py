@@ -85,11 +85,28 @@ class Scheduling:
         return np.array(list(itertools.product(*axes))) if axes else np.empty((1, 0))
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads.
+        """
         return {"names": list(self.names), "lower": list(self.lower), "upper": list(self.upper),
                 "rate": list(self.rate), "units": list(self.units)}
 
     @classmethod
     def from_dict(cls, data: Mapping) -> Scheduling:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        Scheduling
+            With the same values.
+        """
         return cls(*(tuple(data[k]) for k in ("names", "lower", "upper", "rate", "units")))

@@ -205,7 +205,13 @@ class Taylor(Rule):
 
 
 def Euler() -> Taylor:
-    """A_d = I + A T, B_d = B T: the basis stays as it is; crude, and unstable where |1 + λT| > 1."""
+    """A_d = I + A T, B_d = B T: the basis stays as it is; crude, and unstable where |1 + λT| > 1.
+
+    Returns
+    -------
+    Taylor
+        Of order one.
+    """
     return Taylor(1)
 
 
@@ -213,6 +219,18 @@ def remainder(rule: Rule, size: float) -> float | None:
     """Bound on ‖A_d − exp(A T)‖ for ‖A T‖ ≤ `size`, from the series; None where the rule has no such bound.
 
     Taylor: size^{r+1}/(r+1)! · e^size. Tustin, size < 2: Σ_{k ≥ 3} |1/2^{k−1} − 1/k!| size^k = O(T³).
+
+    Parameters
+    ----------
+    rule : Rule
+        The discretisation.
+    size : float
+        ‖A T‖, without unit.
+
+    Returns
+    -------
+    float or None
+        0 for the zero-order hold, which is exact.
 
     Examples
     --------
