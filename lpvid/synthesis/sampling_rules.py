@@ -33,19 +33,71 @@ class Rule(ABC):
 
     @abstractmethod
     def sample(self, system: Frozen, period: float) -> Frozen:
-        """Continuous to discrete, at points."""
+        """Continuous to discrete, at points.
+
+        Parameters
+        ----------
+        system : tuple of (N, …) arrays
+            A, B, C, D at N points, continuous.
+        period : float
+            T [s].
+
+        Returns
+        -------
+        tuple of (N, …) arrays
+            A, B, C, D, discrete.
+        """
 
     @abstractmethod
     def restore(self, system: Frozen, period: float) -> Frozen:
-        """Discrete to continuous, at points."""
+        """Discrete to continuous, at points.
+
+        Parameters
+        ----------
+        system : tuple of (N, …) arrays
+            A, B, C, D at N points, discrete.
+        period : float
+            T [s].
+
+        Returns
+        -------
+        tuple of (N, …) arrays
+            A, B, C, D, continuous.
+        """
 
     @abstractmethod
     def sample_exactly(self, system: Moving, period: float) -> Moving | None:
-        """Continuous to discrete over the basis, where the rule needs sums and products only."""
+        """Continuous to discrete over the basis, where the rule needs sums and products only.
+
+        Parameters
+        ----------
+        system : tuple of MatrixFunction
+            A, B, C, D, continuous.
+        period : float
+            T [s].
+
+        Returns
+        -------
+        tuple of MatrixFunction or None
+            A, B, C, D, discrete.
+        """
 
     @abstractmethod
     def restore_exactly(self, system: Moving, period: float) -> Moving | None:
-        """Discrete to continuous over the basis, where the rule needs sums and products only."""
+        """Discrete to continuous over the basis, where the rule needs sums and products only.
+
+        Parameters
+        ----------
+        system : tuple of MatrixFunction
+            A, B, C, D, discrete.
+        period : float
+            T [s].
+
+        Returns
+        -------
+        tuple of MatrixFunction or None
+            A, B, C, D, continuous.
+        """
 
 
 @dataclass(frozen=True)
