@@ -158,7 +158,18 @@ class Record(Shown):
         return float(times[-1] - times[0]) if times.size else 0.0
 
     def resolve(self, name: str) -> str:
-        """Channel name behind a role or a name; raises InputError that lists what there is."""
+        """Channel name behind a role or a name; raises InputError that lists what there is.
+
+        Parameters
+        ----------
+        name : str
+            Role or channel, in any case of letters.
+
+        Returns
+        -------
+        str
+            The channel.
+        """
         if name in self.roles:
             return self.roles[name]
         if name in self.channels:
@@ -170,29 +181,84 @@ class Record(Shown):
                                   f"map it with --role {name}=CHANNEL", f"record '{self.name}'")
 
     def has(self, name: str) -> bool:
-        """True when a channel, or a role, of this name exists."""
+        """True when a channel, or a role, of this name exists.
+
+        Parameters
+        ----------
+        name : str
+            Role or channel.
+
+        Returns
+        -------
+        bool
+            Whether `resolve` would find it.
+        """
         return name in self.roles or name.casefold() in {k.casefold() for k in self.channels}
 
     def channel(self, name: str) -> Channel:
-        """The channel behind a name or role, with its unit."""
+        """The channel behind a name or role, with its unit.
+
+        Parameters
+        ----------
+        name : str
+            Role or channel.
+
+        Returns
+        -------
+        Channel
+            Values and unit.
+        """
         return self.channels[self.resolve(name)]
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.channel(name).values
 
     def unit(self, name: str) -> str:
-        """SI unit of a channel as text."""
+        """SI unit of a channel as text.
+
+        Parameters
+        ----------
+        name : str
+            Role or channel.
+
+        Returns
+        -------
+        str
+            Empty where it has none.
+        """
         return self.channel(name).unit
 
     def matrix(self, names: Sequence[str]) -> np.ndarray:
-        """(n, len(names)) array of the named channels."""
+        """(n, len(names)) array of the named channels.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Roles or channels.
+
+        Returns
+        -------
+        (n, len(names)) array
+            One column for each, in its unit.
+        """
         if len(names) == 1:
             return self[names[0]][:, None]
         return np.column_stack([self[n] for n in names]) if names else np.empty((self.n_samples, 0))
 
     # -- deriving -----------------------------------------------------------------------------------------------
     def slice(self, first: int, last: int) -> Record:
-        """Samples first … last−1 as a record of their own; negative places count from the end, as in Python."""
+        """Samples first … last−1 as a record of their own; negative places count from the end, as in Python.
+
+        Parameters
+        ----------
+        first, last : int
+            Places of samples.
+
+        Returns
+        -------
+        Record
+            With its own start [s].
+        """
         first, last, _ = slice(first, last).indices(self.n_samples)
         cut = {k: replace(c, values=c.values[first:last]) for k, c in self.channels.items()}
         if self.sample_time is not None:
@@ -201,23 +267,73 @@ class Record(Shown):
         return replace(self, channels=cut, time=self.time[first:last], sample_time=None)
 
     def with_channel(self, name: str, values: np.ndarray, unit: str = "", note: str = "") -> Record:
-        """The same record with one channel added or replaced."""
+        """The same record with one channel added or replaced.
+
+        Parameters
+        ----------
+        name : str
+            Channel.
+        values : (n,) array
+            One for each sample.
+        unit : str
+            SI unit as text.
+        note : str
+            Further note of the record; empty for none.
+
+        Returns
+        -------
+        Record
+            A copy.
+        """
         channels = {**self.channels, name: Channel(values, unit)}
         return self._with(channels, (*self.notes, note) if note else self.notes)
 
     def with_roles(self, roles: Mapping[str, str]) -> Record:
-        """The same record with further roles (role name to channel name)."""
+        """The same record with further roles (role name to channel name).
+
+        Parameters
+        ----------
+        roles : mapping of str to str
+            Role to channel.
+
+        Returns
+        -------
+        Record
+            A copy.
+        """
         return replace(self, roles={**self.roles, **roles}, **self._clock())
 
     def flip(self, name: str) -> Record:
-        """The same record with one channel's sign turned, and a note that says so."""
+        """The same record with one channel's sign turned, and a note that says so.
+
+        Parameters
+        ----------
+        name : str
+            Role or channel.
+
+        Returns
+        -------
+        Record
+            A copy.
+        """
         real_name = self.resolve(name)
         channel = self.channels[real_name]
         channels = {**self.channels, real_name: replace(channel, values=-channel.values)}
         return self._with(channels, (*self.notes, f"sign of '{real_name}' turned on request"))
 
     def with_note(self, note: str) -> Record:
-        """The same record with a further note."""
+        """The same record with a further note.
+
+        Parameters
+        ----------
+        note : str
+            One line.
+
+        Returns
+        -------
+        Record
+            A copy.
+        """
         return self._with(self.channels, (*self.notes, note))
 
     def _clock(self) -> dict:

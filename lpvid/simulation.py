@@ -165,6 +165,11 @@ def predict(model: Model | Adaptable, record: Record, horizon: int = 1) -> Simul
     Returns
     -------
     Simulation
+
+    Raises
+    ------
+    InputError
+        A horizon below one, a missing or unsuitable channel, another rate than the model's.
     """
     from lpvid import _kernels
 

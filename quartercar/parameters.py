@@ -49,7 +49,18 @@ class CarParameters:
             object.__setattr__(self, field.name, value)
 
     def replace(self, **changes: float) -> CarParameters:
-        """The same car with some numbers changed."""
+        """The same car with some numbers changed.
+
+        Parameters
+        ----------
+        **changes : float
+            New values by field, SI.
+
+        Returns
+        -------
+        CarParameters
+            A copy.
+        """
         return replace(self, **changes)
 
 

@@ -134,18 +134,23 @@ def methods(node: ast.ClassDef) -> Iterator[Function]:
             yield member
 
 
-def inherited(method: str, node: ast.ClassDef, classes: Mapping[str, ast.ClassDef]) -> bool:
-    """Whether a base in the same packages has this method with all sections that apply."""
+def inherited(method: str, node: ast.ClassDef, classes: Mapping[str, list[ast.ClassDef]]) -> bool:
+    """Whether a base in the same packages has this method with all sections that apply.
+
+    An override without a docstring of its own has its base's (`inspect.getdoc`), one with a sentence of its own leaves
+    the sections to it. Classes of one name in several modules all count: of a base the source names no module.
+    """
     waiting, seen = base_names(node), set()
     while waiting:
         base = waiting.pop()
-        if base in seen or base not in classes:
+        if base in seen:
             continue
         seen.add(base)
-        waiting += base_names(classes[base])
-        if any(m.name == method and not function_lacks(m, method=True) for m in classes[base].body
-               if isinstance(m, (ast.FunctionDef, ast.AsyncFunctionDef))):
-            return True
+        for found in classes.get(base, []):
+            waiting += base_names(found)
+            if any(m.name == method and not function_lacks(m, method=True) for m in found.body
+                   if isinstance(m, (ast.FunctionDef, ast.AsyncFunctionDef))):
+                return True
     return False
 
 
@@ -157,8 +162,10 @@ def survey(packages: Mapping[str, Path], commands: frozenset[str] = frozenset())
     """
     trees = {package: {path.relative_to(folder): ast.parse(path.read_text(encoding="utf8"))
                        for path in sorted(folder.rglob("*.py"))} for package, folder in packages.items()}
-    classes = {n.name: n for modules in trees.values() for tree in modules.values()
-               for n in tree.body if isinstance(n, ast.ClassDef)}  # of private modules too: a base may stand there
+    classes: dict[str, list[ast.ClassDef]] = {}
+    for node in (n for modules in trees.values() for tree in modules.values() for n in tree.body):
+        if isinstance(node, ast.ClassDef):  # of private modules too: a base may stand there
+            classes.setdefault(node.name, []).append(node)
     found: dict[str, list[Named]] = {}
     for package, modules in trees.items():
         rows = found.setdefault(package, [])

@@ -58,7 +58,13 @@ class Bound:
         return self.certificate is not None and self.certificate.between_grid
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"quantity": self.quantity, "verdict": self.verdict,
                 **{k: v if math.isfinite(v) else None for k, v in (("lower", self.lower), ("upper", self.upper))},
                 "between_grid": self.between_grid, "why": self.why,

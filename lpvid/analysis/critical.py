@@ -50,7 +50,13 @@ class Critical:
                 + f" through {where} ({self.frequency_hz:.4g} Hz)")
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"value": self.value, "variable": self.variable, "unit": self.unit, "direction": self.direction,
                 "crossing": self.crossing, "frequency_hz": self.frequency_hz,
                 "modulus_residual": self.modulus_residual, "pole": [self.pole.real, self.pole.imag]}
@@ -158,7 +164,13 @@ class CriticalScheduling:
         return "\n".join([*rows, CAVEAT])
 
     def to_dict(self) -> dict:
-        """Plain data for JSON; an unbounded end of an interval is null."""
+        """Plain data for JSON; an unbounded end of an interval is null.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         def interval(pair: tuple[float, float]) -> list[float | None]:
             return [x if np.isfinite(x) else None for x in pair]
 

@@ -49,14 +49,31 @@ class Divergence:
         return None if self.sample_time is None else math.exp(self.growth_rate * self.sample_time)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads; arrays as lists.
+        """
         return {"kind": self.kind, "names": list(self.names), "units": list(self.units),
                 "points": self.points.tolist(), "durations": self.durations.tolist(),
                 "growth_rate": self.growth_rate, "growth_per_sample": self.growth, "sample_time": self.sample_time}
 
     @classmethod
     def from_dict(cls, data: Mapping) -> Divergence:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        Divergence
+            With the same values.
+        """
         names = tuple(data["names"])
         return cls(data["kind"], names, tuple(data["units"]),
                    np.asarray(data["points"], dtype=float).reshape(-1, len(names)),

@@ -36,7 +36,13 @@ class FrozenStability:
         return "\n".join([*rows, CAVEAT])
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"stable": self.stable, "max_modulus": self.max_modulus, "max_real_part": self.max_real_part,
                 "at": dict(self.at), "points": self.points, "caveat": CAVEAT}
 

@@ -60,7 +60,13 @@ class Gain:
         return self.certificate is not None and self.certificate.between_grid
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads.
+        """
         return {"verdict": self.verdict, "upper": _finite(self.upper), "lower": _finite(self.lower),
                 "between_grid": self.between_grid, "inputs": list(self.inputs), "outputs": list(self.outputs),
                 "worst": None if self.worst is None else self.worst.to_dict(),
@@ -69,7 +75,18 @@ class Gain:
 
     @classmethod
     def from_dict(cls, data: Mapping) -> Gain:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        Gain
+            With the same values.
+        """
         worst, certificate = data["worst"], data["certificate"]
         upper, lower = (math.inf if data[k] is None else data[k] for k in ("upper", "lower"))
         return cls(data["verdict"], upper, lower, None if worst is None else WorstCase.from_dict(worst),

@@ -78,7 +78,18 @@ class HullCertificate:
                 f"trajectory of {', '.join(self.names)} in a polytope of {len(self.vertices)} vertices, however fast")
 
     def check(self, model: LPVStateSpace) -> Recheck:
-        """Recompute the claim for a model."""
+        """Recompute the claim for a model.
+
+        Parameters
+        ----------
+        model : LPVStateSpace
+            The system that the certificate is about.
+
+        Returns
+        -------
+        Recheck
+            Whether the claim holds, its margin, and why where it does not. For another model it does not hold.
+        """
         system = _affine(model, self.names)
         if system.digest != self.model_hash or system.sample_time != self.sample_time:
             return Recheck(False, False, math.nan, "the certificate was made for another model")
@@ -92,7 +103,13 @@ class HullCertificate:
         return found
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            The certificate under its schema; arrays as lists.
+        """
         return {"schema": SCHEMA, "claim": self.claim, "gamma": self.gamma, "matrix": self.matrix.tolist(),
                 "names": list(self.names), "vertices": self.vertices.tolist(), "sample_time": self.sample_time,
                 "model_hash": self.model_hash, "inputs": list(self.inputs), "outputs": list(self.outputs),
@@ -100,7 +117,23 @@ class HullCertificate:
 
     @classmethod
     def from_dict(cls, data: Mapping) -> HullCertificate:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        HullCertificate
+            The same certificate; nothing in it is checked again.
+
+        Raises
+        ------
+        InputError
+            Another schema.
+        """
         if data.get("schema") != SCHEMA:
             raise InputError("not a hull certificate of this version", got=data.get("schema"))
         n, v = len(data["matrix"]), len(data["names"])

@@ -53,7 +53,13 @@ class LargestRange:
     certificate: StabilityCertificate | None
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         box = self.box
         ends = {} if box is None else {n: [a, b] for n, a, b in zip(box.names, box.lower, box.upper, strict=True)}
         return {"factor": self.factor, "range": ends, "towards": self.towards, "limit": self.limit,
@@ -96,7 +102,13 @@ class LargestRate:
         return self.rates is not None and all(math.isinf(r) for r in self.rates)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON; null for any motion, see "arbitrary"."""
+        """Plain data for JSON; null for any motion, see "arbitrary".
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         rates = None if self.rates is None or self.arbitrary else dict(zip(self.names, self.rates, strict=True))
         return {"rate": rates, "arbitrary": self.arbitrary, "certified": self.rates is not None,
                 "between_grid": bool(self.certificate and self.certificate.between_grid),

@@ -142,7 +142,13 @@ class PassivityCertificate:
         return ""
 
     def to_dict(self) -> dict:
-        """Plain data for JSON; `lpvid.verify` needs nothing else but the model."""
+        """Plain data for JSON; `lpvid.verify` needs nothing else but the model.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads; arrays as lists.
+        """
         return {"schema": SCHEMA, "kind": self.kind, "verdict": self.verdict, "claim": self.claim,
                 "verified": self.verified, "between_grid": self.between_grid,
                 "margin": self.margin if math.isfinite(self.margin) else None, "matrices": self.matrices.tolist(),
@@ -152,7 +158,23 @@ class PassivityCertificate:
 
     @classmethod
     def from_dict(cls, data: Mapping) -> PassivityCertificate:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        PassivityCertificate
+            With the same values.
+
+        Raises
+        ------
+        InputError
+            Another schema.
+        """
         if data.get("schema") != SCHEMA:
             raise InputError("not a passivity certificate of this version", got=data.get("schema"))
         n, count = data["order"], len(data["matrices"])

@@ -113,7 +113,13 @@ class PassivityMargin:
         return f"up to {BAND:g} Hz it {inside}; up to {_number(float(self.frequencies[-1]))} Hz it {everywhere}"
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name; arrays as lists.
+        """
         return {"active": self.active, "says": self.says(BAND), "says_to_nyquist": self.says(None), "band": BAND,
                 "least_damping": _finite(self.damping.min()),
                 "least_damping_in_band": _finite(self.damping[:, self.within(BAND)].min(initial=math.inf)),

@@ -117,7 +117,13 @@ class PoleLocus:
         return "\n".join([*rows, *(f"  {n}" for n in self.notes), CAVEAT])
 
     def to_dict(self) -> dict:
-        """Plain data for JSON; poles as [real, imaginary]."""
+        """Plain data for JSON; poles as [real, imaginary].
+
+        Returns
+        -------
+        dict
+            Plain values by name; arrays as lists.
+        """
         return {"variable": self.variable, "unit": self.unit, "p": self.p.tolist(),
                 "poles": np.stack([np.real(self.poles), np.imag(self.poles)], axis=-1).tolist(),
                 "fixed": [{"pole": [f.pole.real, f.pole.imag], "time_constant": f.time_constant,

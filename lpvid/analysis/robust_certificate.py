@@ -80,19 +80,57 @@ class Uncertain:
         return tuple(n for n in self.base.outputs if n not in seen)
 
     def multiplier(self, parts: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
-        """(r, r) M of given matrices."""
+        """(r, r) M of given matrices.
+
+        Parameters
+        ----------
+        parts : sequence of sequences of (k, k) arrays
+            For each block the matrices that its `unknowns` name.
+
+        Returns
+        -------
+        (r, r) array
+            Block diagonal over the blocks.
+        """
         return diagonal(*(b.multiplier([given(x) for x in own], self.poles).constant
                             for b, own in zip(self.blocks, parts, strict=True)))
 
 
 def given(matrix: np.ndarray) -> Affine:
-    """A known matrix where an unknown one could stand."""
+    """A known matrix where an unknown one could stand.
+
+    Parameters
+    ----------
+    matrix : (m, n) array
+        Known values.
+
+    Returns
+    -------
+    Affine
+        The matrix, without unknowns.
+    """
     return Affine(np.asarray(matrix, dtype=float), sparse.csr_array((np.size(matrix), 0)))
 
 
 def uncertain(model: LPVStateSpace, blocks: Sequence[Block], poles: Sequence[float], also: tuple[str, ...] = ()
               ) -> Uncertain:
     """The system joined to the filters of its blocks.
+
+    Parameters
+    ----------
+    model : LPVStateSpace
+        With the channels p, w → q, z.
+    blocks : sequence of Block
+        Which inputs each drives from which outputs.
+    poles : sequence of float
+        Poles of the multipliers' filters, as `Block.filter` takes them.
+    also : tuple of str
+        Further scheduling variables to keep, which the storage function depends on.
+
+    Returns
+    -------
+    Uncertain
+        System, filters and multipliers in one.
 
     Raises
     ------
@@ -141,7 +179,21 @@ def uncertain(model: LPVStateSpace, blocks: Sequence[Block], poles: Sequence[flo
 
 @dataclass(frozen=True, eq=False)
 class RobustBound(Inequality):
-    """The inequality of this module for a storage function, multipliers and γ > 0."""
+    """The inequality of this module for a storage function, multipliers and γ > 0.
+
+    Parameters
+    ----------
+    system : Driven
+        The system with the filters of its blocks; inputs (p, w), outputs (r, z).
+    storage : Storage
+        Its P(p).
+    weight : (r + z, r + z) array
+        diag(M, γ⁻¹I).
+    uncertain : int
+        Number of signals p.
+    gamma : float
+        The gain bound, positive.
+    """
 
     system: Driven
     storage: Storage
@@ -232,7 +284,18 @@ class RobustCertificate:
         return text + ("" if self.between_grid else "; shown at the points of a grid only, not proven between them")
 
     def check(self, model: LPVStateSpace) -> Recheck:
-        """Recompute the claim for a model; it holds only if every number in it can be reproduced."""
+        """Recompute the claim for a model; it holds only if every number in it can be reproduced.
+
+        Parameters
+        ----------
+        model : LPVStateSpace
+            The system that the certificate is about.
+
+        Returns
+        -------
+        Recheck
+            Whether the claim holds, its margin, and why where it does not. For another model it does not hold.
+        """
         also = tuple(n for n in self.basis.names if n in model.box.names)
         system = uncertain(model, self.blocks, self.poles, also)
         if system.whole.digest != self.model_hash or system.base.sample_time != self.sample_time:
@@ -250,7 +313,13 @@ class RobustCertificate:
         return found
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            The certificate under its schema; arrays as lists.
+        """
         return {"schema": SCHEMA, "claim": self.claim, "gamma": self.gamma, "matrices": self.matrices.tolist(),
                 "multipliers": [[m.tolist() for m in own] for own in self.multipliers],
                 "blocks": [b.to_dict() for b in self.blocks], "poles": list(self.poles), "basis": self.basis.to_dict(),
@@ -260,7 +329,23 @@ class RobustCertificate:
 
     @classmethod
     def from_dict(cls, data: Mapping) -> RobustCertificate:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        RobustCertificate
+            The same certificate; nothing in it is checked again.
+
+        Raises
+        ------
+        InputError
+            Another schema.
+        """
         if data.get("schema") != SCHEMA:
             raise InputError("not a robust certificate of this version", got=data.get("schema"))
         multipliers = tuple(tuple(np.array(m, dtype=float) for m in own) for own in data["multipliers"])
@@ -277,7 +362,26 @@ class RobustCertificate:
 
 def recheck_robust(system: Uncertain, storage: Storage, parts: Sequence[Sequence[np.ndarray]], gamma: float, *,
                    budget: int | None = None) -> Recheck:
-    """Check that multipliers are admissible and that with a storage function they prove a gain."""
+    """Check that multipliers are admissible and that with a storage function they prove a gain.
+
+    Parameters
+    ----------
+    system : Uncertain
+        System, filters and blocks.
+    storage : Storage
+        P(p) over the states of system and filters.
+    parts : sequence of sequences of (k, k) arrays
+        For each block the matrices that its `unknowns` name.
+    gamma : float
+        The gain from w to z that is claimed.
+    budget : int, optional
+        How many cells the check between grid points may look at; as for `recheck_inequality`.
+
+    Returns
+    -------
+    Recheck
+        Whether the claim holds, and why where it does not.
+    """
     if not 0 < gamma < math.inf:
         return Recheck(False, False, math.nan, "a gain bound is positive and finite")
     for b, own in zip(system.blocks, parts, strict=True):

@@ -65,14 +65,31 @@ class RobustGain:
     seconds: float = 0.0
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            The result; an infinite bound is None.
+        """
         return {"verdict": self.verdict, "upper": self.upper if math.isfinite(self.upper) else None,
                 "lower": self.lower, "certificate": None if self.certificate is None else self.certificate.to_dict(),
                 "why": self.why, "mend": self.mend, "seconds": self.seconds}
 
     @classmethod
     def from_dict(cls, data: Mapping) -> RobustGain:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        RobustGain
+            The same result.
+        """
         kept = data["certificate"]
         return cls(data["verdict"], math.inf if data["upper"] is None else data["upper"], data["lower"],
                    None if kept is None else RobustCertificate.from_dict(kept), data["why"], data["mend"],

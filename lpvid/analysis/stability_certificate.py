@@ -102,7 +102,13 @@ class StabilityCertificate:
         return text + ("" if self.between_grid else "; shown at the points of a grid only, not proven between them")
 
     def to_dict(self) -> dict:
-        """Plain data for JSON; `verify` needs nothing else but the model."""
+        """Plain data for JSON; `verify` needs nothing else but the model.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads; arrays as lists.
+        """
         return {"schema": SCHEMA, "verdict": self.verdict, "claim": self.claim,
                 "kind": self.kind, "verified": self.verified, "between_grid": self.between_grid,
                 "margin": self.margin if math.isfinite(self.margin) else None,

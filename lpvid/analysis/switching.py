@@ -46,7 +46,13 @@ class JointSpectralRadius:
         return True if self.upper < 1 else False if self.lower > 1 else None
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"lower": self.lower, "upper": self.upper, "word": list(self.word), "products": self.products,
                 "stable": self.stable}
 
@@ -201,13 +207,35 @@ class PolytopicCertificate:
         return Recheck(True, True, margin, "holds at every pair of vertices, and so everywhere in their hull")
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads; arrays as lists.
+        """
         return {"schema": SCHEMA, "kind": "polytopic", "claim": self.claim, "matrices": self.matrices.tolist(),
                 "vertices": self.vertices.tolist(), "margin": self.margin, "solver": self.solver}
 
     @classmethod
     def from_dict(cls, data: Mapping) -> PolytopicCertificate:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        PolytopicCertificate
+            With the same values.
+
+        Raises
+        ------
+        InputError
+            Another schema.
+        """
         if data.get("schema") != SCHEMA:
             raise InputError("not a polytopic certificate of this version", got=data.get("schema"))
         return cls(np.asarray(data["matrices"], dtype=float), np.asarray(data["vertices"], dtype=float),

@@ -59,22 +59,78 @@ class Block(ABC):
 
     @abstractmethod
     def filter(self, poles: Sequence[float], sample_time: float | None) -> Filter:
-        """Ψ as (A, B, C, D) from (q, p) to r."""
+        """Ψ as (A, B, C, D) from (q, p) to r.
+
+        Parameters
+        ----------
+        poles : sequence of float
+            Poles of the bank of filters; none for a block without dynamics in its multiplier.
+        sample_time : float or None
+            Period [s]; None in continuous time.
+
+        Returns
+        -------
+        tuple of arrays
+            A, B, C, D; the columns of B and D belong to q, then p, the rows of C and D to r.
+        """
 
     @abstractmethod
     def unknowns(self, poles: Sequence[float]) -> tuple[tuple[str, int], ...]:
-        """Kind and size of the matrices that M is made of."""
+        """Kind and size of the matrices that M is made of.
+
+        Parameters
+        ----------
+        poles : sequence of float
+            As for `filter`.
+
+        Returns
+        -------
+        tuple of (str, int)
+            Kind (`PSD`, `SKEW`) and size of each matrix.
+        """
 
     @abstractmethod
     def multiplier(self, parts: Sequence[Affine], poles: Sequence[float]) -> Affine:
-        """M from its matrices."""
+        """M from its matrices.
+
+        Parameters
+        ----------
+        parts : sequence of Affine
+            The matrices that `unknowns` names, in its order.
+        poles : sequence of float
+            As for `filter`.
+
+        Returns
+        -------
+        Affine
+            (r, r), symmetric.
+        """
 
     @abstractmethod
     def draw(self, s: complex, generator: np.random.Generator) -> np.ndarray:
-        """(p, q) complex gain that some linear time-invariant Δ of this kind has at s = jω."""
+        """(p, q) complex gain that some linear time-invariant Δ of this kind has at s = jω.
+
+        Parameters
+        ----------
+        s : complex
+            Point of the frequency axis, jω [rad/s] in continuous time.
+        generator : numpy.random.Generator
+            Source of the draw.
+
+        Returns
+        -------
+        (p, q) complex array
+            A gain that the block allows at s.
+        """
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Kind and fields of the block.
+        """
         return {"kind": type(self).__name__, **{k: list(v) if isinstance(v, tuple) else v
                                                 for k, v in self.__dict__.items()}}
 
@@ -126,6 +182,11 @@ class Dynamic(Block):
     """p = Δ q with an unknown stable linear time-invariant system, ‖Δ‖∞ ≤ bound: neglected dynamics.
 
     diag(b² S⊗I, −S⊗I) over (Hq, Hp), S ⪰ 0: filters of one signal commute with Δ, of whatever size it is.
+
+    Parameters
+    ----------
+    bound : float
+        Largest gain ‖Δ‖∞.
     """
 
     bound: float = 1.0
@@ -151,7 +212,13 @@ class Dynamic(Block):
 
 @dataclass(frozen=True)
 class Lipschitz(Block):
-    """p = φ(q, t) without memory and |φ(q, t)| ≤ bound·|q|, of any size: τ(b²|q|² − |p|²), τ ≥ 0."""
+    """p = φ(q, t) without memory and |φ(q, t)| ≤ bound·|q|, of any size: τ(b²|q|² − |p|²), τ ≥ 0.
+
+    Parameters
+    ----------
+    bound : float
+        Lipschitz constant of a φ with φ(0) = 0.
+    """
 
     bound: float = 1.0
 
@@ -181,6 +248,15 @@ class Sector(Block):
     causal Zames-Falb multipliers p̃ (λ v − Σ μᵢ Hᵢ v), p̃ = p − lower·q, v = (upper·q − p)/(upper − lower), with
     Σ|μᵢ| ≤ λ, and μᵢ ≥ 0 unless φ is odd (Zames & Falb, SIAM J. Control 6 (1968) 89-108). ∫ p̃ v(t − τ) ≤ ∫ p̃ v over
     every horizon, since p̃ is a monotone function of v and the integral of its potential is not negative.
+
+    Parameters
+    ----------
+    lower, upper : float
+        The sector's slopes.
+    slope : bool
+        φ is one function of q whose slope lies between them too.
+    odd : bool
+        φ(−q) = −φ(q).
     """
 
     lower: float = 0.0
@@ -230,6 +306,11 @@ class Delay(Block):
 
     Of e = p − q: ‖e‖ ≤ 2‖q‖ and, since e = −∫ q̇ over the delay, ‖e‖ ≤ longest·‖q̇‖, both with filters before and after:
     4 H q against H e with S₁, longest² s H̃ q against H̃ e with S₂, H̃ the strictly proper ones among H.
+
+    Parameters
+    ----------
+    longest : float
+        Largest delay [s].
     """
 
     longest: float = 0.0
@@ -277,13 +358,34 @@ KINDS: Mapping[str, type[Block]] = {c.__name__: c for c in (Parametric, Dynamic,
 
 
 def block_from_dict(data: Mapping) -> Block:
-    """Inverse of `Block.to_dict`."""
+    """Inverse of `Block.to_dict`.
+
+    Parameters
+    ----------
+    data : mapping
+        What `Block.to_dict` returned.
+
+    Returns
+    -------
+    Block
+        The same block.
+    """
     kind = KINDS[_checks.known_name(data["kind"], list(KINDS), "kind of uncertainty")]
     return kind(**{k: v for k, v in data.items() if k != "kind"})
 
 
 def diagonal(*matrices: np.ndarray) -> np.ndarray:
     """Matrices along the diagonal; those without rows or columns keep their place.
+
+    Parameters
+    ----------
+    *matrices : (m, n) arrays
+        Of any shape.
+
+    Returns
+    -------
+    (M, N) array
+        M rows and N columns in all.
 
     Examples
     --------

@@ -51,7 +51,13 @@ class PoleBand:
             f"at {self.p[least]:.6g} {self.unit}".rstrip(), CAVEAT])
 
     def to_dict(self) -> dict:
-        """Plain data for JSON, without the cloud."""
+        """Plain data for JSON, without the cloud.
+
+        Returns
+        -------
+        dict
+            Plain values by name; arrays as lists.
+        """
         return {"variable": self.variable, "unit": self.unit, "p": self.p.tolist(), "low": self.low.tolist(),
                 "median": self.median.tolist(), "high": self.high.tolist(), "level": self.level,
                 "share_stable": self.share_stable.tolist(), "draws": self.draws}
@@ -76,7 +82,13 @@ class StabilityProbability:
                 f"\n{CAVEAT}")
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"probability": self.probability, "standard_error": self.standard_error,
                 "interval": list(self.interval), "level": self.level, "draws": self.draws, "exact": self.exact}
 

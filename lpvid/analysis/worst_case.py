@@ -51,14 +51,31 @@ class WorstCase:
         return cls("frozen", box.names, box.units, np.array(point, dtype=float).reshape(1, -1), 0.0, frequency, gain)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads; arrays as lists.
+        """
         return {"kind": self.kind, "names": list(self.names), "units": list(self.units),
                 "points": self.points.tolist(), "period": self.period,
                 "frequency": self.frequency if math.isfinite(self.frequency) else None, "gain": self.gain}
 
     @classmethod
     def from_dict(cls, data: Mapping) -> WorstCase:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        WorstCase
+            With the same values.
+        """
         names, frequency = tuple(data["names"]), data["frequency"]
         return cls(data["kind"], names, tuple(data["units"]), np.asarray(data["points"], dtype=float).reshape(
             len(data["points"]), len(names)), data["period"], math.nan if frequency is None else frequency,

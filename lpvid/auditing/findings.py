@@ -45,7 +45,13 @@ class Finding:
         return f"{self.severity} {self.name}{f' [{where}]' if where else ''}: {self.evidence}{mend}"
 
     def to_dict(self) -> dict:
-        """As it stands in ``audit.json``."""
+        """As it stands in ``audit.json``.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"name": self.name, "record": self.record, "channel": self.channel, "severity": self.severity,
                 "evidence": self.evidence, "mend": self.mend, "value": self.value}
 
@@ -69,11 +75,33 @@ class Audit(Shown):
     names: tuple[str, ...]
 
     def of(self, name: str) -> tuple[Finding, ...]:
-        """The findings of one name."""
+        """The findings of one name.
+
+        Parameters
+        ----------
+        name : str
+            Name of a finding.
+
+        Returns
+        -------
+        tuple of Finding
+            Empty where there is none.
+        """
         return tuple(f for f in self.findings if f.name == name)
 
     def count(self, severity: str) -> int:
-        """How many findings have this severity."""
+        """How many findings have this severity.
+
+        Parameters
+        ----------
+        severity : str
+            One of `SEVERITIES`.
+
+        Returns
+        -------
+        int
+            Their number.
+        """
         return sum(f.severity == severity for f in self.findings)
 
     @property
@@ -92,7 +120,13 @@ class Audit(Shown):
         return f"nothing against these data; {notes} note(s)" if notes else "nothing against these data"
 
     def to_dict(self) -> dict:
-        """As written to ``audit.json``."""
+        """As written to ``audit.json``.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"schema": SCHEMA, "verdict": self.verdict, "records": list(self.records),
                 "findings": [f.to_dict() for f in self.findings]}
 
@@ -112,7 +146,20 @@ def _line(members: Sequence[Finding]) -> str:
 
 
 def ordered(findings: Sequence[Finding], names: Sequence[str]) -> tuple[Finding, ...]:
-    """Gravest first, then by name, record as given, channel."""
+    """Gravest first, then by name, record as given, channel.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+        In any order.
+    names : sequence of str
+        Records in the order that they were given in.
+
+    Returns
+    -------
+    tuple of Finding
+        Sorted.
+    """
     place = {name: i for i, name in reversed(list(enumerate(names)))}
     return tuple(sorted(findings, key=lambda f: (SEVERITIES.index(f.severity), f.name, place.get(f.record, -1),
                                                  f.channel)))

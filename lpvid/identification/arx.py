@@ -293,7 +293,13 @@ class ARX(Structure):
                               factor.rows)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         stage = self.stage.to_dict() if isinstance(self.stage, InputStage) else self.stage
         lag = self.schedule_filter
         lag = lag.to_dict() if isinstance(lag, SchedulingStage) else lag

@@ -120,7 +120,13 @@ class CanonicalForm(Structure):
             metadata={**found.model.metadata, **_kept(self.source), "realization": said}))
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"kind": "canonical-form", "form": self.form, "stages": self.stages, "iterations": self.iterations,
                 "source": self.source.metadata.get("structure")}
 

@@ -216,7 +216,13 @@ class Compliance(Structure):
         return scales, Prior(np.array(rows), np.array(values))
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         lag = self.schedule_filter
         return {"kind": "compliance", "input": self.input, "output": self.output, "current": self.current,
                 "knots": None if self.knots is None else list(self.knots), "levels": self.levels, "lags": self.lags,

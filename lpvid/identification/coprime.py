@@ -229,7 +229,13 @@ class RightCoprime(Structure):
         return np.linalg.lstsq(phi, (phi @ x) * (phi @ y), rcond=1e-10)[0]
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         stage = self.stage.to_dict() if isinstance(self.stage, InputStage) else self.stage
         lag = self.schedule_filter
         return {"kind": "right-coprime", "na": self.na, "nb": self.nb, "input": list(self.input),

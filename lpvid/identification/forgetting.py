@@ -39,7 +39,13 @@ class VariableForgetting:
         object.__setattr__(self, "lowest", forgetting_factor(self.lowest, "the lowest forgetting factor"))
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"kind": "variable", "memory": self.memory, "lowest": self.lowest}
 
 
@@ -72,7 +78,13 @@ class CovarianceReset:
                              got=f"below {self.below}, to {self.to}, above {self.above}")
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"above": self.above if np.isfinite(self.above) else None, "below": self.below, "to": self.to}
 
 

@@ -68,7 +68,13 @@ class FormRefit:
         return replace(self, found=self.found.replace(model=model))
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"form": self.form, "gap": self.gap.to_dict(), "free_run": self.summary(),
                 "remark": self.remark, "identification": self.found.to_dict()}
 

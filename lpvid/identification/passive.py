@@ -185,7 +185,13 @@ class Passive(Structure):
                               unconstrained=first.model)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {**self.structure.to_dict(), "passive": True, "storage_degree": self.degree, "balanced": self.balanced}
 
 

@@ -266,7 +266,13 @@ class PredictionError(Structure):
                               notes=tuple(notes), covariance_kind=kind)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         data = self.arx.to_dict()
         del data["ridge"], data["weight"]
         orders = {name: getattr(self, name) for name in self._orders}

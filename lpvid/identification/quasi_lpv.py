@@ -219,7 +219,13 @@ class QuasiLPV(Structure):
                                                            np.zeros(len(rows)))
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         lag = self.schedule_filter
         return {"kind": "quasi-lpv", "na": self.na, "nb": list(self._tuple(self.nb)), "nk": list(self._tuple(self.nk)),
                 "input": list(self.input), "output": list(self.output), "basis": self.basis.to_dict(), "on": self.on,

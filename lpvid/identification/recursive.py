@@ -124,7 +124,13 @@ class Recursive(Structure):
         return packaged(running, records)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         f = self.forgetting
         return {"kind": "recursive", "structure": self.structure.to_dict(),
                 "forgetting": f.to_dict() if isinstance(f, VariableForgetting) else f,

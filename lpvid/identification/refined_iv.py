@@ -141,7 +141,13 @@ class RefinedIV(Structure):
         return _Single(problem, least, found, (_told(found, to),))
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         shared = {k: v for k, v in self.arx.to_dict().items() if k not in ("kind", "ridge", "weight")}
         return {"kind": "refined-iv", **shared, "noise": self.noise, "nc": self.nc, "nd": self.nd,
                 "iterations": self.iterations, "tolerance": self.tolerance}

@@ -93,26 +93,78 @@ class Identification(Shown):
         return None if self.training is None else self.training.overall.free_run.fit_percent
 
     def with_parameters(self, theta: Sequence[float] | np.ndarray) -> Any:
-        """The model at other parameters."""
+        """The model at other parameters.
+
+        Parameters
+        ----------
+        theta : (P,) array
+            Parameters in the order of the layout.
+
+        Returns
+        -------
+        model
+            Of the same kind.
+        """
         return self.layout.fill(self.model, np.asarray(theta, dtype=float))
 
     def draw(self, rng: np.random.Generator, count: int) -> list:
-        """Models drawn from the estimate's normal law."""
+        """Models drawn from the estimate's normal law.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Source of the draws.
+        count : int
+            How many.
+
+        Returns
+        -------
+        list of models
+            Of the same kind.
+        """
         return ParameterCloud(self.model, self.layout, self.covariance).draw(rng, count)
 
     def with_covariance(self, covariance: np.ndarray) -> Identification:
-        """The same estimate with another covariance of its parameters, in the model's metadata too."""
+        """The same estimate with another covariance of its parameters, in the model's metadata too.
+
+        Parameters
+        ----------
+        covariance : (P, P) array
+            In the order of the layout.
+
+        Returns
+        -------
+        Identification
+            A copy.
+        """
         metadata = dict(self.model.metadata)
         if "parameters" in metadata:
             metadata["parameters"] = {**metadata["parameters"], "covariance": covariance.tolist()}
         return replace(self, covariance=covariance, model=self.model.replace(metadata=metadata))
 
     def replace(self, **changes) -> Identification:
-        """A copy with some fields changed."""
+        """A copy with some fields changed.
+
+        Parameters
+        ----------
+        **changes
+            New values by field.
+
+        Returns
+        -------
+        Identification
+            A copy.
+        """
         return replace(self, **changes)
 
     def to_dict(self) -> dict:
-        """identification.json."""
+        """identification.json.
+
+        Returns
+        -------
+        dict
+            Plain values by name; arrays as lists.
+        """
         stage, lag = self.model.input_stage, self.model.scheduling_stage
         box = self.model.box
         rows = zip(self.parameter_names, self.parameters.tolist(), self.standard_errors.tolist(), strict=True)

@@ -97,7 +97,13 @@ class Ridge:
         return f"ridge on {what}, {how}"
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"penalty": self.penalty if isinstance(self.penalty, str) else list(self.penalty),
                 "strength": self.strength}
 

@@ -156,7 +156,13 @@ class SparseARX(Structure):
         return found.replace(notes=notes)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"kind": "sparse-arx", "arx": self.arx.to_dict(), "method": self.method, "criterion": self.criterion,
                 "group": self.group}
 

@@ -228,7 +228,13 @@ class StateSpaceError(Structure):
         return empty.replace(**arrays)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         given = self.start_from
         start = given.to_dict() if isinstance(given, Subspace) else None if given is None else "model"
         return {"kind": "state-space-error", "order": self.order, "input": list(self.input),

@@ -35,12 +35,37 @@ class Structure(ABC):
 
     @abstractmethod
     def estimate(self, records: Sequence[Record]) -> Identification:
-        """Fit to uniform, finite records of one rate (what `condition.segments` returns)."""
+        """Fit to uniform, finite records of one rate (what `condition.segments` returns).
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Training records with the channels that `channels` names.
+
+        Returns
+        -------
+        Identification
+            Model, parameter covariance and what the fit reports.
+        """
 
     def coloured_covariance(self, records: Sequence[Record], found: Identification, memory: int) -> np.ndarray | None:
         """Covariance of the estimate when its residual is correlated over `memory` samples.
 
         None where the estimator has no such form, has used it already, or the data are too short for it.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            The records of the fit.
+        found : Identification
+            The fit.
+        memory : int
+            Length of the residual's correlation [samples].
+
+        Returns
+        -------
+        (P, P) array or None
+            Covariance of the parameters.
         """
         return None
 

@@ -267,7 +267,13 @@ class Subspace(Structure):
             D=d.transpose(turned) * sy[:, None] / su, output_offset=g * sy)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"kind": "subspace", "order": self.order, "past": self.past, "future": self.future,
                 "input": list(self.input), "output": list(self.output), "basis": self.basis.to_dict(),
                 "direct": self.direct, "affine": self.affine, "kernel": self.kernel}

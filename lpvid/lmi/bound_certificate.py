@@ -89,7 +89,13 @@ class BoundCertificate:
         return reproduced(self, kind_of(storage), recheck_inequality(problem))
 
     def to_dict(self) -> dict:
-        """Plain data for JSON; `lpvid.verify` needs nothing else but the model."""
+        """Plain data for JSON; `lpvid.verify` needs nothing else but the model.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads; arrays as lists.
+        """
         region = None if self.region is None else [x.tolist() for x in self.region]
         return {"schema": SCHEMA, "kind": self.kind, "quantity": self.quantity, "claim": self.claim,
                 "level": self.level, "region": region, "matrices": self.matrices.tolist(),
@@ -100,7 +106,23 @@ class BoundCertificate:
 
     @classmethod
     def from_dict(cls, data: Mapping) -> BoundCertificate:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        BoundCertificate
+            With the same values.
+
+        Raises
+        ------
+        InputError
+            Another schema.
+        """
         if data.get("schema") != SCHEMA:
             raise InputError("not a bound certificate of this version", got=data.get("schema"))
         n, matrices, region = data["order"], np.asarray(data["matrices"], dtype=float), data["region"]

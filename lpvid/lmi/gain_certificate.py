@@ -154,7 +154,13 @@ class GainCertificate:
         return reproduced(self, kind_of(storage), recheck_gain(system, storage, self.gamma))
 
     def to_dict(self) -> dict:
-        """Plain data for JSON; `lpvid.verify` needs nothing else but the model."""
+        """Plain data for JSON; `lpvid.verify` needs nothing else but the model.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads; arrays as lists.
+        """
         return {"schema": SCHEMA, "kind": self.kind, "claim": self.claim, "gamma": self.gamma,
                 "matrices": self.matrices.tolist(), "order": self.matrices.shape[1], "basis": self.basis.to_dict(),
                 "box": self.box.to_dict(), "sample_time": self.sample_time, "model_hash": self.model_hash,
@@ -163,7 +169,23 @@ class GainCertificate:
 
     @classmethod
     def from_dict(cls, data: Mapping) -> GainCertificate:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        GainCertificate
+            With the same values.
+
+        Raises
+        ------
+        InputError
+            Another schema.
+        """
         if data.get("schema") != SCHEMA:
             raise InputError("not a gain certificate of this version", got=data.get("schema"))
         n, matrices = data["order"], np.asarray(data["matrices"], dtype=float)

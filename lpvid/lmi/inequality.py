@@ -47,7 +47,20 @@ class Pieces:
         return self.later.shape[1]
 
     def eye(self, n: int, value: float) -> np.ndarray:
-        """(N, T, n, n) value·I."""
+        """(N, T, n, n) value·I.
+
+        Parameters
+        ----------
+        n : int
+            Size.
+        value : float
+            Entry on the diagonal.
+
+        Returns
+        -------
+        (N, T, n, n) array
+            Read-only.
+        """
         return np.broadcast_to(value * np.eye(n), (*self.later.shape[:2], n, n))
 
 
@@ -66,14 +79,51 @@ class Inequality(ABC):
 
     @abstractmethod
     def matrix(self, pieces: Pieces) -> np.ndarray:
-        """(N, T, m, m) F."""
+        """(N, T, m, m) F.
+
+        Parameters
+        ----------
+        pieces : Pieces
+            System and storage function at N points and T moves; with sign +1 their magnitudes.
+
+        Returns
+        -------
+        (N, T, m, m) array
+            F, symmetric; of magnitudes a bound of its entries.
+        """
 
     @abstractmethod
     def congruence(self, root: np.ndarray) -> np.ndarray:
-        """(m, m) what multiplies F from both sides, given W with W P(centre) Wᵀ = I."""
+        """(m, m) what multiplies F from both sides, given W with W P(centre) Wᵀ = I.
+
+        Parameters
+        ----------
+        root : (n, n) array
+            W, the storage function's coordinates.
+
+        Returns
+        -------
+        (m, m) array
+            The scaling.
+        """
 
     def evaluate(self, points: np.ndarray, moves: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, float]:
-        """(N, T, m, m) scaled F at `points` (N, s) and moves τ ∈ [0, 1] (T, s), and a bound of its rounding."""
+        """(N, T, m, m) scaled F at `points` (N, s) and moves τ ∈ [0, 1] (T, s), and a bound of its rounding.
+
+        Parameters
+        ----------
+        points : (N, s) array
+            Scheduling, in the units of the variables.
+        moves : (T, s) array
+            Share of the rate range of each variable, τ ∈ [0, 1].
+        scale : (m, m) array
+            What `congruence` returned.
+
+        Returns
+        -------
+        (N, T, m, m) array, float
+            Scaled F and a bound of the rounding of its eigenvalues.
+        """
         system, storage = self.system, self.storage
         later, later_size = (storage.later if system.sample_time is not None else storage.drift)(points, moves)
         value = self.matrix(_pieces(system.matrices(points), storage.values(points), later, -1.0))
@@ -83,7 +133,18 @@ class Inequality(ABC):
         return 0.5 * (value + value.swapaxes(2, 3)), rounding
 
     def ceiling(self, scale: np.ndarray) -> float:
-        """Bound of the largest absolute row sum of scaled F, trigonometric functions over their whole period."""
+        """Bound of the largest absolute row sum of scaled F, trigonometric functions over their whole period.
+
+        Parameters
+        ----------
+        scale : (m, m) array
+            What `congruence` returned.
+
+        Returns
+        -------
+        float
+            The bound over the box.
+        """
         size, speed = self.storage.ceilings()
         later = size if self.system.sample_time is not None else speed
         pieces = _pieces(self.system.ceilings(self.storage.box), size[None], later[None, None], 1.0)
@@ -96,7 +157,18 @@ def _pieces(system: tuple[np.ndarray, ...], p: np.ndarray, later: np.ndarray, si
 
 
 def root_of(storage: Storage) -> np.ndarray | None:
-    """W with W P(centre) Wᵀ = I, or None when P(centre) is not positive definite."""
+    """W with W P(centre) Wᵀ = I, or None when P(centre) is not positive definite.
+
+    Parameters
+    ----------
+    storage : Storage
+        P(p).
+
+    Returns
+    -------
+    (n, n) array or None
+        W.
+    """
     if not np.all(np.isfinite(storage.matrices)):
         return None
     try:

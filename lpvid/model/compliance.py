@@ -254,7 +254,13 @@ class ComplianceModel(SelfScheduled):
 
     # -- storing ------------------------------------------------------------------------------------------------
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads; arrays as lists.
+        """
         stage = self.scheduling_stage
         return {"kind": "compliance", "elements": [{"law": e.law.tolist(), "stiffness": e.stiffness}
                                                    for e in self.elements],
@@ -267,7 +273,18 @@ class ComplianceModel(SelfScheduled):
 
     @classmethod
     def from_dict(cls, data: Mapping) -> ComplianceModel:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        ComplianceModel
+            With the same values.
+        """
         current = basis_from_dict(data["current"])
         return cls(tuple(Element(np.asarray(e["law"], dtype=float), e["stiffness"]) for e in data["elements"]),
                    data["knots"], data["direct"], data["side"], data["offset"], data["sample_time"],

@@ -72,7 +72,25 @@ class Hull:
 
     @classmethod
     def of(cls, names: Sequence[str], p: np.ndarray) -> Hull:
-        """The hull of samples `p` of shape (n, len(names))."""
+        """The hull of samples `p` of shape (n, len(names)).
+
+        Parameters
+        ----------
+        names : sequence of str
+            Variables.
+        p : (n, len(names)) array
+            Samples, in the units of the variables.
+
+        Returns
+        -------
+        Hull
+            Exact, or an outer polytope where there are many variables.
+
+        Raises
+        ------
+        InputError
+            Samples of another shape, none, or ones that are not finite.
+        """
         points = _checks.finite(np.asarray(p, dtype=float), "scheduling samples")
         if points.ndim != 2 or points.shape[1] != len(names) or not points.size:
             raise InputError("a hull needs samples of every variable", got=f"shape {points.shape}")
@@ -89,6 +107,25 @@ class Hull:
     def disc(cls, names: Sequence[str], radius: float = 1.0, sides: int = 16) -> Hull:
         """The polygon around a circle: of (cos θ, sin θ) and its like.
 
+        Parameters
+        ----------
+        names : sequence of str
+            Two variables.
+        radius : float
+            Of the circle that the polygon encloses, in their unit.
+        sides : int
+            Sides of the polygon, at least three.
+
+        Returns
+        -------
+        Hull
+            The circle inside, its centre zero.
+
+        Raises
+        ------
+        InputError
+            Not two variables, a radius that is not positive, fewer than three sides.
+
         Examples
         --------
         >>> Hull.disc(("c", "s"), sides=4).vertices().round(6).tolist()
@@ -103,6 +140,11 @@ class Hull:
 
     def vertices(self) -> np.ndarray:
         """(V, n) corners, sorted [units of the variables].
+
+        Returns
+        -------
+        (V, n) array
+            One corner a row.
 
         Raises
         ------
@@ -132,7 +174,18 @@ class Hull:
         return self.centre + self.half_width * z
 
     def contains(self, p: np.ndarray) -> np.ndarray:
-        """(n,) bool: which samples of `p` (n, len(names)) lie inside."""
+        """(n,) bool: which samples of `p` (n, len(names)) lie inside.
+
+        Parameters
+        ----------
+        p : (n, len(names)) array
+            Samples, in the units of the variables.
+
+        Returns
+        -------
+        (n,) bool array
+            Which lie inside.
+        """
         z = (np.asarray(p, dtype=float) - self.centre) / self.half_width
         inside = np.ones(len(z), dtype=bool)
         for first in range(0, len(z), CHUNK):
@@ -141,13 +194,30 @@ class Hull:
         return inside
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads; arrays as lists.
+        """
         return {"names": list(self.names), "centre": self.centre.tolist(), "half_width": self.half_width.tolist(),
                 "normals": self.normals.tolist(), "offsets": self.offsets.tolist(), "exact": self.exact}
 
     @classmethod
     def from_dict(cls, data: Mapping) -> Hull:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        Hull
+            With the same values.
+        """
         n = len(data["names"])
         return cls(tuple(data["names"]), np.array(data["centre"]), np.array(data["half_width"]),
                    np.array(data["normals"], dtype=float).reshape(-1, n), np.array(data["offsets"]), data["exact"])
@@ -176,7 +246,20 @@ def _reach(z: np.ndarray, normals: np.ndarray) -> np.ndarray:
 
 
 def directions(n: int, count: int) -> np.ndarray:
-    """(≤ count, n) unit vectors: the axes, the diagonals of every pair, then an even spread that never changes."""
+    """(≤ count, n) unit vectors: the axes, the diagonals of every pair, then an even spread that never changes.
+
+    Parameters
+    ----------
+    n : int
+        Dimension.
+    count : int
+        Directions at most.
+
+    Returns
+    -------
+    (≤ count, n) array
+        One direction a row.
+    """
     rows = [sign * row for row in np.eye(n) for sign in (1.0, -1.0)]
     for i, j in combinations(range(n), 2):
         for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
@@ -194,13 +277,37 @@ def directions(n: int, count: int) -> np.ndarray:
 
 
 def hull_of(model: Model) -> Hull | None:
-    """The training hull that a model's metadata describes, or None."""
+    """The training hull that a model's metadata describes, or None.
+
+    Parameters
+    ----------
+    model : model
+        Any kind with metadata.
+
+    Returns
+    -------
+    Hull or None
+        The hull.
+    """
     data = model.metadata.get("hull")
     return Hull.from_dict(data) if isinstance(data, Mapping) else None
 
 
 def inside(model: Model, p: np.ndarray) -> np.ndarray:
-    """(n,) bool: samples of `p` (n, n_scheduling) in the training box and, where the model knows it, the hull."""
+    """(n,) bool: samples of `p` (n, n_scheduling) in the training box and, where the model knows it, the hull.
+
+    Parameters
+    ----------
+    model : model
+        Any kind with a box.
+    p : (n, n_scheduling) array
+        Samples, in the units of the variables.
+
+    Returns
+    -------
+    (n,) bool array
+        Which lie inside.
+    """
     within = model.box.contains(p)
     hull = hull_of(model) if p.shape[1] > 1 else None
     return within if hull is None else within & hull.contains(p)

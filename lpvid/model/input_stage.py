@@ -29,35 +29,124 @@ class InputStage(ABC):
 
     @abstractmethod
     def with_vector(self, vector: np.ndarray) -> InputStage:
-        """The same stage with other parameters, projected onto their admissible range."""
+        """The same stage with other parameters, projected onto their admissible range.
+
+        Parameters
+        ----------
+        vector : (k,) array
+            Parameters in the order of `vector`.
+
+        Returns
+        -------
+        InputStage
+            A copy.
+        """
 
     @abstractmethod
     def signals(self, inputs: tuple[Signal, ...]) -> tuple[Signal, ...]:
-        """The filter's inputs, given the measured ones."""
+        """The filter's inputs, given the measured ones.
+
+        Parameters
+        ----------
+        inputs : tuple of Signal
+            The measured inputs.
+
+        Returns
+        -------
+        tuple of Signal
+            m of them.
+        """
 
     @abstractmethod
     def apply(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """(n, m) filter inputs from measured inputs `u` (n, n_inputs) and scheduling `p` (n, n_scheduling)."""
+        """(n, m) filter inputs from measured inputs `u` (n, n_inputs) and scheduling `p` (n, n_scheduling).
+
+        Parameters
+        ----------
+        u : (n, n_inputs) array
+            Measured inputs, in their units.
+        p : (n, n_scheduling) array
+            Scheduling, in the units of its variables.
+
+        Returns
+        -------
+        (n, m) array
+            Inputs of the filter.
+        """
 
     @abstractmethod
     def knee(self, p: np.ndarray) -> np.ndarray:
-        """(n,) size of the shaped input at which the stage bends, along scheduling `p` (n, n_scheduling)."""
+        """(n,) size of the shaped input at which the stage bends, along scheduling `p` (n, n_scheduling).
+
+        Parameters
+        ----------
+        p : (n, n_scheduling) array
+            Scheduling, in the units of its variables.
+
+        Returns
+        -------
+        (n,) array
+            In the unit of the shaped input.
+        """
 
     @abstractmethod
     def slopes(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """(n, m, k) derivative of `apply` by each entry of `vector`, from the inside where the map has a corner."""
+        """(n, m, k) derivative of `apply` by each entry of `vector`, from the inside where the map has a corner.
+
+        Parameters
+        ----------
+        u : (n, n_inputs) array
+            Measured inputs, in their units.
+        p : (n, n_scheduling) array
+            Scheduling, in the units of its variables.
+
+        Returns
+        -------
+        (n, m, k) array
+            Derivatives.
+        """
 
     @abstractmethod
     def starts(self, u: np.ndarray, p: np.ndarray) -> list[InputStage]:
-        """A few starting points for a fit, from the data's own spread."""
+        """A few starting points for a fit, from the data's own spread.
+
+        Parameters
+        ----------
+        u : (n, n_inputs) array
+            Measured inputs, in their units.
+        p : (n, n_scheduling) array
+            Scheduling, in the units of its variables.
+
+        Returns
+        -------
+        list of InputStage
+            Stages of the same kind.
+        """
 
     @abstractmethod
     def scales(self, reach: float) -> np.ndarray:
-        """(k,) search step of each parameter for a scheduling half range `reach`; 0 keeps a parameter fixed."""
+        """(k,) search step of each parameter for a scheduling half range `reach`; 0 keeps a parameter fixed.
+
+        Parameters
+        ----------
+        reach : float
+            Half range of the scheduling variable, in its unit; 0 where it does not move.
+
+        Returns
+        -------
+        (k,) array
+            In the units of the parameters.
+        """
 
     @abstractmethod
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            With the kind of stage.
+        """
 
 
 @dataclass(frozen=True)
@@ -238,7 +327,23 @@ STAGES = {"tanh": TanhStage, "three-zone": ThreeZoneStage}
 
 
 def stage_from_dict(data: Mapping | None) -> InputStage | None:
-    """Rebuild an input stage from `InputStage.to_dict`; None stays None."""
+    """Rebuild an input stage from `InputStage.to_dict`; None stays None.
+
+    Parameters
+    ----------
+    data : mapping or None
+        What `InputStage.to_dict` returned.
+
+    Returns
+    -------
+    InputStage or None
+        The same stage.
+
+    Raises
+    ------
+    InputError
+        An unknown kind of stage.
+    """
     if data is None:
         return None
     from lpvid.model.zone_lines import ZoneLines

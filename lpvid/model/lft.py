@@ -241,7 +241,13 @@ class LFTModel:
         return replace(self, **changes)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads; arrays as lists.
+        """
         return {"kind": "lft", "matrix": self.matrix.tolist(), "shape": list(self.matrix.shape), "order": self.order,
                 "scheduling": self.scheduling.to_dict(), "repetitions": list(self.repetitions),
                 "sample_time": self.sample_time, "inputs": [s.to_dict() for s in self.inputs],
@@ -249,7 +255,18 @@ class LFTModel:
 
     @classmethod
     def from_dict(cls, data: Mapping) -> LFTModel:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        LFTModel
+            With the same values.
+        """
         return cls(np.asarray(data["matrix"], dtype=float).reshape(data["shape"]), data["order"],
                    Scheduling.from_dict(data["scheduling"]), tuple(data["repetitions"]), data["sample_time"],
                    tuple(Signal.from_dict(s) for s in data["inputs"]),

@@ -105,7 +105,13 @@ class NoiseModel:
             _checks.shaped(self.d, (None, n_outputs), "d of a noise model")
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads; arrays as lists.
+        """
         assert self.c is not None and self.d is not None
         data: dict = {"kind": self.kind}
         if self.kind in ("armax", "box-jenkins"):
@@ -116,7 +122,18 @@ class NoiseModel:
 
     @classmethod
     def from_dict(cls, data: Mapping | None) -> NoiseModel:
-        """Inverse of `to_dict`; None, as in files of models without one, is equation noise."""
+        """Inverse of `to_dict`; None, as in files of models without one, is equation noise.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        NoiseModel
+            With the same values.
+        """
         if data is None:
             return cls()
         return cls(data["kind"], data.get("c"), data.get("d"))

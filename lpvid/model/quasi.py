@@ -309,7 +309,13 @@ class QuasiLPVModel(SelfScheduled):
 
     # -- storing ------------------------------------------------------------------------------------------------
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads; arrays as lists.
+        """
         stage = self.scheduling_stage
         return {"kind": "quasi-lpv", "theta": self.theta.tolist(), "own": self.own.to_dict(), "na": self.na,
                 "nb": list(self.nb), "nk": list(self.nk), "sample_time": self.sample_time,
@@ -320,7 +326,18 @@ class QuasiLPVModel(SelfScheduled):
 
     @classmethod
     def from_dict(cls, data: Mapping) -> QuasiLPVModel:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        QuasiLPVModel
+            With the same values.
+        """
         return cls(np.asarray(data["theta"], dtype=float), basis_from_dict(data["own"]), data["na"],
                    tuple(data["nb"]), tuple(data["nk"]), data["sample_time"],
                    tuple(Signal.from_dict(s) for s in data["inputs"]),

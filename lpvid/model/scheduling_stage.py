@@ -57,7 +57,13 @@ class SchedulingStage(ABC):
 
     @abstractmethod
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
 
 
 @dataclass(frozen=True)

@@ -23,12 +23,29 @@ class Signal:
         return f"{self.name} [{self.unit or '1'}]"
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads.
+        """
         return {"name": self.name, "unit": self.unit}
 
     @classmethod
     def from_dict(cls, data: Mapping) -> Signal:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        Signal
+            With the same values.
+        """
         return cls(data["name"], data["unit"])
 
 

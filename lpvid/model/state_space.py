@@ -151,37 +151,104 @@ class LPVStateSpace(Shown):
         return max(2 * self.order, 4) if self.order else 0
 
     def frozen(self, p: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """A, B, C, D with the scheduling frozen at `p` of shape (n_scheduling,)."""
+        """A, B, C, D with the scheduling frozen at `p` of shape (n_scheduling,).
+
+        Parameters
+        ----------
+        p : (n_scheduling,) array
+            In the units of the variables.
+
+        Returns
+        -------
+        tuple of arrays
+            A (n, n), B (n, nu), C (ny, n), D (ny, nu).
+        """
         phi = self.basis.evaluate(_point(p, self.box))[0]
         a, b, c, d = (np.tensordot(phi, x, axes=1) for x in (self.A, self.B, self.C, self.D))
         return a, b, c, d
 
     def companion(self, p: Sequence[float] | np.ndarray) -> np.ndarray:
-        """(n, n) state matrix whose eigenvalues are the frozen poles."""
+        """(n, n) state matrix whose eigenvalues are the frozen poles.
+
+        Parameters
+        ----------
+        p : (n_scheduling,) array
+            In the units of the variables.
+
+        Returns
+        -------
+        (n, n) array
+            A.
+        """
         return self.frozen(p)[0]
 
     def frozen_poles(self, p: Sequence[float] | np.ndarray) -> np.ndarray:
-        """(n,) poles with the scheduling frozen at `p`."""
+        """(n,) poles with the scheduling frozen at `p`.
+
+        Parameters
+        ----------
+        p : (n_scheduling,) array
+            In the units of the variables.
+
+        Returns
+        -------
+        (n,) array
+            Of the z plane; [1/s] in continuous time.
+        """
         return np.linalg.eigvals(self.companion(p)) if self.order else np.empty(0)
 
     def to_control(self, at: Sequence[float] | np.ndarray) -> control.StateSpace:
-        """The frozen model as a python-control `StateSpace` (its linear part, after any input stage)."""
+        """The frozen model as a python-control `StateSpace` (its linear part, after any input stage).
+
+        Parameters
+        ----------
+        at : (n_scheduling,) array
+            In the units of the variables.
+
+        Returns
+        -------
+        control.StateSpace
+            At the model's period.
+        """
         from lpvid.export.python_control import frozen_state_space
 
         return frozen_state_space(self, at)
 
     def to_nonlinear_io_system(self) -> control.NonlinearIOSystem:
-        """The varying model as a python-control `NonlinearIOSystem` with inputs (u…, p…)."""
+        """The varying model as a python-control `NonlinearIOSystem` with inputs (u…, p…).
+
+        Returns
+        -------
+        control.NonlinearIOSystem
+            The scheduling is a further input.
+        """
         from lpvid.export.python_control import nonlinear_io_system
 
         return nonlinear_io_system(self)
 
     def replace(self, **changes) -> LPVStateSpace:
-        """A copy with some fields changed."""
+        """A copy with some fields changed.
+
+        Parameters
+        ----------
+        **changes
+            New values by field.
+
+        Returns
+        -------
+        LPVStateSpace
+            A copy.
+        """
         return replace(self, **changes)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads; arrays as lists.
+        """
         assert self.state_offset is not None and self.output_offset is not None and self.noise_covariance is not None
         gain = None if self.observer_gain is None else self.observer_gain.tolist()
         return {"kind": "lpv-state-space", "A": self.A.tolist(), "B": self.B.tolist(), "C": self.C.tolist(),
@@ -195,7 +262,18 @@ class LPVStateSpace(Shown):
 
     @classmethod
     def from_dict(cls, data: Mapping) -> LPVStateSpace:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        LPVStateSpace
+            With the same values.
+        """
         basis = basis_from_dict(data["basis"])
         m, n = basis.size, data["order"]
         stage = stage_from_dict(data["input_stage"])

@@ -131,6 +131,11 @@ class LPVTransferFunction(Shown):
         a : (na, M) nested sequence
         b : (n_lags, M) nested sequence, from lag 0 on
         c : (n_affine, M) nested sequence, from lag 0 on
+
+        Returns
+        -------
+        LPVTransferFunction
+            With one input and one output.
         """
         m = basis.size
         arrays = {name: _checks.frozen_array(x, name) for name, x in (("a", a), ("b", b), ("c", c))}
@@ -194,6 +199,11 @@ class LPVTransferFunction(Shown):
     def coefficients(self, p: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Coefficients with the scheduling frozen at `p` of shape (n_scheduling,).
 
+        Parameters
+        ----------
+        p : (n_scheduling,) array
+            In the units of the variables.
+
         Returns
         -------
         a : (na, ny, ny) array
@@ -205,33 +215,89 @@ class LPVTransferFunction(Shown):
         return self.a @ phi, self.b @ phi, self.c @ phi
 
     def companion(self, p: Sequence[float] | np.ndarray) -> np.ndarray:
-        """(na·ny, na·ny) block companion matrix whose eigenvalues are the frozen poles."""
+        """(na·ny, na·ny) block companion matrix whose eigenvalues are the frozen poles.
+
+        Parameters
+        ----------
+        p : (n_scheduling,) array
+            In the units of the variables.
+
+        Returns
+        -------
+        (na·ny, na·ny) array
+            In observer form.
+        """
         a, _, _ = self.coefficients(p)
         return block_companion(a)
 
     def frozen_poles(self, p: Sequence[float] | np.ndarray) -> np.ndarray:
-        """(na·ny,) poles with the scheduling frozen at `p`."""
+        """(na·ny,) poles with the scheduling frozen at `p`.
+
+        Parameters
+        ----------
+        p : (n_scheduling,) array
+            In the units of the variables.
+
+        Returns
+        -------
+        (na·ny,) array
+            Of the z plane.
+        """
         return np.linalg.eigvals(self.companion(p)) if self.na else np.empty(0)
 
     def to_control(self, at: Sequence[float] | np.ndarray) -> control.StateSpace:
-        """The frozen model as a python-control `StateSpace` (its linear part, after any input stage)."""
+        """The frozen model as a python-control `StateSpace` (its linear part, after any input stage).
+
+        Parameters
+        ----------
+        at : (n_scheduling,) array
+            In the units of the variables.
+
+        Returns
+        -------
+        control.StateSpace
+            At the model's period.
+        """
         from lpvid.export.python_control import frozen_state_space
 
         return frozen_state_space(self, at)
 
     def to_nonlinear_io_system(self) -> control.NonlinearIOSystem:
-        """The varying model as a python-control `NonlinearIOSystem` with inputs (u…, p…)."""
+        """The varying model as a python-control `NonlinearIOSystem` with inputs (u…, p…).
+
+        Returns
+        -------
+        control.NonlinearIOSystem
+            The scheduling is a further input.
+        """
         from lpvid.export.python_control import nonlinear_io_system
 
         return nonlinear_io_system(self)
 
     # -- deriving -----------------------------------------------------------------------------------------------
     def replace(self, **changes) -> LPVTransferFunction:
-        """A copy with some fields changed."""
+        """A copy with some fields changed.
+
+        Parameters
+        ----------
+        **changes
+            New values by field.
+
+        Returns
+        -------
+        LPVTransferFunction
+            A copy.
+        """
         return replace(self, **changes)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads; arrays as lists.
+        """
         assert self.c is not None and self.noise_covariance is not None
         return {"kind": "lpv-transfer-function", "a": self.a.tolist(), "b": self.b.tolist(), "c": self.c.tolist(),
                 "basis": self.basis.to_dict(), "sample_time": self.sample_time, "lagged": self.lagged,
@@ -244,7 +310,18 @@ class LPVTransferFunction(Shown):
 
     @classmethod
     def from_dict(cls, data: Mapping) -> LPVTransferFunction:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        LPVTransferFunction
+            With the same values.
+        """
         basis = basis_from_dict(data["basis"])
         stage = stage_from_dict(data["input_stage"])
         outputs = tuple(Signal.from_dict(s) for s in data["outputs"])
@@ -282,7 +359,18 @@ def _point(p: Sequence[float] | np.ndarray, box: Scheduling) -> np.ndarray:
 
 
 def block_companion(a: np.ndarray) -> np.ndarray:
-    """Block companion matrix of y(k) + Σ a_i y(k−i) = 0 for `a` of shape (na, ny, ny), in observer form."""
+    """Block companion matrix of y(k) + Σ a_i y(k−i) = 0 for `a` of shape (na, ny, ny), in observer form.
+
+    Parameters
+    ----------
+    a : (na, ny, ny) array
+        Coefficients of lags 1 … na.
+
+    Returns
+    -------
+    (na·ny, na·ny) array
+        Its eigenvalues are the poles.
+    """
     na, ny = a.shape[0], a.shape[1]
     matrix = np.zeros((na * ny, na * ny))
     if na:

@@ -158,7 +158,18 @@ def _weight_gain(weight: LPVStateSpace | float, frequencies: np.ndarray) -> np.n
 
 
 def line_of(loop: LPVStateSpace) -> np.ndarray:
-    """Points across the box: the first variable swept, the others swept with it from corner to corner."""
+    """Points across the box: the first variable swept, the others swept with it from corner to corner.
+
+    Parameters
+    ----------
+    loop : LPVStateSpace
+        A system over a box.
+
+    Returns
+    -------
+    (N, n) array
+        Points [units of the variables]; (1, 0) without scheduling.
+    """
     box = loop.box
     if not box.names:
         return np.empty((1, 0))
@@ -176,7 +187,18 @@ def _speeds(loop: LPVStateSpace) -> np.ndarray:
 
 
 def frequencies_of(loop: LPVStateSpace) -> np.ndarray:
-    """(n,) frequencies [rad/s] about the frozen poles of a system."""
+    """(n,) frequencies [rad/s] about the frozen poles of a system.
+
+    Parameters
+    ----------
+    loop : LPVStateSpace
+        A system.
+
+    Returns
+    -------
+    (n,) array
+        Geometrically spaced [rad/s]; to the Nyquist frequency in discrete time.
+    """
     speeds = _speeds(loop)
     high = speeds.max() * 30 if loop.sample_time is None else np.pi / loop.sample_time
     return np.geomspace(min(speeds.min() / 30, high / 10), high, FREQUENCIES)
@@ -196,7 +218,22 @@ def _singular_values(loop: LPVStateSpace, p: np.ndarray, frequencies: np.ndarray
 
 
 def responses(loop: LPVStateSpace, p: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
-    """(n, n_outputs, n_inputs) frozen response at frequencies [rad/s]."""
+    """(n, n_outputs, n_inputs) frozen response at frequencies [rad/s].
+
+    Parameters
+    ----------
+    loop : LPVStateSpace
+        A system.
+    p : (s,) array
+        Scheduling held at this point, in its units.
+    frequencies : (n,) array
+        [rad/s]
+
+    Returns
+    -------
+    (n, n_outputs, n_inputs) complex array
+        Response.
+    """
     a, b, c, d = loop.frozen(p)
     z = 1j * frequencies if loop.sample_time is None else np.exp(1j * frequencies * loop.sample_time)
     resolvent = np.linalg.solve(z[:, None, None] * np.eye(len(a)) - a, np.broadcast_to(b, (len(z), *b.shape)))

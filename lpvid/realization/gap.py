@@ -99,7 +99,13 @@ class Gap:
         return tuple(100 * (1 - float(np.sqrt(e))) for e in self.esr)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"form": self.form, "exact": self.exact, "causal": self.causal, "esr": list(self.esr),
                 "fit_percent": list(self.fit_percent), "largest_step": list(self.largest_step),
                 "outputs": list(self.outputs), "scheduling": list(self.scheduling), "advice": self.advice,

@@ -65,7 +65,13 @@ class Judgement:
         return "safe" if extra <= self.spread[o] else "costs" if extra <= self.own[o] else "not safe"
 
     def to_dict(self) -> dict:
-        """Plain data for JSON; a diverging form has null figures."""
+        """Plain data for JSON; a diverging form has null figures.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         def listed(values: Sequence[float]) -> list[float | None]:
             return [v if np.isfinite(v) else None for v in values]
 

@@ -113,7 +113,13 @@ class Realization:
         return measure_gap(self, as_records(records), label)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON: the state-space model; its metadata say how it was made."""
+        """Plain data for JSON: the state-space model; its metadata say how it was made.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return self.model.to_dict()
 
     def __repr__(self) -> str:

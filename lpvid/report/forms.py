@@ -26,7 +26,13 @@ class FormGap:
     why_not: str = ""
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         if self.gap is None:
             return {"form": self.form, "available": False, "why_not": self.why_not}
         return {**self.gap.to_dict(), "available": True, "order": self.order}

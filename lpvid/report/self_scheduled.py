@@ -72,7 +72,13 @@ class SelfScheduledStudy:
                 "be bounded by construction.")
 
     def to_dict(self) -> dict:
-        """stability.json."""
+        """stability.json.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         box = self.model.box
         data = {"schema": "lpvid/stability/1", "verdict": self.verdict, "certified": self.certified,
                 "covers": self.why, "output_bounds": [{"inputs_within": a, "output_within": b} for a, b in self.bounds]}

@@ -95,7 +95,13 @@ class StabilityStudy(Shown):
                 "counterexample was found.")
 
     def to_dict(self) -> dict:
-        """stability.json."""
+        """stability.json.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         box, critical = self.model.box, self.frozen.critical
         return {"schema": "lpvid/stability/1", "verdict": self.verdict, "certified": self.certified,
                 "range": {n: [low, high] for n, low, high in zip(box.names, box.lower, box.upper, strict=True)},

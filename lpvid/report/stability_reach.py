@@ -48,7 +48,13 @@ class Reach:
     notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict:
-        """Their keys in stability.json."""
+        """Their keys in stability.json.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {name: None if (found := getattr(self, name)) is None else found.to_dict()
                 for name in ("largest_range", "largest_rate", "draws", "l2_gain")}
 

@@ -108,7 +108,18 @@ def _figures(result: Synthesis, weights: Mapping[str, LPVStateSpace | float]) ->
 
 
 def limit_items(result: Synthesis) -> list[Item]:
-    """The design log: which performance signals make up the gain where, and the worst scheduling that was found."""
+    """The design log: which performance signals make up the gain where, and the worst scheduling that was found.
+
+    Parameters
+    ----------
+    result : Synthesis
+        With a closed loop.
+
+    Returns
+    -------
+    list of Item
+        A sentence, a table, and the worst course of the scheduling where one was found.
+    """
     loop = result.closed_loop
     assert loop is not None
     found = limits(loop)
@@ -133,7 +144,18 @@ def _shares(signals: tuple[tuple[str, float], ...]) -> str:
 
 
 def gains_item(controller: LPVStateSpace) -> Figure:
-    """The controller's gains over frequency and scheduling."""
+    """The controller's gains over frequency and scheduling.
+
+    Parameters
+    ----------
+    controller : LPVStateSpace
+        From measurements to controls.
+
+    Returns
+    -------
+    Figure
+        With its caption.
+    """
     return Figure.of(controller_gains(controller), "Gains from measurements to controls, the scheduling held still"
                      + ("; right, over the scheduling." if controller.box.names else "."), "Gains of the controller")
 

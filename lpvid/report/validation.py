@@ -58,7 +58,20 @@ def validation_page(found: Validation, model: Model, shown: Sequence[Comparison]
 
 
 def responses(model: Model, shown: Sequence[Comparison]) -> list[Section]:
-    """Bode plots and step responses with the bands that the model itself carries; none for other kinds of model."""
+    """Bode plots and step responses with the bands that the model itself carries; none for other kinds of model.
+
+    Parameters
+    ----------
+    model : model
+        Any kind.
+    shown : sequence of Comparison
+        The runs that the page shows; they give the scheduling values.
+
+    Returns
+    -------
+    list of Section
+        One, or none.
+    """
     if not shown or not isinstance(model, (LPVTransferFunction, LPVStateSpace)):
         return []
     places, said = scheduling_places(model.box, shown)

@@ -39,19 +39,60 @@ class Basis(ABC):
 
     @abstractmethod
     def evaluate(self, p: np.ndarray) -> np.ndarray:
-        """(n, M) values along a trajectory `p` of shape (n, len(names)); beyond its ends the end values hold."""
+        """(n, M) values along a trajectory `p` of shape (n, len(names)); beyond its ends the end values hold.
+
+        Parameters
+        ----------
+        p : (n, len(names)) array
+            Scheduling variables, in their units.
+
+        Returns
+        -------
+        (n, M) array
+            One column for each function.
+        """
 
     @abstractmethod
     def derivative(self, p: np.ndarray, name: str) -> np.ndarray:
-        """(n, M) partial derivatives with respect to one variable, per physical unit."""
+        """(n, M) partial derivatives with respect to one variable, per physical unit.
+
+        Parameters
+        ----------
+        p : (n, len(names)) array
+            Scheduling variables, in their units.
+        name : str
+            The variable.
+
+        Returns
+        -------
+        (n, M) array
+            One column for each function, per unit of the variable.
+        """
 
     @abstractmethod
     def bound(self, box: Scheduling) -> Basis:
-        """The same basis, normalised to a box that names its variables."""
+        """The same basis, normalised to a box that names its variables.
+
+        Parameters
+        ----------
+        box : Scheduling
+            Range of every variable.
+
+        Returns
+        -------
+        Basis
+            With centres and half widths of the box.
+        """
 
     @abstractmethod
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            With the kind of basis.
+        """
 
     @property
     def redundant(self) -> int | None:

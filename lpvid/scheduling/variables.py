@@ -61,7 +61,22 @@ class Scheduling:
 
     @classmethod
     def of(cls, names: Sequence[str], p: np.ndarray, units: Sequence[str] = ()) -> Scheduling:
-        """The smallest box around samples `p` of shape (n, len(names))."""
+        """The smallest box around samples `p` of shape (n, len(names)).
+
+        Parameters
+        ----------
+        names : sequence of str
+            Variables.
+        p : (n, len(names)) array
+            Samples, in the units of the variables.
+        units : sequence of str
+            One for each variable; none where they are not known.
+
+        Returns
+        -------
+        Scheduling
+            Least and largest sample of each variable.
+        """
         return cls(tuple(names), tuple(p.min(axis=0)), tuple(p.max(axis=0)), units=tuple(units))
 
     @property
@@ -75,21 +90,62 @@ class Scheduling:
         return 0.5 * (np.array(self.upper) - np.array(self.lower))
 
     def contains(self, p: np.ndarray, *, tolerance: float = 1e-9) -> np.ndarray:
-        """(n,) bool: which samples of `p` (n, len(names)) lie in the box, within `tolerance` of its width."""
+        """(n,) bool: which samples of `p` (n, len(names)) lie in the box, within `tolerance` of its width.
+
+        Parameters
+        ----------
+        p : (n, len(names)) array
+            Samples, in the units of the variables.
+        tolerance : float
+            Share of the half width.
+
+        Returns
+        -------
+        (n,) bool array
+            Which lie inside.
+        """
         slack = tolerance * np.maximum(self.half_width, 1e-300)
         return np.all((p >= np.array(self.lower) - slack) & (p <= np.array(self.upper) + slack), axis=1)
 
     def grid(self, points: int) -> np.ndarray:
-        """(points**len(names), len(names)) tensor grid over the box."""
+        """(points**len(names), len(names)) tensor grid over the box.
+
+        Parameters
+        ----------
+        points : int
+            Along each variable.
+
+        Returns
+        -------
+        (points**len(names), len(names)) array
+            In the units of the variables; (1, 0) without variables.
+        """
         axes = [np.linspace(lo, up, points) for lo, up in zip(self.lower, self.upper, strict=True)]
         return np.array(list(itertools.product(*axes))) if axes else np.empty((1, 0))
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads.
+        """
         return {"names": list(self.names), "lower": list(self.lower), "upper": list(self.upper),
                 "rate": list(self.rate), "units": list(self.units)}
 
     @classmethod
     def from_dict(cls, data: Mapping) -> Scheduling:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        Scheduling
+            With the same values.
+        """
         return cls(*(tuple(data[k]) for k in ("names", "lower", "upper", "rate", "units")))

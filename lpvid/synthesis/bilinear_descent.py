@@ -37,7 +37,17 @@ SHARES = (1.0, 1 / 30, 30.0)
 
 @dataclass(frozen=True, eq=False)
 class Certified:
-    """Gains with a storage function, in scaled units: G(p), P(p) over their bases, and the gain they prove."""
+    """Gains with a storage function, in scaled units: G(p), P(p) over their bases, and the gain they prove.
+
+    Parameters
+    ----------
+    gains : (L, n_v, n_ξ) array
+        G(p) over the gain basis.
+    storage : (K, n, n) array
+        P(p) over the storage basis.
+    gamma : float
+        The gain that they prove; with a slack, the slack.
+    """
 
     gains: np.ndarray
     storage: np.ndarray
@@ -73,12 +83,36 @@ class BilinearDescent:
     unit: float = 1.0
 
     def proven(self, gains: np.ndarray) -> Certified | None:
-        """The least gain that a storage function proves for given gains; None where a solver finds none."""
+        """The least gain that a storage function proves for given gains; None where a solver finds none.
+
+        Parameters
+        ----------
+        gains : (L, n_v, n_ξ) array
+            Gains over the basis, held fixed.
+
+        Returns
+        -------
+        Certified or None
+            Gains, storage function and bound.
+        """
         return next(self._solved(gains, None), None)
 
     def relaxed(self, gains: np.ndarray, most: int = 12) -> Certified | None:
         """Gains near by for which a storage function proves something: the inequality with γ far up and a slack t·I,
-        of which t is brought below zero. None where it stays above."""
+        of which t is brought below zero. None where it stays above.
+
+        Parameters
+        ----------
+        gains : (L, n_v, n_ξ) array
+            Where the search begins.
+        most : int
+            Steps at most.
+
+        Returns
+        -------
+        Certified or None
+            Gains with a proof, or None.
+        """
         about, slack = None, np.inf
         for _ in range(most):
             found = next(self._solved(gains if about is None else about.gains, about, slack=True), None)
@@ -90,7 +124,20 @@ class BilinearDescent:
         return None
 
     def descended(self, start: Certified, most: int = 15) -> Certified:
-        """The last of at most so many steps, none of which raises the bound."""
+        """The last of at most so many steps, none of which raises the bound.
+
+        Parameters
+        ----------
+        start : Certified
+            Gains with a proof.
+        most : int
+            Steps at most.
+
+        Returns
+        -------
+        Certified
+            Its bound is at most that of the start.
+        """
         weight = 1.0
         for _ in range(most):
             found = None

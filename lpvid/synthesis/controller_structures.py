@@ -60,7 +60,20 @@ class Attached:
     measurements: tuple[str, ...]
 
     def controller(self, basis: Basis, gains: np.ndarray) -> LPVStateSpace:
-        """The controller with G(p) = Σ gains[k] ψ_k(p); the surfaces are kept in its metadata."""
+        """The controller with G(p) = Σ gains[k] ψ_k(p); the surfaces are kept in its metadata.
+
+        Parameters
+        ----------
+        basis : Basis
+            ψ_k(p) of the gains.
+        gains : (K, n_v, n_ξ) array
+            One matrix from readings to demands for each basis function.
+
+        Returns
+        -------
+        LPVStateSpace
+            From measurements to controls.
+        """
         box, m, nv, nx = self.plant.box, basis.size, *self.free.shape
         demands, readings = named(self.plant, self.plant.controls), named(self.plant, self.plant.measurements)
         law = LPVStateSpace(np.zeros((m, 0, 0)), np.zeros((m, 0, nx)), np.zeros((m, nv, 0)), gains, basis,
@@ -78,7 +91,18 @@ class Structure(ABC):
 
     @abstractmethod
     def attach(self, plant: GeneralizedPlant) -> Attached:
-        """The plant with the interface of this structure."""
+        """The plant with the interface of this structure.
+
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+            The plant that the controller is for.
+
+        Returns
+        -------
+        Attached
+            Plant with interface, and which entries of the gain are free.
+        """
 
 
 @dataclass(frozen=True)
@@ -224,7 +248,23 @@ class ObserverBased(Structure):
     """
 
     def attach(self, plant: GeneralizedPlant) -> Attached:
-        """The plant with a copy of its model."""
+        """The plant with a copy of its model.
+
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+            Strictly proper from controls to measurements.
+
+        Returns
+        -------
+        Attached
+            Its free gains are those of state feedback and observer.
+
+        Raises
+        ------
+        InputError
+            A measurement that a control reaches directly.
+        """
         p, n, ny, nu = plant_functions(plant), plant.order, len(plant.measurements), len(plant.controls)
         if p["D22"].coefficients.any():
             raise InputError("an observer-based controller needs measurements that controls do not reach directly",

@@ -60,6 +60,11 @@ def reduce_coprime(system: LPVStateSpace, order: int | None = None, *, tolerance
     order, tolerance, points, certified
         As for `reduce_order`.
 
+    Returns
+    -------
+    CoprimeReduction
+        Reduced system, the reduction of its factors with bound and error, and the injection L(p).
+
     Raises
     ------
     InputError

@@ -68,6 +68,20 @@ def delay_error(seconds: float, order: int, frequency: float) -> float:
 
     Both have modulus one, so that it is 2 sin(½|phase error|), and 2 once that error reaches π.
 
+    Parameters
+    ----------
+    seconds : float
+        The delay τ [s].
+    order : int
+        Order of the Padé approximation.
+    frequency : float
+        Largest ω [rad/s].
+
+    Returns
+    -------
+    float
+        Between 0 and 2.
+
     Examples
     --------
     >>> delay_error(0.1, 2, 10.0) < 0.002 < delay_error(0.1, 1, 10.0)

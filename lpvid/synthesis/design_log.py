@@ -53,7 +53,13 @@ class Limit:
         return "infinite frequency" if math.isinf(self.frequency) else f"{self.frequency:.3g} Hz"
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
+        """Plain data.
+
+        Returns
+        -------
+        dict
+            Scheduling values, gain, frequency [rad/s] (None where infinite), shares of signals and disturbances.
+        """
         return {"at": {n: v for n, v, _ in self.at}, "gain": self.gain,
                 "frequency": None if math.isinf(self.frequency) else self.frequency, "signals": dict(self.signals),
                 "disturbances": dict(self.disturbances)}
@@ -94,7 +100,20 @@ def limits(loop: LPVStateSpace) -> tuple[Limit, ...]:
 
 
 def limiting(found: tuple[Limit, ...], level: float | None) -> str:
-    """The design log in a sentence: what limits γ, and how much of the verified bound the held loop reaches."""
+    """The design log in a sentence: what limits γ, and how much of the verified bound the held loop reaches.
+
+    Parameters
+    ----------
+    found : tuple of Limit
+        Largest gain first.
+    level : float or None
+        The verified bound.
+
+    Returns
+    -------
+    str
+        Without a full stop; empty where nothing was found.
+    """
     if not found:
         return ""
     most = found[0].gain

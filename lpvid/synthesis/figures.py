@@ -52,7 +52,13 @@ class Figure:
     certificate: Any = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data, without the certificate."""
+        """Plain data, without the certificate.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"criterion": self.criterion, "channel": self.channel, "promised": float(self.promised),
                 "verified": float(self.verified), "lower": None if self.lower is None else float(self.lower),
                 "between_grid": bool(self.between_grid)}

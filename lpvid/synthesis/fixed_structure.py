@@ -105,6 +105,16 @@ class FixedStructure:
     def solve(self, plant: GeneralizedPlant) -> Synthesis:
         """The gains for a plant, with what its closed loop was shown to do.
 
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+            Plant with performance signals, controls and measurements.
+
+        Returns
+        -------
+        Synthesis
+            Controller, closed loop and verified gain; where there is none, a verdict, why and what would mend it.
+
         Raises
         ------
         InputError

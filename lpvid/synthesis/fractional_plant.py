@@ -114,7 +114,18 @@ def _scaled(plant: GeneralizedPlant, c: Coordinates) -> LPVStateSpace:
 
 
 def diagonal(*blocks: np.ndarray) -> np.ndarray:
-    """Blocks on a diagonal."""
+    """Blocks on a diagonal.
+
+    Parameters
+    ----------
+    *blocks : (n, n) arrays
+        Square blocks.
+
+    Returns
+    -------
+    (N, N) array
+        N is the sum of their sizes.
+    """
     ends = np.cumsum([0, *(len(b) for b in blocks)])
     whole = np.zeros((ends[-1], ends[-1]))
     for part, a, b in zip(blocks, ends[:-1], ends[1:], strict=True):

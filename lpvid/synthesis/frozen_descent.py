@@ -61,22 +61,66 @@ class FrozenLoops:
         return int(self.free.sum()) * self.psi.shape[1]
 
     def coefficients(self, theta: np.ndarray) -> np.ndarray:
-        """(K, n_v, n_ξ) gains of the basis."""
+        """(K, n_v, n_ξ) gains of the basis.
+
+        Parameters
+        ----------
+        theta : (P,) array
+            Free entries of all basis functions.
+
+        Returns
+        -------
+        (K, n_v, n_ξ) array
+            Zero where an entry is not free.
+        """
         gains = np.zeros((self.psi.shape[1], *self.free.shape))
         gains[:, self.free] = theta.reshape(len(gains), -1)
         return gains
 
     def parameters(self, gains: np.ndarray) -> np.ndarray:
-        """Inverse of `coefficients`."""
+        """Inverse of `coefficients`.
+
+        Parameters
+        ----------
+        gains : (K, n_v, n_ξ) array
+            Gains of the basis.
+
+        Returns
+        -------
+        (P,) array
+            Their free entries.
+        """
         return gains[:, self.free].ravel()
 
     def loops(self, theta: np.ndarray) -> tuple[np.ndarray, Matrices]:
-        """Gains and closed loops at the points, each (N, …)."""
+        """Gains and closed loops at the points, each (N, …).
+
+        Parameters
+        ----------
+        theta : (P,) array
+            Free entries of all basis functions.
+
+        Returns
+        -------
+        (N, n_v, n_ξ) array, tuple of (N, …) arrays
+            G at the points; A, B, C, D from w to z of the closed loops.
+        """
         m, g = self.plant, np.tensordot(self.psi, self.coefficients(theta), axes=1)
         return g, (m.A + m.B2 @ g @ m.C2, m.B1 + m.B2 @ g @ m.D21, m.C1 + m.D12 @ g @ m.C2, m.D11 + m.D12 @ g @ m.D21)
 
     def abscissa(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
-        """Largest real part of the poles (log modulus, in discrete time) over the points, and its gradient."""
+        """Largest real part of the poles (log modulus, in discrete time) over the points, and its gradient.
+
+        Parameters
+        ----------
+        theta : (P,) array
+            Free entries of all basis functions.
+
+        Returns
+        -------
+        float, (P,) array
+            [1/s] in continuous time, without unit in discrete time; its gradient.
+        """
         a = self.loops(theta)[1][0]
         if not a.shape[1]:
             return -np.inf, np.zeros_like(theta)
@@ -93,7 +137,18 @@ class FrozenLoops:
         return float(level[k].max()), self._chained(k, np.real(slope / values[j] if self.discrete else slope))
 
     def norm(self, theta: np.ndarray) -> tuple[float, np.ndarray]:
-        """Largest H-infinity norm over the points, and its gradient; infinite where a loop is not stable by `SLOW`."""
+        """Largest H-infinity norm over the points, and its gradient; infinite where a loop is not stable by `SLOW`.
+
+        Parameters
+        ----------
+        theta : (P,) array
+            Free entries of all basis functions.
+
+        Returns
+        -------
+        float, (P,) array
+            The norm and its gradient; the gradient is zero where the norm is infinite.
+        """
         _, (a, b, c, d) = self.loops(theta)
         if a.shape[1]:
             poles = np.linalg.eigvals(a)
@@ -141,7 +196,22 @@ class FrozenLoops:
 
 
 def descended(loops: FrozenLoops, theta: np.ndarray, steps: int = LONG) -> tuple[np.ndarray, float]:
-    """Gains of a locally least frozen norm from a start; the norm is infinite where no stable loop was reached."""
+    """Gains of a locally least frozen norm from a start; the norm is infinite where no stable loop was reached.
+
+    Parameters
+    ----------
+    loops : FrozenLoops
+        Closed loops over the gains.
+    theta : (P,) array
+        Where to start.
+    steps : int
+        Steps at most, of each of the two searches.
+
+    Returns
+    -------
+    (P,) array, float
+        Gains and their norm.
+    """
     if loops.abscissa(theta)[0] > -RESERVE:
         theta, level = bfgs(loops.abscissa, theta, steps, stop=-10 * RESERVE)
         if level >= 0:
@@ -149,8 +219,28 @@ def descended(loops: FrozenLoops, theta: np.ndarray, steps: int = LONG) -> tuple
     return bfgs(loops.norm, theta, steps)
 
 
+<<<<<<< HEAD
 def shortlist(loops: FrozenLoops, starts: Iterable[np.ndarray]) -> list[tuple[np.ndarray, float]]:
     """Local minimisers and their norms, lowest first: all starts are followed for a while, the best to their end."""
+=======
+def shortlist(loops: FrozenLoops, starts: Iterable[np.ndarray], kept: int) -> list[tuple[np.ndarray, float]]:
+    """Local minimisers and their norms, lowest first: all starts are followed for a while, the best to their end.
+
+    Parameters
+    ----------
+    loops : FrozenLoops
+        Closed loops over the gains.
+    starts : iterable of (P,) arrays
+        Where to start.
+    kept : int
+        How many are followed to their end.
+
+    Returns
+    -------
+    list of ((P,) array, float)
+        Gains and norms.
+    """
+>>>>>>> docstr
     begun = sorted((descended(loops, theta, GLANCE) for theta in starts), key=lambda x: x[1])
     ended = [bfgs(loops.norm, x[0], LONG) for x in begun[:PURSUED] if np.isfinite(x[1])]
     return sorted([*ended, *begun[len(ended):]], key=lambda x: x[1])
@@ -158,6 +248,22 @@ def shortlist(loops: FrozenLoops, starts: Iterable[np.ndarray]) -> list[tuple[np
 
 def bfgs(objective: Objective, x: np.ndarray, steps: int, stop: float = -np.inf) -> tuple[np.ndarray, float]:
     """A local minimiser of a function that need not be smooth, and its value.
+
+    Parameters
+    ----------
+    objective : callable
+        Value and gradient at an x.
+    x : (P,) array
+        Where to start.
+    steps : int
+        Steps at most.
+    stop : float
+        A value at which the search ends.
+
+    Returns
+    -------
+    (P,) array, float
+        The last point and its value.
 
     Examples
     --------

@@ -47,7 +47,18 @@ class GainSurface:
                      for c, free in zip(self.columns, row, strict=True) if free)
 
     def at(self, points: np.ndarray) -> np.ndarray:
-        """(N, labels) values of the free entries at points of shape (N, len(box.names))."""
+        """(N, labels) values of the free entries at points of shape (N, len(box.names)).
+
+        Parameters
+        ----------
+        points : (N, n) array
+            Values of the scheduling variables, in their units.
+
+        Returns
+        -------
+        (N, labels) array
+            Values of the free entries.
+        """
         return self.gain.at(np.atleast_2d(np.asarray(points, dtype=float)))[:, self.free]
 
     def table(self, points: int | Sequence[Sequence[float]] = 9) -> tuple[np.ndarray, np.ndarray]:
@@ -80,7 +91,20 @@ class GainSurface:
         return at, self.at(at)
 
     def to_csv(self, path: str | Path, points: int | Sequence[Sequence[float]] = 9) -> Path:
-        """Write the table: one line for each breakpoint, a column for each variable and each gain."""
+        """Write the table: one line for each breakpoint, a column for each variable and each gain.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write.
+        points : int or sequence of sequences of float
+            Breakpoints of every variable, or how many of them.
+
+        Returns
+        -------
+        Path
+            The file.
+        """
         at, values = self.table(points)
         heads = [f"{n} [{u}]" if u else n for n, u in zip(self.box.names, self.box.units, strict=True)]
         path = Path(path)
@@ -99,6 +123,16 @@ class GainSurface:
 
 def gain_surface(controller: LPVStateSpace) -> GainSurface:
     """The gains of a controller that `FixedStructure` designed.
+
+    Parameters
+    ----------
+    controller : LPVStateSpace
+        What `FixedStructure` returned.
+
+    Returns
+    -------
+    GainSurface
+        Its gains over the scheduling.
 
     Raises
     ------

@@ -118,6 +118,16 @@ class LipschitzObserver:
     def solve(self, plant: GeneralizedPlant) -> LipschitzEstimate:
         """The observer for a plant in continuous time.
 
+        Parameters
+        ----------
+        plant : GeneralizedPlant
+            In continuous time, with the arguments q of the nonlinearity among its outputs.
+
+        Returns
+        -------
+        LipschitzEstimate
+            The observer, its error system and the verified gain; without a gain, why and what would mend it.
+
         Raises
         ------
         InputError

@@ -49,7 +49,22 @@ def preconditioned(plant: GeneralizedPlant, points: np.ndarray) -> Preconditione
 
 
 def turned(plant: GeneralizedPlant, turn: np.ndarray, sizes: np.ndarray) -> Preconditioned:
-    """The same signals over states x' = `turn`⁻¹x."""
+    """The same signals over states x' = `turn`⁻¹x.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        The plant.
+    turn : (n, n) array
+        Regular.
+    sizes : (n,) array
+        Sizes of the new states, kept with the result.
+
+    Returns
+    -------
+    Preconditioned
+        The plant over the new states, with the way back.
+    """
     back, system = np.linalg.inv(turn), plant.system
     moved = system.replace(A=back @ system.A @ turn, B=back @ system.B, C=system.C @ turn)
     return Preconditioned(GeneralizedPlant(moved, plant.controls, plant.measurements), turn, sizes)

@@ -45,7 +45,18 @@ _WATCH: ContextVar[Watch | None] = ContextVar("lpvid_synthesis_watch", default=N
 
 @contextmanager
 def watched(say: Say | None) -> Iterator[Watch]:
-    """Follow what runs inside; a synthesis within a synthesis belongs to the outer one."""
+    """Follow what runs inside; a synthesis within a synthesis belongs to the outer one.
+
+    Parameters
+    ----------
+    say : callable or None
+        Takes a line on what is being done.
+
+    Yields
+    ------
+    Watch
+        The synthesis under way.
+    """
     outer = _WATCH.get()
     if outer is not None:
         yield outer
@@ -59,14 +70,31 @@ def watched(say: Say | None) -> Iterator[Watch]:
 
 
 def stage(text: str) -> None:
-    """Say what is being done now, where somebody follows."""
+    """Say what is being done now, where somebody follows.
+
+    Parameters
+    ----------
+    text : str
+        One line.
+    """
     watch = _WATCH.get()
     if watch is not None and watch.say is not None:
         watch.say(text)
 
 
 def stop_at(error: KeyboardInterrupt) -> None:
-    """End a search that has something to go on with; a second interruption is raised again."""
+    """End a search that has something to go on with; a second interruption is raised again.
+
+    Parameters
+    ----------
+    error : KeyboardInterrupt
+        The interruption.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        The same one, where nobody follows or the search was interrupted before.
+    """
     watch = _WATCH.get()
     if watch is None or watch.stopped:
         raise error
@@ -75,13 +103,30 @@ def stop_at(error: KeyboardInterrupt) -> None:
 
 
 def stopped() -> bool:
-    """The search was interrupted: nothing better is looked for."""
+    """The search was interrupted: nothing better is looked for.
+
+    Returns
+    -------
+    bool
+        False where nobody follows.
+    """
     watch = _WATCH.get()
     return watch is not None and watch.stopped
 
 
 def remember(found: Synthesis) -> Synthesis:
-    """Keep a synthesis as the best so far, where it is, and hand it on."""
+    """Keep a synthesis as the best so far, where it is, and hand it on.
+
+    Parameters
+    ----------
+    found : Synthesis
+        A result; without controller it is not kept.
+
+    Returns
+    -------
+    Synthesis
+        The same one.
+    """
     watch = _WATCH.get()
     if watch is not None and found.controller is not None:
         bound = math.inf if found.gamma_verified is None else found.gamma_verified
@@ -92,7 +137,20 @@ def remember(found: Synthesis) -> Synthesis:
 
 
 def interrupted(found: Synthesis, watch: Watch) -> Synthesis:
-    """A synthesis that says that it is the best so far."""
+    """A synthesis that says that it is the best so far.
+
+    Parameters
+    ----------
+    found : Synthesis
+        The best so far.
+    watch : Watch
+        The synthesis under way, for the time spent.
+
+    Returns
+    -------
+    Synthesis
+        With a note and the seconds.
+    """
     seconds = time.monotonic() - watch.started
     note = f"{INTERRUPTED} {seconds:.3g} s: the best controller so far, verified as any other"
     return replace(found, notes=(note, *found.notes), seconds=seconds)
@@ -114,7 +172,13 @@ class Rounds:
     _begun: float = field(default_factory=time.monotonic)
 
     def enter(self, detail: str = "") -> None:
-        """The next round begins."""
+        """The next round begins.
+
+        Parameters
+        ----------
+        detail : str
+            What is to be said of the round besides its number.
+        """
         spent = time.monotonic() - self._begun
         left = f", at most {(self.most - self._done) * spent / self._done:.0f} s more" if self._done else ""
         self._done += 1

@@ -200,7 +200,22 @@ class Half:
         return [np.linalg.norm(value, axis=1) for value in self.values(root, matrices, gamma)]
 
     def values(self, root: np.ndarray, matrices: np.ndarray, gamma: float) -> Iterator[np.ndarray]:
-        """γE − F for known matrices (K, n, n) in the plant's own coordinates, for every point and corner."""
+        """γE − F for known matrices (K, n, n) in the plant's own coordinates, for every point and corner.
+
+        Parameters
+        ----------
+        root : (n, n) array
+            Change of coordinates from the plant's own to those of the pieces.
+        matrices : (K, n, n) array
+            X or Y over its basis.
+        gamma : float
+            The gain.
+
+        Yields
+        ------
+        (m, m) array
+            Positive semidefinite where the inequality holds.
+        """
         inverse = np.linalg.inv(root)
         own = inverse @ matrices @ inverse.T
         for k in range(len(self.A)):
@@ -242,6 +257,18 @@ def sizes_at(problem: Projected, roots: tuple[np.ndarray, np.ndarray], pair: Pai
 def shortfall(problem: Projected, pair: Pair) -> float:
     """How far a pair is from keeping the inequalities at its γ: the least eigenvalue below zero, rows being of size
     one in coordinates in which the means of X and Y are the identity; 0 where it keeps them.
+
+    Parameters
+    ----------
+    problem : Projected
+        The two inequalities.
+    pair : Pair
+        X, Y and γ.
+
+    Returns
+    -------
+    float
+        At least 0, without unit.
     """
     worst = 0.0
     for half, root, matrices in zip(problem.halves, roots_of(problem, pair), (pair.x, pair.y), strict=True):
@@ -315,7 +342,18 @@ def _unlimited(plant: PlantMatrices) -> tuple[np.ndarray, np.ndarray]:
 
 
 def unlimited(through: np.ndarray) -> np.ndarray:
-    """(·, n) directions, as rows, of which some of the matrices (N, m, n) passes almost nothing."""
+    """(·, n) directions, as rows, of which some of the matrices (N, m, n) passes almost nothing.
+
+    Parameters
+    ----------
+    through : (N, m, n) array
+        One matrix for each point.
+
+    Returns
+    -------
+    (k, n) array
+        Orthonormal rows.
+    """
     least = min((m.T @ m for m in through), key=lambda g: float(np.linalg.eigvalsh(g).min(initial=np.inf)))
     values, vectors = np.linalg.eigh(least)
     return vectors.T[values < 1e-12]
@@ -329,6 +367,20 @@ def _sum(values: np.ndarray, matrices: list[Affine]) -> Affine:
 
 
 def congruent(matrix: Affine, scale: np.ndarray) -> Affine:
+    """The matrix between diagonal matrices: diag(s) M diag(s).
+
+    Parameters
+    ----------
+    matrix : Affine
+        (n, n), with its unknowns.
+    scale : (n,) array
+        The diagonal s.
+
+    Returns
+    -------
+    Affine
+        (n, n), with the same unknowns.
+    """
     both = np.outer(scale, scale)
     return Affine(both * matrix.constant, sparse.csr_array(sparse.diags_array(both.ravel()) @ matrix.linear))
 

@@ -124,7 +124,13 @@ class Synthesis(Shown):
         return self.controller
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads.
+        """
         numbers = {name: _plain(getattr(self, name)) for name in ("gamma", "gamma_verified", "gamma_lower", "infimum")}
         parts = {name: None if part is None else part.to_dict() for name, part in
                  (("controller", self.controller), ("closed_loop", self.closed_loop),
@@ -136,7 +142,18 @@ class Synthesis(Shown):
 
     @classmethod
     def from_dict(cls, data: Mapping) -> Synthesis:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        Synthesis
+            With the same values.
+        """
         systems: dict[str, Any] = {name: None if data[name] is None else LPVStateSpace.from_dict(data[name])
                                    for name in ("controller", "closed_loop")}
         fields = ("verdict", "gamma", "gamma_verified", "gamma_lower", "between_grid", "why", "mend", "seconds",

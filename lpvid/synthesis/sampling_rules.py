@@ -33,19 +33,71 @@ class Rule(ABC):
 
     @abstractmethod
     def sample(self, system: Frozen, period: float) -> Frozen:
-        """Continuous to discrete, at points."""
+        """Continuous to discrete, at points.
+
+        Parameters
+        ----------
+        system : tuple of (N, …) arrays
+            A, B, C, D at N points, continuous.
+        period : float
+            T [s].
+
+        Returns
+        -------
+        tuple of (N, …) arrays
+            A, B, C, D, discrete.
+        """
 
     @abstractmethod
     def restore(self, system: Frozen, period: float) -> Frozen:
-        """Discrete to continuous, at points."""
+        """Discrete to continuous, at points.
+
+        Parameters
+        ----------
+        system : tuple of (N, …) arrays
+            A, B, C, D at N points, discrete.
+        period : float
+            T [s].
+
+        Returns
+        -------
+        tuple of (N, …) arrays
+            A, B, C, D, continuous.
+        """
 
     @abstractmethod
     def sample_exactly(self, system: Moving, period: float) -> Moving | None:
-        """Continuous to discrete over the basis, where the rule needs sums and products only."""
+        """Continuous to discrete over the basis, where the rule needs sums and products only.
+
+        Parameters
+        ----------
+        system : tuple of MatrixFunction
+            A, B, C, D, continuous.
+        period : float
+            T [s].
+
+        Returns
+        -------
+        tuple of MatrixFunction or None
+            A, B, C, D, discrete.
+        """
 
     @abstractmethod
     def restore_exactly(self, system: Moving, period: float) -> Moving | None:
-        """Discrete to continuous over the basis, where the rule needs sums and products only."""
+        """Discrete to continuous over the basis, where the rule needs sums and products only.
+
+        Parameters
+        ----------
+        system : tuple of MatrixFunction
+            A, B, C, D, discrete.
+        period : float
+            T [s].
+
+        Returns
+        -------
+        tuple of MatrixFunction or None
+            A, B, C, D, continuous.
+        """
 
 
 @dataclass(frozen=True)
@@ -205,7 +257,13 @@ class Taylor(Rule):
 
 
 def Euler() -> Taylor:
-    """A_d = I + A T, B_d = B T: the basis stays as it is; crude, and unstable where |1 + λT| > 1."""
+    """A_d = I + A T, B_d = B T: the basis stays as it is; crude, and unstable where |1 + λT| > 1.
+
+    Returns
+    -------
+    Taylor
+        Of order one.
+    """
     return Taylor(1)
 
 
@@ -213,6 +271,18 @@ def remainder(rule: Rule, size: float) -> float | None:
     """Bound on ‖A_d − exp(A T)‖ for ‖A T‖ ≤ `size`, from the series; None where the rule has no such bound.
 
     Taylor: size^{r+1}/(r+1)! · e^size. Tustin, size < 2: Σ_{k ≥ 3} |1/2^{k−1} − 1/k!| size^k = O(T³).
+
+    Parameters
+    ----------
+    rule : Rule
+        The discretisation.
+    size : float
+        ‖A T‖, without unit.
+
+    Returns
+    -------
+    float or None
+        0 for the zero-order hold, which is exact.
 
     Examples
     --------

@@ -26,6 +26,24 @@ def imitated(structure: Structure, attached: Attached, plant: GeneralizedPlant, 
 
     Without feedback inside the interface ξ = J(jω) y: least squares of (K − G J) T over frequencies, T the response
     from w to y of the controller's own loop. A controller of order k takes the k most important balanced states.
+
+    Parameters
+    ----------
+    structure : Structure
+        The structure to give gains to.
+    attached : Attached
+        The plant with its interface.
+    plant : GeneralizedPlant
+        The plant without it.
+    model : LPVStateSpace
+        The controller of any order.
+    points : (N, n) array
+        Points of the scheduling, in its units.
+
+    Returns
+    -------
+    (N, n_v, n_ξ) array or None
+        Gains at each point.
     """
     at = plant.at(points)
     if isinstance(structure, LowOrder):
@@ -60,7 +78,20 @@ def imitated(structure: Structure, attached: Attached, plant: GeneralizedPlant, 
 
 
 def observed(plant: GeneralizedPlant, points: np.ndarray) -> np.ndarray | None:
-    """(N, n_u + n, n_y + n) gains of linear quadratic control and a Kalman filter at each point; None for no answer."""
+    """(N, n_u + n, n_y + n) gains of linear quadratic control and a Kalman filter at each point; None for no answer.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        The plant without interface.
+    points : (N, n) array
+        Points of the scheduling, in its units.
+
+    Returns
+    -------
+    (N, n_u + n, n_y + n) array or None
+        Gains at each point.
+    """
     at, found = plant.at(points), []
     n, nu, ny = plant.order, len(plant.controls), len(plant.measurements)
     solve = solve_continuous_are if plant.sample_time is None else solve_discrete_are
@@ -84,8 +115,27 @@ def observed(plant: GeneralizedPlant, points: np.ndarray) -> np.ndarray | None:
 
 
 def drawn(size: int, count: int, generator: np.random.Generator) -> Iterator[np.ndarray]:
+<<<<<<< HEAD
     """Zero, which may be a saddle, then normal gains of rising size in scaled units."""
     yield np.zeros(size)
+=======
+    """Normal gains of rising size in scaled units; zero itself may be a saddle.
+
+    Parameters
+    ----------
+    size : int
+        Number of free gains.
+    count : int
+        How many are drawn.
+    generator : numpy.random.Generator
+        Source of the draws.
+
+    Yields
+    ------
+    (size,) array
+        In scaled units.
+    """
+>>>>>>> docstr
     for i in range(count):
         yield generator.standard_normal(size) * (0.03, 0.3, 1.0, 3.0)[i % 4]
 

@@ -24,7 +24,22 @@ from lpvid.synthesis.variance_search import ROOM, VarianceAnswer, VarianceProble
 
 
 def suits(plant: GeneralizedPlant, criterion: H2, points: np.ndarray) -> bool:
-    """Â is affine in the plant's basis where nothing but A, C1 and D11 varies; time is continuous."""
+    """Â is affine in the plant's basis where nothing but A, C1 and D11 varies; time is continuous.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        The plant.
+    criterion : H2
+        Which disturbances and performance signals count.
+    points : (N, n) array
+        Points of the scheduling, in its units.
+
+    Returns
+    -------
+    bool
+        Whether the variance feedback applies.
+    """
     at = plant.at(points)
     return plant.sample_time is None and bool(plant.order) and not any(
         varies(m) for m in (at.B1 @ criterion.selection(plant)[0], at.B2, at.D12, at.C2,
@@ -51,6 +66,16 @@ class VarianceFeedback:
         """Answers `back_off` above the least level, or at the level that is asked for, with their coordinates.
 
         The best conditioned comes first.
+
+        Parameters
+        ----------
+        back_off : float
+            Share above one by which the level is raised; not used where the criterion has a bound.
+
+        Yields
+        ------
+        Preconditioned, Shaped
+            Nothing where no answer was found or the bound is below the least level.
         """
         at = self.plant.at(self.points)
         units, (into, out) = Units.of(at), self.criterion.selection(self.plant)
@@ -93,6 +118,18 @@ class VarianceFeedback:
 def regulated_plant(plant: GeneralizedPlant, points: np.ndarray) -> Preconditioned:
     """The plant over states in which X and Y of the linear-quadratic problem at the middle point are one diagonal
     matrix; the plant as it is where that has no solution.
+
+    Parameters
+    ----------
+    plant : GeneralizedPlant
+        The plant.
+    points : (N, n) array
+        Points of the scheduling, in its units.
+
+    Returns
+    -------
+    Preconditioned
+        The plant over those states, with the way back.
     """
     at = plant.at(points)
     units = Units.of(at)

@@ -40,7 +40,21 @@ ROOM = 1.5
 
 @dataclass(frozen=True, eq=False)
 class VarianceAnswer:
-    """X, Y (n, n) and Ĉ (K, n_u, n), B̂ (K, n, n_y) over the plant's basis, and the level ν that they promise."""
+    """X, Y (n, n) and Ĉ (K, n_u, n), B̂ (K, n, n_y) over the plant's basis, and the level ν that they promise.
+
+    Parameters
+    ----------
+    x, y : (n, n) array
+        X and Y.
+    c : (K, n_u, n) array
+        Ĉ over the plant's basis.
+    b : (K, n, n_y) array
+        B̂ over the plant's basis.
+    level : float
+        ν, in the problem's scaled units.
+    solver, status : str
+        Which solver found it, and its own verdict.
+    """
 
     x: np.ndarray
     y: np.ndarray
@@ -67,7 +81,18 @@ class VarianceProblem:
     phi: np.ndarray
 
     def least(self, solvers: Sequence[str]) -> VarianceAnswer | None:
-        """The answer of least level, in coordinates that follow the answers until it settles."""
+        """The answer of least level, in coordinates that follow the answers until it settles.
+
+        Parameters
+        ----------
+        solvers : sequence of str
+            Tried in this order.
+
+        Returns
+        -------
+        VarianceAnswer or None
+            None where no solver found one.
+        """
         best, known, rounds = None, self._start(), Rounds("the least H2 norm", ROUNDS)
         for _ in range(ROUNDS if known is not None else 0):
             assert known is not None
@@ -88,7 +113,22 @@ class VarianceProblem:
         return best
 
     def gentle(self, least: VarianceAnswer, level: float, solvers: Sequence[str]) -> Iterator[VarianceAnswer]:
-        """Answers at a level above the least, each better conditioned than the last."""
+        """Answers at a level above the least, each better conditioned than the last.
+
+        Parameters
+        ----------
+        least : VarianceAnswer
+            The answer of least level.
+        level : float
+            Above it.
+        solvers : sequence of str
+            Tried in this order.
+
+        Yields
+        ------
+        VarianceAnswer
+            At most two.
+        """
         known = replace(least, level=level)
         for _ in range(2):
             found = self._solved(known, level, solvers)
@@ -98,7 +138,18 @@ class VarianceProblem:
             yield found
 
     def dynamics(self, answer: VarianceAnswer) -> np.ndarray:
-        """(K, n, n) Â over the basis, for B1 and D21 that do not vary."""
+        """(K, n, n) Â over the basis, for B1 and D21 that do not vary.
+
+        Parameters
+        ----------
+        answer : VarianceAnswer
+            X, Y, Ĉ, B̂ and level.
+
+        Returns
+        -------
+        (K, n, n) array
+            Â over the plant's basis.
+        """
         p = self.plant
         one = np.linalg.lstsq(self.phi, np.ones(len(self.phi)), rcond=None)[0]
         a = np.tensordot(np.linalg.pinv(self.phi), p.A, axes=1)
@@ -162,6 +213,16 @@ def regulated(p: PlantMatrices) -> tuple[np.ndarray, np.ndarray, float] | None:
 
     The regulator S and the filter P of the linear-quadratic problem, with a small further disturbance and weight on
     every state where nothing else reaches it; the estimate's covariance X̂ of its closed loop: X = P + X̂, Y = P⁻¹.
+
+    Parameters
+    ----------
+    p : PlantMatrices
+        One frozen plant in continuous time.
+
+    Returns
+    -------
+    tuple or None
+        X (n, n), Y (n, n) and ν; None where a Riccati equation has no stabilising solution.
 
     Examples
     --------

@@ -67,7 +67,13 @@ class ModelComparison(Shown):
         return f"Least free-run error on {label} data: {best.name}: {best.found.overall.free_run}{rest}."
 
     def to_dict(self) -> dict[str, Any]:
-        """compare.json."""
+        """compare.json.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"schema": "lpvid/compare/1", "verdict": self.verdict,
                 "models": [{"name": m.name, "kind": type(m.model).__name__, **m.found.to_dict()} for m in self.models],
                 "refused": dict(self.refused)}

@@ -41,7 +41,13 @@ class Figures:
     mean_error: float | None = None
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         data = {"esr": self.esr, "fit_percent": self.fit_percent, "rmse": self.rmse, "rmse_unit": self.rmse_unit,
                 "mean_error": self.mean_error, "n_samples": self.n_samples}
         return data if self.diverged_at is None else {**data, "diverged_at": self.diverged_at}
@@ -64,7 +70,13 @@ class Pair:
     one_step: Figures
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"free_run": self.free_run.to_dict(), "one_step": self.one_step.to_dict()}
 
 
@@ -79,7 +91,13 @@ class RecordFigures:
     extrapolation_share: float
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"name": self.name, "n_samples": self.n_samples, "free_run": self.free_run.to_dict(),
                 "one_step": self.one_step.to_dict(), "extrapolation_share": self.extrapolation_share}
 

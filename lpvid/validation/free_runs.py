@@ -74,7 +74,13 @@ class FreeRuns:
         return tuple(s if stems.count(s) == 1 else f"{s}-{k + 1}" for k, s in enumerate(stems))
 
     def to_dict(self) -> dict:
-        """simulation.json."""
+        """simulation.json.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"schema": "lpvid/simulation/1", "kind": "free-run", "data": self.label,
                 "overall": None if self.overall is None else self.overall.to_dict(),
                 "records": [{"name": r.record.name, "n_samples": r.record.n_samples, "start": r.run.start,

@@ -41,7 +41,13 @@ class Regime:
     esr: float | None
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"where": self.where, "share": self.share, "error_share": self.error_share, "esr": self.esr}
 
 

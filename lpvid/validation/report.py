@@ -79,7 +79,13 @@ class Validation(Shown):
         return "; ".join(map(str, (self.overall.free_run, self.overall.one_step, *self.k_steps)))
 
     def to_dict(self) -> dict:
-        """validation.json."""
+        """validation.json.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"schema": "lpvid/validation/1", "data": self.label,
                 "overall": {**self.overall.to_dict(),
                             **{f.kind.replace("-", "_"): f.to_dict() for f in self.k_steps}},

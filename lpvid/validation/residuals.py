@@ -33,7 +33,13 @@ class ResidualTest:
     says: str
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"name": self.name, "statistic": self.statistic, "p_value": self.p_value, "passed": self.passed,
                 "says": self.says}
 

@@ -156,7 +156,18 @@ class QuarterCarBaseline(Baseline):
 
     @classmethod
     def from_dict(cls, data: dict) -> QuarterCarBaseline:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        QuarterCarBaseline
+            With the same values.
+        """
         given = data.get("given")
         return cls(CarParameters(**data["car"]), tuple(data["free"]), data["output"], bool(data.get("actuated", True)),
                    None if given is None else CarParameters(**given))

@@ -90,7 +90,13 @@ class Characterisation:
         return verdict(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON, SI; forces positive in tension."""
+        """Plain data for JSON, SI; forces positive in tension.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         from quartercar.characterisation.tables import to_dict
 
         return to_dict(self)

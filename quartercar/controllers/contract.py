@@ -85,10 +85,27 @@ class Law(ABC):
 
     @abstractmethod
     def step(self, seen: Signals) -> np.ndarray:
-        """(cars,) demand for the coming sample, from signals at this one."""
+        """(cars,) demand for the coming sample, from signals at this one.
+
+        Parameters
+        ----------
+        seen : Signals
+            Signals of every car at this sample, SI.
+
+        Returns
+        -------
+        (cars,) array
+            In the unit of what the law demands.
+        """
 
     def counted(self) -> dict[str, np.ndarray]:
-        """(cars,) counts worth reporting, by name; empty for most laws."""
+        """(cars,) counts worth reporting, by name; empty for most laws.
+
+        Returns
+        -------
+        dict of (cars,) arrays
+            Counts by name.
+        """
         return {}
 
 
@@ -176,6 +193,18 @@ class Controller(ABC):
     def begin(self, values: Values, setting: Setting) -> Law:
         """A running law for (cars,) values of every parameter.
 
+        Parameters
+        ----------
+        values : mapping of (cars,) arrays
+            Every parameter by name, SI.
+        setting : Setting
+            Cars, period and damper limits.
+
+        Returns
+        -------
+        Law
+            At rest.
+
         Raises
         ------
         InputError
@@ -201,7 +230,18 @@ class Controller(ABC):
 
     # -- running -----------------------------------------------------------------------------------------------------
     def start(self, setting: Setting) -> Law:
-        """This law at rest, for every car of a setting."""
+        """This law at rest, for every car of a setting.
+
+        Parameters
+        ----------
+        setting : Setting
+            Cars, period and damper limits.
+
+        Returns
+        -------
+        Law
+            At rest.
+        """
         return self.begin({n: np.full(setting.cars, v) for n, v in self.values.items()}, setting)
 
     # -- parameters --------------------------------------------------------------------------------------------------
@@ -216,11 +256,33 @@ class Controller(ABC):
         return np.array([self.values[n] for n in self.names])
 
     def with_values(self, **values: float) -> Self:
-        """The same law with some parameters replaced."""
+        """The same law with some parameters replaced.
+
+        Parameters
+        ----------
+        **values : float
+            New values by parameter name, SI.
+
+        Returns
+        -------
+        Controller
+            A copy.
+        """
         return replace(self, values={**self.values, **values})
 
     def with_vector(self, vector: np.ndarray) -> Self:
-        """The same law with other parameters."""
+        """The same law with other parameters.
+
+        Parameters
+        ----------
+        vector : (P,) array
+            Parameters in the order of `names`, SI.
+
+        Returns
+        -------
+        Controller
+            A copy.
+        """
         return replace(self, values=dict(zip(self.names, map(float, vector), strict=True)))
 
     # -- storing -----------------------------------------------------------------------------------------------------
@@ -230,19 +292,47 @@ class Controller(ABC):
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "values"}
 
     def to_dict(self) -> dict:
-        """Plain data for JSON, with units."""
+        """Plain data for JSON, with units.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads.
+        """
         return {"kind": self.name, "settings": {n: _plain(v) for n, v in self.settings.items()},
                 "parameters": [{"name": p.name, "value": self.values[p.name], "unit": p.unit} for p in self.parameters]}
 
     @classmethod
     def from_dict(cls, data: Mapping) -> Self:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        Controller
+            With the same values.
+        """
         return cls(**cls.settings_from(data["settings"]),
                    values={p["name"]: p["value"] for p in data["parameters"]})
 
     @classmethod
     def settings_from(cls, data: Mapping) -> dict[str, Any]:
-        """Fields beside the parameters from plain data."""
+        """Fields beside the parameters from plain data.
+
+        Parameters
+        ----------
+        data : mapping
+            The settings of `to_dict`.
+
+        Returns
+        -------
+        dict
+            Fields of the constructor.
+        """
         return dict(data)
 
     def __repr__(self) -> str:
@@ -267,6 +357,11 @@ def start_together(controllers: Sequence[Controller], setting: Setting) -> Law:
     controllers : sequence of Controller
         One for each car.
     setting : Setting
+
+    Returns
+    -------
+    Law
+        Steps all cars at once.
 
     Raises
     ------

@@ -134,6 +134,16 @@ class Damper(Adaptable, Shown):
     def suited(cls, facts: Facts) -> Damper:
         """The structure of this kind that these data allow.
 
+        Parameters
+        ----------
+        facts : Facts
+            Channels, currents and excitation of the training records.
+
+        Returns
+        -------
+        Damper
+            With starting values, not yet fitted.
+
         Raises
         ------
         InputError
@@ -142,26 +152,94 @@ class Damper(Adaptable, Shown):
 
     @abstractmethod
     def response(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
-        """(n,) force [N] along a drive with the parameters in `vector`, of that array's type (float or complex)."""
+        """(n,) force [N] along a drive with the parameters in `vector`, of that array's type (float or complex).
+
+        Parameters
+        ----------
+        drive : Drive
+            Velocity [m/s], displacement [m] and current of one record.
+        vector : (P,) array
+            Parameters in the order of `names`, SI.
+
+        Returns
+        -------
+        (n,) array
+            Force [N].
+        """
 
     @abstractmethod
     def conservative_force(self, displacement: np.ndarray) -> np.ndarray:
-        """(n,) force that depends on displacement alone: gas spring and preload [N]."""
+        """(n,) force that depends on displacement alone: gas spring and preload [N].
+
+        Parameters
+        ----------
+        displacement : (n,) array
+            [m]
+
+        Returns
+        -------
+        (n,) array
+            Force [N].
+        """
 
     @abstractmethod
     def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
-        """(n,) force at constant velocities, once everything has settled [N]."""
+        """(n,) force at constant velocities, once everything has settled [N].
+
+        Parameters
+        ----------
+        velocity : (n,) array
+            [m/s]
+        current : float
+            In the unit of the records' current.
+        displacement : float
+            [m]
+
+        Returns
+        -------
+        (n,) array
+            Force [N].
+        """
 
     @abstractmethod
     def estimate(self, records: Sequence[Record], settings: FitSettings) -> Estimate:
-        """Parameters from uniform, finite records with this model's channels and a force; `fit` is the front door."""
+        """Parameters from uniform, finite records with this model's channels and a force; `fit` is the front door.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Training records.
+        settings : FitSettings
+            Starts, limits and solver of the fit.
+
+        Returns
+        -------
+        Estimate
+            Parameters, covariance and the solver's report.
+        """
 
     @abstractmethod
     def to_lpv(self, sample_time: float) -> Any:
-        """The model as an LPV model of `lpvid`, where one exists; InputError where none does."""
+        """The model as an LPV model of `lpvid`, where one exists; InputError where none does.
+
+        Parameters
+        ----------
+        sample_time : float
+            Period [s].
+
+        Returns
+        -------
+        model
+            LPV state space or transfer function from the damper's channels to its force [N].
+        """
 
     def to_linear_model(self) -> Any:
         """The LPV model of the law at its period, whatever the polarity and the zero of its records.
+
+        Returns
+        -------
+        model
+            What `to_lpv` returns at the damper's own period.
 
         Raises
         ------
@@ -244,20 +322,66 @@ class Damper(Adaptable, Shown):
         return np.array([self.values[n] for n in self.names])
 
     def with_vector(self, vector: np.ndarray) -> Self:
-        """The same model with other parameters."""
+        """The same model with other parameters.
+
+        Parameters
+        ----------
+        vector : (P,) array
+            Parameters in the order of `names`, SI.
+
+        Returns
+        -------
+        Damper
+            A copy.
+        """
         return replace(self, values=dict(zip(self.names, map(float, vector), strict=True)))
 
     def with_values(self, **values: float) -> Self:
-        """The same model with some parameters replaced."""
+        """The same model with some parameters replaced.
+
+        Parameters
+        ----------
+        **values : float
+            New values by parameter name, SI.
+
+        Returns
+        -------
+        Damper
+            A copy.
+        """
         return replace(self, values={**self.values, **values})
 
     def replace(self, **changes: Any) -> Self:
-        """A copy with some fields changed."""
+        """A copy with some fields changed.
+
+        Parameters
+        ----------
+        **changes
+            New values by field.
+
+        Returns
+        -------
+        Damper
+            A copy.
+        """
         return replace(self, **changes)
 
     # -- running -----------------------------------------------------------------------------------------------------
     def drive(self, record: Record, force: bool = False) -> Drive:
-        """What this model reads of a record."""
+        """What this model reads of a record.
+
+        Parameters
+        ----------
+        record : Record
+            With the channels that `reads` names.
+        force : bool
+            Take the measured force too.
+
+        Returns
+        -------
+        Drive
+            In the damper's own polarity, displacement from its centre.
+        """
         return Drive.of(record, self.reads, force, self.centre, self.polarity)
 
     def simulate(self, record: Record) -> Run:
@@ -301,7 +425,18 @@ class Damper(Adaptable, Shown):
         return Run(force[:, None], begin, None, diverged, origin, ("force",), ("N",), drive.sample_time, outside)
 
     def outside(self, current: np.ndarray) -> float:
-        """Share of currents outside the fitted range, with a hundredth of the range as tolerance."""
+        """Share of currents outside the fitted range, with a hundredth of the range as tolerance.
+
+        Parameters
+        ----------
+        current : (n,) array
+            In the unit of the training records.
+
+        Returns
+        -------
+        float
+            Between 0 and 1; 0 for a damper without current or without a known range.
+        """
         if self.current_range is None or "current" not in self.reads:
             return 0.0
         low, high = self.current_range
@@ -328,7 +463,18 @@ class Damper(Adaptable, Shown):
         return max(low, self.current_range[0]), min(high, self.current_range[1])
 
     def trained(self, role: str) -> tuple[float, float] | None:
-        """Least and largest sample of a role in the training records, SI; None where that is not known."""
+        """Least and largest sample of a role in the training records, SI; None where that is not known.
+
+        Parameters
+        ----------
+        role : str
+            Role of a channel: ``velocity``, ``current`` …
+
+        Returns
+        -------
+        tuple of float or None
+            Least and largest sample.
+        """
         training = self.metadata.get("training", {})
         ranges = training.get("ranges", {}) if isinstance(training, Mapping) else {}
         given = ranges.get(role) if isinstance(ranges, Mapping) else None
@@ -340,23 +486,79 @@ class Damper(Adaptable, Shown):
     # -- asking ------------------------------------------------------------------------------------------------------
     def fit(self, records: Sequence[Record], held_out: Sequence[Record] = (),
             settings: FitSettings | None = None) -> DamperFit:
-        """Fit to the free run along records; see `quartercar.dampers.fitting.fit`."""
+        """Fit to the free run along records; see `quartercar.dampers.fitting.fit`.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Training records.
+        held_out : sequence of Record
+            Records to judge the fit by, unseen in training.
+        settings : FitSettings, optional
+            Starts, limits and solver of the fit.
+
+        Returns
+        -------
+        DamperFit
+            Fitted damper with its figures.
+        """
         from quartercar.dampers.fitting import fit
 
         return fit(self, records, held_out, settings)
 
     def cycle(self, amplitude: float, frequency: float, current: float = 0.0) -> Cycle:
-        """A steady sine cycle and its work; see `quartercar.dampers.evaluation.energy.steady_cycle`."""
+        """A steady sine cycle and its work; see `quartercar.dampers.evaluation.energy.steady_cycle`.
+
+        Parameters
+        ----------
+        amplitude : float
+            [m]
+        frequency : float
+            [Hz]
+        current : float
+            Held, in the unit of the training records.
+
+        Returns
+        -------
+        Cycle
+            One settled cycle.
+        """
         from quartercar.dampers.evaluation.energy import steady_cycle
 
         return steady_cycle(self, amplitude, frequency, current)
 
     def energy_per_cycle(self, amplitude: float, frequency: float, current: float = 0.0) -> float:
-        """Work taken from the motion x = X sin 2πft over one steady cycle [J]; positive where energy is dissipated."""
+        """Work taken from the motion x = X sin 2πft over one steady cycle [J]; positive where energy is dissipated.
+
+        Parameters
+        ----------
+        amplitude : float
+            X [m].
+        frequency : float
+            f [Hz].
+        current : float
+            Held, in the unit of the training records.
+
+        Returns
+        -------
+        float
+            Work [J].
+        """
         return self.cycle(amplitude, frequency, current).work
 
     def passivity(self, speed: float = 2.0) -> Passivity:
-        """Whether it only ever takes energy; see `quartercar.dampers.evaluation.passivity.check_passivity`."""
+        """Whether it only ever takes energy; see `quartercar.dampers.evaluation.passivity.check_passivity`.
+
+        Parameters
+        ----------
+        speed : float
+            Largest speed of the check [m/s].
+
+        Returns
+        -------
+        Passivity
+            Verdict and, where it fails, where.
+        """
         from quartercar.dampers.evaluation.passivity import check_passivity
 
         return check_passivity(self, speed)
@@ -376,6 +578,11 @@ class Damper(Adaptable, Shown):
         sample_time : float, optional
             Period [s]; left out for a damper that runs at one of its own.
 
+        Returns
+        -------
+        control.NonlinearIOSystem
+            Discrete, with the damper's channels as inputs and the force [N] as output.
+
         Raises
         ------
         InputError
@@ -386,7 +593,13 @@ class Damper(Adaptable, Shown):
         return to_control(self, sample_time=sample_time)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON, with units."""
+        """Plain data for JSON, with units.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads.
+        """
         return {"kind": self.name, "settings": self.settings,
                 "parameters": [{"name": p.name, "value": self.values[p.name], "unit": p.unit} for p in self.parameters],
                 "current_range": None if self.current_range is None else list(self.current_range),
@@ -395,7 +608,23 @@ class Damper(Adaptable, Shown):
 
     @classmethod
     def from_dict(cls, data: Mapping) -> Self:
-        """Inverse of `to_dict`."""
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        Damper
+            Of the kind that the method is called on.
+
+        Raises
+        ------
+        InputError
+            A parameter is missing, or a value is no number.
+        """
         span = data.get("current_range")
         settings = {k: tuple(v) if isinstance(v, list) else v for k, v in data["settings"].items()}
         found = cls(**settings, values={p["name"]: p["value"] for p in data["parameters"]},

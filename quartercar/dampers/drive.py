@@ -80,6 +80,11 @@ class Drive:
         polarity : {1, −1}
             Sense in which the record's force is measured; −1 turns it.
 
+        Returns
+        -------
+        Drive
+            One array for each role.
+
         Raises
         ------
         InputError
@@ -96,11 +101,33 @@ class Drive:
                    None if measured is None else polarity * measured)
 
     def head(self, samples: int) -> Drive:
-        """The first samples."""
+        """The first samples.
+
+        Parameters
+        ----------
+        samples : int
+            How many.
+
+        Returns
+        -------
+        Drive
+            The part.
+        """
         return self.slice(0, samples)
 
     def slice(self, first: int, last: int) -> Drive:
-        """Samples first … last−1."""
+        """Samples first … last−1.
+
+        Parameters
+        ----------
+        first, last : int
+            Places of samples.
+
+        Returns
+        -------
+        Drive
+            The part.
+        """
         return Drive(self.sample_time, self.velocity[first:last], self.displacement[first:last],
                      self.current[first:last], None if self.force is None else self.force[first:last])
 

@@ -64,13 +64,35 @@ class Facts:
                 "polarity": self.polarity}
 
     def need_displacement(self, model: str) -> None:
-        """Refuse data without displacement."""
+        """Refuse data without displacement.
+
+        Parameters
+        ----------
+        model : str
+            What asks, as the error names it.
+
+        Raises
+        ------
+        InputError
+            Records without displacement.
+        """
         if not self.has_displacement:
             raise InputError(f"{model} reads the displacement, which these records do not have",
                              mend="measure it, or --role displacement=CHANNEL")
 
     def need_current(self, model: str) -> None:
-        """Refuse data whose current does not vary."""
+        """Refuse data whose current does not vary.
+
+        Parameters
+        ----------
+        model : str
+            What asks, as the error names it.
+
+        Raises
+        ------
+        InputError
+            Records without current, or with a constant one.
+        """
         if not self.has_current:
             raise InputError(f"{model} depends on the current, which these records do not have",
                              mend="--role current=CHANNEL")
@@ -81,7 +103,25 @@ class Facts:
 
     @classmethod
     def of(cls, records: Sequence[Record], polarity: int = 1) -> Facts:
-        """Look at training records: uniform, with velocity and force, the other roles where there are any."""
+        """Look at training records: uniform, with velocity and force, the other roles where there are any.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Training records.
+        polarity : {1, −1}
+            Sense in which the records' force is measured.
+
+        Returns
+        -------
+        Facts
+            What the records contain.
+
+        Raises
+        ------
+        InputError
+            No records, or one without velocity or force.
+        """
         if not records:
             raise InputError("no records to fit to")
         has_x = all(r.has("displacement") for r in records)

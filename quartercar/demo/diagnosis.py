@@ -51,7 +51,13 @@ class HiddenCause:
                 f"{self.found.gain_percent:.1f} % of the squared free-run error on a record it has not seen.")
 
     def to_dict(self) -> dict:
-        """Part of demo.json."""
+        """Part of demo.json.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"hidden": self.hidden, "named": list(self.named), "verdict": self.verdict,
                 "diagnosis": self.found.to_dict()}
 

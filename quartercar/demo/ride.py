@@ -40,7 +40,13 @@ class DemoRide:
         return f"{self.design.verdict} {self.rides.verdict}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Part of demo.json."""
+        """Part of demo.json.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"design": self.design.to_dict(), "ride": self.rides.to_dict()}
 
     def lines(self) -> list[str]:

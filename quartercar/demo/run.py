@@ -64,7 +64,13 @@ class ExperimentFigures:
         return max(known) if known and len(known) == len(self.records) else None
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"name": self.name, "says": self.says, "esr": self.esr, "rmse": self.rmse,
                 "records": list(self.records), "unconstrained_esr": self.free_esr, "plain_esr": self.plain_esr,
                 "data": "held-out", "run": "free-run"}
@@ -125,7 +131,13 @@ class Demo:
                 f"for its class{_worst_test(self.experiments)}.")
 
     def to_dict(self) -> dict:
-        """demo.json."""
+        """demo.json.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"schema": "quartercar/demo/1", "verdict": self.verdict, "mean_esr": self.mean_esr,
                 "unconstrained_mean_esr": self.free_mean_esr, "passivity": dict(self.found.model.metadata["passive"]),
                 "plain_mean_esr": self.plain_mean_esr, "target": TARGET,

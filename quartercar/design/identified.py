@@ -138,7 +138,13 @@ class IdentifiedDesign:
                                           f"{p.authority[0]:.4g} to {p.authority[1]:.4g} N/A"))
 
     def to_dict(self) -> dict[str, Any]:
-        """synthesis.json."""
+        """synthesis.json.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         data = self.synthesis.to_dict()
         plant = {**self.plant.to_dict(), "designed_secant": self.task.embedding.limits,
                  "slow_share_left_out": self.task.slow}

@@ -133,7 +133,13 @@ class Design:
         return tuple(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """synthesis.json."""
+        """synthesis.json.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         data = self.synthesis.to_dict()
         return {"schema": "quartercar/design/1", "summary": self.verdict, **data, "law": self.law.to_dict(),
                 "plant": {"kind": "nominal", "nominal_damping": self.task.nominal_damping},

@@ -106,7 +106,13 @@ class EmbeddedDamper:
         return float(np.searchsorted(self.velocities, velocity) / len(self.velocities))
 
     def to_dict(self) -> dict:
-        """Part of synthesis.json."""
+        """Part of synthesis.json.
+
+        Returns
+        -------
+        dict
+            Plain values by name; arrays as lists.
+        """
         return {"kind": "identified", "centre_current": self.centre, "currents": list(self.currents),
                 "damper_order": self.order, "identified_order": self.full_order,
                 "singular_values": self.singular_values.tolist(), "fit_error": self.fit_error,

@@ -112,7 +112,13 @@ class Bound:
         return Interval.of((self.values(self.at(aim), measure) - theirs) / float(theirs.mean()))
 
     def to_dict(self) -> dict:
-        """Part of ride.json."""
+        """Part of ride.json.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         def figures(aim: str) -> dict:
             return {m: Interval.of(self.values(self.at(aim), m)).to_dict() for m in (*MEASURES, "stroke")}
 

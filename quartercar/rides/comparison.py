@@ -74,7 +74,13 @@ class Interval:
         return cls(mean, mean - half, mean + half)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"mean": self.mean, "low": self.low, "high": self.high}
 
 
@@ -208,7 +214,13 @@ class RideComparison(Shown):
         return best, tuple(n for n, gap in gaps.items() if gap.low is not None and gap.low <= 0)
 
     def to_dict(self) -> dict:
-        """ride.json."""
+        """ride.json.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"schema": "quartercar/ride/1", "verdict": self.verdict, "seeds": list(self.seeds),
                 "reference": self.reference, "notes": list(self.notes), "front": {k: list(v) for k, v in
                                                                                self.front.items()},

@@ -82,7 +82,13 @@ class Preview:
         return f"{far}, front {self.front}{by}"
 
     def to_dict(self) -> dict:
-        """Part of ride.json."""
+        """Part of ride.json.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"wheelbase": self.wheelbase, "time": self.time, "front": self.front,
                 "sensors": None if self.sensors is None else self.sensors.name, "law": self.law.to_dict()}
 

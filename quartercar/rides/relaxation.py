@@ -37,7 +37,13 @@ class RelaxedBound:
     reach: float
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"value": self.value, "attained": self.attained, "slope": self.slope, "reach": self.reach}
 
 

@@ -100,7 +100,13 @@ class Tuned:
     costs: np.ndarray
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"controller": self.controller.to_dict(), "objective": self.objective, "before": self.before,
                 "evaluations": self.evaluations}
 

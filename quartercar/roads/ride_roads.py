@@ -37,7 +37,13 @@ class RideRoad(ABC):
 
     @abstractmethod
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,13 @@ class RidePassivity:
     returned: float
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return asdict(self)
 
     def __str__(self) -> str:

@@ -60,7 +60,13 @@ class Ceiling:
         return 100 * (1 - self.noise / _spread([r[self.name] for r in listed]))
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"fit_percent": self.fit_percent, "noise": self.noise, "output": self.output, "unit": self.unit,
                 "order": self.order, "at_limit": self.at_limit, "name": self.name}
 

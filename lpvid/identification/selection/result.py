@@ -103,7 +103,13 @@ class Row:
         return None if self.esr is None else float(100 * (1 - np.sqrt(self.esr)))
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"structure": describe(self.structure), "n_parameters": self.n_parameters,
                 "bic_one_step_training": self.bic, "aicc_one_step_training": self.aicc,
                 "one_step_fit_percent_training": self.one_step, "frozen_outside_share_training": self.outside,
@@ -149,7 +155,13 @@ class Selection(Shown):
     left_out: tuple[str, ...] = ()
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"schema": "lpvid/selection/1", "best": describe(self.best), "complete": self.complete,
                 "folds": self.folds, "candidates": len(self.table), "table": [r.to_dict() for r in self.table],
                 "identification": None if self.identification is None else self.identification.to_dict(),

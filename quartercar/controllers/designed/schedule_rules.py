@@ -29,16 +29,39 @@ class Rule(ABC):
 
     @abstractmethod
     def start(self, setting: Setting) -> Callable[[Signals], np.ndarray]:
-        """A function from signals to (cars,) values, called once per sample."""
+        """A function from signals to (cars,) values, called once per sample.
+
+        Parameters
+        ----------
+        setting : Setting
+            Cars and period.
+
+        Returns
+        -------
+        callable
+            Takes the signals of a sample, returns (cars,) values.
+        """
 
     @abstractmethod
     def to_dict(self) -> dict:
-        """Plain data for JSON, with ``kind``."""
+        """Plain data for JSON, with ``kind``.
+
+        Returns
+        -------
+        dict
+            Kind and fields of the rule.
+        """
 
 
 @dataclass(frozen=True)
 class Measured(Rule):
-    """ρ = a signal, as it is measured or estimated."""
+    """ρ = a signal, as it is measured or estimated.
+
+    Parameters
+    ----------
+    signal : str
+        Name of the signal.
+    """
 
     signal: str
     kind: ClassVar[str] = "measured"
@@ -204,6 +227,18 @@ class GivenShare(Rule):
 def share(asked: np.ndarray, given: np.ndarray, lowest: np.ndarray | float) -> np.ndarray:
     """(cars,) given/asked within [lowest, 1]; 1 where next to nothing is asked for.
 
+    Parameters
+    ----------
+    asked, given : (cars,) arrays
+        Forces [N].
+    lowest : float or (cars,) array
+        Least share.
+
+    Returns
+    -------
+    (cars,) array
+        Between `lowest` and 1.
+
     Examples
     --------
     >>> share(np.array([500.0, 500.0, 500.0, 0.0]), np.array([250.0, -100.0, 600.0, 3.0]), 0.1).tolist()
@@ -218,7 +253,23 @@ RULES: tuple[type[Rule], ...] = (Measured, Yield, SaturationRatio, Excess, Given
 
 
 def rule_from_dict(data: Mapping) -> Rule:
-    """Inverse of `Rule.to_dict`."""
+    """Inverse of `Rule.to_dict`.
+
+    Parameters
+    ----------
+    data : mapping
+        What `Rule.to_dict` returned.
+
+    Returns
+    -------
+    Rule
+        The same rule.
+
+    Raises
+    ------
+    InputError
+        An unknown kind, or fields that it does not have.
+    """
     table = {r.kind: r for r in RULES}
     kind = _checks.known_name(data.get("kind", ""), list(table), "rule of a schedule")
     try:

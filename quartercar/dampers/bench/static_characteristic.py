@@ -132,7 +132,13 @@ class StaticCharacteristic:
                                     self.repeatability, self.windows)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name; arrays as lists.
+        """
         scatter = None if np.isnan(self.repeatability) else self.repeatability
         return {"velocity_m_per_s": self.velocity.tolist(), "force_N": self.force.tolist(), "std_N": self.std.tolist(),
                 "count": self.count.tolist(), "repeatability": scatter,

@@ -100,7 +100,13 @@ class NetworkChoice:
         return bare.with_vector(np.array([*hydraulic, fit.theta[3], 0.0]))
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         rows = {n: {"values": f.values, "std": f.std, "aicc": f.aicc, "bic": f.bic, "held_out_log_force_rms":
                     self.held_out[n]} for n, f in self.fits.items()}
         return {"verdict": self.verdict, "reason": self.reason, "n_points": self.points.speed.size, "networks": rows,

@@ -64,7 +64,13 @@ class Held:
         return cls(model, VectorLayout(model.vector.size))
 
     def to_dict(self) -> dict:
-        """Plain data for JSON; the model without its metadata, which are the damper's."""
+        """Plain data for JSON; the model without its metadata, which are the damper's.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         model: Any = self.model
         layout = [] if isinstance(model, LPVStateSpace) else self.layout.to_list()  # of a state space: every entry
         return {"model": {**model.to_dict(), "metadata": {}}, "layout": layout}

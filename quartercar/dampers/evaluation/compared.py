@@ -147,7 +147,13 @@ class Comparison:
         return f"{said}{'' if self.complete else '. INTERRUPTED: not all models were fitted'}."
 
     def to_dict(self) -> dict:
-        """comparison.json."""
+        """comparison.json.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         data = self.data
         return {"schema": SCHEMA, "verdict": self.verdict, "complete": self.complete,
                 "best": self.best.name if self.best.held_out.total.esr is not None else None,

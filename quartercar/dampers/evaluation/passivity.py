@@ -76,7 +76,13 @@ class Passivity:
         return ""
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"passive": self.passive, "says": self.says, "least_power": self.power,
                 "least_power_at": list(self.power_at), "stored": self.stored, "speed": self.speed,
                 "least_work_share": self.work_share if np.isfinite(self.work_share) else None,

@@ -72,7 +72,13 @@ class FreeRun:
                    next((r.diverged_at for r in runs if r.diverged_at is not None), None))
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         data = {"esr": self.esr, "fit_percent": self.fit_percent, "rmse": self.rmse, "rmse_unit": "N",
                 "sqrt_sse": self.sqrt_sse, "n_samples": self.n_samples}
         return data if self.diverged_at is None else {**data, "diverged_at": self.diverged_at}
@@ -87,7 +93,13 @@ class Quadrant:
     n_samples: int
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         return {"where": self.where, "rmse": self.rmse, "n_samples": self.n_samples}
 
 
@@ -122,7 +134,13 @@ class Score:
         return tuple((name, FreeRun.pooled(runs)) for name, runs in groups.items())
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         listed = [{"name": name, "free_run": run.to_dict()} for name, run in self.records]
         grouped = [{"name": name, "free_run": run.to_dict()} for name, run in self.experiments]
         return {"free_run": self.total.to_dict(), "energy_error": self.energy_error,

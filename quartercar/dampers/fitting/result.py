@@ -86,7 +86,13 @@ class DamperFit:
         return self.training.n_samples
 
     def to_dict(self) -> dict:
-        """Plain data for JSON."""
+        """Plain data for JSON.
+
+        Returns
+        -------
+        dict
+            Plain values by name.
+        """
         covariance = self.covariance
         clean = None if covariance is None else [[float(c) if np.isfinite(c) else None for c in row]
                                                  for row in covariance]
