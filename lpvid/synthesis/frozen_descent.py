@@ -219,11 +219,7 @@ def descended(loops: FrozenLoops, theta: np.ndarray, steps: int = LONG) -> tuple
     return bfgs(loops.norm, theta, steps)
 
 
-<<<<<<< HEAD
 def shortlist(loops: FrozenLoops, starts: Iterable[np.ndarray]) -> list[tuple[np.ndarray, float]]:
-    """Local minimisers and their norms, lowest first: all starts are followed for a while, the best to their end."""
-=======
-def shortlist(loops: FrozenLoops, starts: Iterable[np.ndarray], kept: int) -> list[tuple[np.ndarray, float]]:
     """Local minimisers and their norms, lowest first: all starts are followed for a while, the best to their end.
 
     Parameters
@@ -232,15 +228,12 @@ def shortlist(loops: FrozenLoops, starts: Iterable[np.ndarray], kept: int) -> li
         Closed loops over the gains.
     starts : iterable of (P,) arrays
         Where to start.
-    kept : int
-        How many are followed to their end.
 
     Returns
     -------
     list of ((P,) array, float)
         Gains and norms.
     """
->>>>>>> docstr
     begun = sorted((descended(loops, theta, GLANCE) for theta in starts), key=lambda x: x[1])
     ended = [bfgs(loops.norm, x[0], LONG) for x in begun[:PURSUED] if np.isfinite(x[1])]
     return sorted([*ended, *begun[len(ended):]], key=lambda x: x[1])

@@ -115,11 +115,7 @@ def observed(plant: GeneralizedPlant, points: np.ndarray) -> np.ndarray | None:
 
 
 def drawn(size: int, count: int, generator: np.random.Generator) -> Iterator[np.ndarray]:
-<<<<<<< HEAD
-    """Zero, which may be a saddle, then normal gains of rising size in scaled units."""
-    yield np.zeros(size)
-=======
-    """Normal gains of rising size in scaled units; zero itself may be a saddle.
+    """Zero, which may be a saddle, then normal gains of rising size in scaled units.
 
     Parameters
     ----------
@@ -135,7 +131,7 @@ def drawn(size: int, count: int, generator: np.random.Generator) -> Iterator[np.
     (size,) array
         In scaled units.
     """
->>>>>>> docstr
+    yield np.zeros(size)
     for i in range(count):
         yield generator.standard_normal(size) * (0.03, 0.3, 1.0, 3.0)[i % 4]
 
