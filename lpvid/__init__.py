@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from lpvid.analysis.gain import Gain, l2_gain, l2_gains
     from lpvid.analysis.h2 import h2_norm
     from lpvid.analysis.hull_certificate import HullCertificate, hull_gain
-    from lpvid.analysis.largest import certified_share, largest_range, largest_rate
+    from lpvid.analysis.certified_margins import certified_share, largest_range, largest_rate
     from lpvid.analysis.passivity import certify_passivity
     from lpvid.analysis.passivity_certificate import PassivityCertificate
     from lpvid.analysis.passivity_margin import PassivityMargin, passivity_margin
@@ -115,7 +115,7 @@ if TYPE_CHECKING:
     from lpvid.synthesis.scaled_gain import ScaledGain, scaled_gain
     from lpvid.synthesis.state_feedback import StateFeedback
     from lpvid.synthesis.synthesizing import synthesize
-    from lpvid.synthesis.weighing import weigh
+    from lpvid.synthesis.attach_weights import weigh
     from lpvid.validation import Validation, validate
     from lpvid.validation.comparing import ModelComparison, compare_models
 
@@ -128,7 +128,7 @@ _EXPORTS = {
     "lpvid.analysis.gain": ("Gain", "l2_gain", "l2_gains"),
     "lpvid.analysis.h2": ("h2_norm",),
     "lpvid.analysis.hull_certificate": ("HullCertificate", "hull_gain"),
-    "lpvid.analysis.largest": ("certified_share", "largest_range", "largest_rate"),
+    "lpvid.analysis.certified_margins": ("certified_share", "largest_range", "largest_rate"),
     "lpvid.analysis.passivity": ("certify_passivity",),
     "lpvid.analysis.passivity_certificate": ("PassivityCertificate",),
     "lpvid.analysis.passivity_margin": ("PassivityMargin", "passivity_margin"),
@@ -220,7 +220,7 @@ _EXPORTS = {
     "lpvid.synthesis.scaled_gain": ("ScaledGain", "scaled_gain"),
     "lpvid.synthesis.state_feedback": ("StateFeedback",),
     "lpvid.synthesis.synthesizing": ("synthesize",),
-    "lpvid.synthesis.weighing": ("weigh",),
+    "lpvid.synthesis.attach_weights": ("weigh",),
     "lpvid.validation": ("Validation", "validate"),
     "lpvid.validation.comparing": ("ModelComparison", "compare_models"),
 }

@@ -16,7 +16,7 @@ from lpvid.lmi.frame import Frame, frame_of
 from lpvid.lmi.inequality import recheck_inequality
 from lpvid.lmi.storage import Storage
 from lpvid.lmi.storage_search import StorageSearch
-from lpvid.lmi.stored import kind_of
+from lpvid.lmi.certificate_common import kind_of
 from lpvid.scheduling import Basis, Scheduling
 
 Region = tuple[np.ndarray, np.ndarray]

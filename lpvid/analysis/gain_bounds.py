@@ -16,7 +16,7 @@ from lpvid.lmi.frame import Frame, frame_of
 from lpvid.lmi.gain_certificate import GainCertificate, recheck_gain
 from lpvid.lmi.gain_search import GainSearch, Proposal
 from lpvid.lmi.storage import Storage
-from lpvid.lmi.stored import kind_of
+from lpvid.lmi.certificate_common import kind_of
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 
 BACK_OFF = (1e-6, 1e-5, 1e-4, 5e-4, 2e-3, 5e-3)

@@ -16,7 +16,7 @@ from lpvid.lmi.passive_form import obstacle, preload, sector_basis, slack, suppl
 from lpvid.lmi.passive_search import PassiveProgram, current_centre
 from lpvid.lmi.passive_unknowns import Iterate, frame_of, scaled
 from lpvid.lmi.storage import Storage
-from lpvid.lmi.stored import kind_of
+from lpvid.lmi.certificate_common import kind_of
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Polynomial, Scheduling
 

@@ -15,7 +15,7 @@ from lpvid.lmi.certificate import Recheck, grid
 from lpvid.lmi.inequality import recheck_inequality
 from lpvid.lmi.passive_form import Dissipation, obstacle, preload, sector_basis, supplied
 from lpvid.lmi.storage import Storage
-from lpvid.lmi.stored import describe_box, kind_of, reproduced
+from lpvid.lmi.certificate_common import describe_box, kind_of, reproduced
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Basis, Scheduling, basis_from_dict
 

@@ -18,7 +18,7 @@ from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.preparing import ROLES, Prepared, prepare
 from lpvid.errors import InputError
-from lpvid.familiar import recalled, roles
+from lpvid.training_fingerprint import recalled, roles
 from lpvid.record import Record
 
 if TYPE_CHECKING:

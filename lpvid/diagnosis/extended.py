@@ -12,7 +12,7 @@ from lpvid import _checks
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.composition import Composition
 from lpvid.errors import InputError
-from lpvid.familiar import heads
+from lpvid.training_fingerprint import heads
 from lpvid.model.adaptable import Acting, Adaptable
 from lpvid.record import Record
 

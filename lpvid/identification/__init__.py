@@ -9,7 +9,7 @@ import numpy as np
 from lpvid.condition import segments, with_velocity
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
-from lpvid.familiar import heads, ranges, roles, usual_range
+from lpvid.training_fingerprint import heads, ranges, roles, usual_range
 from lpvid.files.streaming import Chunks
 from lpvid.identification.result import Identification
 from lpvid.identification.sandwich import residual_memory

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.familiar import RECORDS, SAMPLES, heads, usual_range
+from lpvid.training_fingerprint import RECORDS, SAMPLES, heads, usual_range
 from lpvid.files.streaming import Chunks
 from lpvid.identification.arx import ARX
 from lpvid.record import Channel, Record

@@ -12,7 +12,7 @@ import numpy as np
 from lpvid._threads import single_thread
 from lpvid.condition.pieces import Cutter
 from lpvid.errors import InputError
-from lpvid.familiar import roles
+from lpvid.training_fingerprint import roles
 from lpvid.files.streaming import Chunks
 from lpvid.identification.arx import ARX
 from lpvid.identification.checkpoint import Checkpoint

@@ -25,7 +25,7 @@ from lpvid.lmi.certificate import EPS, Recheck
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.inequality import Inequality, Pieces, recheck_inequality
 from lpvid.lmi.storage import Storage
-from lpvid.lmi.stored import describe_box, kind_of, misfit, reproduced
+from lpvid.lmi.certificate_common import describe_box, kind_of, misfit, reproduced
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling, basis_from_dict
 

@@ -17,7 +17,7 @@ from lpvid.lmi.affine import Affine
 from lpvid.lmi.bernstein import nodes
 from lpvid.lmi.certificate import tensor
 from lpvid.lmi.driven import Driven
-from lpvid.lmi.everywhere import Axis
+from lpvid.lmi.box_positivity import Axis
 from lpvid.lmi.frame import Frame
 from lpvid.lmi.program import Program
 from lpvid.lmi.storage import Storage

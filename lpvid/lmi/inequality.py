@@ -15,7 +15,7 @@ import numpy as np
 from lpvid.lmi.bernstein import Positivity
 from lpvid.lmi.certificate import EPS, GRID, Recheck, grid, tensor
 from lpvid.lmi.driven import Driven
-from lpvid.lmi.everywhere import everywhere
+from lpvid.lmi.box_positivity import everywhere
 from lpvid.lmi.storage import Storage
 
 

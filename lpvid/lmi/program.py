@@ -15,7 +15,7 @@ from scipy import sparse
 
 from lpvid.lmi import native
 from lpvid.lmi.affine import Affine, Unknowns
-from lpvid.lmi.quiet import quiet
+from lpvid.lmi.suppress_output import quiet
 
 SOLVERS = ("CLARABEL", "MOSEK", "SDPA", "CVXOPT", "SCS")
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid.lmi.autonomous import Reading, readings_of
 from lpvid.lmi.driven import basis_ceilings
-from lpvid.lmi.everywhere import Axis
+from lpvid.lmi.box_positivity import Axis
 from lpvid.scheduling import Basis, Scheduling
 
 

@@ -2,6 +2,6 @@
 
 from lpvid.realization.gap import Gap, RecordGap
 from lpvid.realization.judgement import Judgement
-from lpvid.realization.noun import FORMS, Realization, realize
+from lpvid.realization.realization import FORMS, Realization, realize
 
 __all__ = ["FORMS", "Gap", "Judgement", "Realization", "RecordGap", "realize"]

@@ -16,7 +16,7 @@ from lpvid.record import Channel, Record
 from lpvid.simulation import _signals, simulate
 
 if TYPE_CHECKING:
-    from lpvid.realization.noun import Realization
+    from lpvid.realization.realization import Realization
 
 SLOW, FAST = 0.02, 0.05
 """steps of p per sample, relative to its range, below and above which a static form serves or does not."""

@@ -12,7 +12,7 @@ from lpvid.record import Record
 from lpvid.simulation import _outputs, simulate
 
 if TYPE_CHECKING:
-    from lpvid.realization.noun import Realization
+    from lpvid.realization.realization import Realization
 
 VERDICTS = ("safe", "costs", "not safe")
 

@@ -61,7 +61,7 @@ def form_gaps(model: LPVTransferFunction, records: Sequence[Record], label: str 
     -------
     list of FormGap
     """
-    from lpvid.realization.noun import FORMS, realize
+    from lpvid.realization.realization import FORMS, realize
 
     found = []
     for form in FORMS:

@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.analysis.certificates import Rate
 from lpvid.analysis.frozen import Model
 from lpvid.analysis.gain import Gain, l2_gain
-from lpvid.analysis.largest import LargestRange, LargestRate, certified_share, largest_range, largest_rate
+from lpvid.analysis.certified_margins import LargestRange, LargestRate, certified_share, largest_range, largest_rate
 from lpvid.analysis.stability_certificate import StabilityCertificate
 from lpvid.analysis.uncertainty import StabilityProbability
 from lpvid.identification.layout import ParameterCloud

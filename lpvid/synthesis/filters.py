@@ -14,7 +14,7 @@ from lpvid.scheduling import Polynomial
 from lpvid.synthesis.design_grid import varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import connect
-from lpvid.synthesis.weighing import weigh
+from lpvid.synthesis.attach_weights import weigh
 from lpvid.synthesis.weights import lowpass
 
 

@@ -15,7 +15,7 @@ from lpvid.synthesis.joining import gain
 from lpvid.synthesis.output_feedback import OutputFeedback
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.synthesizing import Design, synthesize
-from lpvid.synthesis.weighing import Weight, _named
+from lpvid.synthesis.attach_weights import Weight, _named
 
 GENEROUS = 0.25
 """margin above which the shape is kept about as drawn (McFarlane & Glover 1992: below it, draw another)"""

@@ -17,7 +17,7 @@ from lpvid.synthesis.generalized_plant import PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.loop_certificate import certificate_of
 from lpvid.synthesis.loop_check import frozen_gain
-from lpvid.synthesis.obstacle import hopeless, obstacle
+from lpvid.synthesis.infeasibility import hopeless, obstacle
 from lpvid.synthesis.progress import remember, stage, stopped
 from lpvid.synthesis.projected_search import ROOMY, Clock, conditioned, least_bound
 from lpvid.synthesis.projection import Pair, Projected, regular, restrained, singular

@@ -23,7 +23,7 @@ from lpvid.synthesis.figures import Figure, channel, measure, stays_inside
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.loop_certificate import own_certificate
 from lpvid.synthesis.loop_check import Storage
-from lpvid.synthesis.obstacle import BEYOND
+from lpvid.synthesis.infeasibility import BEYOND
 from lpvid.synthesis.progress import remember, stage, stopped
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_program import Shaped, ShapedProgram, Shaping

@@ -11,7 +11,7 @@ import numpy as np
 
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
-from lpvid.familiar import familiar, recalled
+from lpvid.training_fingerprint import familiar, recalled
 from lpvid.model.adaptable import Adaptable
 from lpvid.model.hull import outside_share
 from lpvid.record import Record

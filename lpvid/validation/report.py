@@ -14,7 +14,7 @@ from lpvid.condition.derivation import derived
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
-from lpvid.familiar import familiar, recalled
+from lpvid.training_fingerprint import familiar, recalled
 from lpvid.files.streaming import Chunks
 from lpvid.model.adaptable import Adaptable, acting
 from lpvid.model.hull import outside_share

@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid.condition.pieces import Cutter
 from lpvid.errors import InputError
-from lpvid.familiar import SAMPLES, familiar
+from lpvid.training_fingerprint import SAMPLES, familiar
 from lpvid.model.hull import outside_share
 from lpvid.record import Record
 from lpvid.simulation import Model

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lpvid.lmi.everywhere import Axis, everywhere
+from lpvid.lmi.box_positivity import Axis, everywhere
 
 
 def scalar(function):

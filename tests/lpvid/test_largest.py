@@ -9,7 +9,7 @@ import pytest
 
 import lpvid as lpv
 from lpvid.analysis.certificates import certify_stability
-from lpvid.analysis.largest import certified_share, largest_range, largest_rate
+from lpvid.analysis.certified_margins import certified_share, largest_range, largest_rate
 from lpvid.errors import InputError
 from lpvid.scheduling import Polynomial, Scheduling
 

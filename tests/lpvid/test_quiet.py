@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from lpvid.lmi.program import Inequality, Program, largest_margin
-from lpvid.lmi.quiet import quiet
+from lpvid.lmi.suppress_output import quiet
 
 CHATTER = """
 import ctypes, os, sys
-from lpvid.lmi.quiet import quiet
+from lpvid.lmi.suppress_output import quiet
 for descriptor in CLOSED:
     os.close(descriptor)
 with quiet():

@@ -21,7 +21,7 @@ from lpvid.synthesis import weights
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.output_feedback import OutputFeedback
 from lpvid.synthesis.synthesizing import synthesize
-from lpvid.synthesis.weighing import weigh
+from lpvid.synthesis.attach_weights import weigh
 
 RATE = 100.0
 

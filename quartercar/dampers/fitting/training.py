@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypeVar
 
-from lpvid.familiar import heads, ranges, roles, usual_range
+from lpvid.training_fingerprint import heads, ranges, roles, usual_range
 from lpvid.record import Record
 from quartercar.dampers.contract import Damper
 
