@@ -38,9 +38,9 @@ def main(figure: Path | None = None, duration: float = 6.0, seeds: int = 2) -> d
         found[label] = comfort, tyre
         gap = [100 * (a / b - 1) for a, b in zip(found[label], found["SH-ADD"], strict=True)]
         off = rides[0].road_ahead_error
-        said = f", road ahead estimated to {1e3 * off:.1f} mm rms" if off else ""
+        stated = f", road ahead estimated to {1e3 * off:.1f} mm rms" if off else ""
         print(f"{label:<24}comfort {comfort:.3f} m/s^2 ({gap[0]:+.1f} %), tyre load {tyre:.0f} N ({gap[1]:+.1f} %)"
-              f"{said}")
+              f"{stated}")
     canvas = Figure(figsize=(6, 4), layout="constrained")
     axes = canvas.add_subplot(xlabel="comfort [m/s^2]", ylabel="tyre load [N]", title="ISO C at 20 m/s, virtual")
     for label, (comfort, tyre) in found.items():

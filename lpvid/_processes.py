@@ -47,7 +47,7 @@ class Done(Generic[R]):
 
 def in_processes(function: Callable[[T], R], items: Sequence[T], *, workers: int | None = None,
                  budget: float | None = None, costs: Sequence[float] | None = None,
-                 say: Callable[[int, list[int], float | None], None] = lambda done, running, left: None,
+                 report_progress: Callable[[int, list[int], float | None], None] = lambda done, running, left: None,
                  ) -> list[Done[R]]:
     """Results of a function over independent items, in their order, whatever the number of processes.
 
@@ -80,15 +80,15 @@ def in_processes(function: Callable[[T], R], items: Sequence[T], *, workers: int
     """
     count = min(workers or _threads.processors(), len(items)) or 1
     if count == 1 and budget is None:
-        return _here(function, items, list(costs or [1.0] * len(items)), say)
-    return _Lanes(function, items, count, budget, list(costs or [1.0] * len(items)), say).run()
+        return _here(function, items, list(costs or [1.0] * len(items)), report_progress)
+    return _Lanes(function, items, count, budget, list(costs or [1.0] * len(items)), report_progress).run()
 
 
 def _here(function: Callable[[T], R], items: Sequence[T], costs: list[float],
-          say: Callable[[int, list[int], float | None], None]) -> list[Done[R]]:
+          report_progress: Callable[[int, list[int], float | None], None]) -> list[Done[R]]:
     found: list[Done[R]] = []
     for k, item in enumerate(items):
-        say(k, [k], _left(found, costs, [k], 1))
+        report_progress(k, [k], _left(found, costs, [k], 1))
         begun = time.monotonic()
         try:
             found.append(Done(function(item), seconds=time.monotonic() - begun))
@@ -115,9 +115,9 @@ class _Lanes(Generic[T, R]):
     """Workers, each with a thread here that hands it items and waits for its answers."""
 
     def __init__(self, function: Callable[[T], R], items: Sequence[T], workers: int, budget: float | None,
-                 costs: list[float], say: Callable[[int, list[int], float | None], None]) -> None:
+                 costs: list[float], report_progress: Callable[[int, list[int], float | None], None]) -> None:
         self.function, self.items, self.workers, self.budget = function, items, workers, budget
-        self.costs, self.say = costs, say
+        self.costs, self.report_progress = costs, report_progress
         self.found: list[Done[R] | None] = [None] * len(items)
         self.waiting: Queue[int] = Queue()
         self.lock, self.running, self.alive, self.over = Lock(), set(), set(), False
@@ -134,7 +134,7 @@ class _Lanes(Generic[T, R]):
                 next(lane for lane in lanes if lane.is_alive()).join(POLL)
                 with self.lock:
                     running, done = sorted(self.running), sum(d is not None for d in self.found)
-                self.say(done, running, _left(self.found, self.costs, running, self.workers))
+                self.report_progress(done, running, _left(self.found, self.costs, running, self.workers))
                 if self.budget is not None and time.monotonic() - begun > self.budget:
                     why = "budget"
                     break

@@ -183,7 +183,7 @@ def predict(model: Model | Adaptable, record: Record, horizon: int = 1) -> Simul
         free = _simulate_self(model, u, p, y, "measured")
         return _finish(model, free.output, free.start, horizon, free.diverged_at, free.initial)
     if isinstance(model, SelfScheduled):
-        ahead = model.ahead(u, p, y[:, 0], horizon)[:, None]
+        ahead = model.predict(u, p, y[:, 0], horizon)[:, None]
         beyond = _first_beyond(ahead, _limit(model, u, _scale(y)))
         return _finish(model, ahead, model.start, horizon, beyond, "measured past")
     if isinstance(model, LPVTransferFunction) and model.noise.kind != "equation":
@@ -336,17 +336,17 @@ def _simulate_ss(model: LPVStateSpace, u: np.ndarray, p: np.ndarray, y: np.ndarr
     if not isinstance(initial, str):
         given = _checks.frozen_array(initial, "initial", ndim=1)
         x0 = _checks.finite(_checks.shaped(given, (model.order,), "the initial state"), "the initial state")
-        said = "given state"
+        stated = "given state"
     elif _checks.one_of(initial, ("measured", "zero", "estimate"), "initial") == "zero":
-        x0, said = np.zeros(model.order), "zero state"
+        x0, stated = np.zeros(model.order), "zero state"
     elif measured and len(y) <= model.start:
         raise _too_short(model, len(y))
     else:
         length = model.start if measured else max(20 * model.order, FIT_SAMPLES)
-        x0, said = estimate_state(model, phi, u, y, length, _limit(model, u, _scale(y))), "estimated state"
+        x0, stated = estimate_state(model, phi, u, y, length, _limit(model, u, _scale(y))), "estimated state"
     out = np.zeros((len(u), model.n_outputs))
     diverged = _run_ss(model, phi, u, x0, out, _scale(y))
-    return _finish(model, out, model.start if measured else 0, None, diverged, said)
+    return _finish(model, out, model.start if measured else 0, None, diverged, stated)
 
 
 def _run_ss(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, x0: np.ndarray, out: np.ndarray,
@@ -408,11 +408,11 @@ def _simulate_self(model: SelfScheduled, u: np.ndarray, p: np.ndarray, y: np.nda
         out, diverged = model.free_run(u, p, y[:start, 0], limit)
         return _finish(model, out[:, None], start, None, diverged, "measured samples")
     u, p = _pad(u, start), _pad(p, start, hold=True)
-    past, said = np.zeros(start), "zero"
+    past, stated = np.zeros(start), "zero"
     if initial == "estimate":
-        past, said = _estimate_self(model, u, p, y[:, 0], limit), "estimated past"
+        past, stated = _estimate_self(model, u, p, y[:, 0], limit), "estimated past"
     out, diverged = model.free_run(u, p, past, limit)
-    return _finish(model, out[start:, None], 0, None, _earlier(diverged, start), said)
+    return _finish(model, out[start:, None], 0, None, _earlier(diverged, start), stated)
 
 
 def _estimate_self(model: SelfScheduled, u: np.ndarray, p: np.ndarray, y: np.ndarray, limit: float) -> np.ndarray:

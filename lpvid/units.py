@@ -22,7 +22,7 @@ class InSI(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Scale:
+class _UnitScale:
     """si = (numerator·value + offset) / denominator; a whole denominator keeps 25.4 mm at exactly 0.0254 m."""
 
     unit: str
@@ -46,28 +46,77 @@ _SAME = (
     "rad/s", "rad/s^2", "1/s", "N*s/m", "N/m", "N*m", "kg/s", "N/A", "A/s", "V/s", "N/s", "m^2", "m^3", "kg*m^2",
     "Pa*s", "K/s",
 )
-_SCALES: dict[str, _Scale] = {text: _Scale(text) for text in _SAME} | {
-    "": _Scale(""), "1": _Scale(""), "-": _Scale(""), "%": _Scale("", 1, 100), "percent": _Scale("", 1, 100),
-    "km": _Scale("m", 1000), "dm": _Scale("m", 1, 10), "cm": _Scale("m", 1, 100), "mm": _Scale("m", 1, 1000),
-    "um": _Scale("m", 1, 1e6), "in": _Scale("m", _INCH), "inch": _Scale("m", _INCH), "ft": _Scale("m", _FOOT),
-    "mm/s": _Scale("m/s", 1, 1000), "cm/s": _Scale("m/s", 1, 100), "in/s": _Scale("m/s", _INCH),
-    "ft/s": _Scale("m/s", _FOOT), "km/h": _Scale("m/s", 10, 36), "mm/s^2": _Scale("m/s^2", 1, 1000),
-    "cm/s^2": _Scale("m/s^2", 1, 100), "g0": _Scale("m/s^2", _GRAVITY), "mN": _Scale("N", 1, 1000),
-    "kN": _Scale("N", 1000), "MN": _Scale("N", 1e6), "daN": _Scale("N", 10), "kgf": _Scale("N", _GRAVITY),
-    "lbf": _Scale("N", _POUND_FORCE), "mA": _Scale("A", 1, 1000), "uA": _Scale("A", 1, 1e6),
-    "mV": _Scale("V", 1, 1000), "kV": _Scale("V", 1000), "ms": _Scale("s", 1, 1000), "us": _Scale("s", 1, 1e6),
-    "ns": _Scale("s", 1, 1e9), "min": _Scale("s", 60), "h": _Scale("s", 3600), "kHz": _Scale("Hz", 1000),
-    "mrad": _Scale("rad", 1, 1000), "deg": _Scale("rad", math.pi, 180), "deg/s": _Scale("rad/s", math.pi, 180),
-    "rpm": _Scale("rad/s", math.pi, 30), "deg/s^2": _Scale("rad/s^2", math.pi, 180), "hPa": _Scale("Pa", 100),
-    "kPa": _Scale("Pa", 1000), "MPa": _Scale("Pa", 1e6), "mbar": _Scale("Pa", 100), "bar": _Scale("Pa", 1e5),
-    "psi": _Scale("Pa", _POUND_FORCE / _INCH**2), "degC": _Scale("K", 1, 1, 273.15),
-    "degF": _Scale("K", 5, 9, 5 * 459.67), "g": _Scale("kg", 1, 1000), "kW": _Scale("W", 1000),
-    "kJ": _Scale("J", 1000), "mH": _Scale("H", 1, 1000), "mT": _Scale("T", 1, 1000), "mohm": _Scale("ohm", 1, 1000),
-    "N/mm": _Scale("N/m", 1000), "kN/m": _Scale("N/m", 1000), "kN/mm": _Scale("N/m", 1e6),
-    "N*s/mm": _Scale("N*s/m", 1000), "kN*s/m": _Scale("N*s/m", 1000), "N/(m/s)": _Scale("N*s/m"),
-    "N/(mm/s)": _Scale("N*s/m", 1000), "kN*m": _Scale("N*m", 1000), "N*mm": _Scale("N*m", 1, 1000),
-    "kWh": _Scale("J", 3.6e6), "g/s": _Scale("kg/s", 1, 1000), "kg/min": _Scale("kg/s", 1, 60),
-    "kg/h": _Scale("kg/s", 1, 3600), "gauss": _Scale("T", 1, 10000),
+_SCALES: dict[str, _UnitScale] = {text: _UnitScale(text) for text in _SAME} | {
+    "": _UnitScale(""),
+    "1": _UnitScale(""),
+    "-": _UnitScale(""),
+    "%": _UnitScale("", 1, 100),
+    "percent": _UnitScale("", 1, 100),
+    "km": _UnitScale("m", 1000),
+    "dm": _UnitScale("m", 1, 10),
+    "cm": _UnitScale("m", 1, 100),
+    "mm": _UnitScale("m", 1, 1000),
+    "um": _UnitScale("m", 1, 1e6),
+    "in": _UnitScale("m", _INCH),
+    "inch": _UnitScale("m", _INCH),
+    "ft": _UnitScale("m", _FOOT),
+    "mm/s": _UnitScale("m/s", 1, 1000),
+    "cm/s": _UnitScale("m/s", 1, 100),
+    "in/s": _UnitScale("m/s", _INCH),
+    "ft/s": _UnitScale("m/s", _FOOT),
+    "km/h": _UnitScale("m/s", 10, 36),
+    "mm/s^2": _UnitScale("m/s^2", 1, 1000),
+    "cm/s^2": _UnitScale("m/s^2", 1, 100),
+    "g0": _UnitScale("m/s^2", _GRAVITY),
+    "mN": _UnitScale("N", 1, 1000),
+    "kN": _UnitScale("N", 1000),
+    "MN": _UnitScale("N", 1e6),
+    "daN": _UnitScale("N", 10),
+    "kgf": _UnitScale("N", _GRAVITY),
+    "lbf": _UnitScale("N", _POUND_FORCE),
+    "mA": _UnitScale("A", 1, 1000),
+    "uA": _UnitScale("A", 1, 1e6),
+    "mV": _UnitScale("V", 1, 1000),
+    "kV": _UnitScale("V", 1000),
+    "ms": _UnitScale("s", 1, 1000),
+    "us": _UnitScale("s", 1, 1e6),
+    "ns": _UnitScale("s", 1, 1e9),
+    "min": _UnitScale("s", 60),
+    "h": _UnitScale("s", 3600),
+    "kHz": _UnitScale("Hz", 1000),
+    "mrad": _UnitScale("rad", 1, 1000),
+    "deg": _UnitScale("rad", math.pi, 180),
+    "deg/s": _UnitScale("rad/s", math.pi, 180),
+    "rpm": _UnitScale("rad/s", math.pi, 30),
+    "deg/s^2": _UnitScale("rad/s^2", math.pi, 180),
+    "hPa": _UnitScale("Pa", 100),
+    "kPa": _UnitScale("Pa", 1000),
+    "MPa": _UnitScale("Pa", 1e6),
+    "mbar": _UnitScale("Pa", 100),
+    "bar": _UnitScale("Pa", 1e5),
+    "psi": _UnitScale("Pa", _POUND_FORCE / _INCH**2),
+    "degC": _UnitScale("K", 1, 1, 273.15),
+    "degF": _UnitScale("K", 5, 9, 5 * 459.67),
+    "g": _UnitScale("kg", 1, 1000),
+    "kW": _UnitScale("W", 1000),
+    "kJ": _UnitScale("J", 1000),
+    "mH": _UnitScale("H", 1, 1000),
+    "mT": _UnitScale("T", 1, 1000),
+    "mohm": _UnitScale("ohm", 1, 1000),
+    "N/mm": _UnitScale("N/m", 1000),
+    "kN/m": _UnitScale("N/m", 1000),
+    "kN/mm": _UnitScale("N/m", 1e6),
+    "N*s/mm": _UnitScale("N*s/m", 1000),
+    "kN*s/m": _UnitScale("N*s/m", 1000),
+    "N/(m/s)": _UnitScale("N*s/m"),
+    "N/(mm/s)": _UnitScale("N*s/m", 1000),
+    "kN*m": _UnitScale("N*m", 1000),
+    "N*mm": _UnitScale("N*m", 1, 1000),
+    "kWh": _UnitScale("J", 3.6e6),
+    "g/s": _UnitScale("kg/s", 1, 1000),
+    "kg/min": _UnitScale("kg/s", 1, 60),
+    "kg/h": _UnitScale("kg/s", 1, 3600),
+    "gauss": _UnitScale("T", 1, 10000),
 }
 """Source unit to SI; each entry is checked against pint by a test."""
 
@@ -272,7 +321,7 @@ def same_kind(si_unit: str, other: str) -> bool:
     return _dimension(si_unit) == _dimension(other)
 
 
-def _known_scale(unit: str) -> _Scale:
+def _known_scale(unit: str) -> _UnitScale:
     scale = _scale(unit)
     if scale is None:
         raise InputError("unknown unit", got=repr(unit), mend="write it as in 'mm/s', 'N*s/m' or 'degC'")
@@ -287,7 +336,7 @@ def _normal(unit: str) -> str:
 
 
 @functools.lru_cache(maxsize=512)
-def _scale(unit: str) -> _Scale | None:
+def _scale(unit: str) -> _UnitScale | None:
     text = _normal(unit)
     if text in _SCALES:
         return _SCALES[text]
@@ -303,7 +352,7 @@ def _registry() -> Any:
     return pint.UnitRegistry()
 
 
-def _pint_scale(text: str) -> _Scale | None:
+def _pint_scale(text: str) -> _UnitScale | None:
     """Scale of a unit that the table lacks; None when pint does not know it or it is not a straight line."""
     registry = _registry()
     try:
@@ -316,7 +365,7 @@ def _pint_scale(text: str) -> _Scale | None:
     slope = middle - low
     if not (math.isfinite(slope) and slope != 0 and math.isclose(high - middle, slope, rel_tol=1e-9)):
         return None
-    return _Scale(_readable(base), slope, 1.0, low)
+    return _UnitScale(_readable(base), slope, 1.0, low)
 
 
 def base_exponents(si_unit: str) -> dict[str, float]:

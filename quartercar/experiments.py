@@ -10,14 +10,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from lpvid.diagnosis.diagnosis import Diagnosis
-from lpvid.diagnosis.experiments import Proposal, open_questions
+from lpvid.diagnosis.experiments import ExperimentProposal, open_questions
 
 MOST_PARTS = 8
 """experiments in one plan"""
 
 
 @dataclass(frozen=True)
-class Part:
+class PlannedExperiment:
     """One experiment of a plan.
 
     Attributes
@@ -34,7 +34,7 @@ class Part:
     """
 
     name: str
-    says: str
+    description: str
     displacement: str
     current: str
     duration: float = 30.0
@@ -43,7 +43,7 @@ class Part:
 
     def toml(self, causes: tuple[str, ...]) -> str:
         """Its lines in a plan."""
-        lines = [f"# {self.says}: {', '.join(causes)}", "[[experiments]]", f'name = "{self.name}"',
+        lines = [f"# {self.description}: {', '.join(causes)}", "[[experiments]]", f'name = "{self.name}"',
                  f"displacement = {{ {self.displacement} }}", f"current = {{ {self.current} }}",
                  f"duration = {self.duration:g}", f"replicates = {self.replicates}"]
         if not self.redraw:
@@ -59,25 +59,58 @@ _OFF = 'kind = "constant", levels = [0.0]'
 _LEVELS = 'kind = "constant", levels = [0.0, 0.6, 1.2, 1.8, 2.5]'
 _THREE = 'kind = "constant", levels = [0.0, 1.2, 2.5]'
 
-CREEP = Part("creep", "slow triangle, only friction and gas are left", 'kind = "creep", amplitude = "10 mm", '
-             'speed = "2 mm/s"', _OFF, 60.0)
-SPEEDS = Part("speeds", "a sweep of small strokes through all speeds", 'kind = "chirp", f_start = 0.1, f_end = 4.0, '
-              'amplitude = "12 mm", peak_velocity = 0.25', _OFF, 60.0)
-FAST = Part("fast", "large strokes at high speed, no current", 'kind = "sine", amplitude = "35 mm", '
+CREEP = PlannedExperiment(
+    "creep",
+    "slow triangle, only friction and gas are left",
+    'kind = "creep", amplitude = "10 mm", speed = "2 mm/s"',
+    _OFF,
+    60.0,
+)
+SPEEDS = PlannedExperiment(
+    "speeds",
+    "a sweep of small strokes through all speeds",
+    'kind = "chirp", f_start = 0.1, f_end = 4.0, amplitude = "12 mm", peak_velocity = 0.25',
+    _OFF,
+    60.0,
+)
+FAST = PlannedExperiment("fast", "large strokes at high speed, no current", 'kind = "sine", amplitude = "35 mm", '
             'frequency = "4 Hz"', _OFF, 20.0)
-STEPS = Part("steps", "current steps of many heights, up and down, while the piston moves", _TRIANGLE, _RANDOM, 40.0)
-RANDOM = Part("random", "road with a random current", _ROAD, _RANDOM, 40.0)
-FULL_RANGE = Part("levels", "the same motion at five currents over the full range", _MULTISINE, _LEVELS, 15.0, 5)
-SWEEP = Part("sweep", "frequency sweep of small amplitude at three currents", 'kind = "chirp", f_start = 0.5, '
-             'f_end = 40.0, amplitude = "3 mm", peak_velocity = 0.15', _THREE, 20.0, 3)
-LARGE_SWEEP = Part("large-sweep", "frequency sweep of large amplitude at three currents", 'kind = "chirp", '
-                   'f_start = 0.5, f_end = 15.0, amplitude = "20 mm", peak_velocity = 0.5', _THREE, 20.0, 3)
-HEATING = Part("heating", "one motion repeated for minutes, so that the damper heats up", 'kind = "sine", '
+STEPS = PlannedExperiment(
+    "steps", "current steps of many heights, up and down, while the piston moves", _TRIANGLE, _RANDOM, 40.0
+)
+RANDOM = PlannedExperiment("random", "road with a random current", _ROAD, _RANDOM, 40.0)
+FULL_RANGE = PlannedExperiment(
+    "levels", "the same motion at five currents over the full range", _MULTISINE, _LEVELS, 15.0, 5
+)
+SWEEP = PlannedExperiment(
+    "sweep",
+    "frequency sweep of small amplitude at three currents",
+    'kind = "chirp", f_start = 0.5, f_end = 40.0, amplitude = "3 mm", peak_velocity = 0.15',
+    _THREE,
+    20.0,
+    3,
+)
+LARGE_SWEEP = PlannedExperiment(
+    "large-sweep",
+    "frequency sweep of large amplitude at three currents",
+    'kind = "chirp", f_start = 0.5, f_end = 15.0, amplitude = "20 mm", peak_velocity = 0.5',
+    _THREE,
+    20.0,
+    3,
+)
+HEATING = PlannedExperiment("heating", "one motion repeated for minutes, so that the damper heats up", 'kind = "sine", '
                'amplitude = "20 mm", frequency = "3 Hz"', 'kind = "stepped", levels = [1.5, 0.2, 1.5, 0.2, 1.5]', 150.0)
-REPEATED = Part("repeated", "one motion with one current three times: what does not come back is noise", _ROAD, _RANDOM,
-                20.0, 3, redraw=False)
+REPEATED = PlannedExperiment(
+    "repeated",
+    "one motion with one current three times: what does not come back is noise",
+    _ROAD,
+    _RANDOM,
+    20.0,
+    3,
+    redraw=False,
+)
 
-PLANS: Mapping[str, tuple[Part, ...]] = {
+PLANS: Mapping[str, tuple[PlannedExperiment, ...]] = {
     "coulomb-friction": (CREEP,), "stribeck-friction": (CREEP, SPEEDS), "gas-preload": (CREEP,),
     "gas-stiffness": (CREEP, SWEEP),
     "series-compliance": (SWEEP, LARGE_SWEEP), "backlash": (CREEP, SWEEP),
@@ -117,7 +150,7 @@ NO_PLAN: Mapping[str, str] = {
 }
 """Causes that no experiment on the rig of a damper reveals, and what does."""
 
-PAIRS: Mapping[frozenset[str], tuple[Part, ...] | str] = {frozenset(names): what for names, what in (
+PAIRS: Mapping[frozenset[str], tuple[PlannedExperiment, ...] | str] = {frozenset(names): what for names, what in (
     (("coil-lag", "command-delay"), (STEPS,)), (("coil-lag", "force-delay"), (STEPS,)),
     (("command-delay", "force-delay"), (STEPS, RANDOM)), (("rise-fall-lag", "coil-lag"), (STEPS,)),
     (("rise-fall-lag", "current-saturation"), (STEPS,)),
@@ -151,7 +184,7 @@ NOT_BY_FORCE: Mapping[str, str] = {
 """What remains open about a cause that is found, and the measurement that is missing."""
 
 
-def plan_for(found: Diagnosis) -> Proposal | None:
+def plan_for(found: Diagnosis) -> ExperimentProposal | None:
     """A plan for what a diagnosis left open: its rivals if it has some, else the candidates that it could not reveal.
 
     Examples
@@ -166,22 +199,24 @@ def plan_for(found: Diagnosis) -> Proposal | None:
     advice += [NOT_BY_FORCE[c.name] for c in found.causes if c.name in NOT_BY_FORCE]
     parts = list(by_part)[:MOST_PARTS]
     if not parts:
-        return Proposal("", "", (), tuple(dict.fromkeys(advice))) if advice else None
+        return ExperimentProposal("", "", (), tuple(dict.fromkeys(advice))) if advice else None
     served = tuple(dict.fromkeys(n for p in parts for n in by_part[p]))
-    told = [g for g in groups if set(g) & set(served)]
-    purpose = f"tell {'; '.join(' from '.join(g) for g in told)}" if told else f"reveal {', '.join(served)}"
+    described = [g for g in groups if set(g) & set(served)]
+    purpose = f"tell {'; '.join(' from '.join(g) for g in described)}" if described else f"reveal {', '.join(served)}"
     head = [f"# To {purpose}.", "# Run on the virtual rig by `quartercar rig experiment.toml --out DIR`; on a real rig "
             "impose the same motion and current.", *(f"# {a}" for a in dict.fromkeys(advice)), "seed = 1", ""]
     text = "\n".join(head) + "\n\n".join(p.toml(tuple(by_part[p])) for p in parts) + "\n"
-    return Proposal(text, "; ".join(p.says for p in parts) + f": to {purpose}", served, tuple(dict.fromkeys(advice)))
+    return ExperimentProposal(
+        text, "; ".join(p.description for p in parts) + f": to {purpose}", served, tuple(dict.fromkeys(advice))
+    )
 
 
-def _of_rivals(groups: list[tuple[str, ...]]) -> tuple[dict[Part, list[str]], list[str]]:
+def _of_rivals(groups: list[tuple[str, ...]]) -> tuple[dict[PlannedExperiment, list[str]], list[str]]:
     """Parts that tell the members of each group apart, and what no part can tell.
 
     The first of a group is the chosen one, which each of the others is to be told from.
     """
-    by_part: dict[Part, list[str]] = {}
+    by_part: dict[PlannedExperiment, list[str]] = {}
     advice: list[str] = []
     for first, *others in groups:
         for other in others:
@@ -196,9 +231,9 @@ def _of_rivals(groups: list[tuple[str, ...]]) -> tuple[dict[Part, list[str]], li
     return by_part, advice
 
 
-def _of_candidates(names: Sequence[str]) -> tuple[dict[Part, list[str]], list[str]]:
+def _of_candidates(names: Sequence[str]) -> tuple[dict[PlannedExperiment, list[str]], list[str]]:
     """Parts that make causes visible; what no part can."""
-    by_part: dict[Part, list[str]] = {}
+    by_part: dict[PlannedExperiment, list[str]] = {}
     for name in names:
         for part in PLANS.get(name, ()):
             by_part.setdefault(part, []).append(name)

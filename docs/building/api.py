@@ -1,11 +1,12 @@
 """The API reference: one page for every public name, listed by subject.
 
-The names come from the packages themselves (`lpvid._EXPORTS`, `__all__` of `lpvid.plot`, of `quartercar` and of its
+The names come from the packages themselves (`lpvid/__init__.pyi`, `__all__` of `lpvid.plot`, of `quartercar` and of its
 modules), so that a name without a page is not possible.
 """
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 from collections.abc import Mapping, Sequence
@@ -60,11 +61,21 @@ def is_documented(value: object) -> bool:
     return inspect.isclass(value) or inspect.isroutine(value)
 
 
+def exports() -> dict[str, list[str]]:
+    """Public names of `lpvid` by the module that defines them, as `lpvid/__init__.pyi` lists them."""
+    stub = ast.parse(Path(lpvid.__file__).with_suffix(".pyi").read_text())
+    home: dict[str, list[str]] = {}
+    for node in stub.body:
+        if isinstance(node, ast.ImportFrom):
+            home.setdefault(f"lpvid.{node.module}", []).extend(alias.name for alias in node.names)
+    return home
+
+
 def lpvid_lists() -> dict[str, list[str]]:
-    """Full names of `lpvid` by page; every entry of `_EXPORTS` is on exactly one."""
+    """Full names of `lpvid` by page; every name of `lpvid/__init__.pyi` is on exactly one."""
     lists: dict[str, list[str]] = {page: [] for page in SUBJECTS}
     home = {part: page for page, (_, parts) in SUBJECTS.items() for part in parts}
-    for module, names in lpvid._EXPORTS.items():
+    for module, names in exports().items():
         part = module.split(".")[1]
         if part not in home:
             raise KeyError(f"lpvid.{part} has public names but no page of the reference: add it to SUBJECTS")
@@ -74,7 +85,7 @@ def lpvid_lists() -> dict[str, list[str]]:
 
 def module_lists() -> dict[str, list[str]]:
     """Full names of the public modules by module, and those of `quartercar` itself."""
-    ours = {id(getattr(lpvid, name)) for names in lpvid._EXPORTS.values() for name in names}  # on a page of lpvid
+    ours = {id(getattr(lpvid, name)) for names in exports().values() for name in names}  # on a page of lpvid
     lists = {}
     for module in MODULES:
         found = importlib.import_module(module)

@@ -11,12 +11,12 @@ import numpy as np
 from lpvid.analysis.gain_bounds import ATTEMPT, worst_pole
 from lpvid.lmi.bound_certificate import BoundCertificate, inequality_of
 from lpvid.lmi.certificate import grid
+from lpvid.lmi.certificate_common import certificate_kind
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame, frame_of
 from lpvid.lmi.inequality import recheck_inequality
 from lpvid.lmi.storage import Storage
 from lpvid.lmi.storage_search import StorageSearch
-from lpvid.lmi.certificate_common import kind_of
 from lpvid.scheduling import Basis, Scheduling
 
 Region = tuple[np.ndarray, np.ndarray]
@@ -140,7 +140,7 @@ class BoundSearch:
         outcome = recheck_inequality(problem, budget=ATTEMPT)
         if not outcome.holds:
             return None
-        return BoundCertificate(self.quantity, level, self.region, kind_of(storage), matrices, basis, self.box,
+        return BoundCertificate(self.quantity, level, self.region, certificate_kind(storage), matrices, basis, self.box,
                                 self.system.sample_time, self.system.digest, self.system.inputs, self.system.outputs,
                                 outcome.margin, outcome.between_grid, solver)
 

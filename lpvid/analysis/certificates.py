@@ -15,7 +15,7 @@ from lpvid.analysis.stability_certificate import StabilityCertificate, Verificat
 from lpvid.errors import InputError
 from lpvid.lmi.autonomous import Autonomous, Model, autonomous, reading_box
 from lpvid.lmi.certificate import Lyapunov, Recheck, grid, recheck
-from lpvid.lmi.search import Search, dependent, frozen_rates
+from lpvid.lmi.search import LyapunovSearch, dependent, frozen_rates
 from lpvid.scheduling import Polynomial, Scheduling
 
 _range = range  # `range` is an argument of the public function
@@ -180,7 +180,7 @@ def _kind(lyapunov: Lyapunov, box: Scheduling) -> str:
 
 def _candidates(system: Autonomous, box: Scheduling) -> Iterator[tuple[Lyapunov, str]]:
     """Cheapest and strongest statements first."""
-    search = Search(system, box)
+    search = LyapunovSearch(system, box)
     yield from ((candidate, "closed form") for candidate in search.closed_forms())
     yield from search.solved(0)
     if not dependent(system, box):
@@ -213,7 +213,7 @@ def _sharpened(system: Autonomous, box: Scheduling, frozen: float, found: tuple[
         if low > 0.6 * high or not 0 < system.order <= 8:
             break
         target = 0.5 * (low + high)
-        better = next(Search(system, box).solved(found[0].degree, target), None)
+        better = next(LyapunovSearch(system, box).solved(found[0].degree, target), None)
         pace = None if better is None else recheck(system, better[0], box, target)
         if better is not None and pace is not None and pace.holds and pace.between_grid:
             outcome = recheck(system, better[0], box)

@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.analysis.crossings import Crossing, LineSearch, search
-from lpvid.analysis.frozen import CAVEAT, Family, Line, Model, family, lines
+from lpvid.analysis.frozen import CAVEAT, FrozenFamily, Line, Model, family, lines
 from lpvid.errors import InputError
 
 
@@ -223,7 +223,7 @@ def critical_scheduling(model: Model, variable: str | Sequence[str] | None = Non
                                     for line in lines(model, variable, at, direction)))
 
 
-def _along(models: Family, names: tuple[str, ...], line: Line) -> CriticalLine:
+def _along(models: FrozenFamily, names: tuple[str, ...], line: Line) -> CriticalLine:
     found = search(models, names, line)
     crossings = tuple(_critical(c, line, models.sample_time) for group in found.groups for c in group.crossings)
     values = tuple(_critical(c, line, models.sample_time) for group in found.groups if group.changes_stability

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lpvid.analysis.frozen import Family, Line, stability_margin
+from lpvid.analysis.frozen import FrozenFamily, Line, stability_margin
 from lpvid.analysis.guardian import REAL_POLE, Piece, candidates, pieces, polish
 
 BOUNDARY = 1e-9
@@ -54,10 +54,10 @@ class LineSearch:
     why_grid: str = ""
 
 
-class Counter:
+class UnstablePoleCounter:
     """Counts unstable poles along a line; −1 where a pole is too close to the boundary to tell."""
 
-    def __init__(self, models: Family, line: Line, always: list[tuple[float, float, tuple[str, ...]]]) -> None:
+    def __init__(self, models: FrozenFamily, line: Line, always: list[tuple[float, float, tuple[str, ...]]]) -> None:
         self.models, self.line, self.always = models, line, always
         box = models.poles(line.points(line.centre + line.half_width * np.linspace(-1, 1, 11)))
         self.size = max(1e-3 * float(np.abs(box).max()), 1e-300)
@@ -83,7 +83,7 @@ class Counter:
         return np.where(unclear, -1, counted)
 
 
-def search(models: Family, names: tuple[str, ...], line: Line) -> LineSearch:
+def search(models: FrozenFamily, names: tuple[str, ...], line: Line) -> LineSearch:
     """Every crossing along a line, and the intervals on which the frozen model is stable."""
     if models.order == 0:
         return LineSearch(stable_intervals=[(-np.inf, np.inf)])
@@ -100,13 +100,13 @@ def search(models: Family, names: tuple[str, ...], line: Line) -> LineSearch:
     result.always = [(p.low, p.high, p.always) for p in listed if p.always]
     found = _merged([c for p, t in zip(listed, solved, strict=False) for c in _polished(p, t or [], models)])
     edges = {x for p in listed if p.always for x in (p.low, p.high) if np.isfinite(x)}
-    counter = Counter(models, line, result.always)
+    counter = UnstablePoleCounter(models, line, result.always)
     found, result.bisected = _completed(counter, line, found, edges, result)
     _classify(counter, line, found, edges, result)
     return result
 
 
-def _polished(piece: Piece, solved: list[tuple[str, float]], models: Family) -> list[Crossing]:
+def _polished(piece: Piece, solved: list[tuple[str, float]], models: FrozenFamily) -> list[Crossing]:
     listed = []
     for kind, t in solved:
         verified = polish(piece, kind, t, models.discrete)
@@ -153,7 +153,7 @@ def _stations(line: Line, found: list[Crossing], edges: set[float], window: tupl
     return np.array([ends[0], *[x for x in inner if ends[0] < x < ends[1]], ends[1]])
 
 
-def _completed(counter: Counter, line: Line, found: list[Crossing], edges: set[float],
+def _completed(counter: UnstablePoleCounter, line: Line, found: list[Crossing], edges: set[float],
                result: LineSearch) -> tuple[list[Crossing], int]:
     """Add by bisection the crossings that the counts of unstable poles say are missing."""
     added = 0
@@ -181,7 +181,7 @@ def _samples(a: float, b: float) -> np.ndarray:
     return a + (b - a) * FRACTIONS
 
 
-def _bisected(counter: Counter, a: float, b: float, count: int) -> Crossing:
+def _bisected(counter: UnstablePoleCounter, a: float, b: float, count: int) -> Crossing:
     for _ in range(80):
         middle = 0.5 * (a + b)
         if middle in (a, b):
@@ -208,7 +208,7 @@ def _bisected(counter: Counter, a: float, b: float, count: int) -> Crossing:
     return Crossing(float(b), kind, pole, float(abs(margin[0, i])))
 
 
-def _extrapolated(counter: Counter, s: float) -> float:
+def _extrapolated(counter: UnstablePoleCounter, s: float) -> float:
     """From a pole a little outside the boundary, beside one that stays on it, to where the first one crosses."""
     step = 1e-6 * counter.line.half_width + 1e-6 * abs(s)
     at = s + step * np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
@@ -220,7 +220,9 @@ def _extrapolated(counter: Counter, s: float) -> float:
     return float(moved) if abs(moved - s) < 0.1 * counter.line.half_width + 0.1 * abs(s) else s
 
 
-def _classify(counter: Counter, line: Line, found: list[Crossing], edges: set[float], result: LineSearch) -> None:
+def _classify(
+    counter: UnstablePoleCounter, line: Line, found: list[Crossing], edges: set[float], result: LineSearch
+) -> None:
     """Fill in groups, directions and stable intervals."""
     stations = _stations(line, found, edges, result.window)
     counts = [_count_between(counter, a, b) for a, b in itertools.pairwise(stations)]
@@ -248,7 +250,7 @@ def _classify(counter: Counter, line: Line, found: list[Crossing], edges: set[fl
     result.stable_intervals = intervals
 
 
-def _count_between(counter: Counter, a: float, b: float) -> int:
+def _count_between(counter: UnstablePoleCounter, a: float, b: float) -> int:
     """Unstable poles between two neighbouring crossings: the most frequent clear count."""
     counts = counter(_samples(a, b))
     clear = counts[counts >= 0]

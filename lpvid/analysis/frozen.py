@@ -108,7 +108,7 @@ def _range(box: Scheduling, origin: np.ndarray, along: np.ndarray) -> tuple[floa
 
 # -- matrices ---------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
-class Affine:
+class FrozenMatrix:
     """A matrix constant + Σ_m tensor[..., m, :, :] φ_m; leading axes of `tensor` stand for several models."""
 
     constant: np.ndarray
@@ -125,7 +125,7 @@ class Affine:
 
 
 @dataclass(frozen=True, eq=False)
-class Family:
+class FrozenFamily:
     """The frozen models as a matrix family whose eigenvalues are the poles.
 
     ``plus`` and ``minus`` are singular exactly where a pole is +1 or −1 (discrete); ``plus`` where a pole is 0
@@ -133,9 +133,9 @@ class Family:
     """
 
     basis: Basis
-    matrix: Affine
-    plus: Affine
-    minus: Affine | None
+    matrix: FrozenMatrix
+    plus: FrozenMatrix
+    minus: FrozenMatrix | None
     sample_time: float | None
 
     @property
@@ -157,7 +157,7 @@ class Family:
         return np.linalg.eigvals(self.matrices(p)).astype(complex)
 
 
-def family(model: Model) -> Family:
+def family(model: Model) -> FrozenFamily:
     """The frozen family of one model."""
     if isinstance(model, LPVTransferFunction):
         na, ny, m = model.na, model.n_outputs, model.basis.size
@@ -169,13 +169,15 @@ def family(model: Model) -> Family:
         ends = []
         for sign in (1.0, -1.0):
             signs = sign ** np.arange(1, na + 1)
-            ends.append(Affine(np.eye(ny), np.einsum("i,ijkm->mjk", signs, model.a)))
-        return Family(still(model.basis), Affine(shift, tensor), ends[0], ends[1], model.sample_time)
+            ends.append(FrozenMatrix(np.eye(ny), np.einsum("i,ijkm->mjk", signs, model.a)))
+        return FrozenFamily(still(model.basis), FrozenMatrix(shift, tensor), ends[0], ends[1], model.sample_time)
     eye, zero = np.eye(model.order), np.zeros((model.order, model.order))
-    matrix = Affine(zero, model.A)
+    matrix = FrozenMatrix(zero, model.A)
     if not model.is_discrete:
-        return Family(still(model.basis), matrix, matrix, None, None)
-    return Family(still(model.basis), matrix, Affine(-eye, model.A), Affine(eye, model.A), model.sample_time)
+        return FrozenFamily(still(model.basis), matrix, matrix, None, None)
+    return FrozenFamily(
+        still(model.basis), matrix, FrozenMatrix(-eye, model.A), FrozenMatrix(eye, model.A), model.sample_time
+    )
 
 
 def stability_margin(poles: np.ndarray, discrete: bool) -> np.ndarray:

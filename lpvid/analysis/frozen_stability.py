@@ -8,7 +8,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.analysis.critical import CriticalScheduling, critical_scheduling
-from lpvid.analysis.frozen import CAVEAT, Family, Model, family, stability_margin
+from lpvid.analysis.frozen import CAVEAT, FrozenFamily, Model, family, stability_margin
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ def frozen_stability(model: Model, points: int | None = None) -> FrozenStability
                            dict(zip(box.names, at.tolist(), strict=True)), len(grid), critical)
 
 
-def _worst(models: Family, p: np.ndarray) -> tuple[float, np.ndarray]:
+def _worst(models: FrozenFamily, p: np.ndarray) -> tuple[float, np.ndarray]:
     margin = stability_margin(models.poles(p), models.discrete).max(axis=1)
     i = int(np.argmax(margin))
     return float(margin[i]), p[i]

@@ -11,12 +11,12 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.lmi.autonomous import readings_of
 from lpvid.lmi.certificate import Recheck, grid
+from lpvid.lmi.certificate_common import certificate_kind
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame, frame_of
 from lpvid.lmi.gain_certificate import GainCertificate, recheck_gain
-from lpvid.lmi.gain_search import GainSearch, Proposal
+from lpvid.lmi.gain_search import GainSearch, StorageProposal
 from lpvid.lmi.storage import Storage
-from lpvid.lmi.certificate_common import kind_of
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 
 BACK_OFF = (1e-6, 1e-5, 1e-4, 5e-4, 2e-3, 5e-3)
@@ -105,9 +105,20 @@ class GainBounds:
             seen = False
             for storage, gamma, outcome, solver in self._attempts(search, box):
                 seen = True
-                found = GainCertificate(kind_of(storage), gamma, storage.matrices, basis, box, self.system.sample_time,
-                                        self.system.digest, self.system.inputs, self.system.outputs, outcome.margin,
-                                        outcome.between_grid, solver)
+                found = GainCertificate(
+                    certificate_kind(storage),
+                    gamma,
+                    storage.matrices,
+                    basis,
+                    box,
+                    self.system.sample_time,
+                    self.system.digest,
+                    self.system.inputs,
+                    self.system.outputs,
+                    outcome.margin,
+                    outcome.between_grid,
+                    solver,
+                )
                 if outcome.between_grid:
                     return found
                 if on_grid is None or found.gamma < on_grid.gamma:
@@ -136,7 +147,7 @@ class GainBounds:
                         yield from self._relaxed(search, box, between, (0.0,))
             return
 
-    def _relaxed(self, search: GainSearch, box: Scheduling, proposal: Proposal, shares: tuple[float, ...]
+    def _relaxed(self, search: GainSearch, box: Scheduling, proposal: StorageProposal, shares: tuple[float, ...]
                  ) -> Iterator[tuple[Storage, float, Recheck, str]]:
         storage = Storage(proposal.matrices, search.basis, box, self.system.sample_time)
         for share in shares:
@@ -146,9 +157,9 @@ class GainBounds:
                 yield storage, gamma, outcome, proposal.solver
 
 
-def _blended(least: Proposal, inner: Proposal) -> Iterator[Proposal]:
+def _blended(least: StorageProposal, inner: StorageProposal) -> Iterator[StorageProposal]:
     for part in BLENDS:
-        yield Proposal((1 - part) * least.matrices + part * inner.matrices,
+        yield StorageProposal((1 - part) * least.matrices + part * inner.matrices,
                        (1 - part) * least.gamma + part * inner.gamma, inner.solver)
 
 

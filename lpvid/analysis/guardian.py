@@ -8,7 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from lpvid.analysis.frozen import Affine, Family, Line, basis_values, breakpoints, piece_degree, stability_margin
+from lpvid.analysis.frozen import (
+    FrozenFamily,
+    FrozenMatrix,
+    Line,
+    basis_values,
+    breakpoints,
+    piece_degree,
+    stability_margin,
+)
 
 LARGEST_PENCIL = 700
 FARTHEST = 1e6
@@ -51,7 +59,7 @@ class Piece:
         return self.low - slack <= s <= self.high + slack
 
 
-def pieces(models: Family, names: tuple[str, ...], line: Line) -> list[Piece] | None:
+def pieces(models: FrozenFamily, names: tuple[str, ...], line: Line) -> list[Piece] | None:
     """The polynomial pieces along a line with their guardian maps, or None if the basis is not piecewise polynomial."""
     moving = [n for n, d in zip(names, line.direction, strict=True) if d]
     degree = piece_degree(models.basis, moving)
@@ -70,13 +78,15 @@ def pieces(models: Family, names: tuple[str, ...], line: Line) -> list[Piece] | 
     return listed
 
 
-def _piece(models: Family, line: Line, degree: int, ends: tuple[float, float], frame: tuple[float, float]) -> Piece:
+def _piece(
+    models: FrozenFamily, line: Line, degree: int, ends: tuple[float, float], frame: tuple[float, float]
+) -> Piece:
     centre, half = frame
     t = np.cos(np.pi * (2 * np.arange(degree + 1) + 1) / (2 * (degree + 1)))
     phi = basis_values(models.basis, line.points(centre + half * t))
     invert = np.linalg.inv(np.vander(t, increasing=True))
 
-    def polynomial(entry: Affine) -> np.ndarray:
+    def polynomial(entry: FrozenMatrix) -> np.ndarray:
         return _trimmed(np.tensordot(invert, entry.at(phi), axes=1), float(entry.size_at(phi).max(initial=0.0)))
 
     matrix = _balanced(polynomial(models.matrix))

@@ -12,11 +12,11 @@ from lpvid.analysis.passivity_certificate import PassivityCertificate, reading_b
 from lpvid.analysis.passivity_margin import passivity_margin
 from lpvid.errors import InputError
 from lpvid.lmi.certificate import Recheck
+from lpvid.lmi.certificate_common import certificate_kind
 from lpvid.lmi.passive_form import obstacle, preload, sector_basis, slack, supplied
 from lpvid.lmi.passive_search import PassiveProgram, current_centre
 from lpvid.lmi.passive_unknowns import Iterate, frame_of, scaled
 from lpvid.lmi.storage import Storage
-from lpvid.lmi.certificate_common import kind_of
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Polynomial, Scheduling
 
@@ -91,9 +91,21 @@ def certify_passivity(model: LPVTransferFunction, rate: Rate = None, range: Rang
 def certificate_of(model: LPVTransferFunction, storage: Storage, multiplier: np.ndarray, outcome: Recheck
                    ) -> PassivityCertificate:
     """The certificate of what `recheck_passivity` found to hold."""
-    return PassivityCertificate(kind_of(storage), storage.matrices, storage.basis, multiplier, preload(model) or 0.0,
-                                storage.box, model.sample_time, supplied(model, multiplier).digest, outcome.holds,
-                                outcome.margin, outcome.between_grid, "", "CLARABEL")
+    return PassivityCertificate(
+        certificate_kind(storage),
+        storage.matrices,
+        storage.basis,
+        multiplier,
+        preload(model) or 0.0,
+        storage.box,
+        model.sample_time,
+        supplied(model, multiplier).digest,
+        outcome.holds,
+        outcome.margin,
+        outcome.between_grid,
+        "",
+        "CLARABEL",
+    )
 
 
 def proven(model: LPVTransferFunction, program: PassiveProgram, iterate: Iterate, units: tuple[float, float]
@@ -163,7 +175,7 @@ def _hopeless(model: LPVTransferFunction, scheduling: Scheduling) -> str:
         return ("its affine terms are not those of a constant preload: a force at rest that depends on the scheduling "
                 "does work when that moves")
     margin = passivity_margin(model.replace(scheduling=scheduling))
-    return f"it is active: {margin.says(None)}" if margin.active else ""
+    return f"it is active: {margin.description(None)}" if margin.active else ""
 
 
 def _none(model: LPVTransferFunction, scheduling: Scheduling, why: str) -> PassivityCertificate:

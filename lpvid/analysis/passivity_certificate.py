@@ -12,10 +12,10 @@ from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.certificate import Recheck, grid
+from lpvid.lmi.certificate_common import certificate_kind, describe_box, reproduced
 from lpvid.lmi.inequality import recheck_inequality
 from lpvid.lmi.passive_form import Dissipation, obstacle, preload, sector_basis, supplied
 from lpvid.lmi.storage import Storage
-from lpvid.lmi.certificate_common import describe_box, kind_of, reproduced
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Basis, Scheduling, basis_from_dict
 
@@ -113,7 +113,7 @@ class PassivityCertificate:
             return Recheck(False, False, math.nan, fault)
         storage = Storage(self.matrices, self.basis, self.box, self.sample_time)
         found = recheck_passivity(model, storage, self.multiplier)
-        return reproduced(self, kind_of(storage), found)  # type: ignore[arg-type]
+        return reproduced(self, certificate_kind(storage), found)  # type: ignore[arg-type]
 
     def _misfit(self, model: LPVTransferFunction) -> str:
         if not self.verified or self.kind == "none":

@@ -75,7 +75,7 @@ class PassivityMargin:
         """(F,) which frequencies lie within a band [Hz]; all without one."""
         return np.ones(len(self.frequencies), dtype=bool) if band is None else self.frequencies <= band
 
-    def says(self, band: float | None = BAND) -> str:
+    def description(self, band: float | None = BAND) -> str:
         """Where energy is given within a band, in a line; empty where none is.
 
         Parameters
@@ -103,7 +103,7 @@ class PassivityMargin:
 
     def statement(self) -> str:
         """What an unconstrained model says of itself, unasked: within `BAND`, and beyond it; empty if passive."""
-        inside, everywhere = self.says(BAND), self.says(None)
+        inside, everywhere = self.description(BAND), self.description(None)
         if not everywhere:
             return ""
         if not inside:
@@ -120,11 +120,18 @@ class PassivityMargin:
         dict
             Plain values by name; arrays as lists.
         """
-        return {"active": self.active, "says": self.says(BAND), "says_to_nyquist": self.says(None), "band": BAND,
-                "least_damping": _finite(self.damping.min()),
-                "least_damping_in_band": _finite(self.damping[:, self.within(BAND)].min(initial=math.inf)),
-                "unit": self.unit, "scheduling": self.scheduling.tolist(), "frequencies": self.frequencies.tolist(),
-                "damping": [[_finite(v) for v in row] for row in self.damping]}
+        return {
+            "active": self.active,
+            "says": self.description(BAND),
+            "says_to_nyquist": self.description(None),
+            "band": BAND,
+            "least_damping": _finite(self.damping.min()),
+            "least_damping_in_band": _finite(self.damping[:, self.within(BAND)].min(initial=math.inf)),
+            "unit": self.unit,
+            "scheduling": self.scheduling.tolist(),
+            "frequencies": self.frequencies.tolist(),
+            "damping": [[_finite(v) for v in row] for row in self.damping],
+        }
 
     def __repr__(self) -> str:
         return f"passivity margin: {self.statement() or 'takes energy in every steady motion'}"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid import _checks
-from lpvid.analysis.frozen import CAVEAT, Family, Line, Model, family, lines
+from lpvid.analysis.frozen import CAVEAT, FrozenFamily, Line, Model, family, lines
 from lpvid.errors import InputError
 
 DEEPEST = 14
@@ -210,7 +210,7 @@ def grid_along(line: Line, points: int, span: tuple[float, float] | None) -> np.
 
 
 # -- tracking ---------------------------------------------------------------------------------------------------------
-def _tracked(models: Family, line: Line, p: np.ndarray) -> tuple[np.ndarray, list[float]]:
+def _tracked(models: FrozenFamily, line: Line, p: np.ndarray) -> tuple[np.ndarray, list[float]]:
     """(n, n_poles) poles in matched order, and the values near which the order is uncertain."""
     from scipy.optimize import linear_sum_assignment
 
@@ -249,7 +249,7 @@ def _tracked(models: Family, line: Line, p: np.ndarray) -> tuple[np.ndarray, lis
     return raw, rough
 
 
-def _meetings(models: Family, line: Line, p: np.ndarray, poles: np.ndarray) -> tuple[Meeting, ...]:
+def _meetings(models: FrozenFamily, line: Line, p: np.ndarray, poles: np.ndarray) -> tuple[Meeting, ...]:
     """Where the number of real poles changes, by bisection to full precision."""
     size = 1.0 if models.discrete else max(float(np.abs(poles).max(initial=0.0)), 1e-300)
     real = (np.abs(np.imag(poles)) <= REAL_POLE * size).sum(axis=1)

@@ -28,10 +28,10 @@ from lpvid.errors import InputError
 from lpvid.lmi.affine import Affine
 from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.certificate import Recheck
+from lpvid.lmi.certificate_common import certificate_kind, describe_box
 from lpvid.lmi.driven import Driven, driven
-from lpvid.lmi.inequality import Inequality, Pieces, recheck_inequality
+from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality
 from lpvid.lmi.storage import Storage
-from lpvid.lmi.certificate_common import describe_box, kind_of
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling, basis_from_dict
 
@@ -178,7 +178,7 @@ def uncertain(model: LPVStateSpace, blocks: Sequence[Block], poles: Sequence[flo
 
 
 @dataclass(frozen=True, eq=False)
-class RobustBound(Inequality):
+class RobustBound(LyapunovInequality):
     """The inequality of this module for a storage function, multipliers and γ > 0.
 
     Parameters
@@ -272,7 +272,7 @@ class RobustCertificate:
     @cached_property
     def kind(self) -> str:
         """Sort of storage function."""
-        return kind_of(Storage(self.matrices, self.basis, self.box, self.sample_time))
+        return certificate_kind(Storage(self.matrices, self.basis, self.box, self.sample_time))
 
     @property
     def claim(self) -> str:

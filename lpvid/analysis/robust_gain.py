@@ -328,7 +328,7 @@ def _moved(template: Storage, points: np.ndarray, shifts: np.ndarray, discrete: 
     """For each point the functions one sample later, or their derivatives at the corners of the rates."""
     basis, box = template.basis, template.box
     if discrete:
-        return [template.psi(template.ahead(point[None], shifts)) for point in points]
+        return [template.psi(template.scheduling_after(point[None], shifts)) for point in points]
     corners = np.array(list(itertools.product((-1.0, 1.0), repeat=len(template.moving))))
     found = []
     for point in points:

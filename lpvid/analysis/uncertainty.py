@@ -9,7 +9,17 @@ from statistics import NormalDist
 import numpy as np
 
 from lpvid import _checks
-from lpvid.analysis.frozen import CAVEAT, Affine, Family, Line, Model, basis_values, family, lines, stability_margin
+from lpvid.analysis.frozen import (
+    CAVEAT,
+    FrozenFamily,
+    FrozenMatrix,
+    Line,
+    Model,
+    basis_values,
+    family,
+    lines,
+    stability_margin,
+)
 from lpvid.analysis.guardian import candidates, pieces, polish
 from lpvid.analysis.pole_locus import grid_along, one_line
 from lpvid.errors import InputError
@@ -215,13 +225,13 @@ def _all_poles(drawn: list[Model], p: np.ndarray) -> np.ndarray:
     """(draws, n, n_poles) poles of all models at all points, in stacks that fit in memory."""
     if any(m.basis != drawn[0].basis for m in drawn):
         return np.stack([family(m).poles(p) for m in drawn])
-    families: list[Family] = [family(m) for m in drawn]
+    families: list[FrozenFamily] = [family(m) for m in drawn]
     first = families[0]
     phi = basis_values(first.basis, p)
     size = max(1, CHUNK // max(len(p), 1))
     parts = []
     for k in np.arange(0, len(families), size):
-        stack = Affine(first.matrix.constant, np.stack([f.matrix.tensor for f in families[k:k + size]]))
+        stack = FrozenMatrix(first.matrix.constant, np.stack([f.matrix.tensor for f in families[k:k + size]]))
         parts.append(np.linalg.eigvals(stack.at(phi)).astype(complex))
     return np.concatenate(parts)
 

@@ -50,12 +50,12 @@ class _Parts:
 
     def add(self, finding: Finding, label: str) -> None:
         """A finding of one part."""
-        told = replace(finding, record=self.name, evidence=f"from {label}: {finding.evidence}")
+        described = replace(finding, record=self.name, evidence=f"from {label}: {finding.evidence}")
         key = (finding.name, finding.channel)
         if key in self.found:
-            self.found[key].add(told)
+            self.found[key].add(described)
         else:
-            self.found[key] = _Merged(told)
+            self.found[key] = _Merged(described)
 
     def findings(self) -> Iterator[Finding]:
         """Those that hold for the record."""
@@ -67,7 +67,7 @@ class _Parts:
 
 
 def audit_stream(chunks: Iterable[Record], *, scheduling: Sequence[str] | None = None, inputs: Sequence[str] = (),
-                 say: Callable[[str], None] = lambda text: None) -> Audit:
+                 report_progress: Callable[[str], None] = lambda text: None) -> Audit:
     """Examine records that arrive in parts; memory does not grow with their number.
 
     Every check of a record runs over each of its parts; the gravest of equal findings stands for all, with the number
@@ -122,7 +122,7 @@ def audit_stream(chunks: Iterable[Record], *, scheduling: Sequence[str] | None =
             shared.append(view(_piece(chunk, f"{chunk.name} from {label}"), scheduling))
             if len(shared) > SHARED:
                 shared, every = shared[::2], 2 * every
-        say(f"{sum(r.samples for r in records.values()):,} samples")
+        report_progress(f"{sum(r.samples for r in records.values()):,} samples")
     if not records:
         raise InputError("no records to audit")
     found = [f for one in records.values() for f in one.findings()]

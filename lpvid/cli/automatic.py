@@ -45,7 +45,7 @@ class Choice:
             **self.ceiling.to_dict(), "held_out_fit_percent": self.held_out_percent}}
 
     @property
-    def says(self) -> str:
+    def description(self) -> str:
         """The ceiling beside the fit, in one sentence."""
         from lpvid.identification.selection.competing import NEAR
 
@@ -74,11 +74,11 @@ class Choice:
         lines += [f"  {i:2d}. {row}" for i, row in enumerate(rows[:SHOWN], start=1)]
         if len(rows) > SHOWN:
             lines.append(f"      and {len(rows) - SHOWN} more: see selection.json")
-        return "\n".join([*lines, *(f"  note: {n}" for n in self.selection.notes), f"  {self.says}"])
+        return "\n".join([*lines, *(f"  note: {n}" for n in self.selection.notes), f"  {self.description}"])
 
 
 def choose(request: Request, training: Sequence[Record], held_out: Sequence[Record],
-           say: Callable[[str], None], budget: float | None = None) -> tuple[Choice, Identification]:
+           report_progress: Callable[[str], None], budget: float | None = None) -> tuple[Choice, Identification]:
     """Choose a structure on the training data alone.
 
     Parameters
@@ -109,7 +109,7 @@ def choose(request: Request, training: Sequence[Record], held_out: Sequence[Reco
         if text.startswith(ROUND_DONE):
             print(f"{text.removeprefix(ROUND_DONE)} ({done} cross-validated)", file=sys.stderr)
         else:
-            say(f"{text} ({done} done)")
+            report_progress(f"{text} ({done} done)")
 
     found = auto(training, request.input, request.output, request.schedule, sample_rate=request.sample_rate,
                  held_out=held_out or None, progress=progress, budget=budget)
@@ -117,7 +117,7 @@ def choose(request: Request, training: Sequence[Record], held_out: Sequence[Reco
         raise KeyboardInterrupt
     if not found.complete:
         print("interrupted: what was ranked so far is kept; the result says that it is not complete", file=sys.stderr)
-    say("estimating the noise")
+    report_progress("estimating the noise")
     try:
         ceiling, percent = _ceiling(request, found, training, held_out)
     except InputError as error:

@@ -45,16 +45,16 @@ def compare(
     def with_roles(model: Model, records: list[Record]) -> list[Record]:
         return [r.with_roles(parts(model, named)) for r in records]
 
-    with working("reading") as say:
+    with working("reading") as report_progress:
         loaded = {name: load(file) for name, file in zip(_labels(models), models, strict=True)}
         records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=sample_rate)
-        say("simulating")
+        report_progress("simulating")
         found = compare_models(loaded, records, sample_rate=None if clockless else sample_rate,
                                label="training" if training else "held-out", fitted=with_roles)
         if results.kept:
             from lpvid.report.comparing import compare_page
 
-            say("drawing")
+            report_progress("drawing")
             results.json("compare.json", found.to_dict())
             results.report(compare_page(found, records, with_roles))
     conclude(results, found.to_dict(), repr(found), json)

@@ -64,19 +64,26 @@ def diagnose(
     if plan_experiment and out is None:
         raise InputError("--plan-experiment writes a file", mend="add --out DIR")
     named = {"input": split_names(input), "output": split_names(output), "schedule": split_names(schedule)}
-    with working("reading") as say:
+    with working("reading") as report_progress:
         start, is_model = _starting_point(baseline)
         training, kept, clockless = read_parts_clocked(data, held_out, roles=role, flip=flip, sample_rate=rate)
         training, kept = ([_with_parts(r, start if is_model else None, named) for r in p] for p in (training, kept))
-        question = pose(training, start, split_names(catalogue) or None, kept, parameters=parameters,
-                        sample_rate=common_rate(training) if raw else None if clockless else rate, progress=say)
-        found = answer(question, DiagnosisSettings(seed=seed), say, engine)
-        say("the same causes in an LPV model")
+        question = pose(
+            training,
+            start,
+            split_names(catalogue) or None,
+            kept,
+            parameters=parameters,
+            sample_rate=common_rate(training) if raw else None if clockless else rate,
+            progress=report_progress,
+        )
+        found = answer(question, DiagnosisSettings(seed=seed), report_progress, engine)
+        report_progress("the same causes in an LPV model")
         lpv = _lpv_extension(found, question)
-        told = _deliver(results, found, question, lpv, plan_experiment, say)
+        described = _deliver(results, found, question, lpv, plan_experiment, report_progress)
     if not found.complete:
         typer.echo("interrupted: no cause was judged; the result says where the baseline is wrong", err=True)
-    conclude(results, _told(found, lpv), "\n".join([repr(found), *told]), json)
+    conclude(results, _described(found, lpv), "\n".join([repr(found), *described]), json)
     if not found.complete:
         raise typer.Exit(INTERRUPTED)
 
@@ -120,23 +127,23 @@ def _lpv_extension(found: Diagnosis, question: Question) -> LpvExtension | None:
         return None
 
 
-def _told(found: Diagnosis, lpv: LpvExtension | None) -> dict[str, Any]:
+def _described(found: Diagnosis, lpv: LpvExtension | None) -> dict[str, Any]:
     """diagnosis.json."""
     return {**found.to_dict(), "extended_lpv": None if lpv is None else {**lpv.to_dict(), "model": LPV_MODEL}}
 
 
 def _deliver(results: Results, found: Diagnosis, question: Question, lpv: LpvExtension | None, plan: bool,
-             say: Callable[[str], None]) -> Sequence[str]:
+             report_progress: Callable[[str], None]) -> Sequence[str]:
     """Queue the files; what to tell of the LPV model and of the experiment."""
-    told = [] if lpv is None else [f"  {lpv}"]
+    described = [] if lpv is None else [f"  {lpv}"]
     if not results.kept:
-        return told
+        return described
     from lpvid.diagnosis.experiments import proposed
     from lpvid.export.serialise import save
     from lpvid.report.diagnosis import diagnosis_page
 
-    say("drawing")
-    results.json("diagnosis.json", _told(found, lpv))
+    report_progress("drawing")
+    results.json("diagnosis.json", _described(found, lpv))
     if lpv is not None:
         results.add(LPV_MODEL, lambda path: save(lpv.extended.model, path))
     if found.extended is not None:
@@ -145,12 +152,16 @@ def _deliver(results: Results, found: Diagnosis, question: Question, lpv: LpvExt
     planned = proposal is not None and bool(proposal.text)
     if proposal is not None and planned:
         results.add(PLAN, lambda path: path.write_text(proposal.text, encoding="utf-8"))
-        told.append(f"  experiment: {proposal.says}\n  quartercar rig {results.folder}/{PLAN} --out DIR runs it on the "
-                    "virtual rig")
+        described.append(
+            f"  experiment: {proposal.description}\n  quartercar rig {results.folder}/{PLAN} --out DIR runs it on the "
+            "virtual rig"
+        )
     elif plan:
-        told.append("  no experiment is needed, or none is known: nothing was left open that one could tell")
+        described.append("  no experiment is needed, or none is known: nothing was left open that one could tell")
     advice = () if proposal is None else proposal.advice
-    told += [f"  not told by any run of the rig: {a}" for a in advice]
-    words = () if proposal is None else (*([f"{PLAN} holds the plan: {proposal.says}"] if planned else []), *advice)
+    described += [f"  not told by any run of the rig: {a}" for a in advice]
+    words = (
+        () if proposal is None else (*([f"{PLAN} holds the plan: {proposal.description}"] if planned else []), *advice)
+    )
     results.report(diagnosis_page(found, question, lpv, words))
-    return told
+    return described

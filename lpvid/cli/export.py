@@ -63,10 +63,14 @@ def deliver(results: Results, found: Content, source: str, as_json: bool) -> Non
     """Write the files of an export and print its checks; exits with 3 where one of them did not hold."""
     for file, data in found.files.items():
         results.bytes(file, data)
-    said = {"schema": "lpvid/export/1", "form": found.form, "says": found.says, "files": list(found.files),
+    stated = {"schema": "lpvid/export/1", "form": found.form, "says": found.description, "files": list(found.files),
             "checks": list(found.checks), "passed": found.passed, "notes": list(found.notes), "model": source}
-    lines = [f"{found.form}: {found.says}", *(f"  {c}" for c in found.checks), *(f"  note: {n}" for n in found.notes)]
-    conclude(results, said, "\n".join(lines), as_json)
+    lines = [
+        f"{found.form}: {found.description}",
+        *(f"  {c}" for c in found.checks),
+        *(f"  note: {n}" for n in found.notes),
+    ]
+    conclude(results, stated, "\n".join(lines), as_json)
     if not found.passed:
         raise typer.Exit(SHORTFALL)
 

@@ -60,8 +60,8 @@ def fleet(
     structure = _structure(split_names(input), split_names(output), split_names(schedule), na, nb, nk, degree)
     plan = plan_fleet(data, out, do=split_names([do]), structure=structure, roles=parse_roles(role), baseline=baseline,
                       fdr=fdr, limit=time_limit, retries=retries)
-    with working("starting the cluster") as say:
-        found = run_fleet(plan, scheduler=scheduler, workers=workers, say=say)
+    with working("starting the cluster") as report_progress:
+        found = run_fleet(plan, scheduler=scheduler, workers=workers, report_progress=report_progress)
         results.json("fleet.json", found.to_dict())
         results.bytes("fleet.csv", _table(found).encode("utf-8"))
         results.report(fleet_page(found))
@@ -97,7 +97,7 @@ def _table(found: FleetResult) -> str:
 
 
 def identify_fleet(request: Request, data: Sequence[str], roles: Sequence[str] | None, refused: Mapping[str, Any],
-                   scheduler: str | None, results: Results, say: Callable[[str], None]) -> FleetResult:
+                   scheduler: str | None, results: Results, report_progress: Callable[[str], None]) -> FleetResult:
     """`lpvid identify --fleet`: one model of all files, from the R factors of each, on a Dask cluster.
 
     Parameters
@@ -140,14 +140,14 @@ def identify_fleet(request: Request, data: Sequence[str], roles: Sequence[str] |
     structure = request.arx(request.delay)
     if request.searches_delay:
         first = read_records([str(find(list(data))[0])], roles=roles)
-        settled = _settled(request, first, say)[0]
+        settled = _settled(request, first, report_progress)[0]
         structure = settled if isinstance(settled, ARX) else structure
     if request.structure != "arx" or "passive" in request.given or isinstance(structure.stage, str) or \
             isinstance(structure.schedule_filter, str):
         raise InputError("--fleet identifies arx, stages given or none", got=f"--structure {request.structure}",
                          why="only least squares adds up from file to file", mend="leave --fleet out")
     plan = plan_fleet(data, results.folder / "fleet", do=("identify",), structure=structure, roles=parse_roles(roles))
-    found = run_fleet(plan, scheduler=scheduler, say=say)
+    found = run_fleet(plan, scheduler=scheduler, report_progress=report_progress)
     if found.found is None:
         raise InputError("no file could be used", got=next(iter(found.left_out.values()), ""))
     model = found.found

@@ -170,7 +170,7 @@ def identify(
     request = Request(split_names(input) or ("velocity",), split_names(output) or ("force",), split_names(schedule),
                       structure, {n: v for n, v in written.items() if v is not None}, rate, auto,
                       None if form is None else form.value, refit, refit_form, budget)
-    with working("reading") as say:
+    with working("reading") as report_progress:
         request.check()
         whole = {"--auto": auto, "--hold-out": hold_out, "--refit": refit, "--refit-form": refit_form}
         if scheduler is not None and not fleet:
@@ -179,7 +179,7 @@ def identify(
             from lpvid.cli.fleet import identify_fleet
 
             other = {"--chunk": chunk, "--held-out": held_out, "--flip": flip, "--sample-rate": rate, "--form": form}
-            joint = identify_fleet(request, data, role, {**whole, **other}, scheduler, results, say)
+            joint = identify_fleet(request, data, role, {**whole, **other}, scheduler, results, report_progress)
             conclude(results, joint.to_dict(), str(joint), json)
             if joint.failed:
                 raise typer.Exit(SHORTFALL)
@@ -191,16 +191,18 @@ def identify(
             chunks, apart = (None if paths is None else read_in_parts(paths, chunk, roles=role, flip=flip,
                                                                       sample_rate=rate) for paths in (data, held_out))
             assert chunks is not None
-            streamed = fit_parts(request, chunks, apart, whole, out, say)
-            streamed.deliver(results, say)
+            streamed = fit_parts(request, chunks, apart, whole, out, report_progress)
+            streamed.deliver(results, report_progress)
             conclude(results, streamed.to_dict(), str(streamed), json)
             return
         records, kept = read_parts(data, held_out, roles=role, flip=flip, sample_rate=rate)
         working_at, notes = working_rate([*records, *kept], rate, raw)
         training, tail = part(records, hold_out)
-        found = fit(replace(request, sample_rate=working_at), training, [*tail, *kept], [*records, *kept], say)
+        found = fit(
+            replace(request, sample_rate=working_at), training, [*tail, *kept], [*records, *kept], report_progress
+        )
         found = found.with_notes(notes)
-        found.deliver(results, say)
+        found.deliver(results, report_progress)
     conclude(results, found.to_dict(), str(found), json)
     if passive and not found.certified:
         raise typer.Exit(SHORTFALL)

@@ -18,24 +18,29 @@ def inspect(data: options.Data, input: options.Inputs = None, output: options.Ou
     from lpvid.cli.data import read_records, split_names
 
     results = Results(out)
-    with working("reading") as say:
+    with working("reading") as report_progress:
         if chunk is None:
             records = read_records(data, roles=role, flip=flip, sample_rate=sample_rate)
             from lpvid.auditing import audit
 
-            say("auditing")
+            report_progress("auditing")
             found = audit(records, scheduling=split_names(schedule) or None, inputs=split_names(input))
         else:
             from lpvid.auditing.streamed import audit_stream
             from lpvid.cli.streamed import beginning, parts
 
             chunks = parts(data, chunk, roles=role, flip=flip, sample_rate=sample_rate)
-            found = audit_stream(chunks, scheduling=split_names(schedule) or None, inputs=split_names(input), say=say)
+            found = audit_stream(
+                chunks,
+                scheduling=split_names(schedule) or None,
+                inputs=split_names(input),
+                report_progress=report_progress,
+            )
             records = [beginning(chunks)]
         if results.kept:
             from lpvid.report.inspection import inspection_page
 
-            say("drawing")
+            report_progress("drawing")
             named = (*split_names(input), *split_names(output), *split_names(schedule))
             results.json("audit.json", found.to_dict())
             results.report(inspection_page(found, records, tuple(dict.fromkeys(named))))

@@ -28,7 +28,7 @@ STILL = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class ReportedIdentification:
     """An identification with what the report says about it.
 
     Attributes
@@ -59,7 +59,7 @@ class Outcome:
     refitted: Identification | None = None
     form_refit: FormRefit | None = None
 
-    def with_notes(self, notes: tuple[str, ...]) -> Outcome:
+    def with_notes(self, notes: tuple[str, ...]) -> ReportedIdentification:
         """The same with further remarks first."""
         return replace(self, found=self.found.replace(notes=(*notes, *self.found.notes))) if notes else self
 
@@ -106,7 +106,7 @@ class Outcome:
             lines.append(f"    and {len(grave) - 3} more: see lpvid inspect")
         return "\n".join(lines)
 
-    def deliver(self, results: Results, say: Callable[[str], None]) -> None:
+    def deliver(self, results: Results, report_progress: Callable[[str], None]) -> None:
         """Queue the files."""
         realized = None
         if self.form is not None and self.form_refit is None:
@@ -122,12 +122,12 @@ class Outcome:
         from lpvid.report.identification import identification_page
         from lpvid.report.selection import selection_section
 
-        say("drawing")
+        report_progress("drawing")
         shown = comparisons(self.found.model, self.held_out or self.training,
                             "held-out" if self.held_out else "training")
         results.add("model.json", lambda path: save(self.model, path))
         results.json("identification.json", self.to_dict())
-        chosen = () if self.choice is None else (selection_section(self.choice.selection, self.choice.says),)
+        chosen = () if self.choice is None else (selection_section(self.choice.selection, self.choice.description),)
         if self.choice is not None:
             results.json("selection.json", self.choice.to_dict())
         if realized is not None:
@@ -137,12 +137,12 @@ class Outcome:
             results.add("state_space.json", lambda path: save(refit.model, path))
             results.json("form.json", refit.to_dict())
             chosen = (*chosen, form_section(refit))
-        say("bands")
+        report_progress("bands")
         others = {"unconstrained": self.found.unconstrained, "refitted to all data":
                   None if self.refitted is None else self.refitted.model}
         sure = (*response_section(self.found, shown, others={n: m for n, m in others.items() if m is not None}),
                 *sureness(self.found, shown))
-        say("drawing")
+        report_progress("drawing")
         more = (*sure, *passivity_section(self.refitted or self.found), *chosen)
         results.report(identification_page(self.found, shown, self.gaps, self.audit, more))
 
@@ -157,7 +157,7 @@ def _transfer_function(model: Model) -> LPVTransferFunction:
 
 
 def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record], everything: Sequence[Record],
-        say: Callable[[str], None] = lambda text: None) -> Outcome:
+        report_progress: Callable[[str], None] = lambda text: None) -> ReportedIdentification:
     """Audit, choose what was left open, fit, validate, and realise in every form.
 
     Parameters
@@ -186,45 +186,58 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
                          mend="add --hold-out 1/3, or leave --refit out")
     choice, notes = None, ()
     if request.automatic:
-        choice, found = choose(request, training, held_out, say, request.budget or BUDGET)
+        choice, found = choose(request, training, held_out, report_progress, request.budget or BUDGET)
         structure: Structure = choice.selection.best
     else:
-        structure, notes = _settled(request, training, say)
-        say("fitting")
+        structure, notes = _settled(request, training, report_progress)
+        report_progress("fitting")
         found = identify(training, structure, sample_rate=request.sample_rate, held_out=held_out or None)
     bare = request.without_filter(structure)
     if bare is not None:
-        say("fitting without the scheduling filter, to compare")
+        report_progress("fitting without the scheduling filter, to compare")
         notes += _compared(identify(training, bare, sample_rate=request.sample_rate, held_out=held_out or None))
-    say("auditing the data")
-    heard = audit(everything, scheduling=request.schedule or None, inputs=request.input)
+    report_progress("auditing the data")
+    audited = audit(everything, scheduling=request.schedule or None, inputs=request.input)
     derived = [with_velocity(r) for r in training] if "velocity" in structure.channels else list(training)
     pieces = segments(derived, structure.channels, sample_rate=1 / found.model.sample_time if request.sample_rate
                       else None, minimum=found.model.start + 2)
-    say("state-space forms")
+    report_progress("state-space forms")
     gaps = tuple(form_gaps(found.model, pieces, "training")) if isinstance(found.model, LPVTransferFunction) else ()
     notes += _leak_note(pieces, held_out, found)
     again = None
     if request.refit:
-        say("fitting to all data")
-        again = _marked(identify(everything, structure, sample_rate=request.sample_rate), heard)
-    found = _marked(found.replace(notes=(*notes, *found.notes)), heard)
-    own = _form_refit(request, found, again, training, held_out, everything, say) if request.refit_form else None
-    return Outcome(found, gaps, heard, tuple(training), tuple(held_out), request.form, choice, again, own)
+        report_progress("fitting to all data")
+        again = _marked(identify(everything, structure, sample_rate=request.sample_rate), audited)
+    found = _marked(found.replace(notes=(*notes, *found.notes)), audited)
+    own = (
+        _form_refit(request, found, again, training, held_out, everything, report_progress)
+        if request.refit_form
+        else None
+    )
+    return ReportedIdentification(
+        found, gaps, audited, tuple(training), tuple(held_out), request.form, choice, again, own
+    )
 
 
-def _form_refit(request: Request, found: Identification, again: Identification | None, training: Sequence[Record],
-                held_out: Sequence[Record], everything: Sequence[Record], say: Callable[[str], None]) -> FormRefit:
+def _form_refit(
+    request: Request,
+    found: Identification,
+    again: Identification | None,
+    training: Sequence[Record],
+    held_out: Sequence[Record],
+    everything: Sequence[Record],
+    report_progress: Callable[[str], None],
+) -> FormRefit:
     """The form re-estimated on the training data; with --refit on all data, its figures still those of the former."""
     from lpvid.identification.form_refit import refit_form
 
-    say("re-estimating the form")
+    report_progress("re-estimating the form")
     rate = request.sample_rate
     refit = refit_form(_transfer_function(found.model), training, form=request.form, held_out=held_out or None,
                        sample_rate=rate)
     if again is None:
         return refit
-    say("re-estimating the form on all data")
+    report_progress("re-estimating the form on all data")
     whole = refit_form(_transfer_function(again.model), everything, form=request.form, sample_rate=rate)
     metadata = {**whole.model.metadata, "free_run": refit.summary()}
     return refit.with_model(whole.model.replace(metadata=metadata))
@@ -237,7 +250,7 @@ def _compared(bare: Identification) -> tuple[str, ...]:
 
 
 def _settled(request: Request, training: Sequence[Record],
-             say: Callable[[str], None]) -> tuple[Structure, tuple[str, ...]]:
+             report_progress: Callable[[str], None]) -> tuple[Structure, tuple[str, ...]]:
     """The structure with its first input lag and its number of affine terms, and what was decided for them."""
     from lpvid.identification.delay import choose_delay
 
@@ -248,7 +261,7 @@ def _settled(request: Request, training: Sequence[Record],
                  "one affine term",)
     delay = request.delay
     if request.searches_delay:
-        say("choosing the first input lag")
+        report_progress("choosing the first input lag")
         plain = request.arx(1) if affine is None else replace(request.arx(1), affine=affine)
         lags = (0, 1) if request.structure in ("subspace", "pem-ss", "coprime") else (0, 1, 2)
         chosen, note = choose_delay(training, plain, candidates=lags, sample_rate=request.sample_rate)
@@ -263,12 +276,12 @@ def _stands_still(names: Sequence[str], records: Sequence[Record]) -> bool:
     return bool(names) and all(v.size == 0 or np.ptp(v) <= STILL * np.abs(v).max() for v in values)
 
 
-def _marked(found: Identification, heard: Audit) -> Identification:
-    return found.replace(model=found.model.replace(metadata={**found.model.metadata, **_polarity(heard)}))
+def _marked(found: Identification, audited: Audit) -> Identification:
+    return found.replace(model=found.model.replace(metadata={**found.model.metadata, **_polarity(audited)}))
 
 
-def _polarity(heard: Audit) -> Mapping[str, str]:
-    return {"polarity": "reversed"} if heard.of("reversed-polarity") else {}
+def _polarity(audited: Audit) -> Mapping[str, str]:
+    return {"polarity": "reversed"} if audited.of("reversed-polarity") else {}
 
 
 def _leak_note(pieces: Sequence[Record], held_out: Sequence[Record], found: Identification) -> tuple[str, ...]:

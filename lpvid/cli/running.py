@@ -88,7 +88,7 @@ def working(what: str) -> Iterator[Callable[[str], None]]:
     Yields a function that takes what is being done now.
     """
     if not sys.stderr.isatty():
-        stages = Stages(what)
+        stages = StageLines(what)
         try:
             yield stages.enter
         finally:
@@ -103,7 +103,7 @@ def working(what: str) -> Iterator[Callable[[str], None]]:
         yield lambda text: progress.update(task, description=text)
 
 
-class Stages:
+class StageLines:
     """A line on standard error for each stage of a long command: none in the first seconds, so that a short one has
     none.
 
@@ -146,7 +146,7 @@ class Stages:
 
 
 @contextmanager
-def solvers_unheard() -> Iterator[None]:
+def solver_output_suppressed() -> Iterator[None]:
     """What compiled solvers print goes nowhere: their words are no result, and --json prints that alone."""
     sys.stdout.flush()
     try:

@@ -42,25 +42,25 @@ def simulate(model: options.ModelFile, data: options.Data, input: options.Inputs
     from lpvid.validation.free_runs import free_runs
 
     results = Results(out)
-    with working("reading") as say:
+    with working("reading") as report_progress:
         loaded = load(model)
         records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=sample_rate)
         acting = acting_model(loaded, records, sample_rate)
         named = {"input": split_names(input), "output": split_names(output), "schedule": split_names(schedule)}
         records = [r.with_roles(parts(acting, named)) for r in records]
-        say("simulating")
+        report_progress("simulating")
         found = free_runs(acting, records, None if clockless else sample_rate)
         if results.kept:
-            _deliver(results, found, format.value, model.name, say)
+            _deliver(results, found, format.value, model.name, report_progress)
     conclude(results, found.to_dict(), repr(found), json)
 
 
-def _deliver(results: Results, found: FreeRuns, kind: str, name: str, say: Callable[[str], None]) -> None:
+def _deliver(results: Results, found: FreeRuns, kind: str, name: str, report_progress: Callable[[str], None]) -> None:
     """Queue the tables, the figures and the report."""
     from lpvid.export.tables import write_table
     from lpvid.report.simulation import simulation_page
 
-    say("writing")
+    report_progress("writing")
     for label, run in zip(found.labels, found.runs, strict=True):
         stem = "simulation" if len(found.runs) == 1 else f"simulation-{label}"
         results.add(f"{stem}.{kind}", lambda path, columns=run.columns: write_table(columns, path))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lpvid.cli import options
-from lpvid.cli.running import SHORTFALL, Results, command, conclude, solvers_unheard, working
+from lpvid.cli.running import SHORTFALL, Results, command, conclude, solver_output_suppressed, working
 
 if TYPE_CHECKING:
     from lpvid.report import Page
@@ -51,12 +51,12 @@ def stability(model: options.ModelFile,
 
     results = Results(out)
     loaded = load(model)
-    with working("looking for a certificate") as say, solvers_unheard():
+    with working("looking for a certificate") as report_progress, solver_output_suppressed():
         asked = Questions(largest_range, largest_rate, gain, draws)
-        found, render = _studied(loaded, model, (rate, range), seed, asked, say)
+        found, render = _studied(loaded, model, (rate, range), seed, asked, report_progress)
         data = {**found.to_dict(), "model": str(model)}
         if results.kept:
-            say("drawing")
+            report_progress("drawing")
             results.json("stability.json", data)
             if isinstance(found, StabilityStudy) and found.certificate.verified:
                 results.add("certificate.json", lambda path: save(found.certificate, path))
@@ -70,7 +70,7 @@ def stability(model: options.ModelFile,
 
 
 def _studied(loaded: object, path: Path, motion: tuple[list[str] | None, list[str] | None], seed: int,
-             asked: Questions, say: Callable[[str], None]) -> tuple[Study, Callable[[], Page]]:
+             asked: Questions, report_progress: Callable[[str], None]) -> tuple[Study, Callable[[], Page]]:
     """What can be said of a model of any kind, and what makes its page."""
     from lpvid.cli.data import rates
     from lpvid.errors import InputError
@@ -95,9 +95,9 @@ def _studied(loaded: object, path: Path, motion: tuple[list[str] | None, list[st
                              got="--largest-range, --largest-rate, --draws or --gain",
                              why="its scheduling follows from its own output, within a range that is fixed",
                              mend="leave these options out")
-        own = study_self_scheduled(loaded, rate=speeds, range=ranges, seed=seed, say=say)
+        own = study_self_scheduled(loaded, rate=speeds, range=ranges, seed=seed, report_progress=report_progress)
         return own, lambda: self_scheduled_page(own, path.name)
-    found = study_stability(loaded, rate=speeds, range=ranges, seed=seed, asked=asked, say=say)
+    found = study_stability(loaded, rate=speeds, range=ranges, seed=seed, asked=asked, report_progress=report_progress)
     return found, lambda: stability_page(found, path.name)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from lpvid.errors import InputError
 
 if TYPE_CHECKING:
-    from lpvid.cli.modelling import Outcome
+    from lpvid.cli.modelling import ReportedIdentification
     from lpvid.cli.structures import Request
     from lpvid.files.streaming import Chunks
     from lpvid.record import Record
@@ -41,7 +41,7 @@ def beginning(chunks: Chunks) -> Record:
 
 
 def fit_parts(request: Request, chunks: Chunks, held_out: Chunks | None, refused: Mapping[str, Any],
-              folder: Path | None, say: Callable[[str], None]) -> Outcome:
+              folder: Path | None, report_progress: Callable[[str], None]) -> ReportedIdentification:
     """Audit, choose what was left open, fit, validate: part by part.
 
     Parameters
@@ -60,7 +60,7 @@ def fit_parts(request: Request, chunks: Chunks, held_out: Chunks | None, refused
     Outcome
     """
     from lpvid.auditing.streamed import audit_stream
-    from lpvid.cli.modelling import Outcome, _marked, _settled
+    from lpvid.cli.modelling import ReportedIdentification, _marked, _settled
     from lpvid.identification.streaming import identify_stream
     from lpvid.validation.streamed import validate_stream
 
@@ -72,20 +72,28 @@ def fit_parts(request: Request, chunks: Chunks, held_out: Chunks | None, refused
         raise InputError("--chunk identifies arx and recursive", got=f"--structure {request.structure}"
                          + (" --passive" if "passive" in request.given else ""), mend="leave --chunk out")
     head = beginning(chunks)
-    structure, notes = _settled(request, [head], say)
-    found = identify_stream(chunks, structure,  # type: ignore[arg-type]
-                            checkpoint=None if folder is None else folder / STATE, say=lambda t: say(f"fitting: {t}"))
+    structure, notes = _settled(request, [head], report_progress)
+    found = identify_stream(
+        chunks,
+        structure,  # type: ignore[arg-type]
+        checkpoint=None if folder is None else folder / STATE,
+        report_progress=lambda t: report_progress(f"fitting: {t}"),
+    )
     used = structure.channels
     found = found.replace(training=validate_stream(found.model, chunks.only(used), label="training",
-                                                   say=lambda t: say(f"validating: {t}")))
+                                                   report_progress=lambda t: report_progress(f"validating: {t}")))
     shown: tuple[Record, ...] = ()
     if held_out is not None:
         shown = (beginning(held_out),)
-        kept = validate_stream(found.model, held_out.only(used), say=lambda t: say(f"held-out data: {t}"))
+        kept = validate_stream(
+            found.model, held_out.only(used), report_progress=lambda t: report_progress(f"held-out data: {t}")
+        )
         found = found.replace(held_out=kept)
-    heard = audit_stream(chunks, scheduling=request.schedule or None, inputs=request.input,
-                         say=lambda t: say(f"auditing: {t}"))
-    said = (*notes, *(("the first input lag was chosen on the first "
+    audited = audit_stream(chunks, scheduling=request.schedule or None, inputs=request.input,
+                         report_progress=lambda t: report_progress(f"auditing: {t}"))
+    stated = (*notes, *(("the first input lag was chosen on the first "
                        f"{head.n_samples} samples",) if request.searches_delay else ()),
             f"the report draws the first {head.n_samples} samples")
-    return Outcome(_marked(found.replace(notes=(*said, *found.notes)), heard), (), heard, (head,), shown, request.form)
+    return ReportedIdentification(
+        _marked(found.replace(notes=(*stated, *found.notes)), audited), (), audited, (head,), shown, request.form
+    )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lpvid.cli import options
-from lpvid.cli.running import INTERRUPTED, SHORTFALL, Results, command, conclude, solvers_unheard, working
+from lpvid.cli.running import INTERRUPTED, SHORTFALL, Results, command, conclude, solver_output_suppressed, working
 from lpvid.errors import InputError
 
 if TYPE_CHECKING:
@@ -54,8 +54,8 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
 
     results = Results(out)
     loaded, settings, title, weights = _read(plant, design)
-    with working("solving the matrix inequalities") as say, solvers_unheard():
-        result = solve(loaded, settings, progress=say)
+    with working("solving the matrix inequalities") as report_progress, solver_output_suppressed():
+        result = solve(loaded, settings, progress=report_progress)
         found = () if result.closed_loop is None else limits(result.closed_loop)
         data: dict[str, Any] = {"schema": "lpvid/synthesis/1", **result.to_dict(), "plant": str(plant),
                                 "design": repr(settings), "limits": [x.to_dict() for x in found]}
@@ -63,7 +63,7 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
             from lpvid.export.serialise import save
             from lpvid.report.synthesis import synthesis_page
 
-            say("drawing")
+            report_progress("drawing")
             results.json("synthesis.json", data)
             for name, part in (("controller", result.controller), ("closed_loop", result.closed_loop),
                                ("certificate", result.certificate)):
@@ -72,8 +72,8 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
                 else:
                     results.add(f"{name}.json", lambda path, part=part: save(part, path))
             results.report(synthesis_page(result, loaded, title, weights))
-    said = limiting(found, result.gamma_verified)
-    conclude(results, data, repr(result) + (f"\n  {said}" if said else ""), json)
+    stated = limiting(found, result.gamma_verified)
+    conclude(results, data, repr(result) + (f"\n  {stated}" if stated else ""), json)
     if result.notes and result.notes[0].startswith(BEGINS):
         raise typer.Exit(INTERRUPTED)
     if result.verdict != "solved":

@@ -32,11 +32,11 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
     from lpvid.validation import acting_model
 
     results = Results(out)
-    with working("reading") as say:
+    with working("reading") as report_progress:
         loaded = load(model)
         if chunk is not None:
             _in_parts(results, loaded, data, {"roles": role, "flip": flip, "sample_rate": sample_rate}, chunk,
-                      "training" if training else "held-out", json, say)
+                      "training" if training else "held-out", json, report_progress)
             return
         records, clockless = read_clocked(data, roles=role, flip=flip, sample_rate=sample_rate)
         loaded = acting_model(loaded, records, sample_rate)
@@ -44,7 +44,7 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
         records = [r.with_roles(parts(loaded, named)) for r in records]
         from lpvid import validation
 
-        say("simulating")
+        report_progress("simulating")
         label = "training" if training else "held-out"
         rate = None if clockless else sample_rate  # of files without a clock it is the rate they were measured at
         found = validation.validate(loaded, records, sample_rate=rate, label=label, horizons=horizon or ())
@@ -52,14 +52,14 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
             from lpvid.report.figures import comparisons
             from lpvid.report.validation import validation_page
 
-            say("drawing")
+            report_progress("drawing")
             results.json("validation.json", found.to_dict())
             results.report(validation_page(found, loaded, comparisons(loaded, records, found.label), model.name))
     conclude(results, found.to_dict(), repr(found), json)
 
 
 def _in_parts(results: Results, model: Any, data: Sequence[str], how: dict[str, Any], rows: int, label: str,
-              json: bool, say: Callable[[str], None]) -> None:
+              json: bool, report_progress: Callable[[str], None]) -> None:
     """The same for data that are read in parts."""
     from lpvid.cli.streamed import beginning, parts
     from lpvid.validation.report import acting_model
@@ -69,12 +69,12 @@ def _in_parts(results: Results, model: Any, data: Sequence[str], how: dict[str, 
     head = beginning(chunks)
     acts = acting_model(model, [head])
     used = (*(s.name for s in (*acts.inputs, *acts.outputs)), *acts.box.names)
-    found = validate_stream(acts, chunks.only(used), label=label, say=say)
+    found = validate_stream(acts, chunks.only(used), label=label, report_progress=report_progress)
     if results.kept:
         from lpvid.report.figures import comparisons
         from lpvid.report.validation import validation_page
 
-        say("drawing")
+        report_progress("drawing")
         results.json("validation.json", found.to_dict())
         results.report(validation_page(found, acts, comparisons(acts, [head], found.label), "the model"))
     conclude(results, found.to_dict(), repr(found), json)

@@ -76,9 +76,9 @@ def resample(record: Record, sample_rate: float) -> Record:
     positions = step * np.arange(int(np.floor(wanted + 1e-9)))
     new = _interpolate_runs(np.column_stack([c.values for c in uniform.channels.values()]), positions, max(step, 1.0))
     channels = {k: replace(c, values=new[:, i]) for i, (k, c) in enumerate(uniform.channels.items())}
-    said = f"resampled from {old_rate:.6g} Hz to {sample_rate:.6g} Hz (anti-aliased, zero phase)"
+    stated = f"resampled from {old_rate:.6g} Hz to {sample_rate:.6g} Hz (anti-aliased, zero phase)"
     return replace(uniform, channels=channels, sample_time=1.0 / sample_rate, time=None,
-                   notes=(*uniform.notes, *([note] if note else []), said))
+                   notes=(*uniform.notes, *([note] if note else []), stated))
 
 
 def on_clock(record: Record, period: float | None = None) -> tuple[Record, str]:

@@ -26,7 +26,7 @@ class Column:
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class ColumnTable:
     """Columns of equal length; `sample_time` [s] when the file states it apart from any column."""
 
     columns: Sequence[Column]
@@ -34,7 +34,7 @@ class Table:
     notes: Sequence[str] = field(default_factory=tuple)
 
 
-def to_record(table: Table, where: str, *, name: str, sample_rate: float | None,
+def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float | None,
               roles: Mapping[str, str] | None) -> Record:
     """Turn a file's columns into a Record in SI.
 
@@ -201,4 +201,4 @@ def _from_columns(data: Any, name: str) -> Record:
         if values.ndim != 1:
             raise InputError(f"{name}: column '{header}' must have one dimension", got=f"shape {values.shape}")
         columns.append(Column(title, values, unit))
-    return to_record(Table(columns), name, name=name, sample_rate=None, roles=None)
+    return to_record(ColumnTable(columns), name, name=name, sample_rate=None, roles=None)

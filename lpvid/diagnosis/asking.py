@@ -16,10 +16,10 @@ from lpvid.condition.tables import as_records
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.preparing import ROLES, Prepared, prepare
+from lpvid.diagnosis.preparing import ROLES, PreparedRecords, prepare
 from lpvid.errors import InputError
-from lpvid.training_fingerprint import recalled, roles
 from lpvid.record import Record
+from lpvid.training_fingerprint import recalled, roles
 
 if TYPE_CHECKING:
     from lpvid.diagnosis.engine import DiagnosisSettings
@@ -51,7 +51,7 @@ class Question:
         Whether the baseline has been fitted to these records already.
     """
 
-    prepared: Prepared
+    prepared: PreparedRecords
     baseline: Baseline
     fitted: bool
     catalogue: tuple[Effect, ...]
@@ -144,17 +144,17 @@ def answer(question: Question, settings: DiagnosisSettings | None = None,
     from lpvid.diagnosis.evidence import engine as evidence
 
     run = {"gates": gates.diagnose, "evidence": evidence.diagnose}[_checks.one_of(engine, ENGINES, "engine")]
-    settings, say = settings or DiagnosisSettings(), progress or (lambda text: None)
+    settings, report_progress = settings or DiagnosisSettings(), progress or (lambda text: None)
     prepared, baseline = question.prepared, question.baseline
     notes = [*_polarity_note(baseline), *prepared.notes]
     stage = [f"fitting {baseline.name}"]
 
-    def told(text: str) -> None:
+    def described(text: str) -> None:
         stage[0] = text
-        say(text)
+        report_progress(text)
 
-    say("auditing")
-    heard = audit(question.raw, scheduling=tuple(n for n in baseline.schedule if all(r.has(n) for r in question.raw)))
+    report_progress("auditing")
+    audited = audit(question.raw, scheduling=tuple(n for n in baseline.schedule if all(r.has(n) for r in question.raw)))
     given = None
     if question.fitted:
         given = {"training": _esr(baseline, prepared.training),
@@ -164,17 +164,17 @@ def answer(question: Question, settings: DiagnosisSettings | None = None,
                      "the baseline's parameters were given and stay as they are")
     try:
         if settings.fit_baseline and not question.fitted and not question.settled:
-            told(f"fitting {baseline.name}")
+            described(f"fitting {baseline.name}")
             baseline = baseline.fit(prepared.training)
         found = run(prepared.training, baseline, question.catalogue, prepared.held_out,
-                    replace(settings, fit_baseline=False), told)
+                    replace(settings, fit_baseline=False), described)
     except KeyboardInterrupt as stop:
         from lpvid.diagnosis.interrupted import InterruptedSearch, interrupted
 
         found = interrupted(baseline, prepared, stage[0], stop.best if isinstance(stop, InterruptedSearch) else None)
     extended = None if found.extended is None else _with_roles(found.extended.remembering(prepared.training), question)
-    told_of = {**found.baseline, "polarity": baseline.polarity, **({"esr_as_given": given} if given else {})}
-    return replace(found, audit=heard, notes=(*found.notes, *notes), extended=extended, baseline=told_of)
+    baseline_text = {**found.baseline, "polarity": baseline.polarity, **({"esr_as_given": given} if given else {})}
+    return replace(found, audit=audited, notes=(*found.notes, *notes), extended=extended, baseline=baseline_text)
 
 
 def _listed(records: Record | Sequence[Record] | None) -> list[Record]:
@@ -216,11 +216,11 @@ def _with_roles(extended: ExtendedModel, question: Question) -> ExtendedModel:
 
 def _by_roles(model: Any) -> Any:
     """A model whose signals are called by the roles that their channels had in training, so that effects meet them."""
-    said = getattr(model, "metadata", {}).get("roles", {})
+    stated = getattr(model, "metadata", {}).get("roles", {})
     names = _channels(model)
-    known = [r for r in ROLES if r in said and r not in names]
-    others = {n: r for r in known for n in names if n not in ROLES and said.get(n, n) == said[r]}
-    if not others or not isinstance(said, Mapping) or not hasattr(model, "to_dict"):
+    known = [r for r in ROLES if r in stated and r not in names]
+    others = {n: r for r in known for n in names if n not in ROLES and stated.get(n, n) == stated[r]}
+    if not others or not isinstance(stated, Mapping) or not hasattr(model, "to_dict"):
         return model
     from lpvid.export.renaming import renamed
 

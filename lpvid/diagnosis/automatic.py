@@ -14,7 +14,7 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.deciding import out_of_fold
 from lpvid.diagnosis.evidence.independence import independent
 from lpvid.diagnosis.noise import WHITE
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.registry import factories
 from lpvid.diagnosis.signals import in_turn
@@ -33,7 +33,9 @@ class Law:
     error: float
 
 
-def automatic(records: Sequence[Record], say: Callable[[str], None] = lambda text: None) -> tuple[Baseline, str]:
+def automatic(
+    records: Sequence[Record], report_progress: Callable[[str], None] = lambda text: None
+) -> tuple[Baseline, str]:
     """The installed law without memory that describes records best for its parameters, fitted, and what to say of it.
 
     By κN ln(error out of fold) + P ln κN, κN the independent samples of the error of the best: a law that misses as
@@ -52,7 +54,7 @@ def automatic(records: Sequence[Record], say: Callable[[str], None] = lambda tex
                 baseline = factory(records, None)
                 if not baseline.static or baseline.adaptive:
                     continue
-                say(f"trying {name}")
+                report_progress(f"trying {name}")
                 found.append(_law(baseline.fit(records), records))
             except InputError as error:
                 why.append(f"{name}: {error.what}")
@@ -69,15 +71,15 @@ def automatic(records: Sequence[Record], say: Callable[[str], None] = lambda tex
 
     ranked = sorted(found, key=criterion)
     spread = max(problem.spread**2, 1e-300)
-    told = ", ".join(f"{law.baseline.name} {law.error / spread:.3g}" for law in ranked[:LISTED])
+    described = ", ".join(f"{law.baseline.name} {law.error / spread:.3g}" for law in ranked[:LISTED])
     chosen = ranked[0].baseline
     return chosen, (f"the law judged is {chosen.name}, of {len(found)} that suit these records: free-run ESR out of "
-                    f"fold {told}")
+                    f"fold {described}")
 
 
-def _problem(baseline: Baseline, records: Sequence[Record]) -> Problem:
+def _problem(baseline: Baseline, records: Sequence[Record]) -> DiagnosisProblem:
     signals = in_turn([baseline.signals(r) for r in records])
-    return Problem(signals, Blocks.of(signals, baseline.start), WHITE)
+    return DiagnosisProblem(signals, Blocks.of(signals, baseline.start), WHITE)
 
 
 def _law(baseline: Baseline, records: Sequence[Record]) -> Law:

@@ -12,11 +12,11 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.input_noise import gain_without_input_noise
 from lpvid.diagnosis.nameless import static_in_place
 from lpvid.diagnosis.noise import WHITE, NoiseLevel
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import LENT, Refit, refit
 from lpvid.diagnosis.rivals import SEPARATED, Alternative, alternatives, separation, taken_over
 from lpvid.diagnosis.screening import DETECT
-from lpvid.diagnosis.selection import BIC_GAIN, Search
+from lpvid.diagnosis.selection import BIC_GAIN, ForwardSelection
 from lpvid.diagnosis.steadiness import steadiness, surely_there
 
 BLOCKS_BETTER, MAJORITY = 0.8, 0.6
@@ -51,7 +51,7 @@ UNSTEADY = 0.13
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class JudgedEffect:
     """One effect of the chosen set, with everything that was asked of it.
 
     Attributes
@@ -103,7 +103,7 @@ class Folds:
     plain: np.ndarray
 
 
-def out_of_fold(problem: Problem, fit: Refit) -> Folds:
+def out_of_fold(problem: DiagnosisProblem, fit: Refit) -> Folds:
     """Refit to each fold from the fit to both, and take the errors on the other."""
     errors, plain = np.empty(problem.n_samples), np.empty(problem.n_samples)
     for fold in (0, 1):
@@ -114,7 +114,7 @@ def out_of_fold(problem: Problem, fit: Refit) -> Folds:
     return Folds(errors, plain)
 
 
-def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str]) -> Judged:
+def judge(search: ForwardSelection, effect: Effect, whole: Folds, channels: Sequence[str]) -> JudgedEffect:
     """Ask everything of one effect in the chosen set.
 
     Parameters
@@ -162,12 +162,12 @@ def judge(search: Search, effect: Effect, whole: Folds, channels: Sequence[str])
     instead = () if objections or small else alternatives(search, effect, rest)
     rivals = tuple(a for a in instead if a.apart < SEPARATED)
     best = rivals[0] if rivals and rivals[0].apart < -separation(rest, fit) else None
-    return Judged(effect, values, search.p_values.get(effect.name, 1.0), delta, rest.cost - fit.cost,
+    return JudgedEffect(effect, values, search.p_values.get(effect.name, 1.0), delta, rest.cost - fit.cost,
                   100 * total / max(float(before.errors @ before.errors), 1e-300), better, largest, contribution,
                   rivals, best, tuple(small + objections), minor, rest)
 
 
-def shadowed(search: Search, judged: Sequence[Judged], structure: float) -> list[Judged]:
+def shadowed(search: ForwardSelection, judged: Sequence[JudgedEffect], structure: float) -> list[JudgedEffect]:
     """The same, with an objection to those that are faint beside the strongest of them or beside what is left.
 
     Parameters
@@ -181,21 +181,21 @@ def shadowed(search: Search, judged: Sequence[Judged], structure: float) -> list
     out = []
     for j in judged:
         share = DEEP_SHADOW if j.effect.catch_all or strongest.effect.catch_all else SHADOW
-        said = ""
+        stated = ""
         if j.delta_bic > share * strongest.delta_bic and not stands_apart(search, j, strongest):
-            said = "beside the strongest cause too faint to be more than that one's imperfect law"
+            stated = "beside the strongest cause too faint to be more than that one's imperfect law"
         elif j.contribution < DWARFED * structure:
-            said = "it changes less than what is left unexplained"
+            stated = "it changes less than what is left unexplained"
         elif forms := [k.effect.name for k in judged if k.delta_bic < j.delta_bic and missed_by(search, j, k.effect)]:
-            said = f"it does no more than {' or '.join(forms)} may have missed of the same inputs"
-        if j.objections or not said:
+            stated = f"it does no more than {' or '.join(forms)} may have missed of the same inputs"
+        if j.objections or not stated:
             out.append(j)
         else:
-            out.append(replace(j, objections=(said,), minor=True, rivals=(), better=None))
+            out.append(replace(j, objections=(stated,), minor=True, rivals=(), better=None))
     return out
 
 
-def missed_by(search: Search, judged: Judged, form: Effect) -> bool:
+def missed_by(search: ForwardSelection, judged: JudgedEffect, form: Effect) -> bool:
     """Whether a cause may be what a static form of its own inputs has missed of them.
 
     The law of a component is wrong by a part of what it does; a form is fitted, and wrong by another function of its
@@ -207,7 +207,7 @@ def missed_by(search: Search, judged: Judged, form: Effect) -> bool:
         static_in_place(search.problem, search.fit, judged.without, form.needs)
 
 
-def stands_apart(search: Search, faint: Judged, strongest: Judged) -> bool:
+def stands_apart(search: ForwardSelection, faint: JudgedEffect, strongest: JudgedEffect) -> bool:
     """Whether a faint cause shows, with its whole strength, where the strongest one changes little.
 
     The imperfection of a law acts where the law does. At least `QUIET` of what a faint cause changes must lie in that
@@ -230,7 +230,7 @@ def stands_apart(search: Search, faint: Judged, strongest: Judged) -> bool:
     return seen > DETECT + np.log(problem.n_samples) and abs(strength - 1.0) + uncertain < APART
 
 
-def with_small_print(search: Search, judged: Sequence[Judged]) -> list[Judged]:
+def with_small_print(search: ForwardSelection, judged: Sequence[JudgedEffect]) -> list[JudgedEffect]:
     """The same, where of causes on one path the lesser is small print if the others do nearly as well without it.
 
     It may stay in the simulation. The greatest gets the credit of all: beside each other either seems superfluous.
@@ -243,15 +243,15 @@ def with_small_print(search: Search, judged: Sequence[Judged]) -> list[Judged]:
         rest = search.without(*(k.effect for k in kin))
         least, most = kin[0], kin[-1]
         if least.won < KIN * (rest.cost - search.fit.cost):
-            said = f"{most.effect.name} on the same path does nearly as well without it"
-            out[least.effect.name] = replace(least, objections=(*least.objections, said), minor=True, rivals=(),
+            stated = f"{most.effect.name} on the same path does nearly as well without it"
+            out[least.effect.name] = replace(least, objections=(*least.objections, stated), minor=True, rivals=(),
                                              better=None)
             out[most.effect.name] = replace(most, delta_bic=search.fit.bic() - rest.bic(),
                                             won=rest.cost - search.fit.cost)
     return [out[j.effect.name] for j in judged]
 
 
-def weighty(judged: Sequence[Judged]) -> list[Judged]:
+def weighty(judged: Sequence[JudgedEffect]) -> list[JudgedEffect]:
     """The same, where what is held to be small is not, if it changes more than every cause that would be named.
 
     What stays in the simulation without a name must not be what makes the others fit: a clipped force beside a ringing
@@ -261,7 +261,7 @@ def weighty(judged: Sequence[Judged]) -> list[Judged]:
     return [replace(j, minor=False) if j.minor and j.contribution > largest else j for j in judged]
 
 
-def with_takeovers(search: Search, judged: Sequence[Judged]) -> list[Judged]:
+def with_takeovers(search: ForwardSelection, judged: Sequence[JudgedEffect]) -> list[JudgedEffect]:
     """The same, where those of the set that are no more than small have been tried at full size in the others' place.
 
     A cause that came in too late finds its work done by a wrong one, and stays small beside it.
@@ -279,7 +279,7 @@ def with_takeovers(search: Search, judged: Sequence[Judged]) -> list[Judged]:
     return out
 
 
-def _small(problem: Problem, effect: Effect, values: np.ndarray, contribution: float) -> list[str]:
+def _small(problem: DiagnosisProblem, effect: Effect, values: np.ndarray, contribution: float) -> list[str]:
     """What says that an effect, if it is there, is too small to be named."""
     found = []
     if contribution < effect.negligible * problem.spread:
@@ -287,7 +287,7 @@ def _small(problem: Problem, effect: Effect, values: np.ndarray, contribution: f
     return found + effect.unresolved(values, problem.signals[0].sample_time)
 
 
-def surer_share(problem: Problem, before: Folds, after: Folds, level: NoiseLevel, whitened: NoiseLevel,
+def surer_share(problem: DiagnosisProblem, before: Folds, after: Folds, level: NoiseLevel, whitened: NoiseLevel,
                 predictable: float) -> tuple[float, float]:
     """`explained_share` in the output's unit, or of the whitened errors where that is surer.
 
@@ -317,7 +317,7 @@ def surer_share(problem: Problem, before: Folds, after: Folds, level: NoiseLevel
     return max(share, 0.0), error
 
 
-def explained_share(problem: Problem, before: Folds, after: Folds, floor: float | None,
+def explained_share(problem: DiagnosisProblem, before: Folds, after: Folds, floor: float | None,
                     predictable: float) -> tuple[float, float]:
     """φ = (σ²_base − σ²_ext)/(σ²_base − σ₀²) out of fold, and its standard error over blocks.
 
@@ -334,7 +334,7 @@ def explained_share(problem: Problem, before: Folds, after: Folds, floor: float 
     return max(share, 0.0), error
 
 
-def _share(problem: Problem, before: np.ndarray, after: np.ndarray, floor: float | None,
+def _share(problem: DiagnosisProblem, before: np.ndarray, after: np.ndarray, floor: float | None,
            predictable: float) -> tuple[float, float]:
     """The same of any errors; below 0 where the extended model does worse."""
     b, a = (problem.block_sums(e**2) for e in (before, after))
@@ -352,7 +352,7 @@ def _share(problem: Problem, before: np.ndarray, after: np.ndarray, floor: float
     return share(every), error
 
 
-def _untold(problem: Problem, fit: Refit, effect: Effect) -> np.ndarray:
+def _untold(problem: DiagnosisProblem, fit: Refit, effect: Effect) -> np.ndarray:
     """(blocks,) bool: those that were fitted to themselves, being all that tells of the effect.
 
     In a fit to one fold the samples of the other are lent a weight (`refitting.LENT`); where the one has less to say of
@@ -361,11 +361,11 @@ def _untold(problem: Problem, fit: Refit, effect: Effect) -> np.ndarray:
     fold, absent = problem.blocks.fold, fit.vector.copy()
     absent[fit.composition.places[fit.composition.effects.index(effect)]] = effect.neutral
     changed = problem.block_sums((problem.stack(problem.errors(fit.composition, absent)) - fit.errors) ** 2)
-    told = np.array([changed[fold == k].sum() for k in (0, 1)])
-    return LENT * told[fold] > told[1 - fold]
+    described = np.array([changed[fold == k].sum() for k in (0, 1)])
+    return LENT * described[fold] > described[1 - fold]
 
 
-def _acting(problem: Problem, fit: Refit, rest: Refit) -> np.ndarray:
+def _acting(problem: DiagnosisProblem, fit: Refit, rest: Refit) -> np.ndarray:
     """(blocks,) bool: blocks that hold their share of what an effect changes, or a tenth of it."""
     energy = problem.block_sums((rest.errors - fit.errors) ** 2)
     return energy >= ACTING * energy.mean()
@@ -390,7 +390,7 @@ def _enough(energy: np.ndarray) -> float:
     return float(np.clip(expected - LUCK * uncertain, MAJORITY, BLOCKS_BETTER))
 
 
-def dispersion(problem: Problem, change: np.ndarray, errors: np.ndarray) -> float:
+def dispersion(problem: DiagnosisProblem, change: np.ndarray, errors: np.ndarray) -> float:
     """By how much the block sums d·e scatter more than they would in white noise of one level; at least 1.
 
     What whitening leaves of slow noise adds up along a slow change; and noise that is large where the change is large
@@ -414,7 +414,7 @@ def dispersion(problem: Problem, change: np.ndarray, errors: np.ndarray) -> floa
     return max(slow, 1.0) * max(uneven, 1.0)
 
 
-def _contribution(problem: Problem, fit: Refit, rest: Refit) -> float:
+def _contribution(problem: DiagnosisProblem, fit: Refit, rest: Refit) -> float:
     """Root mean square of what an effect changes in the simulation once the others have been refitted without it."""
     change = [fit.composition.predict(s, fit.vector) - rest.composition.predict(s, rest.vector)
               for s in problem.signals]

@@ -144,7 +144,7 @@ class VisitedSet:
 
 
 @dataclass(frozen=True)
-class Weights:
+class SetProbabilities:
     """What an engine that weighs sets against each other says besides.
 
     Attributes
@@ -255,7 +255,7 @@ class Diagnosis(Shown):
     seconds: float = 0.0
     notes: tuple[str, ...] = ()
     complete: bool = True
-    weights: Weights | None = None
+    weights: SetProbabilities | None = None
 
     @property
     def gain_percent(self) -> float:
@@ -267,8 +267,8 @@ class Diagnosis(Shown):
     @property
     def stand_ins(self) -> tuple[str, ...]:
         """Effects of the extended model that are not named: they resemble what is wrong and simulate it in part."""
-        said = {*(c.name for c in self.causes), *(n for r in self.rivals for n in r.names)}
-        return () if self.extended is None else tuple(n for n in self.extended.effects if n not in said)
+        stated = {*(c.name for c in self.causes), *(n for r in self.rivals for n in r.names)}
+        return () if self.extended is None else tuple(n for n in self.extended.effects if n not in stated)
 
     def to_dict(self) -> dict:
         """diagnosis.json."""

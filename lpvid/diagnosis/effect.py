@@ -60,7 +60,7 @@ class EffectParameter:
 
     name: str
     unit: str
-    says: str
+    description: str
     neutral: float
     plausible: tuple[float, float]
     bounds: tuple[float, float]
@@ -131,7 +131,7 @@ class LpvChange:
         Whether the input's delay nk is chosen anew.
     """
 
-    says: str
+    description: str
     degree: int = 0
     order: int = 0
     schedule_filter: str | None = None
@@ -259,7 +259,7 @@ class Effect(ABC):
         """Needed roles that some record does not have."""
         return tuple(n for n in self.needs if not all(s.has(n) for s in signals))
 
-    def told(self, values: np.ndarray) -> str:
+    def described(self, values: np.ndarray) -> str:
         """The title, with what was chosen where a parameter has choices."""
         chosen = [c for p, v in zip(self.parameters, values, strict=True) if (c := p.choice(float(v))) is not None]
         return f"{self.title}: {', '.join(chosen)}" if chosen else self.title
@@ -270,8 +270,8 @@ class Effect(ABC):
         for p, v in zip(self.parameters, values, strict=True):
             low, high = p.plausible
             if p.stopped(v) or not p.reach[0] <= v <= p.reach[1]:
-                said = f"{p.name} {v:.3g} {p.unit}".rstrip()
-                found.append(f"{said} lies outside what is plausible, {low:g} to {high:g}")
+                stated = f"{p.name} {v:.3g} {p.unit}".rstrip()
+                found.append(f"{stated} lies outside what is plausible, {low:g} to {high:g}")
         return found
 
     def unresolved(self, values: np.ndarray, sample_time: float) -> list[str]:
@@ -304,7 +304,7 @@ class Effect(ABC):
         return {"name": self.name, "title": self.title, "family": self.family, "stage": self.stage,
                 "equation": self.equation, "reference": self.reference, "experiment": self.experiment,
                 "needs": list(self.needs),
-                "parameters": [{"name": p.name, "unit": p.unit, "says": p.says, "neutral": p.neutral,
+                "parameters": [{"name": p.name, "unit": p.unit, "says": p.description, "neutral": p.neutral,
                                 "plausible": list(p.plausible)} for p in self.parameters]}
 
     def __repr__(self) -> str:

@@ -15,7 +15,7 @@ from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.deciding import (
     Folds,
-    Judged,
+    JudgedEffect,
     judge,
     out_of_fold,
     shadowed,
@@ -28,15 +28,15 @@ from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis
 from lpvid.diagnosis.effect import Effect, by_name
 from lpvid.diagnosis.nameless import BEYOND, Nameless
 from lpvid.diagnosis.noise import WHITE, NoiseLevel, noise_level
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.remainder import predictable_share
 from lpvid.diagnosis.rivals import alternatives
 from lpvid.diagnosis.screening import Evidence
-from lpvid.diagnosis.selection import BIC_GAIN, Search
+from lpvid.diagnosis.selection import BIC_GAIN, ForwardSelection
 from lpvid.diagnosis.signals import in_turn
 from lpvid.diagnosis.telling import Decided, Telling
-from lpvid.diagnosis.verdicts import Findings, told
+from lpvid.diagnosis.verdicts import Findings, described
 from lpvid.errors import InputError
 from lpvid.record import Record
 
@@ -103,7 +103,7 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     """
     begun, settings = time.perf_counter(), settings or DiagnosisSettings()
 
-    def say(text: str) -> None:
+    def report_progress(text: str) -> None:
         give_back()
         if progress is not None:
             progress(text)
@@ -112,7 +112,7 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
         raise InputError("a diagnosis needs candidates", got="an empty catalogue")
     by_name(tuple(catalogue))
     with single_thread():
-        case = _Case.prepare(records, baseline, tuple(catalogue), settings, say)
+        case = _Case.prepare(records, baseline, tuple(catalogue), settings, report_progress)
         found = case.decide(held_out)
     return replace(found, seconds=time.perf_counter() - begun)
 
@@ -126,32 +126,34 @@ class _Case:
     first: Refit
     level: NoiseLevel
     unusable: tuple[CannotTell, ...]
-    search: Search
+    search: ForwardSelection
     screened: tuple[Evidence, ...]
-    say: Callable[[str], None]
+    report_progress: Callable[[str], None]
 
     @classmethod
     def prepare(cls, records: Sequence[Record], baseline: Baseline, catalogue: tuple[Effect, ...],
-                settings: DiagnosisSettings, say: Callable[[str], None]) -> _Case:
+                settings: DiagnosisSettings, report_progress: Callable[[str], None]) -> _Case:
         if settings.fit_baseline:
-            say(f"fitting {baseline.name}")
+            report_progress(f"fitting {baseline.name}")
             baseline = baseline.fit(records)
         signals = in_turn([baseline.signals(r) for r in records])
         blocks = Blocks.of(signals, baseline.start)
-        problem = Problem(signals, blocks, WHITE)
+        problem = DiagnosisProblem(signals, blocks, WHITE)
         composition = Composition(baseline)
         first = refit(problem, composition, baseline.vector)
         level = noise_level(signals, _driving(baseline), blocks.mask())
         usable, unusable = _usable(catalogue, baseline, signals)
-        say(f"screening {len(usable)} candidates")
-        search, evidence, found = Search.begin(problem, first, usable, np.random.default_rng(settings.seed), say)
+        report_progress(f"screening {len(usable)} candidates")
+        search, evidence, found = ForwardSelection.begin(
+            problem, first, usable, np.random.default_rng(settings.seed), report_progress
+        )
         screened = tuple(evidence)
         whitened_first = search.fit
         search.grow(evidence, found)
-        return cls(baseline, first, whitened_first, level, unusable, search, screened, say)
+        return cls(baseline, first, whitened_first, level, unusable, search, screened, report_progress)
 
     @property
-    def problem(self) -> Problem:
+    def problem(self) -> DiagnosisProblem:
         """Data, blocks, and the filter that whitens what the present set leaves."""
         return self.search.problem
 
@@ -171,7 +173,7 @@ class _Case:
         predictable = self._predictable(fit)
         phi = surer_share(problem, before, after, self.level, self._unshared(fit, whiten=True),
                           predictable) if named or contested else None
-        verdict, reason = told(Findings(
+        verdict, reason = described(Findings(
             named=[j.effect for j in named],
             contested=[(j.effect, tuple(a.effect for a in j.rivals)) for j in contested], dropped=dropped,
             resembling=[j.effect for j in resembling], beyond=beyond, phi=phi,
@@ -196,7 +198,7 @@ class _Case:
         plain = self.plainly.cached("out of fold", lambda: out_of_fold(self.plainly.problem, self.plainly))
         return bare, Folds(out_of_fold(self.problem, bare).errors, plain.plain)
 
-    def _without_a_name(self, bare: Refit, judged: list[Judged]) -> tuple[float, list[Judged]]:
+    def _without_a_name(self, bare: Refit, judged: list[JudgedEffect]) -> tuple[float, list[JudgedEffect]]:
         """Those whose work functions without a name do, with that objection, and what these explain beyond the set."""
         standing = [j for j in judged if not j.objections]
         if not standing:
@@ -212,14 +214,14 @@ class _Case:
                 out.append(replace(j, objections=(WAS_LOGGED,)))
         return max(shares), out
 
-    def _judged(self, before: Folds) -> tuple[list[Judged], list[Judged], Folds]:
+    def _judged(self, before: Folds) -> tuple[list[JudgedEffect], list[JudgedEffect], Folds]:
         """The chosen set judged; those objected to; the errors of the set out of fold.
 
         An effect gives way to a special case of it that does as well, and to another that does clearly better; one that
         is objected to gives way to the best plausible one in its place, and goes where there is none. What the others
         explain is then told once more: it must not lend them its share.
         """
-        gone: list[Judged] = []
+        gone: list[JudgedEffect] = []
         been: set[frozenset[str]] = set()
         turn = regrown = 0
         while True:
@@ -228,7 +230,7 @@ class _Case:
             been.add(fit.composition.members)
             self.search.rests[fit.composition.members] = fit
             after = out_of_fold(self.problem, fit) if fit.composition.effects else before
-            self.say("weighing rivals")
+            self.report_progress("weighing rivals")
             effects = fit.composition.effects
             judged = in_parallel(lambda e, a=after: judge(self.search, e, a, self._inputs), effects)
             if len(judged) > 1:
@@ -253,7 +255,7 @@ class _Case:
                 regrown += 1
                 self.search.grow(*self.search.rewhiten(), avoid=worst.effect.name)
 
-    def _give_way(self, judged: list[Judged], gone: list[Judged], been: set[frozenset[str]]) -> bool:
+    def _give_way(self, judged: list[JudgedEffect], gone: list[JudgedEffect], been: set[frozenset[str]]) -> bool:
         """Put a better name in the place of one of the set; whether there was one that leads to no set that has been.
 
         Two that are better than each other, each by its own fit, would take turns.
@@ -272,7 +274,7 @@ class _Case:
                     gone.append(j)
                     instead = replace(instead, fit=refit(self.problem, instead.fit.composition, instead.fit.vector))
             if instead is not None:
-                self.say(f"{instead.effect.name} in the place of {j.effect.name}")
+                self.report_progress(f"{instead.effect.name} in the place of {j.effect.name}")
                 self.search.p_values[instead.effect.name] = j.p_value
                 self.search.fit = instead.fit
                 return True
@@ -318,7 +320,7 @@ class _Case:
                 for s, e in zip(signals, errors, strict=True)]
         return noise_level(left, _driving(self.baseline), problem.blocks.mask())
 
-    def _final(self, fit: Refit, kept: Sequence[Judged]) -> Refit:
+    def _final(self, fit: Refit, kept: Sequence[JudgedEffect]) -> Refit:
         """The fit with the kept effects only."""
         if len(kept) == len(fit.composition.effects):
             return fit

@@ -12,7 +12,7 @@ GROUP = "lpvid.experiments"
 
 
 @dataclass(frozen=True)
-class Proposal:
+class ExperimentProposal:
     """An experiment.
 
     Attributes
@@ -28,12 +28,12 @@ class Proposal:
     """
 
     text: str
-    says: str
+    description: str
     names: tuple[str, ...]
     advice: tuple[str, ...] = ()
 
 
-Planner = Callable[[Diagnosis], Proposal | None]
+Planner = Callable[[Diagnosis], ExperimentProposal | None]
 
 
 def open_questions(found: Diagnosis) -> tuple[str, ...]:
@@ -42,7 +42,7 @@ def open_questions(found: Diagnosis) -> tuple[str, ...]:
     return tuple(dict.fromkeys(named))
 
 
-def proposed(found: Diagnosis) -> Proposal | None:
+def proposed(found: Diagnosis) -> ExperimentProposal | None:
     """The first plan that an installed package has for what a diagnosis left open; None where there is none."""
     from lpvid.diagnosis.registry import loaded
 
@@ -51,6 +51,6 @@ def proposed(found: Diagnosis) -> Proposal | None:
             raise InputError(f"the entry point '{name}' of {GROUP} is no function", got=type(planner).__name__,
                              mend="update or remove the package that names it")
         proposal = planner(found)
-        if isinstance(proposal, Proposal):
+        if isinstance(proposal, ExperimentProposal):
             return proposal
     return None

@@ -12,9 +12,9 @@ from lpvid import _checks
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.composition import Composition
 from lpvid.errors import InputError
-from lpvid.training_fingerprint import heads
 from lpvid.model.adaptable import Acting, Adaptable
 from lpvid.record import Record
+from lpvid.training_fingerprint import heads
 
 if TYPE_CHECKING:
     from lpvid.diagnosis.extended_run import ExtendedRun

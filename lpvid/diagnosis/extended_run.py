@@ -110,7 +110,7 @@ class ExtendedRun(SelfScheduled):
         sane = np.abs(y) < limit
         return y, None if sane.all() else int(np.argmin(sane))
 
-    def ahead(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
+    def predict(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
         return self.free_run(u, p, y[: self.start], np.inf)[0]
 
     def __repr__(self) -> str:

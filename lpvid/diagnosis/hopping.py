@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 
 SIZES = (5.0, 1.0)
 """samples by which a lag is moved at a time"""
@@ -21,7 +21,7 @@ def hopped(composition: Composition) -> list[tuple[int, bool]]:
             if e.stepwise or e.rugged]
 
 
-def hop(problem: Problem, composition: Composition, vector: np.ndarray, cost: float, jacobian: np.ndarray
+def hop(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray, cost: float, jacobian: np.ndarray
         ) -> tuple[np.ndarray, float]:
     """Move each such strength while that lowers the cost, the other parameters following by one Gauss-Newton step.
 

@@ -7,13 +7,13 @@ from functools import partial
 
 import numpy as np
 
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit
 from lpvid.diagnosis.signals import Signals, jumps
 from lpvid.diagnosis.spectra import is_meant, weighed_alike, without_noise
 
 
-def gain_without_input_noise(problem: Problem, fit: Refit, rest: Refit) -> float:
+def gain_without_input_noise(problem: DiagnosisProblem, fit: Refit, rest: Refit) -> float:
     """Share of a cause's whitened gain that is left when both simulations are driven by inputs without their noise.
 
     A baseline that is driven by a recorded velocity v + n simulates f(v) + f'(v) n. Whatever smooths the velocity, a
@@ -39,7 +39,7 @@ def gain_without_input_noise(problem: Problem, fit: Refit, rest: Refit) -> float
     return float(2 * change @ rest.errors - change @ change) / (rest.cost - fit.cost)
 
 
-def without_input_noise(problem: Problem) -> Problem:
+def without_input_noise(problem: DiagnosisProblem) -> DiagnosisProblem:
     """The same, driven by inputs of which each frequency is weighed with the share of it that is motion."""
     return replace(problem, signals=tuple(s.cached("without noise", partial(_without, s)) for s in problem.signals))
 

@@ -9,12 +9,12 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.diagnosis import Diagnosis, Errors, Weights
+from lpvid.diagnosis.diagnosis import Diagnosis, Errors, SetProbabilities
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.localise import localise
 from lpvid.diagnosis.noise import WHITE
-from lpvid.diagnosis.preparing import Prepared
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.preparing import PreparedRecords
+from lpvid.diagnosis.problem import DiagnosisProblem
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class BestSoFar:
     composition: Composition
     vector: np.ndarray
     probability: float
-    weights: Weights
+    weights: SetProbabilities
 
 
 class InterruptedSearch(KeyboardInterrupt):
@@ -51,7 +51,7 @@ class InterruptedSearch(KeyboardInterrupt):
         self.best = best
 
 
-def interrupted(baseline: Baseline, prepared: Prepared, stage: str, best: BestSoFar | None = None) -> Diagnosis:
+def interrupted(baseline: Baseline, prepared: PreparedRecords, stage: str, best: BestSoFar | None = None) -> Diagnosis:
     """A partial diagnosis: no verdict on any cause, the baseline's error and where it lies, the best set by then.
 
     Parameters
@@ -65,7 +65,7 @@ def interrupted(baseline: Baseline, prepared: Prepared, stage: str, best: BestSo
         Of a search that had begun; it becomes the extended model, and nothing of it is named.
     """
     signals = tuple(baseline.signals(r) for r in prepared.training)
-    problem = Problem(signals, Blocks.of(signals, baseline.start), WHITE)
+    problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start), WHITE)
     bare = Composition(baseline)
     before = _figures(problem, bare, baseline.vector)
     wrong = localise(problem, problem.errors(bare, baseline.vector))
@@ -83,7 +83,7 @@ def interrupted(baseline: Baseline, prepared: Prepared, stage: str, best: BestSo
                      weights=None if best is None else best.weights)
 
 
-def _figures(problem: Problem, composition: Composition, vector: np.ndarray) -> Errors:
+def _figures(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray) -> Errors:
     """Free-run errors on the training samples."""
     stacked = problem.stack(problem.errors(composition, vector), whiten=False)
     esr = float(np.mean(stacked**2)) / max(problem.spread**2, 1e-300)

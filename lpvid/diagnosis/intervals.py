@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, covariance
 from lpvid.diagnosis.screening import Direction, directions, move, moves
-from lpvid.diagnosis.selection import Search
+from lpvid.diagnosis.selection import ForwardSelection
 
 
-def deviations(search: Search) -> np.ndarray:
+def deviations(search: ForwardSelection) -> np.ndarray:
     """(P,) standard errors of the parameters of the present set; NaN at a bound, but for the strength of a lag.
 
     Three independent parts: the sandwich covariance of the fit; what a lag may be off because nobody knows what the
@@ -30,12 +30,12 @@ def deviations(search: Search) -> np.ndarray:
     return np.sqrt(np.maximum(variance + _pull(search) ** 2, 0.0))
 
 
-def of_effect(search: Search, found: np.ndarray, effect: Effect) -> np.ndarray:
+def of_effect(search: ForwardSelection, found: np.ndarray, effect: Effect) -> np.ndarray:
     """(k,) those of one effect of the set."""
     return found[search.fit.composition.places[search.fit.composition.effects.index(effect)]]
 
 
-def _pull(search: Search) -> np.ndarray:
+def _pull(search: ForwardSelection) -> np.ndarray:
     """(P,) by how much filters of all channels that are not in the set would move its parameters, added in squares."""
     fit, problem = search.fit, search.problem
     total = np.zeros(fit.vector.size)
@@ -53,7 +53,7 @@ def _pull(search: Search) -> np.ndarray:
     return np.sqrt(total)
 
 
-def _at_work(problem: Problem, fit: Refit, effect: Effect) -> tuple[float, tuple[np.ndarray, ...]] | None:
+def _at_work(problem: DiagnosisProblem, fit: Refit, effect: Effect) -> tuple[float, tuple[np.ndarray, ...]] | None:
     """Share of an effect's change that is to be reckoned with, and that change per record, (n,) each."""
     values = effect.shown(problem.signals)
     known = None if values is None else move(problem, fit, effect, values)

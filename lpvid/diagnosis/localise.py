@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 
 BANDS = ((0.0, 1.0), (1.0, 5.0), (5.0, 15.0), (15.0, 50.0), (50.0, np.inf))
 """frequency bands [Hz]"""
@@ -38,7 +38,7 @@ class Wrong:
         return {"where": self.where, "share": self.share, "time": self.time}
 
 
-def localise(problem: Problem, errors: Sequence[np.ndarray]) -> tuple[Wrong, ...]:
+def localise(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> tuple[Wrong, ...]:
     """Shares of the squared error by sign and size of each input, by time, after reversals, by frequency; worst first.
 
     Parameters
@@ -104,7 +104,7 @@ def _after_reversal(velocity: np.ndarray) -> np.ndarray:
     return out
 
 
-def _bands(problem: Problem, errors: Sequence[np.ndarray]) -> list[Wrong]:
+def _bands(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> list[Wrong]:
     period = problem.signals[0].sample_time
     power = np.zeros(len(BANDS))
     for e, n in zip(errors, problem.blocks.number, strict=True):

@@ -65,10 +65,10 @@ class LpvExtension:
 
     def __str__(self) -> str:
         before, after = self.esr
-        said = "; ".join(self.changes) or "nothing changed"
+        stated = "; ".join(self.changes) or "nothing changed"
         if before is None or after is None:
-            return f"LPV extension ({said}): a free run diverged on held-out data"
-        return f"LPV extension ({said}): free-run ESR {before:.4g} to {after:.4g} held-out"
+            return f"LPV extension ({stated}): a free run diverged on held-out data"
+        return f"LPV extension ({stated}): free-run ESR {before:.4g} to {after:.4g} held-out"
 
 
 def extend_lpv(records: Sequence[Record], structure: ARX, effects: Sequence[Effect],
@@ -118,7 +118,7 @@ def measured_extension(records: Sequence[Record], structure: ARX, effects: Seque
     if not kept:
         pairs = [split_tail(r, HELD_OUT) for r in records]
         training, kept = [a for a, _ in pairs], [b for _, b in pairs]
-    said, left, taken = [], [], []
+    stated, left, taken = [], [], []
     for effect in effects:
         change = effect.lpv_change()
         lacking = None if change is None else _lacking((*change.regressors, *change.schedule), derived(records))
@@ -127,9 +127,9 @@ def measured_extension(records: Sequence[Record], structure: ARX, effects: Seque
             left.append(f"{effect.name}: {why}")
         else:
             taken.append(effect)
-            said.append(f"{effect.name}: {change.says}")
+            stated.append(f"{effect.name}: {change.description}")
     base = identify(training, structure, held_out=kept)
-    return LpvExtension(base, extend_lpv(training, structure, taken, kept), tuple(said), tuple(left))
+    return LpvExtension(base, extend_lpv(training, structure, taken, kept), tuple(stated), tuple(left))
 
 
 def common_structure(records: Sequence[Record], output: str) -> ARX | None:

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from lpvid import _checks
-from lpvid.diagnosis.problem import Problem, projector, without
+from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.refitting import Refit
 from lpvid.diagnosis.remainder import hats, knots_of
 from lpvid.diagnosis.signals import Signals
@@ -45,7 +45,7 @@ class Nameless:
         Inputs.
     """
 
-    def __init__(self, problem: Problem, channels: Sequence[str]) -> None:
+    def __init__(self, problem: DiagnosisProblem, channels: Sequence[str]) -> None:
         joined = {c: np.concatenate([s[c] for s in problem.signals]) for c in channels}
         self._problem = problem
         self._scales = {c: (float(x.mean()), float(np.ptp(x))) for c, x in joined.items()
@@ -109,7 +109,7 @@ class Nameless:
         return np.column_stack(columns)
 
 
-def static_in_place(problem: Problem, fit: Refit, rest: Refit, channels: Sequence[str]) -> bool:
+def static_in_place(problem: DiagnosisProblem, fit: Refit, rest: Refit, channels: Sequence[str]) -> bool:
     """Whether functions of the present value of each of some inputs do the work of a cause, to within `WITHIN`.
 
     Piecewise linear ones, added to the force, turned round with the velocity, where there is one, and times it: what a
@@ -131,7 +131,7 @@ def _static(s: Signals, knots: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.hstack([columns, columns * np.tanh(v / SOFT)[:, None], columns * v[:, None]])
 
 
-def _gain(problem: Problem, fit: Refit, known: np.ndarray, columns: np.ndarray) -> tuple[float, float]:
+def _gain(problem: DiagnosisProblem, fit: Refit, known: np.ndarray, columns: np.ndarray) -> tuple[float, float]:
     """By how much columns lower the cost of a fit beyond its own derivatives `known`, and what of that may be noise."""
     norms = np.linalg.norm(columns, axis=0)
     left = without(known, columns)

@@ -128,7 +128,7 @@ class NoiseLevel:
 
     variance: float | None
     samples: int
-    says: str
+    description: str
 
     def error(self, whitening: Whitening) -> float:
         """Standard error of the variance for noise that a filter whitens; 0 where none is known.
@@ -155,7 +155,7 @@ def noise_level(signals: Sequence[Signals], channels: Sequence[str], masks: Sequ
     masks : sequence of (n,) bool arrays
         Samples to use.
     """
-    squares, count, said = 0.0, 0, []
+    squares, count, stated = 0.0, 0, []
     for a in range(len(signals)):
         for b in range(a + 1, len(signals)):
             n = min(signals[a].n_samples, signals[b].n_samples)
@@ -163,17 +163,17 @@ def noise_level(signals: Sequence[Signals], channels: Sequence[str], masks: Sequ
                 keep = masks[a][:n] & masks[b][:n]
                 squares += float(np.sum((signals[a].output[:n] - signals[b].output[:n])[keep] ** 2)) / 2
                 count += int(keep.sum())
-                said.append(f"{signals[a].name} repeats {signals[b].name}")
+                stated.append(f"{signals[a].name} repeats {signals[b].name}")
     for s, m in zip(signals, masks, strict=True):
         lag = _period(s, channels)
         if lag:
             keep = m[:-lag] & m[lag:]
             squares += float(np.sum((s.output[:-lag] - s.output[lag:])[keep] ** 2)) / 2
             count += int(keep.sum())
-            said.append(f"{s.name} repeats after {lag * s.sample_time:.3g} s")
+            stated.append(f"{s.name} repeats after {lag * s.sample_time:.3g} s")
     if count < 100:
         return NoiseLevel(None, 0, "no input repeats, so the noise level is only bounded by the best model")
-    return NoiseLevel(squares / count, count, "; ".join(said[:3]) + (" …" if len(said) > 3 else ""))
+    return NoiseLevel(squares / count, count, "; ".join(stated[:3]) + (" …" if len(stated) > 3 else ""))
 
 
 def _alike(a: Signals, b: Signals, channels: Sequence[str], at: slice, bt: slice) -> bool:

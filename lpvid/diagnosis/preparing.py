@@ -24,7 +24,7 @@ SHORTEST = 50
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared:
+class PreparedRecords:
     """Training and held-out records, uniform, of one rate, finite in all roles that are used, and what was done."""
 
     training: tuple[Record, ...]
@@ -33,7 +33,7 @@ class Prepared:
 
 
 def prepare(training: Sequence[Record], held_out: Sequence[Record], catalogue: Sequence[Effect],
-            needed: Sequence[str] = (), sample_rate: float | None = None) -> Prepared:
+            needed: Sequence[str] = (), sample_rate: float | None = None) -> PreparedRecords:
     """Derive a velocity, let a voltage stand for a current, bring all to one rate, cut at gaps and NaN.
 
     A common rate above 1024 Hz is decimated (`condition.preparing.decimation`). A role that only some records have, or
@@ -68,7 +68,7 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record], catalogue: S
             rest = "" if all(quiet) else f", in {sum(quiet)} of {len(quiet)} pieces; the others are too short for that"
             motion = tuple(QUIETER + rest if n.startswith(DERIVED) else n for n in motion)
     notes = (*motion, *stand_in, *why, *left, *losses([*parts[0], *parts[1]]))
-    return Prepared(tuple(_only(r, roles) for r in parts[0]), tuple(_only(r, roles) for r in parts[1]), notes)
+    return PreparedRecords(tuple(_only(r, roles) for r in parts[0]), tuple(_only(r, roles) for r in parts[1]), notes)
 
 
 def _roles(records: Sequence[Record], catalogue: Sequence[Effect],

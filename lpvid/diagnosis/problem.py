@@ -18,7 +18,7 @@ EXPLODED = 1e100
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class DiagnosisProblem:
     """Signals, blocks and whitening filter.
 
     Attributes
@@ -32,7 +32,7 @@ class Problem:
     blocks: Blocks
     whitening: Whitening
 
-    def with_whitening(self, whitening: Whitening) -> Problem:
+    def with_whitening(self, whitening: Whitening) -> DiagnosisProblem:
         """The same data with another filter."""
         return replace(self, whitening=whitening)
 

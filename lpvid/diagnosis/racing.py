@@ -8,7 +8,7 @@ from itertools import islice
 import numpy as np
 
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, descent, hopped_on
 
 HEATS, HEAT = 3, 2
@@ -16,7 +16,7 @@ HEATS, HEAT = 3, 2
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a law that explodes loses by its cost
-def race(problem: Problem, composition: Composition, begun: Sequence[tuple[np.ndarray, Refit | None]],
+def race(problem: DiagnosisProblem, composition: Composition, begun: Sequence[tuple[np.ndarray, Refit | None]],
          hopping: bool = True) -> Refit:
     """The best of a few rough steps from several starts.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.hopping import hop, hopped
-from lpvid.diagnosis.problem import EXPLODED, Problem
+from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
 
 ITERATIONS = 25
 PROMISE, ROUGHLY = 0.02, 0.3
@@ -48,7 +48,7 @@ class Refit:
         Samples it was fitted to, without lent ones.
     """
 
-    problem: Problem
+    problem: DiagnosisProblem
     composition: Composition
     vector: np.ndarray
     cost: float
@@ -84,7 +84,7 @@ class Refit:
         return (self.vector <= low + slack) | (self.vector >= high - slack)
 
 
-def _jacobian(problem: Problem, composition: Composition, vector: np.ndarray,
+def _jacobian(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
               errors: list[np.ndarray] | None = None) -> np.ndarray:
     """(N, P) exact (to differences) derivative, whitened and stacked."""
     at = [None] * len(problem.signals) if errors is None else [s.output - e for s, e in
@@ -93,7 +93,7 @@ def _jacobian(problem: Problem, composition: Composition, vector: np.ndarray,
                                    zip(problem.signals, at, strict=True)]))
 
 
-def _borrowed(problem: Problem, composition: Composition, vector: np.ndarray, errors: list[np.ndarray],
+def _borrowed(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray, errors: list[np.ndarray],
               near: Refit) -> np.ndarray:
     """(N, P) derivative with the columns that a fit of a related composition has, the others taken at `vector`."""
     have = {name: k for k, name in enumerate(near.composition.names)}
@@ -114,7 +114,7 @@ def _bounded(derivatives: np.ndarray) -> np.ndarray:
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a law that explodes loses by its cost
-def refit(problem: Problem, composition: Composition, start: np.ndarray, fold: int | None = None,
+def refit(problem: DiagnosisProblem, composition: Composition, start: np.ndarray, fold: int | None = None,
           iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False, target: float = np.inf
           ) -> Refit:
     """Minimise the whitened squared error over the blocks, or those of one fold, from `start`, inside the bounds.
@@ -137,7 +137,7 @@ def hopped_on(found: Refit, iterations: int = ITERATIONS, rough: bool = False, t
     return after if after.cost < found.cost else found
 
 
-def descend(problem: Problem, composition: Composition, start: np.ndarray, fold: int | None = None,
+def descend(problem: DiagnosisProblem, composition: Composition, start: np.ndarray, fold: int | None = None,
             iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False, target: float = np.inf,
             worth: float = 1.0) -> Refit:
     """Minimise the whitened squared error by derivatives: where `descent` is after so many iterations."""
@@ -145,7 +145,7 @@ def descend(problem: Problem, composition: Composition, start: np.ndarray, fold:
     return found
 
 
-def descent(problem: Problem, composition: Composition, start: np.ndarray, fold: int | None = None,
+def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarray, fold: int | None = None,
             near: Refit | None = None, rough: bool = False, target: float = np.inf, worth: float = 1.0
             ) -> Iterator[Refit]:
     """The way of a minimisation by derivatives: its start, and where each iteration leads, until none promises more.
@@ -303,7 +303,7 @@ def _inside(matrix: np.ndarray, right: np.ndarray, low: np.ndarray, high: np.nda
     return np.clip(found.x, low, high)
 
 
-def covariance(problem: Problem, fit: Refit) -> np.ndarray:
+def covariance(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
     """(P, P) covariance of a refit to all blocks, in sandwich form over the blocks; NaN for parameters at a bound.
 
     (JᵀJ)⁻¹ (Σ_b g_b g_bᵀ) (JᵀJ)⁻¹ with g_b the block sums of J e: right for errors whose size follows the force or

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.signals import Signals
 
 LAGS = (2, 6, 16)
@@ -21,7 +21,9 @@ RIDGES = (1e-4, 1e-2, 1.0)
 """penalties tried; the one that predicts best counts"""
 
 
-def predictable_share(problem: Problem, errors: Sequence[np.ndarray], channels: Sequence[str]) -> tuple[float, float]:
+def predictable_share(
+    problem: DiagnosisProblem, errors: Sequence[np.ndarray], channels: Sequence[str]
+) -> tuple[float, float]:
     """Share of the squared error that a flexible regression on the inputs predicts out of fold, and its standard error.
 
     Ridge regression on random features tanh(wᵀz + b) of the inputs, their soft signs, their values some samples ago and

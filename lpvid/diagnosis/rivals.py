@@ -13,11 +13,11 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.input_noise import without_input_noise
 from lpvid.diagnosis.noise import WHITE
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.racing import race
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import Direction, Evidence, directions, moves, placed, screen, similarity
-from lpvid.diagnosis.selection import REFINED, TASTE, Search
+from lpvid.diagnosis.selection import REFINED, TASTE, ForwardSelection
 from lpvid.diagnosis.starting import own_values, starts
 
 SEPARATED, DISTINCT = 10.0, 40.0
@@ -70,7 +70,7 @@ class Alternative:
     apart: float
 
 
-def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternative, ...]:
+def alternatives(search: ForwardSelection, effect: Effect, rest: Refit) -> tuple[Alternative, ...]:
     """Plausible effects, half as likely or more, put in the place of one of the set and refitted; best first.
 
     A more general one is no rival, unless these signals cannot tell it from the effect, or it does better by more than
@@ -115,7 +115,7 @@ def alternatives(search: Search, effect: Effect, rest: Refit) -> tuple[Alternati
     return tuple(sorted(out, key=lambda a: a.apart))
 
 
-def _in_place(search: Search, effect: Effect, rest: Refit, e: Evidence,
+def _in_place(search: ForwardSelection, effect: Effect, rest: Refit, e: Evidence,
               found: Sequence[Direction]) -> tuple[float, Refit] | None:
     """Another in the place of an effect: the log-likelihood by which it trails, and its fit; None where far off."""
     problem, now = search.problem, search.fit
@@ -140,7 +140,7 @@ def _in_place(search: Search, effect: Effect, rest: Refit, e: Evidence,
     return _weighed(problem, apart, now, fit, separation(rest, now), _kin(e.effect, effect)), fit
 
 
-def _first(search: Search, effect: Effect, rest: Refit, e: Evidence, composition: Composition,
+def _first(search: ForwardSelection, effect: Effect, rest: Refit, e: Evidence, composition: Composition,
            found: Sequence[Direction]) -> Refit:
     """A first refit with another in the place of an effect, from beside the others of the set.
 
@@ -176,7 +176,7 @@ def _kin(one: Effect, other: Effect) -> bool:
     return bool(one.path) and one.path == other.path
 
 
-def _of_motion(search: Search, fit: Refit, spared: float, margin: float) -> tuple[float, Refit]:
+def _of_motion(search: ForwardSelection, fit: Refit, spared: float, margin: float) -> tuple[float, Refit]:
     """By how much a rival that acts on the motion trails a cause that does, and its best fit.
 
     Told by inputs without their sensors' noise, which a filter that is undone raises and a delay does not: among sines
@@ -189,7 +189,7 @@ def _of_motion(search: Search, fit: Refit, spared: float, margin: float) -> tupl
     return _behind_a_filter(search, apart, fit) if SEPARATED < apart < CHAINED else (apart, fit)
 
 
-def _behind_a_filter(search: Search, apart: float, fit: Refit) -> tuple[float, Refit]:
+def _behind_a_filter(search: ForwardSelection, apart: float, fit: Refit) -> tuple[float, Refit]:
     """By how much a rival trails if either may have a filter of all channels beside it, and its best fit.
 
     Every measurement has such filters, so that none of them counts as a further parameter.
@@ -212,7 +212,7 @@ def _behind_a_filter(search: Search, apart: float, fit: Refit) -> tuple[float, R
     return (float(behind), best[1]) if behind < apart else (apart, fit)
 
 
-def _without_chain(problem: Problem, now: Refit, composition: Composition, effect: Effect) -> list[np.ndarray]:
+def _without_chain(problem: DiagnosisProblem, now: Refit, composition: Composition, effect: Effect) -> list[np.ndarray]:
     """A start for an effect that was fitted without what the measurement does to all channels, which is put back then.
 
     A filter of all channels and one of the motion alone trade places while both are far off.
@@ -227,7 +227,7 @@ def _without_chain(problem: Problem, now: Refit, composition: Composition, effec
     return [placed(composition, fit, chain)]
 
 
-def taken_over(search: Search, effect: Effect, rest: Refit, small: Effect) -> Alternative | None:
+def taken_over(search: ForwardSelection, effect: Effect, rest: Refit, small: Effect) -> Alternative | None:
     """The set without one effect, a small one of the set grown in its place; None where it would not be plausible."""
     problem, now, composition = search.problem, search.fit, rest.composition
     if small.catch_all and not effect.catch_all:
@@ -245,7 +245,7 @@ def taken_over(search: Search, effect: Effect, rest: Refit, small: Effect) -> Al
     return Alternative(small, fit, 1.0, float(apart))
 
 
-def plainly(problem: Problem, now: Refit, other: Refit) -> tuple[float, float]:
+def plainly(problem: DiagnosisProblem, now: Refit, other: Refit) -> tuple[float, float]:
     """By how much less error another fit leaves in the output's unit: (share of the smaller, standard errors).
 
     The whitened error weighs bands in which the noise of the inputs, which no filter of the output's noise knows,
@@ -257,7 +257,7 @@ def plainly(problem: Problem, now: Refit, other: Refit) -> tuple[float, float]:
     return total / max(min(float(a @ a), float(b @ b)), 1e-300), total / max(float(np.sqrt(gains @ gains)), 1e-300)
 
 
-def _unwhitened(problem: Problem, fit: Refit) -> Refit:
+def _unwhitened(problem: DiagnosisProblem, fit: Refit) -> Refit:
     """The same set fitted to the error in the output's unit.
 
     Two lags on one path differ by little else than the bands that whitening weighs most, so that the parameters of the
@@ -267,7 +267,7 @@ def _unwhitened(problem: Problem, fit: Refit) -> Refit:
                       lambda: refit(problem.with_whitening(WHITE), fit.composition, fit.vector, rough=True))
 
 
-def _weighed(problem: Problem, apart: float, now: Refit, other: Refit, margin: float, kin: bool) -> float:
+def _weighed(problem: DiagnosisProblem, apart: float, now: Refit, other: Refit, margin: float, kin: bool) -> float:
     """Log-likelihood by which another fit trails, with what the error in the output's unit says of it."""
     if not kin:
         return in_both(apart, *plainly(problem, now, other), margin)
@@ -289,7 +289,7 @@ def separation(rest: Refit, now: Refit) -> float:
     return float(np.clip(SMALL_PRINT * (rest.cost - now.cost) / now.variance, SEPARATED, DISTINCT))
 
 
-def _cost(problem: Problem, composition: Composition, vector: np.ndarray) -> float:
+def _cost(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray) -> float:
     """Squared whitened error as it stands."""
     errors = problem.stack(problem.errors(composition, vector))
     return float(errors @ errors)

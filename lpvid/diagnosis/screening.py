@@ -10,7 +10,7 @@ import numpy as np
 from lpvid._threads import in_parallel
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.problem import Problem, projector, without
+from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.refitting import Refit
 
 FLIPS = 2000
@@ -117,21 +117,24 @@ class Move:
     change: tuple[np.ndarray, ...]
 
 
-def moves(problem: Problem, fit: Refit, effects: Sequence[Effect]) -> list[Move]:
+def moves(problem: DiagnosisProblem, fit: Refit, effects: Sequence[Effect]) -> list[Move]:
     """Every candidate at every grid point, around a fitted composition; those that do not simulate are left out."""
     now = [fit.composition.predict(s, fit.vector) for s in problem.signals]
     every = in_parallel(lambda e: [_move(problem, fit, now, e, v) for v in e.points(problem.signals)], effects)
     return [m for of_effect in every for m in of_effect if m is not None]
 
 
-def move(problem: Problem, fit: Refit, effect: Effect, values: np.ndarray, now: Sequence[np.ndarray] | None = None
-         ) -> Move | None:
+def move(
+    problem: DiagnosisProblem, fit: Refit, effect: Effect, values: np.ndarray, now: Sequence[np.ndarray] | None = None
+) -> Move | None:
     """One candidate at given values; None where it does not simulate. `now` is the simulation of the fit, if known."""
     now = [fit.composition.predict(s, fit.vector) for s in problem.signals] if now is None else now
     return _move(problem, fit, now, effect, values)
 
 
-def _move(problem: Problem, fit: Refit, now: Sequence[np.ndarray], effect: Effect, values: np.ndarray) -> Move | None:
+def _move(
+    problem: DiagnosisProblem, fit: Refit, now: Sequence[np.ndarray], effect: Effect, values: np.ndarray
+) -> Move | None:
     bigger = Composition(fit.composition.baseline, (*fit.composition.effects, effect))
     vector = placed(bigger, fit, {effect.name: values})
     with np.errstate(all="ignore"):
@@ -139,7 +142,7 @@ def _move(problem: Problem, fit: Refit, now: Sequence[np.ndarray], effect: Effec
     return Move(effect, values, change) if all(np.isfinite(c).all() for c in change) else None
 
 
-def directions(problem: Problem, fit: Refit, moved: Sequence[Move]) -> list[Direction]:
+def directions(problem: DiagnosisProblem, fit: Refit, moved: Sequence[Move]) -> list[Direction]:
     """Moves whitened, with the sensitivities of the fitted composition projected out."""
     basis = projector(fit.jacobian)
     out = []
@@ -155,7 +158,7 @@ def directions(problem: Problem, fit: Refit, moved: Sequence[Move]) -> list[Dire
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
-def saturated(problem: Problem, fit: Refit, moved: Sequence[Move]) -> list[np.ndarray]:
+def saturated(problem: DiagnosisProblem, fit: Refit, moved: Sequence[Move]) -> list[np.ndarray]:
     """Per record, the error of the fit less all that any candidate could explain of it: what the noise looks like.
 
     Least squares on the sensitivities and all moves together, without whitening, over the blocks.
@@ -185,7 +188,9 @@ def placed(composition: Composition, fit: Refit, given: dict[str, np.ndarray]) -
     return vector
 
 
-def screen(problem: Problem, fit: Refit, found: Sequence[Direction], rng: np.random.Generator) -> list[Evidence]:
+def screen(
+    problem: DiagnosisProblem, fit: Refit, found: Sequence[Direction], rng: np.random.Generator
+) -> list[Evidence]:
     """Likelihood ratios of all candidates and block p-values of the largest statistic, strongest first.
 
     Under "nothing hidden" the block sums u_b have random signs whatever the noise's size and (within a block) colour,

@@ -11,7 +11,7 @@ from lpvid._threads import in_parallel
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.noise import Whitening
-from lpvid.diagnosis.problem import Problem, projector, without
+from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.racing import race
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import (
@@ -64,7 +64,7 @@ NEAR, NEAR_SHARE = 20.0, 0.2
 
 
 @dataclass
-class Search:
+class ForwardSelection:
     """A growing set of effects around one baseline, with the filter that whitens what is left.
 
     Attributes
@@ -88,11 +88,11 @@ class Search:
         to the end, and those of rivals, which may have been left far behind.
     """
 
-    problem: Problem
+    problem: DiagnosisProblem
     fit: Refit
     candidates: tuple[Effect, ...]
     rng: np.random.Generator
-    say: Callable[[str], None]
+    report_progress: Callable[[str], None]
     p_values: dict[str, float] = field(default_factory=dict)
     others: tuple[np.ndarray, ...] = ()
     given_up_at: float = 0.0
@@ -101,10 +101,16 @@ class Search:
     known: dict[frozenset[str], Refit] = field(default_factory=dict)
 
     @classmethod
-    def begin(cls, problem: Problem, baseline_fit: Refit, candidates: tuple[Effect, ...], rng: np.random.Generator,
-              say: Callable[[str], None]) -> tuple[Search, list[Evidence], list[Direction]]:
+    def begin(
+        cls,
+        problem: DiagnosisProblem,
+        baseline_fit: Refit,
+        candidates: tuple[Effect, ...],
+        rng: np.random.Generator,
+        report_progress: Callable[[str], None],
+    ) -> tuple[ForwardSelection, list[Evidence], list[Direction]]:
         """Whiten by what no candidate can explain, refit, and screen."""
-        search = cls(problem, baseline_fit, candidates, rng, say)
+        search = cls(problem, baseline_fit, candidates, rng, report_progress)
         if search.far_off():
             search.others = tuple(baseline_fit.composition.baseline.starts(problem.signals))
             search.given_up_at = search._squared(baseline_fit)
@@ -201,7 +207,7 @@ class Search:
         weighty = [e for e in listed if worth[e.effect.name] > WORTH * e.effect.negligible * self.problem.spread]
         largest = sorted(weighty, key=lambda e: -worth[e.effect.name])[:LARGEST]
         listed = [e for k, e in enumerate(weighty) if k < SHORTLIST or e in largest] or listed[:1]
-        self.say(f"tasting {', '.join(e.effect.name for e in listed)}")
+        self.report_progress(f"screening {', '.join(e.effect.name for e in listed)}")
         fits = in_parallel(lambda e: self.taste((e.effect,), found), listed)
         if self.others and all(self.far_off(f) for f in fits):
             afar = [e for e in self.seen_afar(evidence) if e not in listed]
@@ -218,7 +224,7 @@ class Search:
         followed = [e for e, f in tasted if f.bic() <= near]
         special = {name for e in followed for name in e.contains}
         chosen = [(e, f) for e, f in tasted if e in followed or e.name in special]
-        self.say(f"refitting with {', '.join(e.name for e, _ in chosen)}")
+        self.report_progress(f"refitting with {', '.join(e.name for e, _ in chosen)}")
         fits = in_parallel(lambda t: refit(self.problem, t[1].composition, t[1].vector, near=self.fit, rough=True),
                            chosen)
         tried = [(e, f) for (e, _), f in zip(chosen, fits, strict=True)]
@@ -268,13 +274,13 @@ class Search:
         best: tuple[tuple[Effect, ...], Refit] | None = None
         listed = [(names[a], names[b]) for a, b in sorted(pairs) if self.promising((names[a], names[b]), found)]
         for a, b in listed:
-            self.say(f"tasting {a.name} and {b.name} together")
+            self.report_progress(f"screening {a.name} and {b.name} together")
         for (a, b), fit in zip(listed, in_parallel(lambda pair: self.taste(pair, found), listed), strict=True):
             if fit.bic() < self.fit.bic() - 3 * BIC_GAIN and (best is None or fit.bic() < best[1].bic()):
                 best = ((a, b), fit)
         if best is None:
             return None
-        self.say(f"refitting with {' and '.join(e.name for e in best[0])} together")
+        self.report_progress(f"refitting with {' and '.join(e.name for e in best[0])} together")
         fit = refit(self.problem, best[1].composition, best[1].vector, near=self.fit)
         alone = refit(self.problem, self.fit.composition, placed(self.fit.composition, fit, {}), near=fit)
         if alone.bic() < self.fit.bic() - BIC_GAIN:
@@ -392,7 +398,7 @@ class Search:
                 if e.implausible(own_values(self.fit, e)) and not special.implausible(own_values(fit, special)):
                     allowed += LENIENT
                 if fit.bic() < self.fit.bic() + allowed:
-                    self.say(f"{special.name} does as well as {e.name}")
+                    self.report_progress(f"{special.name} does as well as {e.name}")
                     self.p_values[special.name] = self.p_values.get(e.name, 1.0)
                     self.fit = fit
                     return self.simplify()
@@ -412,7 +418,7 @@ class Search:
                 fit = min(tasted, key=lambda f: f.cost)
                 fit = refit(self.problem, composition, fit.vector, near=self.fit, rough=True)
                 if fit.bic() < self.fit.bic() - BIC_GAIN and not self.negligible((special,), fit):
-                    self.say(f"{special.name} beside {e.name}")
+                    self.report_progress(f"{special.name} beside {e.name}")
                     self.p_values[special.name] = self.p_values.get(e.name, 1.0)
                     self.fit = fit
 
@@ -424,11 +430,13 @@ class Search:
             fit, effect = min(smaller, key=lambda t: t[0].bic())
             if fit.bic() - self.fit.bic() > BIC_GAIN:
                 return
-            self.say(f"{effect.name} is no longer needed")
+            self.report_progress(f"{effect.name} is no longer needed")
             self.fit = fit
 
 
-def _moved(problem: Problem, fit: Refit, composition: Composition, given: dict[str, np.ndarray]) -> list[np.ndarray]:
+def _moved(
+    problem: DiagnosisProblem, fit: Refit, composition: Composition, given: dict[str, np.ndarray]
+) -> list[np.ndarray]:
     """Per record, (n,) change of the simulation when effects are put beside a fit."""
     vector = placed(composition, fit, given)
     with np.errstate(all="ignore"):

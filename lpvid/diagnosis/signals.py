@@ -21,7 +21,7 @@ STEPPED = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class SignalStretch:
     """A part of a record among signals that are cut together.
 
     Attributes
@@ -85,7 +85,7 @@ class Signals:
     finer: int = 1
     coarse: Signals | None = field(default=None, repr=False)
     peers: tuple[Signals, ...] = field(default=(), repr=False)
-    stretches: tuple[Stretch, ...] = field(default=(), repr=False)
+    stretches: tuple[SignalStretch, ...] = field(default=(), repr=False)
     repeats: tuple[Signals, int] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:

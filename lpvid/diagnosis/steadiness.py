@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.problem import Problem, projector, without
+from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.refitting import Refit, covariance
 
 LEVELS = ("least", "low", "middle", "high", "largest")
@@ -37,12 +37,12 @@ class Steadiness:
     where: str
 
 
-def surely_there(problem: Problem, fit: Refit, effect: Effect) -> bool:
+def surely_there(problem: DiagnosisProblem, fit: Refit, effect: Effect) -> bool:
     """Whether an effect is more than chance: asked beside another that jumps, elsewhere BIC has said so."""
     return not any(e.abrupt for e in fit.composition.effects if e is not effect) or is_there(problem, fit, effect)
 
 
-def is_there(problem: Problem, fit: Refit, effect: Effect) -> bool:
+def is_there(problem: DiagnosisProblem, fit: Refit, effect: Effect) -> bool:
     """Whether the strengths s of an effect are surely not neutral, by their covariance C over the B blocks.
 
     A few large errors, those of samples at which something jumps nobody knows when, let much win a likelihood in which
@@ -71,7 +71,7 @@ def is_there(problem: Problem, fit: Refit, effect: Effect) -> bool:
     return bool(free / ((problem.blocks.count - 1) * size) * square > fdtri(size, free, THERE))
 
 
-def steadiness(problem: Problem, fit: Refit, effect: Effect, channels: Sequence[str]) -> Steadiness:
+def steadiness(problem: DiagnosisProblem, fit: Refit, effect: Effect, channels: Sequence[str]) -> Steadiness:
     """Least-squares strength of a fitted cause within strata of the inputs, of their sizes and of time.
 
     With d the change that the cause makes beyond what all other parameters can, and e what the fit leaves,
@@ -108,7 +108,7 @@ def steadiness(problem: Problem, fit: Refit, effect: Effect, channels: Sequence[
     return min(whitened, plain, key=lambda found: found.excess)
 
 
-def _worst(problem: Problem, change: np.ndarray, errors: np.ndarray, channels: Sequence[str]) -> Steadiness:
+def _worst(problem: DiagnosisProblem, change: np.ndarray, errors: np.ndarray, channels: Sequence[str]) -> Steadiness:
     """The stratum that differs most, for stacked changes and errors."""
     total = float(change @ change)
     worst = Steadiness(0.0, "")
@@ -131,7 +131,7 @@ def _worst(problem: Problem, change: np.ndarray, errors: np.ndarray, channels: S
     return worst
 
 
-def _scales(problem: Problem, channels: Sequence[str]) -> list[tuple[str, np.ndarray]]:
+def _scales(problem: DiagnosisProblem, channels: Sequence[str]) -> list[tuple[str, np.ndarray]]:
     """What strata are formed of: (name, stacked values)."""
     found = [("time", problem.stack([s.times for s in problem.signals], whiten=False))]
     for name in channels:

@@ -10,16 +10,16 @@ import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.deciding import EXPLAINED, Folds, Judged, out_of_fold
+from lpvid.diagnosis.deciding import EXPLAINED, Folds, JudgedEffect, out_of_fold
 from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Errors, Estimated, Rejected, Rivals
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.intervals import deviations, of_effect
 from lpvid.diagnosis.localise import localise
 from lpvid.diagnosis.noise import NoiseLevel
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, covariance, refit
 from lpvid.diagnosis.screening import Evidence, placed
-from lpvid.diagnosis.selection import Search
+from lpvid.diagnosis.selection import ForwardSelection
 from lpvid.record import Record
 
 
@@ -48,10 +48,10 @@ class Decided:
     plainly: Refit
     final: Refit
     before: Folds
-    judged: Sequence[Judged]
-    named: Sequence[Judged]
-    contested: Sequence[Judged]
-    dropped: Sequence[Judged]
+    judged: Sequence[JudgedEffect]
+    named: Sequence[JudgedEffect]
+    contested: Sequence[JudgedEffect]
+    dropped: Sequence[JudgedEffect]
     phi: tuple[float, float] | None
     predictable: float
 
@@ -74,7 +74,7 @@ class Telling:
     """
 
     baseline: Baseline
-    search: Search
+    search: ForwardSelection
     level: NoiseLevel
     unusable: tuple[CannotTell, ...]
     screened: tuple[Evidence, ...]
@@ -82,7 +82,7 @@ class Telling:
     decided: Decided
 
     @property
-    def problem(self) -> Problem:
+    def problem(self) -> DiagnosisProblem:
         """Data, blocks, and the filter that whitens what the set leaves."""
         return self.search.problem
 
@@ -118,7 +118,7 @@ class Telling:
     def _errors(self, fit: Refit, folds: Folds) -> Errors:
         return errors_of(self.problem, self.baseline, fit, folds, self.held_out)
 
-    def _cause(self, j: Judged, sure: np.ndarray) -> Cause:
+    def _cause(self, j: JudgedEffect, sure: np.ndarray) -> Cause:
         bare, fit, problem = self.decided.bare, self.search.fit, self.problem
         excess = max(bare.cost - fit.cost, 1e-300)
         if len(self.decided.judged) == 1:
@@ -128,10 +128,10 @@ class Telling:
             alone = (bare.cost - refit(problem, composition, placed(composition, bare, {j.effect.name: j.values})).cost
                      ) / excess
         parameters = estimates(j.effect, j.values, of_effect(self.search, sure, j.effect))
-        return Cause(j.effect.name, j.effect.told(j.values), parameters, j.p_value, j.delta_bic, float(alone),
+        return Cause(j.effect.name, j.effect.described(j.values), parameters, j.p_value, j.delta_bic, float(alone),
                      float((j.without.cost - fit.cost) / excess), j.held_out_gain, j.blocks_better, j.contribution)
 
-    def _rivals(self, j: Judged) -> Rivals:
+    def _rivals(self, j: JudgedEffect) -> Rivals:
         parameters = {j.effect.name: estimates(j.effect, j.values, None)}
         for a in j.rivals:
             place = a.fit.composition.places[a.fit.composition.effects.index(a.effect)]
@@ -157,7 +157,7 @@ class Telling:
     def _noise(self, predictable: float) -> Mapping[str, Any]:
         w = self.problem.whitening
         return {"name": "coloured-noise" if w.is_coloured else "white-noise", "order": w.order, "level": w.level,
-                "coefficients": w.coefficients.tolist(), "from_repeats": self.level.says,
+                "coefficients": w.coefficients.tolist(), "from_repeats": self.level.description,
                 "predictable_share": predictable}
 
     def _evidence(self) -> dict[str, dict[str, Any]]:
@@ -165,7 +165,9 @@ class Telling:
                                 "smallest_detectable": e.smallest_detectable} for e in self.screened}
 
 
-def errors_of(problem: Problem, baseline: Baseline, fit: Refit, folds: Folds, held_out: Sequence[Record]) -> Errors:
+def errors_of(
+    problem: DiagnosisProblem, baseline: Baseline, fit: Refit, folds: Folds, held_out: Sequence[Record]
+) -> Errors:
     """Free-run errors of a fit: on training samples, and on further records or, without them, out of fold."""
     plain = problem.stack(problem.errors(fit.composition, fit.vector), whiten=False)
     inside = [s.output[n >= 0] for s, n in zip(problem.signals, problem.blocks.number, strict=True)]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.diagnosis.deciding import EXPLAINED, Judged
+from lpvid.diagnosis.deciding import EXPLAINED, JudgedEffect
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.selection import SIGNIFICANT
 
@@ -65,7 +65,7 @@ class Findings:
 
     named: Sequence[Effect]
     contested: Sequence[tuple[Effect, tuple[Effect, ...]]]
-    dropped: Sequence[Judged]
+    dropped: Sequence[JudgedEffect]
     resembling: Sequence[Effect]
     beyond: float
     phi: tuple[float, float] | None
@@ -79,7 +79,7 @@ class Findings:
     unit: str
 
 
-def told(f: Findings) -> tuple[str, str]:
+def described(f: Findings) -> tuple[str, str]:
     """Verdict and reason."""
     if not f.resembling:
         return _of_the_named(f)
@@ -99,15 +99,15 @@ def _of_the_named(f: Findings) -> tuple[str, str]:
     share, uncertain = f.phi
     causes = [*f.named, *(e for e, _ in f.contested)]
     forms = all(e.catch_all for e in causes)  # what is flexible has no excuse
-    said = ", ".join(e.name for e in causes)
+    stated = ", ".join(e.name for e in causes)
     if not (share + 2 * uncertain >= EXPLAINED and share >= (FORMS if forms else LEAST)):
         partly = share + 2 * uncertain >= PARTLY and share >= LEAST and not forms
         word = "explains" if partly else "resembles it but explains"
-        text = f"{said} {word} {share:.0%} of the excess error only; the rest is unexplained"
+        text = f"{stated} {word} {share:.0%} of the excess error only; the rest is unexplained"
         return ("partly-explained" if partly else "unexplained"), text
     left = float(np.sqrt(f.predictable * f.after)) / f.spread
     if left > LEFT and any(e.catch_all for e in causes):
-        return "unexplained", (f"{said} resembles it, but a flexible form is among them, and what is left still "
+        return "unexplained", (f"{stated} resembles it, but a flexible form is among them, and what is left still "
                                f"follows the inputs, by {left:.0%} of the output's spread")
     if not f.named:
         groups = "; ".join(f"{e.name} or {' or '.join(r.name for r in rivals)}" for e, rivals in f.contested)

@@ -143,13 +143,13 @@ def staged(b: StepBuilder, stage: InputStage | None, u: Sequence[Expr], p: Seque
 
 
 def _three_zone(b: StepBuilder, stage: ThreeZoneStage, u: Sequence[Expr], p: Sequence[Expr]) -> list[Expr]:
-    said = {"limit": "limit v_high of the middle zone", "upper": "slope ratio of the upper zone",
+    stated = {"limit": "limit v_high of the middle zone", "upper": "slope ratio of the upper zone",
             "lower": "slope ratio of the lower zone"}
-    named = {n: b.parameter(f"zone_{n}", getattr(stage, n), "", says) for n, says in said.items()}
+    named = {n: b.parameter(f"zone_{n}", getattr(stage, n), "", description) for n, description in stated.items()}
     values: dict[str, Expr] = dict(named)
-    for n, says in said.items():
+    for n, description in stated.items():
         if p and getattr(stage, f"{n}_slope"):
-            slope = b.parameter(f"zone_{n}_slope", getattr(stage, f"{n}_slope"), "", f"change of the {says}")
+            slope = b.parameter(f"zone_{n}_slope", getattr(stage, f"{n}_slope"), "", f"change of the {description}")
             values[n] = named[n] + slope * p[stage.variable]
     v = u[stage.channel]
     high = b.let("high", call("fmax", values["limit"], 0.02 * named["limit"]))

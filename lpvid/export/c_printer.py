@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lpvid.export.expression import ByPrecision, Element, Symbol
+from lpvid.export.expression import ArrayElement, ByPrecision, Symbol
 from lpvid.export.printing import Printer
 from lpvid.export.step_program import (
     Assign,
@@ -16,7 +16,7 @@ from lpvid.export.step_program import (
     Declare,
     DeclareArray,
     DeclareIndex,
-    Loop,
+    LoopStatement,
     Remark,
     Statement,
     StepProgram,
@@ -53,7 +53,7 @@ class CPrinter(Printer):
     def scalar(self, symbol: Symbol) -> str:
         return HOMES[symbol.home] + symbol.name
 
-    def element(self, element: Element) -> str:
+    def element(self, element: ArrayElement) -> str:
         places = "".join(f"[{self.index(i)}]" for i in element.index)
         return f"{HOMES[element.array.home]}{element.array.name}{places}"
 
@@ -91,7 +91,7 @@ class CPrinter(Printer):
             return [f"{pad}{statement.counter.name} = {self.index(statement.value)};"]
         if isinstance(statement, Remark):
             return [f"{pad}/* {statement.text} */"]
-        if isinstance(statement, Loop):
+        if isinstance(statement, LoopStatement):
             i, first, last = statement.counter.name, statement.first, statement.last
             head = (f"for (int {i} = {last - 1}; {i} >= {first}; {i}--)" if statement.down else
                     f"for (int {i} = {first}; {i} < {last}; {i}++)")

@@ -38,7 +38,7 @@ def export_csv(model: Any, folder: str | os.PathLike, *, name: str = "", clamp: 
 def csv_content(found: Exportable, precision: str = "double") -> Content:
     """The tables of a step program."""
     program = found.program
-    rows = [(q.name, " ".join(str(i + 1) for i in place), float(q.start[place]), q.unit, q.says)
+    rows = [(q.name, " ".join(str(i + 1) for i in place), float(q.start[place]), q.unit, q.description)
             for q in program.parameters for place in np.ndindex(q.shape)]
     files = {f"{program.name}_parameters.csv": _table(("name", "index", "value", "unit", "description"), rows)}
     model = linear_model(found.model)
@@ -53,7 +53,7 @@ def csv_content(found: Exportable, precision: str = "double") -> Content:
     time = program.sample_time * np.arange(len(u))
     head = ["time [s]", *(f"{q.label or q.name} [{q.unit or '1'}]" for q in (*program.inputs, *program.outputs))]
     files[f"{program.name}_trajectory.csv"] = _table(head, np.column_stack([time, u, y]).tolist())
-    return Content("csv", {n: t.encode() for n, t in files.items()}, program.says,
+    return Content("csv", {n: t.encode() for n, t in files.items()}, program.description,
                    (f"{len(rows)} coefficients; the trajectory is this package's simulation from rest",), program.notes)
 
 

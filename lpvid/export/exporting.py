@@ -35,14 +35,18 @@ class Export:
 
     form: str
     files: tuple[Path, ...]
-    says: str
+    description: str
     checks: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     passed: bool = True
 
     def __repr__(self) -> str:
-        lines = [f"{self.form}: {self.says}", *(f"  {c}" for c in self.checks), *(f"  note: {n}" for n in self.notes),
-                 f"  {', '.join(p.name for p in self.files)}"]
+        lines = [
+            f"{self.form}: {self.description}",
+            *(f"  {c}" for c in self.checks),
+            *(f"  note: {n}" for n in self.notes),
+            f"  {', '.join(p.name for p in self.files)}",
+        ]
         return "\n".join(lines)
 
 
@@ -61,7 +65,7 @@ class Content:
 
     form: str
     files: Mapping[str, bytes]
-    says: str
+    description: str
     checks: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     passed: bool = True
@@ -132,8 +136,9 @@ def c_content(found: Exportable, precision: str = "double") -> Content:
         check = (f"self-test {'passed' if test.passed else 'FAILED'}: {precision} against our free run, relative "
                  f"error {test.error:.2g} ({test.compiler}); states {test.state_bytes} bytes, parameters "
                  f"{test.parameter_bytes} bytes, at most {found.program.operations()} assignments per step")
-    return Content("c", {n: t.encode() for n, t in files.items()}, found.program.says, (check,), found.program.notes,
-                   passed)
+    return Content(
+        "c", {n: t.encode() for n, t in files.items()}, found.program.description, (check,), found.program.notes, passed
+    )
 
 
 FORMS: Mapping[str, tuple[str, str]] = {
@@ -178,4 +183,4 @@ def written(made: Content, folder: str | os.PathLike) -> Export:
     except OSError as error:
         raise InputError(f"'{home}' cannot be made", why=error.strerror, mend="check the folder") from None
     paths = tuple(write_bytes(data, home / name) for name, data in made.files.items())
-    return Export(made.form, paths, made.says, made.checks, made.notes, made.passed)
+    return Export(made.form, paths, made.description, made.checks, made.notes, made.passed)

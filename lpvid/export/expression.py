@@ -61,7 +61,7 @@ class Expr:
 
 
 @dataclass(frozen=True, eq=False)
-class Number(Expr):
+class RealConstant(Expr):
     """A real constant."""
 
     value: float
@@ -97,14 +97,14 @@ class Array:
     name: str
     shape: tuple[int, ...]
 
-    def __getitem__(self, index: Index | int | tuple[Index | int, ...]) -> Element:
+    def __getitem__(self, index: Index | int | tuple[Index | int, ...]) -> ArrayElement:
         places = index if isinstance(index, tuple) else (index,)
         assert len(places) == len(self.shape), f"{self.name} has {len(self.shape)} axes"
-        return Element(self, tuple(as_index(i) for i in places))
+        return ArrayElement(self, tuple(as_index(i) for i in places))
 
 
 @dataclass(frozen=True, eq=False)
-class Element(Expr):
+class ArrayElement(Expr):
     """One entry of an array."""
 
     array: Array
@@ -188,7 +188,7 @@ class Real(Expr):
 
 def as_expr(value: Expr | float) -> Expr:
     """A number as an expression; an expression as it is."""
-    return value if isinstance(value, Expr) else Number(float(value))
+    return value if isinstance(value, Expr) else RealConstant(float(value))
 
 
 def as_index(value: Index | int) -> Index:

@@ -115,7 +115,7 @@ def _content(found: Exportable, version: int) -> Content:
         archive[f"binaries/{PLATFORMS[version]}/{program.name}.so"] = library
         checks, passed = checked(found, packed(archive))
     files = {f"{program.name}.fmu": packed(archive)}
-    return Content(f"fmu{version}", files, program.says, checks, tuple(notes), passed)
+    return Content(f"fmu{version}", files, program.description, checks, tuple(notes), passed)
 
 
 def fmu_sources(program: StepProgram, listed: tuple[Variable, ...], version: int) -> tuple[dict[str, str], str]:
@@ -188,7 +188,7 @@ def flow_content(flow: Flow, form: str, precision: str = "double") -> Content:
     _double(precision)
     program, version = flow.program, int(form.removeprefix("fmu"))
     if not program.states:
-        raise InputError("a model without states has nothing to integrate", got=program.says,
+        raise InputError("a model without states has nothing to integrate", got=program.description,
                          mend="discretise it (lpvid.discretise); any period will do")
     listed = variables(program)
     texts, token = fmu_sources(program, listed, version)
@@ -201,7 +201,7 @@ def flow_content(flow: Flow, form: str, precision: str = "double") -> Content:
     if library is not None:
         archive[f"binaries/{PLATFORMS[version]}/{program.name}.so"] = library
         checks, passed = checked_flow(flow, packed(archive))
-    return Content(form, {f"{program.name}.fmu": packed(archive)}, program.says, checks, program.notes, passed)
+    return Content(form, {f"{program.name}.fmu": packed(archive)}, program.description, checks, program.notes, passed)
 
 
 def checked_flow(flow: Flow, fmu: bytes) -> tuple[tuple[str, ...], bool]:
@@ -217,8 +217,8 @@ def checked_flow(flow: Flow, fmu: bytes) -> tuple[tuple[str, ...], bool]:
         path.write_bytes(fmu)
         problems = validate_fmu(str(path))
         error, slope = flow_error(flow, path)
-    said = "valid" if not problems else f"{len(problems)} problem(s): {' '.join(str(problems[0]).split())[:200]}"
-    text = (f"FMPy {fmpy.__version__}: {said}; derivatives and outputs for model exchange against our own along a "
+    stated = "valid" if not problems else f"{len(problems)} problem(s): {' '.join(str(problems[0]).split())[:200]}"
+    text = (f"FMPy {fmpy.__version__}: {stated}; derivatives and outputs for model exchange against our own along a "
             f"trajectory: relative error {error:.2g}")
     more = f"directional derivatives against central differences of our own: relative error {slope:.2g}"
     return (text, more), not problems and error <= TOLERANCE and slope <= SLOPE_TOLERANCE
@@ -312,8 +312,8 @@ def checked(found: Exportable, fmu: bytes) -> tuple[tuple[str, ...], bool]:
         problems = validate_fmu(path)
         error = fmu_error(found, path)
     passed = not problems and error <= TOLERANCE
-    said = "valid" if not problems else f"{len(problems)} problem(s): {' '.join(str(problems[0]).split())[:200]}"
-    text = f"FMPy {fmpy.__version__}: {said}; co-simulation against our free run: relative error {error:.2g}"
+    stated = "valid" if not problems else f"{len(problems)} problem(s): {' '.join(str(problems[0]).split())[:200]}"
+    text = f"FMPy {fmpy.__version__}: {stated}; co-simulation against our free run: relative error {error:.2g}"
     return (text,), passed
 
 

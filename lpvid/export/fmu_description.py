@@ -32,7 +32,7 @@ class Variable:
     """
 
     name: str
-    says: str
+    description: str
     unit: str
     kind: str
     start: float
@@ -55,7 +55,7 @@ def variables(program: StepProgram) -> tuple[Variable, ...]:
 def _rate(state: Variable) -> Variable:
     """The derivative of a continuous state."""
     unit = f"{state.unit}/s" if state.unit and "/" not in state.unit else ""
-    return Variable(f"der({state.name})", f"derivative of: {state.says}", unit, "rate", 0.0, -np.inf, np.inf,
+    return Variable(f"der({state.name})", f"derivative of: {state.description}", unit, "rate", 0.0, -np.inf, np.inf,
                     "dx" + state.member[1:])
 
 
@@ -66,7 +66,7 @@ def _scalars(q: Quantity, kind: str, member: str, used: set[str]) -> Iterator[Va
     used.add(base)
     for place in np.ndindex(q.shape):
         name = base + (f"[{','.join(str(i + 1) for i in place)}]" if place else "")
-        yield Variable(name, q.says, q.unit, kind, float(q.start[place]), q.lower, q.upper,
+        yield Variable(name, q.description, q.unit, kind, float(q.start[place]), q.lower, q.upper,
                        f"{member}.{q.name}{''.join(f'[{i}]' for i in place)}")
 
 
@@ -96,7 +96,7 @@ def _second(program: StepProgram, listed: tuple[Variable, ...], token: str, step
     a = quoteattr
     out = ['<?xml version="1.0" encoding="UTF-8"?>',
            f'<fmiModelDescription fmiVersion="2.0" modelName={a(program.name)} guid={a(token)} '
-           f'description={a(program.says)} generationTool={a("lpvid " + package_version())} '
+           f'description={a(program.description)} generationTool={a("lpvid " + package_version())} '
            f'variableNamingConvention="{_convention(listed)}" numberOfEventIndicators="0">',
            f'  <{kind} modelIdentifier={a(program.name)} {fixed}'
            'canGetAndSetFMUstate="true" canSerializeFMUstate="false" canBeInstantiatedOnlyOncePerProcess="false">',
@@ -106,7 +106,7 @@ def _second(program: StepProgram, listed: tuple[Variable, ...], token: str, step
            "  <ModelVariables>"]
     causality, of = _causality(sampled), _derivatives(listed, 1)
     for i, v in enumerate(listed):
-        out += [f'    <ScalarVariable name={a(v.name)} valueReference="{i}" description={a(v.says)} '
+        out += [f'    <ScalarVariable name={a(v.name)} valueReference="{i}" description={a(v.description)} '
                 f"{causality[v.kind]}>", f"      <Real{_attributes(v)}{of.get(i, '')}/>", "    </ScalarVariable>"]
     outputs = [i + 1 for i, v in enumerate(listed) if v.kind == "output"]
     inputs = " ".join(str(i + 1) for i, v in enumerate(listed) if v.kind == "input")
@@ -131,7 +131,7 @@ def _third(program: StepProgram, listed: tuple[Variable, ...], token: str, step:
     a = quoteattr
     out = ['<?xml version="1.0" encoding="UTF-8"?>',
            f'<fmiModelDescription fmiVersion="3.0" modelName={a(program.name)} instantiationToken={a(token)} '
-           f'description={a(program.says)} generationTool={a("lpvid " + package_version())} '
+           f'description={a(program.description)} generationTool={a("lpvid " + package_version())} '
            f'variableNamingConvention="{_convention(listed)}">',
            f'  <{kind} modelIdentifier={a(program.name)} {fixed}canGetAndSetFMUState="true"/>', *_units(listed),
            f'  <DefaultExperiment startTime="0" stopTime="{_real(1000 * step)}" stepSize="{_real(step)}"/>',
@@ -139,7 +139,7 @@ def _third(program: StepProgram, listed: tuple[Variable, ...], token: str, step:
            f'    <Float64 name="time" valueReference="{len(listed)}" causality="independent" '
            'variability="continuous"/>']
     causality, of = _causality(sampled), _derivatives(listed, 0)
-    out += [f'    <Float64 name={a(v.name)} valueReference="{i}" description={a(v.says)} {causality[v.kind]}'
+    out += [f'    <Float64 name={a(v.name)} valueReference="{i}" description={a(v.description)} {causality[v.kind]}'
             f"{_attributes(v)}{of.get(i, '')}/>" for i, v in enumerate(listed)]
     outputs = [i for i, v in enumerate(listed) if v.kind == "output"]
     inputs = " ".join(str(i) for i, v in enumerate(listed) if v.kind == "input")

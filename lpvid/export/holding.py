@@ -54,7 +54,7 @@ def held(found: Exportable, at: Mapping[str, float]) -> Exportable:
         out[:, kept] = u
         return out
 
-    moved = tuple(dataclasses.replace(q, start=np.array(fixed[q.name]), says=f"{q.says}, held")
+    moved = tuple(dataclasses.replace(q, start=np.array(fixed[q.name]), description=f"{q.description}, held")
                   for q in program.inputs if q.name in fixed)
     text = ", ".join(f"{n} = {v:g}" for n, v in at.items())
 

@@ -82,7 +82,7 @@ def matlab_content(found: Exportable, precision: str = "double") -> Content:
     savemat(target, {name: held}, do_compression=True, long_field_names=True)
     data = {f"{name}.mat": target.getvalue(), **{n: t.encode() for n, t in files.items()}}
     checks, passed = octave_checks(found, data)
-    return Content("matlab", data, program.says, checks, tuple(notes), passed)
+    return Content("matlab", data, program.description, checks, tuple(notes), passed)
 
 
 # -- what the .mat file holds ----------------------------------------------------------------------------------------
@@ -92,10 +92,10 @@ def _variables(found: Exportable) -> dict[str, Any]:
     groups = {"inputs": program.inputs, "outputs": program.outputs, "states": program.states,
               "parameters": program.parameters}
     return {"p": _values(program.parameters), "s": _values(program.states), "sample_time": program.sample_time,
-            "description": program.says,
+            "description": program.description,
             "names": {n: _cells([q.name for q in g]) for n, g in groups.items()},
             "units": {n: _cells([q.unit for q in g]) for n, g in groups.items()},
-            "says": {n: _cells([q.says for q in g]) for n, g in groups.items()},
+            "says": {n: _cells([q.description for q in g]) for n, g in groups.items()},
             "test": {"inputs": u, "outputs": y}}
 
 

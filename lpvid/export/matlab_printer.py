@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from lpvid.export.expression import ByPrecision, Element, Symbol
+from lpvid.export.expression import ArrayElement, ByPrecision, Symbol
 from lpvid.export.printing import Printer
 from lpvid.export.step_program import (
     Assign,
@@ -13,7 +13,7 @@ from lpvid.export.step_program import (
     Declare,
     DeclareArray,
     DeclareIndex,
-    Loop,
+    LoopStatement,
     Remark,
     Statement,
     StepProgram,
@@ -44,7 +44,7 @@ class MatlabPrinter(Printer):
     def scalar(self, symbol: Symbol) -> str:
         return HOMES[symbol.home] + symbol.name
 
-    def element(self, element: Element) -> str:
+    def element(self, element: ArrayElement) -> str:
         places = ", ".join(self.index(i + 1) for i in element.index)
         return f"{HOMES[element.array.home]}{element.array.name}({places})"
 
@@ -78,7 +78,7 @@ class MatlabPrinter(Printer):
             return [f"{pad}{place} = {self.text(statement.value)};"]
         if isinstance(statement, Remark):
             return [f"{pad}% {statement.text}"]
-        if isinstance(statement, Loop):
+        if isinstance(statement, LoopStatement):
             first, last = statement.first, statement.last - 1
             span = f"{last}:-1:{first}" if statement.down else f"{first}:{last}"
             return [f"{pad}for {statement.counter.name} = {span}", *self.block(statement.body, depth + 1), f"{pad}end"]
@@ -91,9 +91,19 @@ class MatlabPrinter(Printer):
 def matlab_step(program: StepProgram) -> str:
     """A function ``[s, y] = NAME_step(p, s, u)`` of one sample."""
     name = program.name
-    says = [f"%{name.upper()}_STEP One sample: outputs now, and the states of the next sample.",
-            f"%   {program.says}.", f"%   Period {program.sample_time!r} s. p, s: parameters and states of {name}.mat.",
-            *(f"%   u.{q.name} [{q.unit or '1'}]: {q.says}" for q in program.inputs),
-            *(f"%   y.{q.name} [{q.unit or '1'}]: {q.says}" for q in program.outputs)]
-    return "\n".join([f"function [s, y] = {name}_step(p, s, u)", *says, *MatlabPrinter().block(program.body, 0), "end",
-                      CHOOSE])
+    description = [
+        f"%{name.upper()}_STEP One sample: outputs now, and the states of the next sample.",
+        f"%   {program.description}.",
+        f"%   Period {program.sample_time!r} s. p, s: parameters and states of {name}.mat.",
+        *(f"%   u.{q.name} [{q.unit or '1'}]: {q.description}" for q in program.inputs),
+        *(f"%   y.{q.name} [{q.unit or '1'}]: {q.description}" for q in program.outputs),
+    ]
+    return "\n".join(
+        [
+            f"function [s, y] = {name}_step(p, s, u)",
+            *description,
+            *MatlabPrinter().block(program.body, 0),
+            "end",
+            CHOOSE,
+        ]
+    )

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from lpvid.export.expression import ByPrecision, Counter, Element, Index, Symbol
+from lpvid.export.expression import ArrayElement, ByPrecision, Counter, Index, Symbol
 from lpvid.export.printing import Printer
 from lpvid.export.step_program import (
     Assign,
@@ -16,7 +16,7 @@ from lpvid.export.step_program import (
     Declare,
     DeclareArray,
     DeclareIndex,
-    Loop,
+    LoopStatement,
     Quantity,
     Remark,
     Statement,
@@ -60,7 +60,7 @@ class ModelicaPrinter(Printer):
         name = {"rate": f"der_{symbol.name}"}.get(symbol.home, symbol.name)
         return self._now.get(name, spelled(name)) if symbol.home == "local" else spelled(name)
 
-    def element(self, element: Element) -> str:
+    def element(self, element: ArrayElement) -> str:
         places = ", ".join(self.index(i + 1) for i in element.index)
         return f"{self.scalar(Symbol(element.array.home, element.array.name))}[{places}]"
 
@@ -114,7 +114,7 @@ class ModelicaPrinter(Printer):
             return wrapped(f"{pad}{place} := {self.text(statement.value)};")
         if isinstance(statement, Remark):
             return [f"{pad}// {statement.text}"]
-        if isinstance(statement, Loop):
+        if isinstance(statement, LoopStatement):
             first, last = statement.first, statement.last - 1
             span = f"{last}:-1:{first}" if statement.down else f"{first}:{last}"
             name, outside = statement.counter.name, self._now.get(statement.counter.name)
@@ -161,7 +161,7 @@ def literal(value: np.ndarray) -> str:
     return repr(float(value)) if value.ndim == 0 else "{" + ", ".join(literal(v) for v in value) + "}"
 
 
-def says(text: str) -> str:
+def description(text: str) -> str:
     """A comment string."""
     return '"' + text.replace("\\", "").replace('"', "'") + '"'
 
@@ -176,13 +176,13 @@ def step_function(program: StepProgram) -> list[str]:
     body = printer.block(program.body, 1)
     ahead = [("rate" if not program.sample_time and program.states else "state", q) for q in program.states]
     count, outputs = sum(q.start.size for q in program.states), len(program.outputs)
-    out = ["function step " + says(program.says)]
-    out += [f"    input Real {spelled(q.name)}{_shape(q)} {says(q.says)};" for q in program.parameters]
+    out = ["function step " + description(program.description)]
+    out += [f"    input Real {spelled(q.name)}{_shape(q)} {description(q.description)};" for q in program.parameters]
     width = count + outputs if program.sample_time else count
-    out += [f"    input Real before[{width}] {says('what it returned before')};"] if count else []
-    out += [f"    input Real {spelled(q.name)} {says(q.says)};" for q in program.inputs]
+    out += [f"    input Real before[{width}] {description('what it returned before')};"] if count else []
+    out += [f"    input Real {spelled(q.name)} {description(q.description)};" for q in program.inputs]
     what = "derivatives of the states, then outputs" if ahead and ahead[0][0] == "rate" else "states, then outputs"
-    out += [f"    output Real after[{count + outputs}] {says(what)};", "protected"]
+    out += [f"    output Real after[{count + outputs}] {description(what)};", "protected"]
     out += [f"    Real {spelled(q.name)}{_shape(q)};" for q in (*program.states, *program.outputs)]
     out += [f"    Real {spelled('der_' + q.name)}{_shape(q)};" for home, q in ahead if home == "rate"]
     out += [f"    {kind.split('[')[0]} {name}{kind[len(kind.split('[')[0]):]};"

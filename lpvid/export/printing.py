@@ -6,17 +6,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 from lpvid.export.expression import (
+    ArrayElement,
     ByPrecision,
     Call,
     Counter,
-    Element,
     Expr,
     Index,
-    Number,
     Offset,
     Operation,
     Place,
     Real,
+    RealConstant,
     Rounded,
     Select,
     Symbol,
@@ -49,7 +49,7 @@ class Printer(ABC):
         """A scalar by its home and name."""
 
     @abstractmethod
-    def element(self, element: Element) -> str:
+    def element(self, element: ArrayElement) -> str:
         """An entry of an array."""
 
     @abstractmethod
@@ -97,13 +97,13 @@ class Printer(ABC):
         return self.rounded(self.text(index.value))
 
     def _text(self, expr: Expr) -> tuple[str, int]:
-        if isinstance(expr, Number):
+        if isinstance(expr, RealConstant):
             return self.number(expr.value), ATOM if expr.value >= 0 else LEVELS["neg"]
         if isinstance(expr, ByPrecision):
             return self.constant(expr), ATOM
         if isinstance(expr, Symbol):
             return self.scalar(expr), ATOM
-        if isinstance(expr, Element):
+        if isinstance(expr, ArrayElement):
             return self.element(expr), ATOM
         if isinstance(expr, Call):
             return self.function(expr.function, [self.text(a) for a in expr.arguments]), ATOM

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from lpvid.export.expression import ByPrecision, Element, Symbol
+from lpvid.export.expression import ArrayElement, ByPrecision, Symbol
 from lpvid.export.printing import Printer
 from lpvid.export.step_program import (
     Assign,
@@ -16,7 +16,7 @@ from lpvid.export.step_program import (
     Declare,
     DeclareArray,
     DeclareIndex,
-    Loop,
+    LoopStatement,
     Remark,
     Statement,
     StepProgram,
@@ -41,7 +41,7 @@ class PythonPrinter(Printer):
     def scalar(self, symbol: Symbol) -> str:
         return symbol.name if symbol.home == "local" else f"{HOMES[symbol.home]}[{symbol.name!r}]"
 
-    def element(self, element: Element) -> str:
+    def element(self, element: ArrayElement) -> str:
         array = element.array
         name = array.name if array.home == "local" else f"{HOMES[array.home]}[{array.name!r}]"
         return f"{name}[{', '.join(self.index(i) for i in element.index)}]"
@@ -75,7 +75,7 @@ class PythonPrinter(Printer):
             return [f"{pad}{place} = {self.text(statement.value)}"]
         if isinstance(statement, Remark):
             return [f"{pad}# {statement.text}"]
-        if isinstance(statement, Loop):
+        if isinstance(statement, LoopStatement):
             first, last = statement.first, statement.last
             span = f"{last - 1}, {first - 1}, -1" if statement.down else f"{first}, {last}"
             return [f"{pad}for {statement.counter.name} in range({span}):", *self.block(statement.body, depth + 1)]

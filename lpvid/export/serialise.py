@@ -159,7 +159,7 @@ def save(obj: Any, path: str | os.PathLike) -> Path:
     True
     """
     noun = obj.model if isinstance(obj, Realization) else obj
-    kind = _kind_of(noun)
+    kind = _kind_for(noun)
     data = {"schema": kind.schema, "lpvid_version": package_version(), **noun.to_dict()}
     try:
         text = json.dumps(data, allow_nan=False, default=_plain, indent=1)
@@ -344,7 +344,7 @@ def _one_line(error: BaseException) -> str:
 
 
 # -- writing ---------------------------------------------------------------------------------------------------------
-def _kind_of(obj: object) -> Kind:
+def _kind_for(obj: object) -> Kind:
     def among(kinds: Sequence[Kind]) -> Kind | None:
         return next((k for k in kinds if k.holds(type(obj))), None)
 

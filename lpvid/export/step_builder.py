@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from lpvid.export.expression import Array, Counter, Element, Expr, Index, Place, Symbol, as_expr, as_index
+from lpvid.export.expression import Array, ArrayElement, Counter, Expr, Index, Place, Symbol, as_expr, as_index
 from lpvid.export.step_program import (
     Assign,
     AssignIndex,
@@ -16,7 +16,7 @@ from lpvid.export.step_program import (
     Declare,
     DeclareArray,
     DeclareIndex,
-    Loop,
+    LoopStatement,
     Quantity,
     Remark,
     Statement,
@@ -47,10 +47,10 @@ class StepBuilder:
     ['level']
     """
 
-    def __init__(self, name: str, says: str, sample_time: float) -> None:
+    def __init__(self, name: str, description: str, sample_time: float) -> None:
         found = identifier(name)
         self.name = f"{found}_model" if found in RESERVED else found
-        self.says, self.sample_time = says, sample_time
+        self.description, self.sample_time = description, sample_time
         self._used: set[str] = set(RESERVED)
         self._inputs: list[Quantity] = []
         self._outputs: list[Quantity] = []
@@ -61,41 +61,43 @@ class StepBuilder:
         self._started: Symbol | None = None
 
     # -- quantities --------------------------------------------------------------------------------------------------
-    def input(self, name: str, unit: str = "", says: str = "", lower: float = -np.inf, upper: float = np.inf) -> Symbol:
+    def input(
+        self, name: str, unit: str = "", description: str = "", lower: float = -np.inf, upper: float = np.inf
+    ) -> Symbol:
         """A scalar input; one of the same name is the same input."""
         known = next((q for q in self._inputs if q.label == name), None)
         if known is None:
-            known = Quantity(self.fresh(name), unit, says or name, np.zeros(()), lower, upper, name)
+            known = Quantity(self.fresh(name), unit, description or name, np.zeros(()), lower, upper, name)
             self._inputs.append(known)
         return Symbol("input", known.name)
 
-    def output(self, name: str, value: Expr, unit: str = "", says: str = "") -> None:
+    def output(self, name: str, value: Expr, unit: str = "", description: str = "") -> None:
         """A scalar output and its value at this sample."""
-        quantity = Quantity(self.fresh(name), unit, says or name, np.zeros(()), label=name)
+        quantity = Quantity(self.fresh(name), unit, description or name, np.zeros(()), label=name)
         self._outputs.append(quantity)
         self.set(Symbol("output", quantity.name), value)
 
-    def state(self, name: str, unit: str = "", says: str = "", start: float = 0.0) -> Symbol:
+    def state(self, name: str, unit: str = "", description: str = "", start: float = 0.0) -> Symbol:
         """A scalar state."""
-        quantity = Quantity(self.fresh(name), unit, says or name, np.array(float(start)), label=name)
+        quantity = Quantity(self.fresh(name), unit, description or name, np.array(float(start)), label=name)
         self._states.append(quantity)
         return Symbol("state", quantity.name)
 
-    def states(self, name: str, start: np.ndarray, unit: str = "", says: str = "") -> Array:
+    def states(self, name: str, start: np.ndarray, unit: str = "", description: str = "") -> Array:
         """An array of states; it must not be empty."""
-        quantity = Quantity(self.fresh(name), unit, says or name, np.array(start, dtype=float), label=name)
+        quantity = Quantity(self.fresh(name), unit, description or name, np.array(start, dtype=float), label=name)
         self._states.append(quantity)
         return Array("state", quantity.name, quantity.shape)
 
-    def parameter(self, name: str, value: float, unit: str = "", says: str = "") -> Symbol:
+    def parameter(self, name: str, value: float, unit: str = "", description: str = "") -> Symbol:
         """A scalar parameter."""
-        quantity = Quantity(self.fresh(name), unit, says or name, np.array(float(value)), label=name)
+        quantity = Quantity(self.fresh(name), unit, description or name, np.array(float(value)), label=name)
         self._parameters.append(quantity)
         return Symbol("parameter", quantity.name)
 
-    def table(self, name: str, value: np.ndarray, unit: str = "", says: str = "") -> Array:
+    def table(self, name: str, value: np.ndarray, unit: str = "", description: str = "") -> Array:
         """An array of parameters; it must not be empty."""
-        quantity = Quantity(self.fresh(name), unit, says or name, np.array(value, dtype=float), label=name)
+        quantity = Quantity(self.fresh(name), unit, description or name, np.array(value, dtype=float), label=name)
         self._parameters.append(quantity)
         return Array("parameter", quantity.name, quantity.shape)
 
@@ -128,13 +130,13 @@ class StepBuilder:
         self._add(DeclareIndex(counter, as_index(value)))
         return counter
 
-    def set(self, target: Symbol | Element, value: Expr | float) -> None:
+    def set(self, target: Symbol | ArrayElement, value: Expr | float) -> None:
         """A new value of a scalar or an entry."""
         self._add(Assign(target, as_expr(value)))
 
-    def rate(self, state: Symbol | Element, value: Expr | float) -> None:
+    def rate(self, state: Symbol | ArrayElement, value: Expr | float) -> None:
         """The time derivative of a state, in a program of a continuous model."""
-        place = Symbol("rate", state.name) if isinstance(state, Symbol) else Element(
+        place = Symbol("rate", state.name) if isinstance(state, Symbol) else ArrayElement(
             Array("rate", state.array.name, state.array.shape), state.index)
         self.set(place, value)
 
@@ -142,7 +144,7 @@ class StepBuilder:
         """A new value of an index."""
         self._add(AssignIndex(counter, as_index(value)))
 
-    def add(self, target: Symbol | Element, value: Expr | float) -> None:
+    def add(self, target: Symbol | ArrayElement, value: Expr | float) -> None:
         """A value added to a scalar or an entry."""
         self.set(target, target + value)
 
@@ -157,7 +159,7 @@ class StepBuilder:
             yield Place(first)
             return
         before = set(self._used)
-        statement = Loop(Counter(self.fresh(name)), first, last, down)
+        statement = LoopStatement(Counter(self.fresh(name)), first, last, down)
         self._blocks.append(statement.body)
         yield statement.counter
         self._blocks.pop()
@@ -192,7 +194,7 @@ class StepBuilder:
         assert len(self._blocks) == 1
         if self._started is not None:
             self.set(self._started, 1.0)
-        return StepProgram(self.name, self.says, self.sample_time, tuple(self._inputs), tuple(self._outputs),
+        return StepProgram(self.name, self.description, self.sample_time, tuple(self._inputs), tuple(self._outputs),
                            tuple(self._states), tuple(self._parameters), tuple(self._blocks[0]), tuple(self._notes))
 
     def fresh(self, name: str) -> str:

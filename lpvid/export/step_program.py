@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lpvid.export.expression import Array, Counter, Element, Expr, Index, Symbol
+from lpvid.export.expression import Array, ArrayElement, Counter, Expr, Index, Symbol
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Quantity:
 
     name: str
     unit: str
-    says: str
+    description: str
     start: np.ndarray
     lower: float = -np.inf
     upper: float = np.inf
@@ -76,7 +76,7 @@ class DeclareIndex(Statement):
 class Assign(Statement):
     """A new value of a scalar or of an entry."""
 
-    target: Symbol | Element
+    target: Symbol | ArrayElement
     value: Expr
 
 
@@ -89,7 +89,7 @@ class AssignIndex(Statement):
 
 
 @dataclass(eq=False)
-class Loop(Statement):
+class LoopStatement(Statement):
     """Statements for counter = first … last − 1, or downwards from last − 1; both are constants."""
 
     counter: Counter
@@ -137,7 +137,7 @@ class StepProgram:
     """
 
     name: str
-    says: str
+    description: str
     sample_time: float
     inputs: tuple[Quantity, ...]
     outputs: tuple[Quantity, ...]
@@ -160,7 +160,7 @@ def walk(body: Sequence[Statement]) -> Iterator[Statement]:
     """Every statement, those inside loops and branches included."""
     for statement in body:
         yield statement
-        if isinstance(statement, Loop):
+        if isinstance(statement, LoopStatement):
             yield from walk(statement.body)
         elif isinstance(statement, Branch):
             yield from walk(statement.then)
@@ -170,7 +170,7 @@ def walk(body: Sequence[Statement]) -> Iterator[Statement]:
 def _count(body: Sequence[Statement]) -> int:
     total = 0
     for s in body:
-        if isinstance(s, Loop):
+        if isinstance(s, LoopStatement):
             total += (s.last - s.first) * _count(s.body)
         elif isinstance(s, Branch):
             total += 1 + max(_count(s.then), _count(s.other))

@@ -13,16 +13,16 @@ from dataclasses import replace
 from lpvid.errors import InputError
 from lpvid.export.expression import (
     Array,
+    ArrayElement,
     ByPrecision,
     Call,
     Counter,
-    Element,
     Expr,
     Index,
-    Number,
     Offset,
     Operation,
     Real,
+    RealConstant,
     Rounded,
     Select,
     Symbol,
@@ -35,7 +35,7 @@ from lpvid.export.step_program import (
     Declare,
     DeclareArray,
     DeclareIndex,
-    Loop,
+    LoopStatement,
     Statement,
     StepProgram,
     walk,
@@ -44,7 +44,7 @@ from lpvid.export.step_program import (
 HOMES = {"input": "input_tangent", "output": "output_tangent", "state": "state_tangent", "rate": "rate_tangent",
          "local": "local"}
 """Where the tangent of a variable stands; what stands elsewhere is constant."""
-ZERO = Number(0.0)
+ZERO = RealConstant(0.0)
 
 
 def tangent(program: StepProgram) -> StepProgram:
@@ -89,7 +89,7 @@ class Differentiation:
     def __init__(self, program: StepProgram) -> None:
         taken = {s.symbol.name for s in walk(program.body) if isinstance(s, Declare)}
         taken |= {s.array.name for s in walk(program.body) if isinstance(s, DeclareArray)}
-        taken |= {s.counter.name for s in walk(program.body) if isinstance(s, (DeclareIndex, Loop))}
+        taken |= {s.counter.name for s in walk(program.body) if isinstance(s, (DeclareIndex, LoopStatement))}
         self.prefix = MARK
         while any(f"{self.prefix}{name}" in taken for name in taken):
             self.prefix += "t_"
@@ -118,8 +118,8 @@ class Differentiation:
         elif isinstance(s, Assign) and self._moves(*_target(s)):
             target = self._symbol(s.target) if isinstance(s.target, Symbol) else self._element(s.target)
             yield Assign(target, self.of(s.value))
-        if isinstance(s, Loop):
-            yield Loop(s.counter, s.first, s.last, s.down, self.body(s.body))
+        if isinstance(s, LoopStatement):
+            yield LoopStatement(s.counter, s.first, s.last, s.down, self.body(s.body))
         elif isinstance(s, Branch):
             yield Branch(s.condition, self.body(s.then), self.body(s.other))
         else:
@@ -133,16 +133,16 @@ class Differentiation:
         name = self.prefix + array.name if array.home == "local" else array.name
         return Array(HOMES[array.home], name, array.shape)
 
-    def _element(self, element: Element) -> Element:
-        return Element(self._array(element.array), element.index)
+    def _element(self, element: ArrayElement) -> ArrayElement:
+        return ArrayElement(self._array(element.array), element.index)
 
     def of(self, expr: Expr) -> Expr:
         """The tangent of an expression; `ZERO` where it is constant."""
-        if isinstance(expr, (Number, ByPrecision, Real)):
+        if isinstance(expr, (RealConstant, ByPrecision, Real)):
             return ZERO
         if isinstance(expr, Symbol):
             return self._symbol(expr) if self._moves(expr.home, expr.name) else ZERO
-        if isinstance(expr, Element):
+        if isinstance(expr, ArrayElement):
             return self._element(expr) if self._moves(expr.array.home, expr.array.name) else ZERO
         if isinstance(expr, Select):
             then, other = self.of(expr.then), self.of(expr.other)
@@ -223,7 +223,7 @@ def _names(expr: Expr | Index) -> Iterator[str]:
     """Local names that an expression reads."""
     if isinstance(expr, Symbol) and expr.home == "local":
         yield expr.name
-    elif isinstance(expr, Element):
+    elif isinstance(expr, ArrayElement):
         if expr.array.home == "local":
             yield expr.array.name
         for i in expr.index:
@@ -262,7 +262,7 @@ def _read(body: Sequence[Statement]) -> set[str]:
         elif isinstance(s, Assign):
             home, name = _target(s)
             found.update(n for n in _names(s.value) if home != "local" or n != name)
-            if isinstance(s.target, Element):
+            if isinstance(s.target, ArrayElement):
                 found.update(n for i in s.target.index for n in _names(i))
         elif isinstance(s, Branch):
             found.update(_names(s.condition))
@@ -279,10 +279,10 @@ def _pruned(body: Sequence[Statement], read: set[str]) -> list[Statement]:
             continue
         if isinstance(s, Assign) and _target(s)[0] == "local" and _target(s)[1] not in read:
             continue
-        if isinstance(s, Loop):
+        if isinstance(s, LoopStatement):
             inside = _pruned(s.body, read)
             if inside:
-                kept.append(Loop(s.counter, s.first, s.last, s.down, inside))
+                kept.append(LoopStatement(s.counter, s.first, s.last, s.down, inside))
         elif isinstance(s, Branch):
             then, other = _pruned(s.then, read), _pruned(s.other, read)
             if then or other:

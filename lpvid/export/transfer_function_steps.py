@@ -17,7 +17,7 @@ from lpvid.scheduling import Basis
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class LinearPartInput:
     """What drives a linear part at this sample: filter inputs, and the values of the basis.
 
     Attributes
@@ -33,7 +33,7 @@ class Drive:
     phi: list[Expr]
 
 
-def drive(b: StepBuilder, model: Any, clamp: bool, own: Basis | None = None) -> Drive:
+def drive(b: StepBuilder, model: Any, clamp: bool, own: Basis | None = None) -> LinearPartInput:
     """Inputs, clamped and filtered scheduling, input stage and basis of a model, in the order in which they act.
 
     Parameters
@@ -67,7 +67,7 @@ def drive(b: StepBuilder, model: Any, clamp: bool, own: Basis | None = None) -> 
         p = filtered(b, model.scheduling_stage, box.names, p, first)
     u = staged(b, model.input_stage, u, p)
     past = {name: _history(b, name, value, basis.lags[1], first) for name, value in zip(box.names, p, strict=True)}
-    return Drive(u, p, basis_values(b, basis, past))
+    return LinearPartInput(u, p, basis_values(b, basis, past))
 
 
 def _history(b: StepBuilder, name: str, value: Expr, depth: int, first: Expr | None) -> Any:
@@ -89,13 +89,13 @@ def vector(b: StepBuilder, name: str, values: list[Expr]) -> Array:
     return array
 
 
-def rows(b: StepBuilder, name: str, values: list[Expr], depth: int, says: str, fill: bool = False) -> Array:
+def rows(b: StepBuilder, name: str, values: list[Expr], depth: int, description: str, fill: bool = False) -> Array:
     """(depth + 1, k) the values of this sample in row 0 and those of the last samples below."""
     k = len(values)
     if not depth:
         array = b.array(name, 1, k)
     else:
-        array = b.states(name, np.zeros((depth + 1, k)), "", says)
+        array = b.states(name, np.zeros((depth + 1, k)), "", description)
         with b.loop("row", depth + 1, 1, down=True) as i, b.loop("column", k) as j:
             b.set(array[i, j], array[i - 1, j])
     for j, v in enumerate(values):
@@ -124,7 +124,7 @@ def transfer_function_program(model: LPVTransferFunction, name: str, clamp: bool
     return b.program()
 
 
-def equation(b: StepBuilder, model: LPVTransferFunction, at: Drive, past_outputs: np.ndarray) -> Array:
+def equation(b: StepBuilder, model: LPVTransferFunction, at: LinearPartInput, past_outputs: np.ndarray) -> Array:
     """(n_outputs,) y(k) of the difference equation; filter inputs before the first sample are zero.
 
     Parameters

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from lpvid import _checks
-from lpvid.condition.tables import Table, to_record
+from lpvid.condition.tables import ColumnTable, to_record
 from lpvid.errors import InputError
 from lpvid.files import csv, mat, mdf4, parquet, tdms
 from lpvid.record import Record
 
-READERS: tuple[tuple[tuple[str, ...], Callable[[Path], Table]], ...] = (
+READERS: tuple[tuple[tuple[str, ...], Callable[[Path], ColumnTable]], ...] = (
     (csv.EXTENSIONS, csv.read_table),
     (parquet.EXTENSIONS, parquet.read_table),
     (mat.EXTENSIONS, mat.read_table),
@@ -147,7 +147,7 @@ def record_names(files: Iterable[Path]) -> list[str]:
     return names
 
 
-def _reader(path: Path) -> Callable[[Path], Table]:
+def _reader(path: Path) -> Callable[[Path], ColumnTable]:
     for extensions, reader in READERS:
         if path.suffix.lower() in extensions:
             return reader

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from lpvid.condition.tables import Column, Table, is_time_name
+from lpvid.condition.tables import Column, ColumnTable, is_time_name
 from lpvid.errors import InputError
 from lpvid.files import csv, mdf4, parquet
 from lpvid.files._table import corrupt, fault_text, headed, parse_cells, stated_period, without_library
 
-Reader = Callable[[Path, int, int, Sequence[str] | None], Iterator[Table]]
+Reader = Callable[[Path, int, int, Sequence[str] | None], Iterator[ColumnTable]]
 """(path, rows of a part, row to begin with, channels wanted or None for all) to tables."""
 
 
@@ -29,7 +29,7 @@ def reader(path: Path) -> Reader | None:
 
 
 # -- text ------------------------------------------------------------------------------------------------------------
-def _csv_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None) -> Iterator[Table]:
+def _csv_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None) -> Iterator[ColumnTable]:
     where = str(path)
     if path.stat().st_size == 0:
         raise InputError(f"{where}: the file is empty (0 bytes)", mend="export the data again")
@@ -47,7 +47,7 @@ def _csv_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None)
             line += len(block)
             if columns[0].values.size:
                 row += columns[0].values.size
-                yield Table(csv._without_trailing(columns))
+                yield ColumnTable(csv._without_trailing(columns))
 
 
 def _columns(block: list[str], layout: Any, where: str, row: int) -> list[Column]:
@@ -75,7 +75,7 @@ def _columns(block: list[str], layout: Any, where: str, row: int) -> list[Column
 
 
 # -- Parquet ---------------------------------------------------------------------------------------------------------
-def _parquet_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None) -> Iterator[Table]:
+def _parquet_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None) -> Iterator[ColumnTable]:
     where = str(path)
     try:
         import pyarrow as pa
@@ -94,7 +94,7 @@ def _parquet_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | N
             groups, behind = _groups_from(file.metadata, first)
             batches = (b for g in groups for b in file.iter_batches(rows, [g], columns, use_threads=False))
             for content in _batches(batches, rows, behind):
-                yield Table(*_batch_columns(content, period, origin))
+                yield ColumnTable(*_batch_columns(content, period, origin))
     except (pa.ArrowException, ValueError, OSError, MemoryError, OverflowError) as error:
         if isinstance(error, (InputError, PermissionError, FileNotFoundError)):
             raise
@@ -165,7 +165,7 @@ def _batch_columns(content: Any, period: float | None, origin: dict[str, float],
 
 
 # -- MDF -------------------------------------------------------------------------------------------------------------
-def _mdf_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None) -> Iterator[Table]:
+def _mdf_tables(path: Path, rows: int, first: int, wanted: Sequence[str] | None) -> Iterator[ColumnTable]:
     where = str(path)
     with mdf4.opened(path) as file:
         groups = [g for g in file.virtual_groups if file.groups[g].channel_group.cycles_nr]

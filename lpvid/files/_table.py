@@ -81,8 +81,8 @@ def is_number(cell: str) -> bool:
 
 def corrupt(where: str, format_name: str, error: Exception) -> InputError:
     """The error for a file that its own library cannot read."""
-    said = " ".join(str(error).split())[:120] or type(error).__name__
-    return InputError(f"{where}: cannot be read as {format_name}", got=said,
+    stated = " ".join(str(error).split())[:120] or type(error).__name__
+    return InputError(f"{where}: cannot be read as {format_name}", got=stated,
                       why="the file is damaged or of another format", mend="export the data again")
 
 

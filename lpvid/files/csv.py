@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lpvid.condition.tables import Column, Table
+from lpvid.condition.tables import Column, ColumnTable
 from lpvid.errors import InputError
 from lpvid.files._table import fault_text, headed, is_number, parse_cells
 
@@ -46,7 +46,7 @@ class _Layout:
         return next(csv.reader([line], delimiter=self.delimiter, skipinitialspace=True), [])
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path) -> ColumnTable:
     """Read delimited text.
 
     The delimiter is the one of tab, semicolon, comma and white space on which the header and the first data line
@@ -74,7 +74,7 @@ def read_table(path: Path) -> Table:
         columns = [_column(header, values[:, i], None) for i, header in enumerate(layout.names)]
     else:
         columns = _read_cells(path, layout, where)
-    return Table(_without_trailing(columns))
+    return ColumnTable(_without_trailing(columns))
 
 
 def _column(header: str, values: np.ndarray, fault: str | None) -> Column:

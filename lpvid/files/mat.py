@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lpvid.condition.tables import Column, Table, is_time_name
+from lpvid.condition.tables import Column, ColumnTable, is_time_name
 from lpvid.errors import InputError
 from lpvid.files._mat5 import is_level5, read_level5
 from lpvid.files._table import check_claim, corrupt, headed, stated_period, without_library
@@ -24,7 +24,7 @@ Tree = dict[str, Any]
 """Variables of a file: arrays, text, nested trees for structs, None for what is none of these."""
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path) -> ColumnTable:
     """Read a MATLAB file.
 
     Every numeric vector as long as the time vector (without one: as the longest vector) is a channel; of a matrix with
@@ -154,7 +154,7 @@ def _unit(tree: Tree, place: tuple[str, ...]) -> str | None:
     return None
 
 
-def _table(tree: Tree, where: str) -> Table:
+def _table(tree: Tree, where: str) -> ColumnTable:
     leaves = list(_leaves(tree))
     last = [place[-1] for place, value in leaves if _is_numeric(value)]
     named = {place: place[-1] if last.count(place[-1]) <= 1 else ".".join(place) for place, _ in leaves}
@@ -172,7 +172,7 @@ def _table(tree: Tree, where: str) -> Table:
             notes.append(f"variable '{'.'.join(place)}' is left out: {size}, where vectors have {n} samples")
             continue
         columns += _columns(named[place], array.astype(float), _unit(tree, place))
-    return Table(columns, stated_period(stated, where), notes)
+    return ColumnTable(columns, stated_period(stated, where), notes)
 
 
 def _columns(name: str, array: np.ndarray, unit: str | None) -> list[Column]:

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from lpvid.condition.tables import Column, Table
+from lpvid.condition.tables import Column, ColumnTable
 from lpvid.errors import InputError
 from lpvid.files._table import check_claim, corrupt, without_library
 
 EXTENSIONS = (".mf4", ".mdf")
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path) -> ColumnTable:
     """Read an MDF file whose channel groups share one raster.
 
     Parameters
@@ -78,7 +78,7 @@ def signals(file: Any, group: int, first: int = 0, rows: int | None = None,
     return [file.get(group=group, index=i, ignore_invalidation_bits=True, **part) for i in indices]
 
 
-def table(signals: list[Any], where: str) -> Table:
+def table(signals: list[Any], where: str) -> ColumnTable:
     """Signals on one raster as columns after their clock."""
     if not signals:
         raise InputError(f"{where}: there are no samples", mend="export the data again")
@@ -96,4 +96,4 @@ def table(signals: list[Any], where: str) -> Table:
         if signal.invalidation_bits is not None:
             values[np.asarray(signal.invalidation_bits, dtype=bool)] = np.nan
         columns.append(Column(signal.name.strip(), values, signal.unit.strip() or None))
-    return Table(columns, None, notes)
+    return ColumnTable(columns, None, notes)

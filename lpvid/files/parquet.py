@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from lpvid.condition.tables import Column, Table
+from lpvid.condition.tables import Column, ColumnTable
 from lpvid.errors import InputError
 from lpvid.files._table import check_claim, corrupt, fault_text, headed, parse_cells, stated_period, without_library
 
 EXTENSIONS = (".parquet", ".pq")
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path) -> ColumnTable:
     """Read a Parquet file.
 
     A column's unit stands in its name's brackets or in its metadata under ``unit``; ``sample_time`` [s] or
@@ -57,7 +57,7 @@ def read_table(path: Path) -> Table:
             notes.append(f"column '{field.name}' is left out: it holds {field.type}, not numbers")
         else:
             columns.append(column)
-    return Table(columns, stated_period(_texts(content.schema.metadata), where), notes)
+    return ColumnTable(columns, stated_period(_texts(content.schema.metadata), where), notes)
 
 
 def _texts(metadata: dict | None) -> dict[str, str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lpvid import _checks
-from lpvid.condition.tables import Table, to_record
+from lpvid.condition.tables import ColumnTable, to_record
 from lpvid.errors import InputError
 from lpvid.files import find, natural, record_names
 from lpvid.files._parts import READERS, reader
@@ -97,7 +97,7 @@ class Chunks:
         """Names in the file of what is read."""
         return None if self.channels is None else [self.roles.get(c, c) for c in self.channels]
 
-    def _record(self, table: Table, where: str, name: str) -> Record:
+    def _record(self, table: ColumnTable, where: str, name: str) -> Record:
         """One part as a record; a role of a channel that is not read is left out."""
         read = {c.name.casefold() for c in table.columns}
         roles = {r: c for r, c in self.roles.items() if self.channels is None or c.casefold() in read}
@@ -173,7 +173,7 @@ def _length(path: Path) -> int:
     return 0
 
 
-_Placed = tuple[int, int, Table]
+_Placed = tuple[int, int, ColumnTable]
 
 
 def _no_lone_row(tables: Iterable[_Placed]) -> Iterator[_Placed]:
@@ -190,7 +190,7 @@ def _no_lone_row(tables: Iterable[_Placed]) -> Iterator[_Placed]:
         yield held
 
 
-def _joined(first: Table, second: Table) -> Table:
+def _joined(first: ColumnTable, second: ColumnTable) -> ColumnTable:
     later = {c.name: c for c in second.columns}
     columns = [replace(c, values=np.concatenate([c.values, later[c.name].values]), fault=c.fault or later[c.name].fault)
                for c in first.columns]

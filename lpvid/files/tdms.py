@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from lpvid.condition.tables import Column, Table
+from lpvid.condition.tables import Column, ColumnTable
 from lpvid.errors import InputError
 from lpvid.files._table import check_claim, corrupt, headed, without_library
 
 EXTENSIONS = (".tdms",)
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path) -> ColumnTable:
     """Read a TDMS file whose channels share one clock.
 
     Parameters
@@ -50,7 +50,7 @@ def read_table(path: Path) -> Table:
     return _table(loaded, where)
 
 
-def _table(loaded: list[tuple[Any, np.ndarray]], where: str) -> Table:
+def _table(loaded: list[tuple[Any, np.ndarray]], where: str) -> ColumnTable:
     names = [channel.name for channel, _ in loaded]
     columns, notes, periods = [], [], set()
     for channel, values in loaded:
@@ -65,4 +65,4 @@ def _table(loaded: list[tuple[Any, np.ndarray]], where: str) -> Table:
         raise InputError(f"{where}: channels have different sampling periods", got=sorted(periods),
                          mend="export the channels at one rate")
     period = periods.pop() if periods else 0.0
-    return Table(columns, period if period > 0 else None, notes)
+    return ColumnTable(columns, period if period > 0 else None, notes)

@@ -23,7 +23,7 @@ from lpvid.fleet.differing import (
     shift,
 )
 from lpvid.fleet.plan import FleetPlan, Job
-from lpvid.fleet.state import Outcome, keep
+from lpvid.fleet.state import StepOutcome, keep
 from lpvid.identification.streaming import merged_factor
 from lpvid.scheduling import Scheduling
 
@@ -59,7 +59,7 @@ class FleetResult:
     """
 
     plan: FleetPlan
-    outcomes: Mapping[str, Mapping[str, Outcome]]
+    outcomes: Mapping[str, Mapping[str, StepOutcome]]
     found: Identification | None
     errors: Mapping[str, Mapping[str, Any]]
     differing: Differing | None
@@ -85,15 +85,15 @@ class FleetResult:
     def verdict(self) -> str:
         """One sentence."""
         count = len(self.plan.jobs)
-        said = f"{count - len(self.failed)} of {count} files done"
+        stated = f"{count - len(self.failed)} of {count} files done"
         if self.failed:
-            said += f", {len(self.failed)} not (first: {self.failed[0]})"
+            stated += f", {len(self.failed)} not (first: {self.failed[0]})"
         if self.differing is None:
-            return said + "."
+            return stated + "."
         named = [n + (f" ({', '.join(self.causes[n])})" if self.causes.get(n) else "") for n in self.differing.named]
         who = f"{len(named)} differ from the fleet's model: {', '.join(named[:6])}" if named else "none differs"
         more = f" and {len(named) - 6} more" if len(named) > 6 else ""
-        return f"{said}; {who}{more}, at a false discovery rate of {self.differing.fdr:g}."
+        return f"{stated}; {who}{more}, at a false discovery rate of {self.differing.fdr:g}."
 
     def to_dict(self) -> dict:
         """fleet.json."""
@@ -125,7 +125,7 @@ class FleetResult:
 
 
 def run_fleet(plan: FleetPlan, *, scheduler: str | None = None, workers: int | None = None,
-              say: Callable[[str], None] = lambda text: None) -> FleetResult:
+              report_progress: Callable[[str], None] = lambda text: None) -> FleetResult:
     """Do a plan; what stands in its folder already is not done again.
 
     Parameters
@@ -149,10 +149,10 @@ def run_fleet(plan: FleetPlan, *, scheduler: str | None = None, workers: int | N
     """
     with connected(scheduler, workers) as client:
         plan.out.mkdir(parents=True, exist_ok=True)
-        outcomes: dict[str, dict[str, Outcome]] = {j.name: {} for j in plan.jobs}
+        outcomes: dict[str, dict[str, StepOutcome]] = {j.name: {} for j in plan.jobs}
 
-        def stage(step: str, function: Callable[..., Outcome], jobs: Sequence[Job], *more: Any) -> list[Job]:
-            for job, found in _stage(client, step, function, jobs, plan, more, say):
+        def stage(step: str, function: Callable[..., StepOutcome], jobs: Sequence[Job], *more: Any) -> list[Job]:
+            for job, found in _stage(client, step, function, jobs, plan, more, report_progress):
                 outcomes[job.name][step] = found
             return [j for j in jobs if outcomes[j.name][step].state == "done"]
 
@@ -162,11 +162,11 @@ def run_fleet(plan: FleetPlan, *, scheduler: str | None = None, workers: int | N
             if "diagnose" in plan.do:
                 stage("diagnose", steps.diagnose, plan.jobs, plan.out / "model.json", "own")
             return FleetResult(plan, outcomes, None, {}, None, _causes(plan, plan.jobs), {})
-        return _common(plan, stage, outcomes, say)
+        return _common(plan, stage, outcomes, report_progress)
 
 
-def _common(plan: FleetPlan, stage: Callable[..., list[Job]], outcomes: dict[str, dict[str, Outcome]],
-            say: Callable[[str], None]) -> FleetResult:
+def _common(plan: FleetPlan, stage: Callable[..., list[Job]], outcomes: dict[str, dict[str, StepOutcome]],
+            report_progress: Callable[[str], None]) -> FleetResult:
     """One model of all, who differs, and why."""
     from lpvid.export.serialise import save
 
@@ -184,7 +184,7 @@ def _common(plan: FleetPlan, stage: Callable[..., list[Job]], outcomes: dict[str
         return FleetResult(plan, outcomes, None, {}, None, {}, left_out)
     kept, apart = fitted, None
     for round_ in range(ROUNDS):
-        say(f"one model of {len(kept)} files, round {round_ + 1}")
+        report_progress(f"one model of {len(kept)} files, round {round_ + 1}")
         found = _solved(plan, kept, box, rate)
         path = plan.out / "model" / "model.json"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -285,8 +285,8 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
             yield client
 
 
-def _stage(client: Client, step: str, function: Callable[..., Outcome], jobs: Sequence[Job], plan: FleetPlan,
-           more: tuple[Any, ...], say: Callable[[str], None]) -> Iterator[tuple[Job, Outcome]]:
+def _stage(client: Client, step: str, function: Callable[..., StepOutcome], jobs: Sequence[Job], plan: FleetPlan,
+           more: tuple[Any, ...], report_progress: Callable[[str], None]) -> Iterator[tuple[Job, StepOutcome]]:
     """One step of many files; a file whose workers die again and again is reported and stops nobody."""
     from distributed import as_completed
 
@@ -297,7 +297,7 @@ def _stage(client: Client, step: str, function: Callable[..., Outcome], jobs: Se
         try:
             found = future.result()
         except Exception as error:  # whatever a worker met: the rest goes on, and this file says so
-            said = str(error).splitlines()[0] if str(error) else type(error).__name__
-            found = keep(job, Outcome(step, "died", f"{LOST}: {said}"[:300], 0.0, "died"))
-        say(f"{step}: {count} of {len(jobs)} files")
+            stated = str(error).splitlines()[0] if str(error) else type(error).__name__
+            found = keep(job, StepOutcome(step, "died", f"{LOST}: {stated}"[:300], 0.0, "died"))
+        report_progress(f"{step}: {count} of {len(jobs)} files")
         yield job, found

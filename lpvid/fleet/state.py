@@ -13,7 +13,7 @@ FILE = "state.json"
 
 
 @dataclass(frozen=True)
-class Outcome:
+class StepOutcome:
     """How a step of a file ended.
 
     Attributes
@@ -45,13 +45,13 @@ def stamp(path: Path, key: str) -> str:
     return f"{key}-{about.st_size}-{about.st_mtime_ns}"
 
 
-def outcome(job: Job, step: str, key: str) -> Outcome | None:
+def outcome(job: Job, step: str, key: str) -> StepOutcome | None:
     """What stands on disk for a step of the same file and settings; None where there is nothing."""
     found = _read(job.folder).get(step)
-    return Outcome(**found) if found is not None and found["key"] == key else None
+    return StepOutcome(**found) if found is not None and found["key"] == key else None
 
 
-def keep(job: Job, found: Outcome) -> Outcome:
+def keep(job: Job, found: StepOutcome) -> StepOutcome:
     """Write an outcome beside those of the other steps."""
     job.folder.mkdir(parents=True, exist_ok=True)
     steps = {**_read(job.folder), found.step: asdict(found)}

@@ -16,7 +16,7 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.fleet.plan import FleetPlan, Job
-from lpvid.fleet.state import Outcome, keep, outcome, stamp
+from lpvid.fleet.state import StepOutcome, keep, outcome, stamp
 from lpvid.identification.regression import Factor
 from lpvid.identification.streaming import stream_factor
 from lpvid.record import Record
@@ -28,13 +28,13 @@ ROWS = 500_000
 """Samples of a part."""
 
 
-def audit(job: Job, plan: FleetPlan) -> Outcome:
+def audit(job: Job, plan: FleetPlan) -> StepOutcome:
     """`lpvid inspect` in a process of its own, and the range of the channels in use."""
     words = ["inspect", str(job.path), "--out", str(job.folder / "audit"), "--json", *_roles(plan)]
     return _command("audit", job, plan, words, stamp(job.path, plan.key("audit")))
 
 
-def scan(job: Job, plan: FleetPlan) -> Outcome:
+def scan(job: Job, plan: FleetPlan) -> StepOutcome:
     """Range of the scheduling variables, period and length: what all files must agree on before a common fit."""
 
     def work() -> str:
@@ -59,7 +59,7 @@ def scan(job: Job, plan: FleetPlan) -> Outcome:
     return _here("scan", job, stamp(job.path, plan.key("scan")), work, plan.limit)
 
 
-def factor(job: Job, plan: FleetPlan, box: Scheduling, rate: float, tag: str) -> Outcome:
+def factor(job: Job, plan: FleetPlan, box: Scheduling, rate: float, tag: str) -> StepOutcome:
     """R of the file's regression, as factor.npz."""
 
     def work() -> str:
@@ -73,7 +73,7 @@ def factor(job: Job, plan: FleetPlan, box: Scheduling, rate: float, tag: str) ->
     return _here("identify", job, f"{stamp(job.path, plan.key('identify'))}-{tag}", work, plan.limit)
 
 
-def judge(job: Job, plan: FleetPlan, model: Path, rate: float, tag: str) -> Outcome:
+def judge(job: Job, plan: FleetPlan, model: Path, rate: float, tag: str) -> StepOutcome:
     """Free run of the fleet's model along the file: error, power of the output."""
 
     def work() -> str:
@@ -89,7 +89,7 @@ def judge(job: Job, plan: FleetPlan, model: Path, rate: float, tag: str) -> Outc
     return _here("judge", job, f"{stamp(job.path, plan.key('identify'))}-{tag}", work, plan.limit)
 
 
-def diagnose(job: Job, plan: FleetPlan, model: Path, tag: str) -> Outcome:
+def diagnose(job: Job, plan: FleetPlan, model: Path, tag: str) -> StepOutcome:
     """`lpvid diagnose` against the fleet's model, in a process of its own."""
     words = ["diagnose", str(job.path), "--baseline", plan.baseline or str(model), "--out",
              str(job.folder / "diagnosis"), "--json", *_roles(plan)]
@@ -119,7 +119,7 @@ def _roles(plan: FleetPlan) -> list[str]:
     return [word for role, channel in plan.roles.items() for word in ("--role", f"{role}={channel}")]
 
 
-def _here(step: str, job: Job, key: str, work: Callable[[], str], limit: float) -> Outcome:
+def _here(step: str, job: Job, key: str, work: Callable[[], str], limit: float) -> StepOutcome:
     """A step inside the worker, in a thread that is left behind where it hangs beyond the limit."""
     found = outcome(job, step, key)
     if found is not None and found.final:
@@ -141,10 +141,10 @@ def _here(step: str, job: Job, key: str, work: Callable[[], str], limit: float) 
         answer = f"stopped after {limit:g} s", "stopped"
     if isinstance(answer, Exception):
         raise answer
-    return keep(job, Outcome(step, answer[1], answer[0], round(time.monotonic() - begun, 3), key))
+    return keep(job, StepOutcome(step, answer[1], answer[0], round(time.monotonic() - begun, 3), key))
 
 
-def _command(step: str, job: Job, plan: FleetPlan, words: Sequence[str], key: str) -> Outcome:
+def _command(step: str, job: Job, plan: FleetPlan, words: Sequence[str], key: str) -> StepOutcome:
     """A step as a command in a process of its own, stopped after the limit; tried again where that may help."""
     found = outcome(job, step, key)
     if found is not None and found.final:
@@ -155,7 +155,7 @@ def _command(step: str, job: Job, plan: FleetPlan, words: Sequence[str], key: st
         state, message = _once(words, plan.limit)
         if state in ("done", "refused"):
             break
-    return keep(job, Outcome(step, state, message, round(time.monotonic() - begun, 3), key))
+    return keep(job, StepOutcome(step, state, message, round(time.monotonic() - begun, 3), key))
 
 
 def _once(words: Sequence[str], limit: float) -> tuple[str, str]:

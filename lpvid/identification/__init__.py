@@ -9,7 +9,6 @@ import numpy as np
 from lpvid.condition import segments, with_velocity
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
-from lpvid.training_fingerprint import heads, ranges, roles, usual_range
 from lpvid.files.streaming import Chunks
 from lpvid.identification.result import Identification
 from lpvid.identification.sandwich import residual_memory
@@ -18,6 +17,7 @@ from lpvid.identification.structure import Structure
 from lpvid.model.hull import Hull
 from lpvid.record import Record
 from lpvid.simulation import predict
+from lpvid.training_fingerprint import heads, ranges, roles, usual_range
 from lpvid.validation import figures, validate
 
 COLOURED_LIMIT = 400_000
@@ -114,8 +114,8 @@ def _coloured(found: Identification, pieces: Sequence[Record]) -> Identification
     covariance = found.structure.coloured_covariance(pieces, found, memory)
     if covariance is None:
         return found
-    said = f"the residual is correlated over {memory} samples: standard errors in sandwich form"
-    return found.with_covariance(covariance).replace(notes=(*found.notes, said))
+    stated = f"the residual is correlated over {memory} samples: standard errors in sandwich form"
+    return found.with_covariance(covariance).replace(notes=(*found.notes, stated))
 
 
 def _remember(found: Identification, pieces: Sequence[Record], first: Record) -> Identification:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.identification.pem_problem import Problem
+from lpvid.identification.pem_problem import PredictionErrorProblem
 from lpvid.identification.pem_starts import Start, armax_starts
 from lpvid.identification.prediction_error import PredictionError
 from lpvid.model.noise_model import NoiseModel
@@ -61,5 +61,7 @@ class ARMAX(PredictionError):
     def noise_model(self, n_outputs: int, n_functions: int) -> NoiseModel:
         return NoiseModel("armax", np.zeros((self.nc, n_outputs, n_functions if self.varying_noise else 1)))
 
-    def starting_models(self, records: Sequence[Record], problem: Problem, first: LPVTransferFunction) -> list[Start]:
+    def starting_models(
+        self, records: Sequence[Record], problem: PredictionErrorProblem, first: LPVTransferFunction
+    ) -> list[Start]:
         return armax_starts(problem, first)

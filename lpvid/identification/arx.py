@@ -10,8 +10,8 @@ import numpy as np
 from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.errors import InputError
-from lpvid.identification.layout import Layout
-from lpvid.identification.regression import SINGULAR, Columns, Factor, RegressionData, Solution, factorize
+from lpvid.identification.layout import ParameterLayout
+from lpvid.identification.regression import SINGULAR, Columns, Factor, RegressionData, RegressionEstimate, factorize
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.ridge import Ridge
 from lpvid.identification.sandwich import sandwich_covariance
@@ -177,13 +177,13 @@ class ARX(Structure):
         source, sign, lag, function, phi_lag = (np.array(x) for x in zip(*columns, strict=True))
         return np.array(rows), Columns(source, sign.astype(float), lag, function, phi_lag)
 
-    def layout(self, width: int) -> Layout:
+    def layout(self, width: int) -> ParameterLayout:
         """Parameter layout, output by output."""
         rows, _ = self._places(width)
         part, index, signal, function = rows.T
         tables = [np.column_stack([part, index, np.full(len(rows), o), signal, function])
                   for o in range(len(self.output))]
-        return Layout(np.vstack(tables))
+        return ParameterLayout(np.vstack(tables))
 
     # -- estimate -----------------------------------------------------------------------------------------------
     def estimate(self, records: Sequence[Record]) -> Identification:
@@ -243,7 +243,9 @@ class ARX(Structure):
         found = self._package(records, model, layout, factor, solution)
         return found.replace(notes=(*found.notes, f"{self.ridge.describe()}: strength {strength:.3g}"))
 
-    def solution(self, records: Sequence[Record], box: Scheduling, factor: Factor, names: Sequence[str]) -> Solution:
+    def solution(
+        self, records: Sequence[Record], box: Scheduling, factor: Factor, names: Sequence[str]
+    ) -> RegressionEstimate:
         """The least squares of a factor; a structure with another criterion on the same regressors replaces it.
 
         Parameters
@@ -281,8 +283,8 @@ class ARX(Structure):
     def _filter(self) -> SchedulingStage | None:
         return self.schedule_filter if isinstance(self.schedule_filter, SchedulingStage) else None
 
-    def _package(self, records: Sequence[Record], model: LPVTransferFunction, layout: Layout, factor: Factor,
-                 solution: Solution) -> Identification:
+    def _package(self, records: Sequence[Record], model: LPVTransferFunction, layout: ParameterLayout, factor: Factor,
+                 solution: RegressionEstimate) -> Identification:
         theta = solution.theta.T.ravel()
         metadata: dict = {"structure": self.to_dict(),
                           "training": {"records": [r.name for r in records], "n_samples": factor.rows}}
@@ -362,9 +364,9 @@ def _enough_levels(records: Sequence[Record], bound: Basis) -> None:
     if values[0] > 1e-12 * values[-1]:
         return
     levels = {n: _levels(np.concatenate([r[n] for r in records])) for n in bound.names}
-    told = ", ".join(f"'{n}' takes {k} level{'s' if k > 1 else ''}" for n, k in levels.items())
+    described = ", ".join(f"'{n}' takes {k} level{'s' if k > 1 else ''}" for n, k in levels.items())
     mixed = [bound.labels[i] for i in np.argsort(-np.abs(vectors[:, 0])) if abs(vectors[i, 0]) > 0.05][:6]
-    raise InputError(f"a basis of {bound.size} functions cannot be identified from these data", got=told,
+    raise InputError(f"a basis of {bound.size} functions cannot be identified from these data", got=described,
                      why=f"there the functions {', '.join(mixed)} are linearly dependent",
                      mend="lower the degree or the number of segments, add ridge, or add records at other levels")
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.identification.levenberg_marquardt import minimise
-from lpvid.identification.pem_problem import Problem
+from lpvid.identification.pem_problem import PredictionErrorProblem
 from lpvid.identification.pem_search import SHORT, ranked
 from lpvid.identification.pem_starts import Start, box_jenkins_starts, output_starts
 from lpvid.identification.prediction_error import PredictionError
@@ -61,9 +61,11 @@ class BoxJenkins(PredictionError):
     def noise_model(self, n_outputs: int, n_functions: int) -> NoiseModel:
         return NoiseModel("box-jenkins", np.zeros((self.nc, n_outputs, 1)), np.zeros((self.nd, n_outputs)))
 
-    def starting_models(self, records: Sequence[Record], problem: Problem, first: LPVTransferFunction) -> list[Start]:
+    def starting_models(
+        self, records: Sequence[Record], problem: PredictionErrorProblem, first: LPVTransferFunction
+    ) -> list[Start]:
         """The output-error model, with white noise and with an ARMA model of its error."""
-        plain = Problem(records, problem.structure, problem.model, problem.layout, NoiseModel("output"),
+        plain = PredictionErrorProblem(records, problem.structure, problem.model, problem.layout, NoiseModel("output"),
                         problem.free_stages, problem.estimate_past)
         plain.weights = problem.weights
         inside, outside = ranked(plain, output_starts(plain, first))

@@ -15,7 +15,7 @@ from lpvid.identification.result import Identification
 from lpvid.identification.staged_search import StagedData, StagedLayout
 from lpvid.identification.state_space_layout import ARRAYS, StateSpaceLayout
 from lpvid.identification.state_space_result import package
-from lpvid.identification.state_space_search import Search, SearchData, refine
+from lpvid.identification.state_space_search import SearchData, StateSpaceSearchEnd, refine
 from lpvid.identification.structure import Structure
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.realization import Realization, realize
@@ -112,12 +112,12 @@ class CanonicalForm(Structure):
                      f"with the stages held; stopped because {found.why}")
         return self._packaged(found, staged, records, notes)
 
-    def _packaged(self, search: Search, layout: StateSpaceLayout, records: Sequence[Record],
+    def _packaged(self, search: StateSpaceSearchEnd, layout: StateSpaceLayout, records: Sequence[Record],
                   notes: Sequence[str]) -> Identification:
         found = package(self, search, layout, records, notes, free_coordinates=False)
-        said = {"form": self.form, "refitted": True, "causal": True}
+        stated = {"form": self.form, "refitted": True, "causal": True}
         return found.replace(model=found.model.replace(
-            metadata={**found.model.metadata, **_kept(self.source), "realization": said}))
+            metadata={**found.model.metadata, **_kept(self.source), "realization": stated}))
 
     def to_dict(self) -> dict:
         """Plain data for JSON.

@@ -12,7 +12,7 @@ from lpvid._threads import single_thread
 from lpvid.errors import InputError, NumericalError
 from lpvid.identification.arx import _moves, scheduling_box
 from lpvid.identification.compliance_problem import ComplianceProblem
-from lpvid.identification.free_run_search import Found, Prior, minimise, package, wanted_filter
+from lpvid.identification.free_run_search import FreeRunSearchEnd, Prior, minimise, package, wanted_filter
 from lpvid.identification.result import Identification
 from lpvid.identification.stage_fit import shorten
 from lpvid.identification.structure import Structure
@@ -152,7 +152,7 @@ class Compliance(Structure):
             return package(self, problem.model_at(found.x), problem, found, records,
                            (f"best of {len(tried)} starts",), problem.matrix)
 
-    def _search(self, problem: ComplianceProblem, start: np.ndarray, iterations: int) -> Found | None:
+    def _search(self, problem: ComplianceProblem, start: np.ndarray, iterations: int) -> FreeRunSearchEnd | None:
         scales, prior = self._prior(problem)
         return minimise(problem, prior, start, scales, max_iterations=iterations, tolerance=self.tolerance)
 

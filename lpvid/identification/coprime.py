@@ -14,7 +14,7 @@ from lpvid.identification.form_layout import bounded_start
 from lpvid.identification.result import Identification
 from lpvid.identification.state_space_layout import ARRAYS, StateSpaceLayout
 from lpvid.identification.state_space_result import checked_signals, package, static_basis
-from lpvid.identification.state_space_search import Search, SearchData, refine
+from lpvid.identification.state_space_search import SearchData, StateSpaceSearchEnd, refine
 from lpvid.identification.structure import Structure
 from lpvid.model.input_stage import InputStage
 from lpvid.model.scheduling_stage import SchedulingStage
@@ -107,7 +107,7 @@ class RightCoprime(Structure):
     def estimate(self, records: Sequence[Record]) -> Identification:
         box = scheduling_box(records, self.basis)
         bound = replace(self, basis=self.basis.bound(box))
-        found: list[tuple[Search, StateSpaceLayout]] = []
+        found: list[tuple[StateSpaceSearchEnd, StateSpaceLayout]] = []
         for warm in bound._warm_starts(records):
             template = bound.empty(warm)
             layout = bound.layout(template)

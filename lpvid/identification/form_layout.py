@@ -8,7 +8,7 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.identification.state_space_layout import ARRAYS, StateSpaceLayout
-from lpvid.identification.state_space_search import BEYOND, Search, SearchData, evaluate
+from lpvid.identification.state_space_search import BEYOND, SearchData, StateSpaceSearchEnd, evaluate
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.realization import Realization
@@ -55,12 +55,12 @@ def form_layout(realization: Realization) -> StateSpaceLayout:
     if realization.model.n_outputs > 1:
         raise InputError("a form is re-estimated for a single output", got=f"{realization.model.n_outputs} outputs",
                          mend="use StateSpaceError (--structure pem-ss) for several")
-    table = _Table(realization)
+    table = _LayoutRows(realization)
     FREE[realization.form](table, realization.source, realization.model)
     return StateSpaceLayout(np.array(table.rows, dtype=int).reshape(-1, 6), tuple(table.labels))
 
 
-class _Table:
+class _LayoutRows:
     """Rows of a layout under construction."""
 
     def __init__(self, realization: Realization) -> None:
@@ -77,7 +77,7 @@ class _Table:
             self.labels.append(label)
 
 
-def _controllable(table: _Table, source: LPVTransferFunction, model: LPVStateSpace) -> None:
+def _controllable(table: _LayoutRows, source: LPVTransferFunction, model: LPVStateSpace) -> None:
     assert source.c is not None
     nu, narrow = source.n_filter_inputs, table.narrow
     chains = [source.order] * nu + ([max(source.na, source.n_affine - 1)] if np.any(source.c) else [])
@@ -101,7 +101,7 @@ def _controllable(table: _Table, source: LPVTransferFunction, model: LPVStateSpa
             table.add(f"g{i}", [("C", 0, int(ends[-1]) + 1 - i, 1)], table.wide if level else narrow)
 
 
-def _observable(table: _Table, source: LPVTransferFunction, model: LPVStateSpace) -> None:
+def _observable(table: _LayoutRows, source: LPVTransferFunction, model: LPVStateSpace) -> None:
     assert source.c is not None
     narrow = table.narrow
     for i in range(1, source.na + 1):
@@ -121,12 +121,12 @@ def _observable(table: _Table, source: LPVTransferFunction, model: LPVStateSpace
             table.add(f"f{i}", [("state_offset", i - 1, 0, 1)], table.wide if level else narrow)
 
 
-FREE: dict[str, Callable[[_Table, LPVTransferFunction, LPVStateSpace], None]] = {
+FREE: dict[str, Callable[[_LayoutRows, LPVTransferFunction, LPVStateSpace], None]] = {
     "controllable": _controllable, "observable": _observable}
 """Forms that can be re-estimated, with what lists their free entries."""
 
 
-def bounded_start(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, na: int) -> Search:
+def bounded_start(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, na: int) -> StateSpaceSearchEnd:
     """The model with its frozen poles drawn toward zero, z → factor·z, by the least factor that bounds its run.
 
     The layout lists the coefficients a_1 … a_na first, all over the same basis.
@@ -141,4 +141,4 @@ def bounded_start(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchDa
         run = evaluate(trial, data)
         if run.cost < BEYOND * data.rows:
             break
-    return Search(trial, run, data, 0, "not begun")
+    return StateSpaceSearchEnd(trial, run, data, 0, "not begun")

@@ -24,7 +24,7 @@ NUDGE = 1e-6
 Piece = tuple[np.ndarray, np.ndarray | None]
 
 
-class Problem(Protocol):
+class FreeRunProblem(Protocol):
     """What is minimised: errors record by record at a parameter vector, with their exact Jacobian on request."""
 
     def pieces(self, x: np.ndarray, jacobian: bool) -> Iterable[Piece]:
@@ -45,7 +45,7 @@ class Prior:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class FreeRunSearchEnd:
     """Where a search ended: parameters, cost with prior, Gauss-Newton matrix, iterations, and why it stopped."""
 
     x: np.ndarray
@@ -56,8 +56,8 @@ class Found:
     why: str
 
 
-def minimise(problem: Problem, prior: Prior, start: np.ndarray, scales: np.ndarray, *, max_iterations: int,
-             tolerance: float) -> Found | None:
+def minimise(problem: FreeRunProblem, prior: Prior, start: np.ndarray, scales: np.ndarray, *, max_iterations: int,
+             tolerance: float) -> FreeRunSearchEnd | None:
     """Levenberg-Marquardt from `start`; None where the free run diverges there.
 
     A trial whose run diverges, or whose cost does not fall, is refused and the damping grows, so that the search cannot
@@ -92,10 +92,10 @@ def minimise(problem: Problem, prior: Prior, start: np.ndarray, scales: np.ndarr
             if damping > MAX_DAMPING:
                 why = "no shorter step helps"
                 break
-    return Found(x, cost, first, gram, iteration, why)
+    return FreeRunSearchEnd(x, cost, first, gram, iteration, why)
 
 
-def _cost(problem: Problem, prior: Prior, x: np.ndarray) -> float:
+def _cost(problem: FreeRunProblem, prior: Prior, x: np.ndarray) -> float:
     with np.errstate(over="ignore", invalid="ignore"):
         total = float(np.sum(prior.error(x) ** 2))
         for error, _ in problem.pieces(x, False):
@@ -103,7 +103,7 @@ def _cost(problem: Problem, prior: Prior, x: np.ndarray) -> float:
     return total if np.isfinite(total) else np.inf
 
 
-def _normal(problem: Problem, prior: Prior, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _normal(problem: FreeRunProblem, prior: Prior, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     gram, gradient = prior.rows.T @ prior.rows, prior.rows.T @ prior.error(x)
     for error, jacobian in problem.pieces(x, True):
         assert jacobian is not None
@@ -112,7 +112,7 @@ def _normal(problem: Problem, prior: Prior, x: np.ndarray) -> tuple[np.ndarray, 
     return gram, gradient
 
 
-def covariance(problem: Problem, found: Found) -> tuple[np.ndarray, float]:
+def covariance(problem: FreeRunProblem, found: FreeRunSearchEnd) -> tuple[np.ndarray, float]:
     """Sandwich H⁻¹ S H⁻¹ of the estimate, and the mean squared error of the free run.
 
     S sums the lagged products of the scores J(t) e(t) with Bartlett weights over the residual's memory (Newey & West
@@ -157,8 +157,15 @@ class VectorLayout:
         return list(range(self.size))
 
 
-def package(structure: Structure, model: SelfScheduled, problem: Problem, found: Found, records: Sequence[Record],
-            notes: Sequence[str], select: np.ndarray | None = None) -> Identification:
+def package(
+    structure: Structure,
+    model: SelfScheduled,
+    problem: FreeRunProblem,
+    found: FreeRunSearchEnd,
+    records: Sequence[Record],
+    notes: Sequence[str],
+    select: np.ndarray | None = None,
+) -> Identification:
     """The Identification of a search's end, with covariance and metadata.
 
     `select` (model's parameters, searched parameters) tells which searched parameter stands for each of the model's.
@@ -175,11 +182,11 @@ def package(structure: Structure, model: SelfScheduled, problem: Problem, found:
     scale = np.sqrt(np.maximum(np.diag(found.gram), 1e-300))
     conditions = [float(np.linalg.cond(g)) ** 0.5 for g in (found.gram, found.gram / np.outer(scale, scale))]
     model = model.replace(noise_variance=variance, metadata=metadata)
-    said = (f"free-run search: {found.iterations} iterations, cost {found.first_cost:.4g} to {found.cost:.4g}; "
+    stated = (f"free-run search: {found.iterations} iterations, cost {found.first_cost:.4g} to {found.cost:.4g}; "
             f"{found.why}")
     kind = "sandwich over the free run's coloured error, with the prior's equations"
     return Identification(model, structure, VectorLayout(size), spread[:size, :size], conditions[0],  # type: ignore[arg-type]
-                          conditions[1], rows, notes=(*notes, said), covariance_kind=kind)
+                          conditions[1], rows, notes=(*notes, stated), covariance_kind=kind)
 
 
 def wanted_filter(schedule_filter: SchedulingStage | str | None, sample_time: float,

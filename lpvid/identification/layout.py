@@ -36,7 +36,7 @@ class ModelLayout(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class ParameterLayout:
     """Parameters of an input-output model by place.
 
     Attributes
@@ -111,7 +111,7 @@ class ParameterCloud:
         if not isinstance(data, Mapping) or "covariance" not in data:
             return None
         table = np.array(data["layout"])
-        layout = (Layout(table) if isinstance(model, LPVTransferFunction)
+        layout = (ParameterLayout(table) if isinstance(model, LPVTransferFunction)
                   else StateSpaceLayout(table, tuple(data["labels"])))
         return cls(model, layout, np.array(data["covariance"], dtype=float))
 

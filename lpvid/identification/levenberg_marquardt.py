@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.identification.pem_problem import Point, Problem, Residuals
+from lpvid.identification.pem_problem import Point, PredictionErrorProblem, PredictionErrors
 from lpvid.model.transfer_function import LPVTransferFunction
 
 MAX_DAMPING = 1e12
@@ -20,7 +20,7 @@ LONGEST_STEP = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class LeastSquaresEnd:
     """Where a search ended.
 
     Attributes
@@ -37,7 +37,7 @@ class Search:
     """
 
     point: Point
-    residuals: Residuals
+    residuals: PredictionErrors
     factors: list[np.ndarray]
     iterations: int
     why: str
@@ -49,9 +49,9 @@ class Search:
         return self.residuals.cost
 
 
-def minimise(problem: Problem, start: Point, *, max_iterations: int, tolerance: float,
+def minimise(problem: PredictionErrorProblem, start: Point, *, max_iterations: int, tolerance: float,
              bounds: tuple[np.ndarray, np.ndarray], frozen_limit: float = 1.0,
-             progress: Callable[[int, float], None] | None = None) -> Search | None:
+             progress: Callable[[int, float], None] | None = None) -> LeastSquaresEnd | None:
     """Minimise the cost from `start`; None where the start itself diverges.
 
     Damping by the gain ratio (Nielsen 1999), columns scaled to their largest norm so far (Moré 1978). A trial is
@@ -118,10 +118,10 @@ def minimise(problem: Problem, start: Point, *, max_iterations: int, tolerance: 
             if damping > MAX_DAMPING:
                 why = "no shorter step helps"
                 break
-    return Search(point, now, factors, iteration, why, first_cost)
+    return LeastSquaresEnd(point, now, factors, iteration, why, first_cost)
 
 
-def reduce(problem: Problem, factors: list[np.ndarray], damping: float = 0.0,
+def reduce(problem: PredictionErrorProblem, factors: list[np.ndarray], damping: float = 0.0,
            scale: np.ndarray | None = None) -> tuple[np.ndarray, list[np.ndarray]]:
     """Eliminate every record's past: the factor of the shared part [J_shared e], and each record's own rows.
 
@@ -145,7 +145,7 @@ def _triangle(rows: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
-def _step(problem: Problem, factors: list[np.ndarray], point: Point, damping: float, scale: np.ndarray,
+def _step(problem: PredictionErrorProblem, factors: list[np.ndarray], point: Point, damping: float, scale: np.ndarray,
           bounds: tuple[np.ndarray, np.ndarray]) -> tuple[Point, float]:
     """A trial point, and the fall of the cost that the linearisation predicts for it."""
     lower, upper = bounds
@@ -173,7 +173,7 @@ def _step(problem: Problem, factors: list[np.ndarray], point: Point, damping: fl
     return Point(target, tuple(pasts)), predicted
 
 
-def _shortening(problem: Problem, shared: np.ndarray, move: np.ndarray) -> float:
+def _shortening(problem: PredictionErrorProblem, shared: np.ndarray, move: np.ndarray) -> float:
     """Factor ≤ 1 that keeps a step within `LONGEST_STEP` in the recursive coefficients."""
     part = problem.layout.table[:, 0]
     recursive = np.concatenate([np.flatnonzero(part == 0), part.size + np.arange(problem.sizes[1])])
@@ -182,7 +182,7 @@ def _shortening(problem: Problem, shared: np.ndarray, move: np.ndarray) -> float
     return 1.0 if size <= limit else float(limit / size)
 
 
-def _scale(problem: Problem, factors: list[np.ndarray], previous: np.ndarray | None) -> np.ndarray:
+def _scale(problem: PredictionErrorProblem, factors: list[np.ndarray], previous: np.ndarray | None) -> np.ndarray:
     """Norms of the shared columns; half their largest value so far stays a floor."""
     ni = problem.n_past
     norms = np.sqrt(sum(np.sum(r[:, ni:-1] ** 2, axis=0) for r in factors))
@@ -190,7 +190,7 @@ def _scale(problem: Problem, factors: list[np.ndarray], previous: np.ndarray | N
 
 
 # -- frozen poles ------------------------------------------------------------------------------------------------------
-def frozen_radius(problem: Problem, point: Point, points: int = FROZEN_POINTS) -> float:
+def frozen_radius(problem: PredictionErrorProblem, point: Point, points: int = FROZEN_POINTS) -> float:
     """Largest modulus of the frozen poles of what must be stable, at points spread over the training trajectory.
 
     That is A for output errors and Box-Jenkins models (and their C), and C for ARMAX models.
@@ -199,7 +199,7 @@ def frozen_radius(problem: Problem, point: Point, points: int = FROZEN_POINTS) -
     return float(np.max(frozen_moduli(problem, model, points), initial=0.0))
 
 
-def frozen_inside(problem: Problem, point: Point, limit: float, points: int = FROZEN_POINTS) -> bool:
+def frozen_inside(problem: PredictionErrorProblem, point: Point, limit: float, points: int = FROZEN_POINTS) -> bool:
     """Whether `frozen_radius` is below `limit`: by step-down (Schur-Cohn) for one output, without any eigenvalue."""
     if not np.isfinite(limit):
         return True
@@ -220,12 +220,12 @@ def _schur(a: np.ndarray, limit: float) -> bool:
     return True
 
 
-def frozen_moduli(problem: Problem, model: LPVTransferFunction, points: int) -> np.ndarray:
+def frozen_moduli(problem: PredictionErrorProblem, model: LPVTransferFunction, points: int) -> np.ndarray:
     """(points,) largest frozen pole modulus at points spread evenly over all records."""
     return np.max([_largest_root(a) for a in _frozen(problem, model, points)], axis=0)
 
 
-def _frozen(problem: Problem, model: LPVTransferFunction, points: int) -> list[np.ndarray]:
+def _frozen(problem: PredictionErrorProblem, model: LPVTransferFunction, points: int) -> list[np.ndarray]:
     """Frozen coefficients (points, lags, ny, ny) of every polynomial that must be stable."""
     phi = [f for _, f in problem.drive(model)]
     total = sum(f.shape[1] for f in phi)

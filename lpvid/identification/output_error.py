@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from lpvid.identification.pem_problem import Problem
+from lpvid.identification.pem_problem import PredictionErrorProblem
 from lpvid.identification.pem_starts import Start, output_starts
 from lpvid.identification.prediction_error import PredictionError
 from lpvid.model.noise_model import NoiseModel
@@ -61,5 +61,7 @@ class OutputError(PredictionError):
     def noise_model(self, n_outputs: int, n_functions: int) -> NoiseModel:
         return NoiseModel("output")
 
-    def starting_models(self, records: Sequence[Record], problem: Problem, first: LPVTransferFunction) -> list[Start]:
+    def starting_models(
+        self, records: Sequence[Record], problem: PredictionErrorProblem, first: LPVTransferFunction
+    ) -> list[Start]:
         return output_starts(problem, first)

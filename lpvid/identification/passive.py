@@ -13,10 +13,10 @@ from lpvid.analysis.passivity import certificate_of, certify_passivity, proven
 from lpvid.analysis.passivity_certificate import PassivityCertificate
 from lpvid.errors import InputError
 from lpvid.identification.arx import ARX
-from lpvid.identification.layout import Layout
+from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.output_error import OutputError
 from lpvid.identification.passive_search import PassiveSearch, Reached
-from lpvid.identification.pem_problem import Problem
+from lpvid.identification.pem_problem import PredictionErrorProblem
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.stage_fit import shorten
 from lpvid.identification.structure import Structure
@@ -145,8 +145,10 @@ class Passive(Structure):
     def _search(self, records: list[Record], first: Identification) -> PassiveSearch:
         arx = first.structure if isinstance(first.structure, ARX) else first.structure.arx
         free = (isinstance(self.arx.stage, str), isinstance(self.arx.schedule_filter, str))
-        assert isinstance(first.layout, Layout)
-        problem = Problem(records, arx, first.model, first.layout, NoiseModel("output"), free, estimate_past=False)
+        assert isinstance(first.layout, ParameterLayout)
+        problem = PredictionErrorProblem(
+            records, arx, first.model, first.layout, NoiseModel("output"), free, estimate_past=False
+        )
         rms = [float(np.sqrt(np.mean(np.concatenate([r[n] for r in records]) ** 2)))
                for n in (*arx.input, *arx.output)]
         return PassiveSearch(problem, first.layout, *rms, offset=bool(arx.affine), degree=self.degree,
@@ -215,12 +217,12 @@ def _offset(model: LPVTransferFunction) -> float:
 
 
 def _stage_notes(model: LPVTransferFunction, asked: ARX) -> list[str]:
-    said = []
+    stated = []
     for noun, stage, name in (("input stage", model.input_stage, asked.stage),
                               ("scheduling filter", model.scheduling_stage, asked.schedule_filter)):
         if stage is not None and isinstance(name, str):
             values = ", ".join(f"{k} {v:.4g}" for k, v in stage.to_dict().items() if isinstance(v, float))
-            said.append(f"{noun} {name} fitted along with the passive model: {values}")
-    return said
+            stated.append(f"{noun} {name} fitted along with the passive model: {values}")
+    return stated
 
 

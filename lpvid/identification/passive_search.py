@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from lpvid.errors import InputError, NumericalError
-from lpvid.identification.layout import Layout
+from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.levenberg_marquardt import reduce
-from lpvid.identification.pem_problem import Point, Problem, Residuals
+from lpvid.identification.pem_problem import Point, PredictionErrorProblem, PredictionErrors
 from lpvid.lmi.passive_form import slack
 from lpvid.lmi.passive_search import PassiveProgram, current_centre
 from lpvid.lmi.passive_unknowns import Iterate, scaled
@@ -76,8 +76,8 @@ class PassiveSearch:
         Whether each record's error counts over its own variance (`record_weights`).
     """
 
-    problem: Problem
-    layout: Layout
+    problem: PredictionErrorProblem
+    layout: ParameterLayout
     speed: float
     force: float
     offset: bool
@@ -154,7 +154,7 @@ class PassiveSearch:
         """The same without weights."""
         return self._sum(self.problem.residuals(self.point(xi)), np.ones(len(self.record_weights)))
 
-    def _sum(self, found: Residuals | None, weights: np.ndarray) -> float:
+    def _sum(self, found: PredictionErrors | None, weights: np.ndarray) -> float:
         if found is None:
             return np.inf
         head, own = self.problem.head, self.problem.weights
@@ -228,8 +228,14 @@ class PassiveSearch:
             raise NumericalError("a static damper is passive, and no solver shows it")
         return Reached(xi, self.judged(xi, start), self.cost(xi), 0)
 
-    def run(self, reached: Reached, most: int = MOST_STEPS, say: Callable[[str], None] = lambda text: None, *,
-            descend: bool = True) -> Reached:
+    def run(
+        self,
+        reached: Reached,
+        most: int = MOST_STEPS,
+        report_progress: Callable[[str], None] = lambda text: None,
+        *,
+        descend: bool = True,
+    ) -> Reached:
         """Descend from a passive point; every point on the way is passive.
 
         Parameters
@@ -254,7 +260,7 @@ class PassiveSearch:
                 break
             xi, steps = xi + share * moved[0], steps + 1
             iterate = self.recentred(xi, _between(iterate, moved[1], share))
-            say(f"passive step {steps}: free-run rms {np.sqrt(ahead / self.problem.counted):.4g}, "
+            report_progress(f"passive step {steps}: free-run rms {np.sqrt(ahead / self.problem.counted):.4g}, "
                 f"room {-iterate.shortage:.3g}, share {share:.3g}")
             calm = calm + 1 if cost - ahead < SMALL * cost else 0
             cost = ahead

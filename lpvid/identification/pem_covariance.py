@@ -6,15 +6,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from lpvid.identification.levenberg_marquardt import Search, reduce
-from lpvid.identification.pem_problem import Problem
+from lpvid.identification.levenberg_marquardt import LeastSquaresEnd, reduce
+from lpvid.identification.pem_problem import PredictionErrorProblem
 from lpvid.identification.pem_starts import autoregression
 
 LONGEST_COLOUR = 40
 """highest order of the autoregression that describes a coloured residual."""
 
 
-def covariance(problem: Problem, search: Search, *, coloured: bool) -> tuple[np.ndarray, str]:
+def covariance(problem: PredictionErrorProblem, search: LeastSquaresEnd, *, coloured: bool) -> tuple[np.ndarray, str]:
     """Covariance of the shared parameters, the records' pasts estimated along, and what kind it is.
 
     White innovations: σ² (JᵀJ)⁻¹ (Ljung 1999 (9.54)). Coloured output errors v: the sandwich
@@ -63,7 +63,7 @@ def _inverse(r: np.ndarray) -> np.ndarray:
     return inverse
 
 
-def _sandwich(problem: Problem, search: Search, inverse: np.ndarray, polynomial: np.ndarray,
+def _sandwich(problem: PredictionErrorProblem, search: LeastSquaresEnd, inverse: np.ndarray, polynomial: np.ndarray,
               innovation: np.ndarray) -> np.ndarray:
     """H⁻¹ (Σ J^fᵀ Λ J^f) H⁻¹ for the part of J that is orthogonal to the records' pasts."""
     white = polynomial.size == 1

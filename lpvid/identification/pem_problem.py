@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.identification.arx import ARX
-from lpvid.identification.layout import Layout
+from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.regression import Columns
 from lpvid.model.input_stage import InputStage
 from lpvid.model.noise_model import NoiseModel
@@ -42,7 +42,7 @@ class Point:
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals:
+class PredictionErrors:
     """Prediction errors at a point, record by record, from sample ``head`` on (zero before), and the weighted cost."""
 
     errors: tuple[np.ndarray, ...]
@@ -50,7 +50,7 @@ class Residuals:
     cost: float
 
 
-class Problem:
+class PredictionErrorProblem:
     """Prediction errors of a structure on records, as a function of a `Point`.
 
     Every kind of noise is one or two banded recursions. ``output`` and ``box-jenkins`` run A x = B u first, and
@@ -73,7 +73,7 @@ class Problem:
         False starts every run from measured samples, or from zero innovations.
     """
 
-    def __init__(self, records: Sequence[Record], structure: ARX, model: LPVTransferFunction, layout: Layout,
+    def __init__(self, records: Sequence[Record], structure: ARX, model: LPVTransferFunction, layout: ParameterLayout,
                  noise: NoiseModel, free_stages: tuple[bool, bool], estimate_past: bool = True) -> None:
         self.structure, self.model, self.layout, self.noise = structure, model, layout, noise
         self.free_stages, self.estimate_past = free_stages, estimate_past
@@ -167,7 +167,7 @@ class Problem:
             self._driven = (key, out)
         return self._driven[1]
 
-    def residuals(self, point: Point) -> Residuals | None:
+    def residuals(self, point: Point) -> PredictionErrors | None:
         """Prediction errors at a point, or None where a run diverges."""
         model = self.model_at(point.shared)
         errors, plants, cost = [], [], 0.0
@@ -178,7 +178,7 @@ class Problem:
             errors.append(found[0])
             plants.append(found[1])
             cost += float(np.sum((found[0][self.head:] * self.weights) ** 2))
-        return Residuals(tuple(errors), tuple(plants), cost) if np.isfinite(cost) else None
+        return PredictionErrors(tuple(errors), tuple(plants), cost) if np.isfinite(cost) else None
 
     @property
     def head(self) -> int:
@@ -230,7 +230,7 @@ class Problem:
         return block
 
     # -- Jacobian ------------------------------------------------------------------------------------------------
-    def factors(self, point: Point, residuals: Residuals) -> list[np.ndarray]:
+    def factors(self, point: Point, residuals: PredictionErrors) -> list[np.ndarray]:
         """Per record the triangular factor of [J_past  J_shared  e], weighted."""
         from lpvid._kernels import ChunkedQR
 
@@ -250,7 +250,7 @@ class Problem:
         self.sweep(point, residuals, fold)
         return [qr.r for qr in out]
 
-    def sweep(self, point: Point, residuals: Residuals, consumer: Callable[[int], Callable]) -> None:
+    def sweep(self, point: Point, residuals: PredictionErrors, consumer: Callable[[int], Callable]) -> None:
         """Run through every record's Jacobian chunk by chunk.
 
         ``consumer(record)`` gives a function that is called as ``absorb(write, rows)`` for each chunk in turn;

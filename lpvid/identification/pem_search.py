@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.identification.levenberg_marquardt import Search, frozen_inside, minimise
-from lpvid.identification.pem_problem import Point, Problem
+from lpvid.identification.levenberg_marquardt import LeastSquaresEnd, frozen_inside, minimise
+from lpvid.identification.pem_problem import Point, PredictionErrorProblem
 from lpvid.identification.pem_starts import Start
 from lpvid.model.transfer_function import LPVTransferFunction
 
@@ -24,10 +24,10 @@ Ranked = tuple[float, str, LPVTransferFunction]
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class PredictionErrorOutcome:
     """A finished search, where it began, and the weights of the outputs in its cost."""
 
-    search: Search
+    search: LeastSquaresEnd
     label: str
     weights: np.ndarray
 
@@ -53,15 +53,15 @@ class Campaign:
     progress : callable or None
     """
 
-    coarse: Problem
-    problem: Problem
+    coarse: PredictionErrorProblem
+    problem: PredictionErrorProblem
     bounds: tuple[np.ndarray, np.ndarray]
     starts: int
     max_iterations: int
     tolerance: float
     progress: Callable[[int, float], None] | None
 
-    def follow(self, ranked: Sequence[Ranked], frozen_limit: float) -> Outcome | None:
+    def follow(self, ranked: Sequence[Ranked], frozen_limit: float) -> PredictionErrorOutcome | None:
         """A short search on the sample from each of these starts, and the full search from the best of them."""
         return self.finish(self._tried(ranked, frozen_limit), frozen_limit)
 
@@ -74,7 +74,7 @@ class Campaign:
                 tried.append((found.cost, label, self.coarse.model_at(found.point.shared)))
         return sorted(tried, key=lambda row: row[0])
 
-    def finish(self, tried: Sequence[Ranked], frozen_limit: float) -> Outcome | None:
+    def finish(self, tried: Sequence[Ranked], frozen_limit: float) -> PredictionErrorOutcome | None:
         """The full search from the first start that runs on all data."""
         problem = self.problem
         problem.weights = self.coarse.weights
@@ -86,15 +86,15 @@ class Campaign:
                 errors = np.vstack([e[problem.head:] for e in search.residuals.errors])
                 problem.weights = 1.0 / np.maximum(np.sqrt(np.mean(errors**2, axis=0)), 1e-300)
                 search = self._full(search.point, frozen_limit) or search
-            return Outcome(search, label, problem.weights)
+            return PredictionErrorOutcome(search, label, problem.weights)
         return None
 
-    def _full(self, point: Point, frozen_limit: float) -> Search | None:
+    def _full(self, point: Point, frozen_limit: float) -> LeastSquaresEnd | None:
         return minimise(self.problem, point, max_iterations=self.max_iterations, tolerance=self.tolerance,
                         bounds=self.bounds, frozen_limit=frozen_limit, progress=self.progress)
 
-    def unguarded(self, guarded: Outcome | None, outside: Sequence[Ranked],
-                  more: Callable[[], Sequence[Start]]) -> Outcome | None:
+    def unguarded(self, guarded: PredictionErrorOutcome | None, outside: Sequence[Ranked],
+                  more: Callable[[], Sequence[Start]]) -> PredictionErrorOutcome | None:
         """The search without the circle for frozen poles, where that circle holds the guarded one up.
 
         A stable varying system may have frozen poles outside the circle for a while. ``more`` gives further starts for
@@ -114,14 +114,16 @@ class Campaign:
         return self.follow([*models, *inside, *rest], np.inf)
 
 
-def better(guarded: Outcome | None, free: Outcome | None) -> Outcome | None:
+def better(
+    guarded: PredictionErrorOutcome | None, free: PredictionErrorOutcome | None
+) -> PredictionErrorOutcome | None:
     """The guarded outcome unless the other is markedly better."""
     if guarded is None or free is None:
         return guarded or free
     return free if free.size < WORTH_LEAVING * guarded.size else guarded
 
 
-def ranked(problem: Problem, models: Sequence[Start]) -> tuple[list[Ranked], list[Ranked]]:
+def ranked(problem: PredictionErrorProblem, models: Sequence[Start]) -> tuple[list[Ranked], list[Ranked]]:
     """Starts that do not diverge, by rising cost: with all frozen poles inside the unit circle, and others."""
     stable, rest = [], []
     for label, model in models:

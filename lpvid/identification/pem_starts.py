@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from lpvid.identification.pem_problem import CHUNK, Problem
+from lpvid.identification.pem_problem import CHUNK, PredictionErrorProblem
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
@@ -20,7 +20,7 @@ LONG_AR = 30
 Start = tuple[str, LPVTransferFunction]
 
 
-def output_starts(problem: Problem, first: LPVTransferFunction) -> list[Start]:
+def output_starts(problem: PredictionErrorProblem, first: LPVTransferFunction) -> list[Start]:
     """Starts of an output-error search.
 
     Least squares itself; least squares of equations filtered by 1/(1 − ρ q⁻¹)², which lets low frequencies count more;
@@ -41,7 +41,7 @@ def output_starts(problem: Problem, first: LPVTransferFunction) -> list[Start]:
     return [*drawn, *(pair for pair, other in zip(found, drawn, strict=True) if pair[1] is not other[1])]
 
 
-def equation_start(records: Sequence[Record], problem: Problem, first: LPVTransferFunction,
+def equation_start(records: Sequence[Record], problem: PredictionErrorProblem, first: LPVTransferFunction,
                    iterations: int) -> list[Start]:
     """A and B of an ARMAX model whose C is as rich as A, as found and drawn in.
 
@@ -51,7 +51,9 @@ def equation_start(records: Sequence[Record], problem: Problem, first: LPVTransf
     from lpvid.identification.levenberg_marquardt import minimise
 
     noise = NoiseModel("armax", np.zeros((first.na, first.n_outputs, first.basis.size)))
-    plain = Problem(records, problem.structure, problem.model, problem.layout, noise, problem.free_stages)
+    plain = PredictionErrorProblem(
+        records, problem.structure, problem.model, problem.layout, noise, problem.free_stages
+    )
     plain.weights = problem.weights
     k = sum(plain.sizes)
     found = []
@@ -76,7 +78,7 @@ def perturbed(model: LPVTransferFunction, layout, covariance: np.ndarray, rng: n
             for i in range(count)]
 
 
-def stabilised(problem: Problem, model: LPVTransferFunction) -> LPVTransferFunction:
+def stabilised(problem: PredictionErrorProblem, model: LPVTransferFunction) -> LPVTransferFunction:
     """The model with its poles drawn in, a_i ← γ^i a_i, as little as keeps its free run bounded and frozen-stable."""
     from lpvid.identification.levenberg_marquardt import frozen_inside
 
@@ -89,7 +91,7 @@ def stabilised(problem: Problem, model: LPVTransferFunction) -> LPVTransferFunct
     return model.replace(a=0.0 * model.a)
 
 
-def mean_denominator(problem: Problem, model: LPVTransferFunction) -> np.ndarray:
+def mean_denominator(problem: PredictionErrorProblem, model: LPVTransferFunction) -> np.ndarray:
     """Stable polynomial 1 + f_1 q⁻¹ + … of A at the mean of the basis along the data; roots outside are reflected."""
     mean = np.mean([phi.mean(axis=1) for _, phi in problem.drive(model)], axis=0)
     a = model.a @ mean
@@ -110,7 +112,9 @@ def stable_polynomial(roots: np.ndarray, limit: float = 0.99) -> np.ndarray:
     return np.real(np.poly(np.minimum(size, limit) * np.exp(1j * angle)))
 
 
-def filtered_regression(problem: Problem, model: LPVTransferFunction, denominator: np.ndarray) -> LPVTransferFunction:
+def filtered_regression(
+    problem: PredictionErrorProblem, model: LPVTransferFunction, denominator: np.ndarray
+) -> LPVTransferFunction:
     """Least squares of the equation A y = B u + e with both sides filtered by one over `denominator`."""
     from lpvid import _sensitivity
     from lpvid._kernels import ChunkedQR, fill_regressor
@@ -141,7 +145,7 @@ def _solve(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 # -- noise models ------------------------------------------------------------------------------------------------------
-def armax_starts(problem: Problem, first: LPVTransferFunction) -> list[Start]:
+def armax_starts(problem: PredictionErrorProblem, first: LPVTransferFunction) -> list[Start]:
     """Least squares, and extended least squares: past innovations as regressors, recomputed each round."""
     model = first.replace(noise=problem.noise)
     found: list[Start] = [("least squares", model)]
@@ -154,7 +158,7 @@ def armax_starts(problem: Problem, first: LPVTransferFunction) -> list[Start]:
     return found
 
 
-def _extended_regression(problem: Problem, model: LPVTransferFunction, errors: Sequence[np.ndarray]
+def _extended_regression(problem: PredictionErrorProblem, model: LPVTransferFunction, errors: Sequence[np.ndarray]
                          ) -> LPVTransferFunction:
     from lpvid._kernels import ChunkedQR
 
@@ -181,7 +185,7 @@ def _extended_regression(problem: Problem, model: LPVTransferFunction, errors: S
     return problem.layout.fill(model, np.concatenate([s[:size] for s in solved])).replace(noise=noise)
 
 
-def _invertible(problem: Problem, model: LPVTransferFunction) -> LPVTransferFunction:
+def _invertible(problem: PredictionErrorProblem, model: LPVTransferFunction) -> LPVTransferFunction:
     """C with its roots drawn in until its frozen roots lie inside the circle and the innovations stay bounded."""
     from lpvid.identification.levenberg_marquardt import frozen_inside
 
@@ -195,7 +199,9 @@ def _invertible(problem: Problem, model: LPVTransferFunction) -> LPVTransferFunc
     return model.replace(noise=problem.noise)
 
 
-def box_jenkins_starts(problem: Problem, plant: LPVTransferFunction, output_errors: Callable) -> list[Start]:
+def box_jenkins_starts(
+    problem: PredictionErrorProblem, plant: LPVTransferFunction, output_errors: Callable
+) -> list[Start]:
     """Noise models behind a plant: none, and an ARMA process fitted to its output error (Hannan & Rissanen 1982)."""
     noise = problem.noise
     white = plant.replace(noise=noise)

@@ -10,14 +10,20 @@ import numpy as np
 from lpvid.model.transfer_function import LPVTransferFunction
 
 if TYPE_CHECKING:
-    from lpvid.identification.pem_problem import Problem
+    from lpvid.identification.pem_problem import PredictionErrorProblem
 
 FADED = 1e-60
 """sensitivity below which what is carried into the next chunk counts as zero."""
 
 
-def sweep_record(problem: Problem, model: LPVTransferFunction, signals: tuple[np.ndarray, np.ndarray, np.ndarray],
-                 state: tuple[np.ndarray, np.ndarray], slopes: Sequence[np.ndarray], absorb: Callable) -> None:
+def sweep_record(
+    problem: PredictionErrorProblem,
+    model: LPVTransferFunction,
+    signals: tuple[np.ndarray, np.ndarray, np.ndarray],
+    state: tuple[np.ndarray, np.ndarray],
+    slopes: Sequence[np.ndarray],
+    absorb: Callable,
+) -> None:
     """Advance the sensitivities of one record and hand every chunk of weighted rows to `absorb`.
 
     Parameters
@@ -49,7 +55,7 @@ def sweep_record(problem: Problem, model: LPVTransferFunction, signals: tuple[np
 class _Sweep:
     """Sensitivities of one chunk behind those of the last few samples."""
 
-    def __init__(self, problem: Problem, model: LPVTransferFunction, signals: tuple, state: tuple,
+    def __init__(self, problem: PredictionErrorProblem, model: LPVTransferFunction, signals: tuple, state: tuple,
                  slopes: Sequence[np.ndarray]) -> None:
         from lpvid.identification.pem_problem import CHUNK
 

@@ -13,11 +13,11 @@ from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.errors import InputError
 from lpvid.identification.arx import ARX
-from lpvid.identification.layout import Layout
-from lpvid.identification.levenberg_marquardt import Search, frozen_moduli, reduce
+from lpvid.identification.layout import ParameterLayout
+from lpvid.identification.levenberg_marquardt import LeastSquaresEnd, frozen_moduli, reduce
 from lpvid.identification.pem_covariance import covariance
-from lpvid.identification.pem_problem import Problem
-from lpvid.identification.pem_search import EDGE, SHORT, Campaign, Outcome, better, mean_square, ranked
+from lpvid.identification.pem_problem import PredictionErrorProblem
+from lpvid.identification.pem_search import EDGE, SHORT, Campaign, PredictionErrorOutcome, better, mean_square, ranked
 from lpvid.identification.pem_starts import Start, equation_start, perturbed, stabilised
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.stage_fit import SAMPLES, shorten
@@ -114,7 +114,9 @@ class PredictionError(Structure):
         """A noise model of the kind and orders to be estimated."""
 
     @abstractmethod
-    def starting_models(self, records: Sequence[Record], problem: Problem, first: LPVTransferFunction) -> list[Start]:
+    def starting_models(
+        self, records: Sequence[Record], problem: PredictionErrorProblem, first: LPVTransferFunction
+    ) -> list[Start]:
         """Models to start from, given the least-squares model."""
 
     # -- shared --------------------------------------------------------------------------------------------------
@@ -164,12 +166,17 @@ class PredictionError(Structure):
         problem.weights = found.weights
         if problem.noise.kind == "output" and problem.estimate_past:
             problem, found = self._no_worse(records, first, problem, found)
-        told = f"{len(models)} starts ranked, {len(inside) + len(outside)} different and bounded"
+        described = f"{len(models)} starts ranked, {len(inside) + len(outside)} different and bounded"
         return self._package(records, first, problem, found.search,
-                             [*self._first_notes(first), *self._notes(problem, first, found, told)])
+                             [*self._first_notes(first), *self._notes(problem, first, found, described)])
 
-    def _no_worse(self, records: Sequence[Record], first: Identification, problem: Problem, found: Outcome
-                  ) -> tuple[Problem, Outcome]:
+    def _no_worse(
+        self,
+        records: Sequence[Record],
+        first: Identification,
+        problem: PredictionErrorProblem,
+        found: PredictionErrorOutcome,
+    ) -> tuple[PredictionErrorProblem, PredictionErrorOutcome]:
         """The outcome, or one from measured starts where the free run from those would be worse than least squares'."""
         measured = self._problem(records, first, estimate_past=False)
         measured.weights = found.weights
@@ -182,19 +189,21 @@ class PredictionError(Structure):
         again = campaign.finish([(least.cost, "least squares, from measured samples", first.model)], np.inf)
         return (problem, found) if again is None else (measured, again)
 
-    def _problem(self, records: Sequence[Record], first: Identification, estimate_past: bool = True) -> Problem:
+    def _problem(
+        self, records: Sequence[Record], first: Identification, estimate_past: bool = True
+    ) -> PredictionErrorProblem:
         model = first.model
         noise = self.noise_model(model.n_outputs, model.basis.size)
         free = (isinstance(self.stage, str), isinstance(self.schedule_filter, str))
-        assert isinstance(first.layout, Layout)
-        problem = Problem(records, first.structure, model, first.layout, noise, free,
+        assert isinstance(first.layout, ParameterLayout)
+        problem = PredictionErrorProblem(records, first.structure, model, first.layout, noise, free,
                           estimate_past and self.initial == "estimate")
         if problem.n_outputs > 1:
             spread = [np.var(np.concatenate([r[name] for r in records])) for name in self.output]
             problem.weights = 1.0 / np.sqrt(np.maximum(spread, 1e-300))
         return problem
 
-    def _bounds(self, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
+    def _bounds(self, problem: PredictionErrorProblem) -> tuple[np.ndarray, np.ndarray]:
         names = self._names(problem)
         k = sum(problem.sizes)
         lower, upper = np.full(k, -np.inf), np.full(k, np.inf)
@@ -204,7 +213,7 @@ class PredictionError(Structure):
         return lower, upper
 
     @staticmethod
-    def _names(problem: Problem) -> tuple[str, ...]:
+    def _names(problem: PredictionErrorProblem) -> tuple[str, ...]:
         outputs = tuple(s.name for s in problem.model.outputs)
         return (*problem.layout.names(problem.model), *problem.noise.names(problem.model.basis.labels, outputs))
 
@@ -214,12 +223,16 @@ class PredictionError(Structure):
         free = isinstance(self.stage, str) or isinstance(self.schedule_filter, str)
         return [n for n in first.notes if not (free and n.startswith("fitted to the free run"))]
 
-    def _notes(self, problem: Problem, first: Identification, found: Outcome, told: str) -> list[str]:
+    def _notes(
+        self, problem: PredictionErrorProblem, first: Identification, found: PredictionErrorOutcome, described: str
+    ) -> list[str]:
         search = found.search
         least = problem.residuals(problem.point(first.model))
         begun = "diverges" if least is None else f"{mean_square(least.errors):.6g}"
-        notes = [f"prediction error: {search.iterations} iterations from {found.label} ({told}, {self.starts} at most "
-                 f"followed); mean square {begun} (least squares) -> {found.size:.6g}; stopped: {search.why}"]
+        notes = [
+            f"prediction error: {search.iterations} iterations from {found.label} ({described}, {self.starts} at most "
+            f"followed); mean square {begun} (least squares) -> {found.size:.6g}; stopped: {search.why}"
+        ]
         model = problem.model_at(search.point.shared)
         for noun, stage, asked in (("input stage", model.input_stage, self.stage),
                                    ("scheduling filter", model.scheduling_stage, self.schedule_filter)):
@@ -241,8 +254,14 @@ class PredictionError(Structure):
                          f"(largest {moduli.max():.4f}): the free run may diverge elsewhere")
         return notes
 
-    def _package(self, records: Sequence[Record], first: Identification, problem: Problem, search: Search,
-                 notes: Sequence[str]) -> Identification:
+    def _package(
+        self,
+        records: Sequence[Record],
+        first: Identification,
+        problem: PredictionErrorProblem,
+        search: LeastSquaresEnd,
+        notes: Sequence[str],
+    ) -> Identification:
         shared, _ = reduce(problem, search.factors)
         jacobian = shared[:, :-1]
         scale = np.linalg.norm(jacobian, axis=0)

@@ -11,7 +11,7 @@ from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.errors import InputError, NumericalError
 from lpvid.identification.arx import _moves, scheduling_box
-from lpvid.identification.free_run_search import Found, Prior, minimise, package, wanted_filter
+from lpvid.identification.free_run_search import FreeRunSearchEnd, Prior, minimise, package, wanted_filter
 from lpvid.identification.quasi_problem import QuasiProblem
 from lpvid.identification.result import Identification
 from lpvid.identification.structure import Structure
@@ -156,7 +156,7 @@ class QuasiLPV(Structure):
         return [np.append(share * unit, np.zeros(self.trial - 1)) for share in TRIALS]
 
     def _from(self, records: Sequence[Record], box: Scheduling,
-              kappa: np.ndarray) -> tuple[QuasiProblem, Found] | None:
+              kappa: np.ndarray) -> tuple[QuasiProblem, FreeRunSearchEnd] | None:
         """One search from trial weights `kappa`."""
         assert records[0].sample_time is not None
         external = self.external.bound(box) if box.names else self.external

@@ -12,7 +12,7 @@ from lpvid.errors import InputError
 from lpvid.identification.arx import ARX, scheduling_box
 from lpvid.identification.forgetting import CovarianceReset, VariableForgetting, forgetting_factor
 from lpvid.identification.recursive_estimator import RecursiveEstimator
-from lpvid.identification.regression import Factor, Solution
+from lpvid.identification.regression import Factor, RegressionEstimate
 from lpvid.identification.result import Identification
 from lpvid.identification.structure import Structure
 from lpvid.record import Record
@@ -145,7 +145,7 @@ def packaged(running: RecursiveEstimator, records: Sequence[Record]) -> Recursiv
     width = bound._filter_width()
     layout, empty = bound.layout(width), bound._empty_model(records[0], running.box, width)
     theta = running.parameters.reshape(running.stream.n_outputs, -1).T
-    solution = Solution(theta, running.covariance, running.noise, *running.conditions)
+    solution = RegressionEstimate(theta, running.covariance, running.noise, *running.conditions)
     found = bound._package(records, empty, layout, Factor(np.zeros((0, 0)), running.equations, len(theta)), solution)
     model = found.model.replace(metadata={**found.model.metadata, "structure": structure.to_dict()})
     history = None

@@ -11,9 +11,9 @@ from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.errors import InputError
 from lpvid.identification.arx import ARX
-from lpvid.identification.layout import Layout
+from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.refined_iv_problem import IVProblem
-from lpvid.identification.refined_iv_search import Found, conditions, covariance, search
+from lpvid.identification.refined_iv_search import RefinedIvEnd, conditions, covariance, search
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.structure import Structure
 from lpvid.model.input_stage import InputStage
@@ -138,7 +138,7 @@ class RefinedIV(Structure):
         if not after <= before * (1 + 1e-9) + 1e-20 * sum(float(y @ y) for y in problem.y):
             return _Single(problem, least, None, (f"refined IV{to} found nothing better in free run than its start: "
                                                   "this is the least-squares estimate, with equation noise",))
-        return _Single(problem, least, found, (_told(found, to),))
+        return _Single(problem, least, found, (_described(found, to),))
 
     def to_dict(self) -> dict:
         """Plain data for JSON.
@@ -159,7 +159,7 @@ class _Single:
 
     problem: IVProblem
     least: Identification
-    found: Found | None
+    found: RefinedIvEnd | None
     notes: tuple[str, ...]
 
     @property
@@ -167,7 +167,7 @@ class _Single:
         return self.found is None
 
 
-def _told(found: Found, to: str) -> str:
+def _described(found: RefinedIvEnd, to: str) -> str:
     verdict = "converged" if found.converged else "did not converge"
     text = f"refined IV{to} {verdict} in {found.iterations} iterations, last relative change {found.change:.1e}"
     if found.damped:
@@ -244,7 +244,7 @@ def _assembled(structure: RefinedIV, records: Sequence[Record], whole: Identific
             blocks.append(block)
             variances.append(variance)
             c[:, o, 0], d[:, o] = _orders(single.found.noise.c, nc), _orders(single.found.noise.d, nd)
-    layout, matrix = Layout(np.vstack(tables)), _block_diagonal(blocks)
+    layout, matrix = ParameterLayout(np.vstack(tables)), _block_diagonal(blocks)
     metadata: dict = {"structure": structure.to_dict(), "training": whole.model.metadata["training"],
                       "refined_iv": [None if s.found is None else
                                      {"iterations": s.found.iterations, "relative_change": s.found.change,

@@ -10,7 +10,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.identification.arma import ARMA, monic, reflected
 from lpvid.identification.arx import ARX
-from lpvid.identification.layout import Layout
+from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.regression import CHUNK
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
@@ -24,7 +24,7 @@ WHITE = ARMA(np.zeros(0), np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class AuxiliaryRun:
     """The auxiliary model's output along every record, and what the measurement adds to it.
 
     Attributes
@@ -63,7 +63,9 @@ class IVProblem:
     layout : Layout
     """
 
-    def __init__(self, records: Sequence[Record], structure: ARX, model: LPVTransferFunction, layout: Layout) -> None:
+    def __init__(
+        self, records: Sequence[Record], structure: ARX, model: LPVTransferFunction, layout: ParameterLayout
+    ) -> None:
         self.model, self.layout, self.start = model, layout, structure.start
         self.columns = structure._places(model.n_filter_inputs)[1]
         self.size = layout.size
@@ -90,7 +92,7 @@ class IVProblem:
         """columns −y(k−i) of the time-invariant part, by lag; empty where the basis lacks the constant"""
 
     # -- auxiliary model -----------------------------------------------------------------------------------------
-    def run(self, theta: np.ndarray) -> Run | None:
+    def run(self, theta: np.ndarray) -> AuxiliaryRun | None:
         """The auxiliary model's free run, each record from the past that fits it best; None where it diverges."""
         if not np.isfinite(theta).all():
             return None
@@ -104,7 +106,7 @@ class IVProblem:
             v[: self.start] = 0.0
             out.append(x)
             noise.append(v)
-        run = Run(model, tuple(out), tuple(noise))
+        run = AuxiliaryRun(model, tuple(out), tuple(noise))
         return run if np.isfinite(run.cost) else None
 
     def _noise_free(self, model: LPVTransferFunction, y: np.ndarray, u: np.ndarray,
@@ -153,7 +155,9 @@ class IVProblem:
             tail = model.a[:, 0, 0, :] @ self.mean_phi
         return reflected(tail, 0.98)
 
-    def factor(self, run: Run, noise: ARMA, kind: str, others: Sequence[Sequence[np.ndarray]] = ()) -> np.ndarray:
+    def factor(
+        self, run: AuxiliaryRun, noise: ARMA, kind: str, others: Sequence[Sequence[np.ndarray]] = ()
+    ) -> np.ndarray:
         """Triangular factor of [Z  W  ε] over all records: instruments, what is multiplied onto them, innovations.
 
         Z = Q ζ with Q = D/(C F). W depends on `kind`: "measured" gives −Q v̂(k−i), by which the regressor of Laurain et

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid.identification.arma import ARMA, fit_arma, reflected
-from lpvid.identification.refined_iv_problem import WHITE, IVProblem, Run
+from lpvid.identification.refined_iv_problem import WHITE, AuxiliaryRun, IVProblem
 
 HALVINGS = 10
 DAMPINGS = (1e-7, 1e-5, 1e-3, 1e-1, 10.0)
@@ -26,7 +26,7 @@ NEGLIGIBLE = 1e-24
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class RefinedIvEnd:
     """Where the iteration ended.
 
     Attributes
@@ -48,7 +48,7 @@ class Found:
     """
 
     theta: np.ndarray
-    run: Run
+    run: AuxiliaryRun
     noise: ARMA
     innovations: tuple[np.ndarray, ...]
     factor: np.ndarray
@@ -62,12 +62,12 @@ class Found:
 @dataclass(frozen=True, eq=False)
 class _Point:
     theta: np.ndarray
-    run: Run
+    run: AuxiliaryRun
     radius: float
 
 
 def search(problem: IVProblem, start: np.ndarray, orders: tuple[int, int] | None, iterations: int,
-           tolerance: float) -> Found | None:
+           tolerance: float) -> RefinedIvEnd | None:
     """Solve Σ ζ_f(θ) ε(θ) = 0 from `start`; None where no run from it stays bounded.
 
     Where `start` diverges its poles are drawn in; where the iteration from there does not converge, it is tried again
@@ -94,7 +94,7 @@ def search(problem: IVProblem, start: np.ndarray, orders: tuple[int, int] | None
 
 
 def _iterate(problem: IVProblem, first: _Point, orders: tuple[int, int] | None, iterations: int,
-             tolerance: float) -> Found:
+             tolerance: float) -> RefinedIvEnd:
     """Refined steps from one bounded start.
 
     Each iteration is the step δ = (Σ ζ_f φ_fᵀ)⁻¹ Σ ζ_f ε of Laurain, Gilson, Tóth & Garnier 2010 (equation sheet 5.9),
@@ -126,8 +126,17 @@ def _iterate(problem: IVProblem, first: _Point, orders: tuple[int, int] | None, 
     if not converged and _cost(best.run, noise) < _cost(point.run, noise):
         point = best
     noise = _noise(problem, point.run, orders, noise)
-    return Found(point.theta, point.run, noise, point.run.innovations(noise), problem.factor(point.run, noise, "exact"),
-                 count, change, converged, damped)
+    return RefinedIvEnd(
+        point.theta,
+        point.run,
+        noise,
+        point.run.innovations(noise),
+        problem.factor(point.run, noise, "exact"),
+        count,
+        change,
+        converged,
+        damped,
+    )
 
 
 def _step(problem: IVProblem, point: _Point, noise: ARMA, kinds: Sequence[str],
@@ -190,7 +199,7 @@ def _change(problem: IVProblem, factor: np.ndarray, new: np.ndarray, old: np.nda
     return float(np.linalg.norm(scale * (new - old)) / max(float(np.linalg.norm(scale * new)), 1e-300))
 
 
-def _noise(problem: IVProblem, run: Run, orders: tuple[int, int] | None, before: ARMA) -> ARMA:
+def _noise(problem: IVProblem, run: AuxiliaryRun, orders: tuple[int, int] | None, before: ARMA) -> ARMA:
     if orders is None:
         return WHITE
     if run.cost <= NEGLIGIBLE * sum(float(y @ y) for y in problem.y):
@@ -199,7 +208,7 @@ def _noise(problem: IVProblem, run: Run, orders: tuple[int, int] | None, before:
     return fit_arma(series, *orders, start=before if (before.c.size, before.d.size) == orders else None)
 
 
-def _cost(run: Run, noise: ARMA) -> float:
+def _cost(run: AuxiliaryRun, noise: ARMA) -> float:
     return float(sum(e @ e for e in run.innovations(noise)))
 
 
@@ -247,7 +256,7 @@ def _refitted(problem: IVProblem, theta: np.ndarray) -> _Point | None:
     return _point(problem, theta, run)
 
 
-def _point(problem: IVProblem, theta: np.ndarray, run: Run) -> _Point:
+def _point(problem: IVProblem, theta: np.ndarray, run: AuxiliaryRun) -> _Point:
     return _Point(theta, run, problem.frozen_radius(run.model))
 
 
@@ -266,7 +275,7 @@ def _solved(problem: IVProblem, factor: np.ndarray) -> bool:
     return left <= 1e-8 * whole / problem.rows or whole <= NEGLIGIBLE * sum(float(y @ y) for y in problem.y)
 
 
-def covariance(problem: IVProblem, found: Found, white: bool) -> tuple[np.ndarray, float, ARMA]:
+def covariance(problem: IVProblem, found: RefinedIvEnd, white: bool) -> tuple[np.ndarray, float, ARMA]:
     """Covariance of the parameters, variance of the innovations, and the colour that the former allows for.
 
     G⁻¹ S G⁻ᵀ with G = Σ ζ_f ψᵀ of the exact sensitivities ψ = (D/C) ∂x̂/∂θ and S the covariance of Σ ζ_f ε (Söderström &

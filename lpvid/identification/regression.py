@@ -73,7 +73,7 @@ class Factor:
     rows: int
     columns: int
 
-    def solve(self, ridge: float, names: Sequence[str], spare: np.ndarray | None = None) -> Solution:
+    def solve(self, ridge: float, names: Sequence[str], spare: np.ndarray | None = None) -> RegressionEstimate:
         """Least squares, with `ridge` times the squared parameters in unit-column scaling added to the cost.
 
         Parameters
@@ -118,9 +118,11 @@ class Factor:
             gram = (r11 @ gram).T @ (r11 @ gram)
         residual = np.vstack([r12 - r11 @ theta, r22])
         noise = residual.T @ residual / max(self.rows - k, 1)
-        return Solution(theta, np.kron(noise, gram), noise, float(condition), float(singular[0] / singular[-1]))
+        return RegressionEstimate(
+            theta, np.kron(noise, gram), noise, float(condition), float(singular[0] / singular[-1])
+        )
 
-    def _least_norm(self, scale: np.ndarray, singular: np.ndarray) -> Solution:
+    def _least_norm(self, scale: np.ndarray, singular: np.ndarray) -> RegressionEstimate:
         """The least squares of least norm; no variance along what these equations do not hold."""
         k = self.columns
         inverse = np.linalg.pinv(self.r[:k, :k] / scale, rcond=SINGULAR)
@@ -129,11 +131,11 @@ class Factor:
         noise = residual.T @ residual / max(self.rows - k, 1)
         gram = inverse @ inverse.T / np.outer(scale, scale)
         ratio = float(singular[0] / singular[-1]) if singular[-1] > 0 else np.inf
-        return Solution(theta, np.kron(noise, gram), noise, ratio, ratio)
+        return RegressionEstimate(theta, np.kron(noise, gram), noise, ratio, ratio)
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class RegressionEstimate:
     """Estimate of Y ≈ X Θ.
 
     Attributes

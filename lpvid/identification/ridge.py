@@ -8,7 +8,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.identification.regression import Factor, Solution
+from lpvid.identification.regression import Factor, RegressionEstimate
 from lpvid.scheduling import Basis, Polynomial, Product, Shifted, Spline, Stacked
 
 PENALTIES = {"size": 0, "variation": 1, "curvature": 2}
@@ -68,7 +68,7 @@ class Ridge:
                              got=f"{len(self.penalty)} weights")
         return np.diag(np.array(self.penalty))
 
-    def solve(self, factor: Factor, places: np.ndarray, basis: Basis) -> tuple[Solution, float]:
+    def solve(self, factor: Factor, places: np.ndarray, basis: Basis) -> tuple[RegressionEstimate, float]:
         """Penalised least squares.
 
         Parameters
@@ -86,7 +86,7 @@ class Ridge:
         strength : float
             λ as given or chosen.
         """
-        problem = _Problem.of(factor, places, self.matrix(basis))
+        problem = _RidgeProblem.of(factor, places, self.matrix(basis))
         strength = self.strength or problem.choose()
         return problem.solution(strength), float(strength)
 
@@ -130,7 +130,7 @@ def _penalty(basis: Basis, order: int) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
+class _RidgeProblem:
     """Scaled least squares with the root of its penalty."""
 
     r: np.ndarray
@@ -142,7 +142,7 @@ class _Problem:
     condition: tuple[float, float]
 
     @classmethod
-    def of(cls, factor: Factor, places: np.ndarray, penalty: np.ndarray) -> _Problem:
+    def of(cls, factor: Factor, places: np.ndarray, penalty: np.ndarray) -> _RidgeProblem:
         k = factor.columns
         r11 = factor.r[:k, :k]
         norms = np.linalg.norm(r11, axis=0)
@@ -195,7 +195,7 @@ class _Problem:
         shift = 0.5 * (left - right) / bend if bend > 0 else 0.0
         return float(STRENGTHS[best] * (STRENGTHS[1] / STRENGTHS[0]) ** shift)
 
-    def solution(self, strength: float) -> Solution:
+    def solution(self, strength: float) -> RegressionEstimate:
         from scipy.linalg import solve_triangular
 
         k = self.r.shape[1]
@@ -206,4 +206,4 @@ class _Problem:
         effective = float(np.sum((self.r @ inverse) ** 2))
         noise = residual.T @ residual / max(self.rows - effective, 1.0)
         gram = inverse @ inverse.T / np.outer(self.scale, self.scale)
-        return Solution(theta / self.scale[:, None], np.kron(noise, gram), noise, *self.condition)
+        return RegressionEstimate(theta / self.scale[:, None], np.kron(noise, gram), noise, *self.condition)

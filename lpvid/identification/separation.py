@@ -38,7 +38,7 @@ from lpvid._threads import single_thread
 from lpvid.auditing.coherence import INFLATION, InputCoherence, input_coherence, one_per_motion
 from lpvid.auditing.view import View
 from lpvid.condition.tables import as_records
-from lpvid.identification.layout import Layout
+from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.result import Identification
 from lpvid.identification.stage_fit import shorten
 from lpvid.identification.state_space_layout import ARRAYS, StateSpaceLayout
@@ -93,28 +93,32 @@ def separated(found: Identification, records: Sequence[Record]) -> Identificatio
         return found
     worst = int(np.argmin(coherence.share))
     others = ", ".join(n for i, n in enumerate(names) if i != worst)
-    said = (f"inputs move together: {100 * (1 - coherence.share[worst]):.4g} % of the power of {names[worst]} is "
+    stated = (f"inputs move together: {100 * (1 - coherence.share[worst]):.4g} % of the power of {names[worst]} is "
             f"explained by {others} in these data")
     marked = {"inputs": names, "explained": (1 - coherence.share).tolist(), "regularised": False}
     with single_thread():
         sample = shorten(records, SAMPLES, 20 * (found.model.start + 5))
         split = _split(found, sample, coherence)
     if split is None:
-        return _noted(found, marked, f"{said}; this kind of model is not regularised: what it gives each input is not "
-                                     "determined, and its standard errors do not show that")
+        return _noted(
+            found,
+            marked,
+            f"{stated}; this kind of model is not regularised: what it gives each input is not "
+            "determined, and its standard errors do not show that",
+        )
     new = split.apply(found)
     if not _mean_square(new, sample) <= (1 + 2 * NO_WORSE) * _mean_square(found, sample):
         new = replace(split, weight=np.ones_like(split.weight)).apply(found)  # rounding rules: the variance alone
     lost = f"{split.undetermined:.1f} of {split.size} input coefficients are not determined by them"
     return _noted(new, {**marked, "regularised": True, "undetermined": split.undetermined},
-                  f"{said}: {lost}; there the estimate is drawn to the least contributions that explain the output, "
+                  f"{stated}: {lost}; there the estimate is drawn to the least contributions that explain the output, "
                   "and its standard errors and bands are those of the prior (a contribution as strong as the output)")
 
 
 def spoken_for(found: Identification, held_out: Record | Sequence[Record] | None) -> Identification:
     """A remark where held-out inputs are as coherent as those of the fit, so that their figures test the sum alone."""
-    said = None if held_out is None else independence_remark(found.model, as_records(held_out), "held-out")
-    return found if said is None else found.replace(notes=(*found.notes, said))
+    stated = None if held_out is None else independence_remark(found.model, as_records(held_out), "held-out")
+    return found if stated is None else found.replace(notes=(*found.notes, stated))
 
 
 def _mean_square(found: Identification, records: Sequence[Record]) -> float:
@@ -225,7 +229,7 @@ def _weights(power: np.ndarray, error: np.ndarray, effect: np.ndarray, fault: fl
 def _owners(found: Identification) -> np.ndarray | None:
     """(k,) input that every parameter belongs to, −1 for none; None where a parameter is of several kinds."""
     model, layout = found.model, found.layout
-    if isinstance(model, LPVTransferFunction) and isinstance(layout, Layout) and model.input_stage is None:
+    if isinstance(model, LPVTransferFunction) and isinstance(layout, ParameterLayout) and model.input_stage is None:
         return np.where(layout.table[:, 0] == 1, layout.table[:, 3], -1)
     if not isinstance(model, LPVStateSpace) or not isinstance(layout, StateSpaceLayout):
         return None
@@ -263,7 +267,7 @@ def _root(found: Identification, records: Sequence[Record], places: np.ndarray) 
 def _driven(found: Identification) -> np.ndarray:
     """Parameters that make an output without a past: those of inputs and of the terms of scheduling alone."""
     layout = found.layout
-    if isinstance(layout, Layout):
+    if isinstance(layout, ParameterLayout):
         return layout.table[:, 0] > 0
     assert isinstance(layout, StateSpaceLayout)
     codes = [ARRAYS.index(n) for n in ("B", "D", "state_offset", "output_offset")]

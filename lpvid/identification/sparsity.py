@@ -12,7 +12,7 @@ from lpvid._threads import single_thread
 from lpvid.errors import InputError
 from lpvid.identification._support import Supports, units_of, variables_of
 from lpvid.identification.arx import ARX, scheduling_box
-from lpvid.identification.layout import Layout
+from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.regression import Columns, Factor, factorize
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.sandwich import sandwich_covariance
@@ -98,7 +98,7 @@ class SparseARX(Structure):
             return self._package(whole, full, factor, supports)
 
     def coloured_covariance(self, records: Sequence[Record], found: Identification, memory: int) -> np.ndarray | None:
-        if len(self.arx.output) > 1 or not isinstance(found.layout, Layout):
+        if len(self.arx.output) > 1 or not isinstance(found.layout, ParameterLayout):
             return None
         full = self.arx._data(found.model.box, None)
         place = {tuple(row): i for i, row in enumerate(self.arx.places().tolist())}
@@ -129,7 +129,7 @@ class SparseARX(Structure):
 
     def _package(self, whole: Identification, full: ARX, factor: Factor, supports: list[np.ndarray]) -> Identification:
         k, ny = factor.columns, len(supports)
-        assert isinstance(whole.layout, Layout)
+        assert isinstance(whole.layout, ParameterLayout)
         r11, r12, r22 = factor.r[:k, :k], factor.r[:k, k:], factor.r[k:, k:]
         inverses = [np.linalg.pinv(r11[:, s]) for s in supports]
         theta = [a @ r12[:, o] for o, a in enumerate(inverses)]
@@ -138,7 +138,7 @@ class SparseARX(Structure):
         counts = np.sqrt(np.maximum(factor.rows - np.array([len(s) for s in supports]), 1))
         noise = residual.T @ residual / np.outer(counts, counts)
         covariance = np.block([[noise[o, q] * inverses[o] @ inverses[q].T for q in range(ny)] for o in range(ny)])
-        layout = Layout(whole.layout.table[np.concatenate([o * k + s for o, s in enumerate(supports)])])
+        layout = ParameterLayout(whole.layout.table[np.concatenate([o * k + s for o, s in enumerate(supports)])])
         metadata = {**whole.model.metadata, "structure": self.to_dict()}
         metadata.pop("parameters", None)
         if layout.size <= COVARIANCE_LIMIT:
@@ -222,7 +222,7 @@ def dependence(found: Identification) -> dict[str, tuple[str, ...]]:
     """Scheduling variables that every kept coefficient depends on, e.g. ``{"a1": (), "b1": ("current",)}``."""
     model = found.model
     of_function = variables_of(model.basis, model.box)
-    if not isinstance(found.layout, Layout):
+    if not isinstance(found.layout, ParameterLayout):
         raise InputError("dependence is read off the layout of an input-output model", got=type(found.model).__name__)
     listed: dict[str, set[str]] = {}
     for name, place in zip(found.parameter_names, found.layout.table, strict=True):

@@ -61,8 +61,8 @@ def _search(records: Sequence[Record], structure: ARX, box: Scheduling) -> Ident
     best = min(found, key=lambda pair: pair[0])[1]
     result = best.of(structure).regress(records, box)
     collapsed = () if best.stage is None or not best.stage_scales.size else unresolved(best.stage, records, result)
-    said = f"fitted to the free run on training data: {best.describe()}; the covariance holds it fixed"
-    return result.replace(notes=(*result.notes, *collapsed, said))
+    stated = f"fitted to the free run on training data: {best.describe()}; the covariance holds it fixed"
+    return result.replace(notes=(*result.notes, *collapsed, stated))
 
 
 def unresolved(stage: InputStage, records: Sequence[Record], found: Identification) -> tuple[str, ...]:

@@ -23,8 +23,8 @@ from lpvid.identification.state_space_result import (
 )
 from lpvid.identification.state_space_search import (
     CONVERGED,
-    Search,
     SearchData,
+    StateSpaceSearchEnd,
     bounded,
     evaluate,
     frozen_radius,
@@ -140,9 +140,9 @@ class StateSpaceError(Structure):
             affine=self.affine))
         ends = bound._ends(records, box)
         chosen = bound._preferred(ends, records, box)
-        said, best = chosen.said, chosen.search
+        stated, best = chosen.stated, chosen.search
         layout = StateSpaceLayout.full(best.model, bound._free)
-        note = (f"prediction error ({self.noise}) from {said}, one of {len(ends)} searches: {best.iterations} "
+        note = (f"prediction error ({self.noise}) from {stated}, one of {len(ends)} searches: {best.iterations} "
                 f"Levenberg-Marquardt steps; stopped because {best.why}")
         return package(replace(bound, order=best.model.order), best, layout, records, [note])
 
@@ -248,8 +248,8 @@ class _End:
 
     start: str
     stable: bool
-    said: str
-    search: Search
+    stated: str
+    search: StateSpaceSearchEnd
 
     @property
     def key(self) -> tuple[str, bool]:
@@ -266,20 +266,20 @@ def _ends(start: str, model: LPVStateSpace, records: Sequence[Record], free: tup
     data, layout = SearchData.of(records, model), StateSpaceLayout.full(model, free)
     safe, shrunk = bounded(model, data)
     safe = _sized(safe, data)
-    told = start if shrunk == 1 else f"{start} (its state matrix shrunk by {shrunk} to be bounded)"
+    described = start if shrunk == 1 else f"{start} (its state matrix shrunk by {shrunk} to be bounded)"
     radius = frozen_radius(safe, data)
     inside = safe if radius <= 1 else bounded(safe.replace(A=0.999 / radius * safe.A), data)[0]
     held = refine(inside, layout, data, iterations=iterations, stable=True)
-    ends = [_End(start, True, f"{told}, frozen poles kept stable", held)]
+    ends = [_End(start, True, f"{described}, frozen poles kept stable", held)]
     if held.why != CONVERGED or frozen_radius(held.model, data) > TOUCHING:
         probe = refine(safe if radius > 1 else held.model, layout, data, iterations=min(PROBED, iterations))
         if _log_error(probe) < _log_error(held) - np.log(NEARLY):
             free_end = refine(probe.model, layout, data, iterations=iterations)
-            ends.append(_End(start, False, told, free_end))
+            ends.append(_End(start, False, described, free_end))
     return ends
 
 
-def _log_error(search: Search) -> float:
+def _log_error(search: StateSpaceSearchEnd) -> float:
     """Mean logarithm of the outputs' mean square errors; infinite where the run diverged."""
     if not np.isfinite(search.evaluation.cost):
         return np.inf

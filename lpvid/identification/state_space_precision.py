@@ -10,7 +10,7 @@ import numpy as np
 from lpvid._threads import single_thread
 from lpvid.identification.sandwich import block_length, residual_memory
 from lpvid.identification.state_space_layout import StateSpaceLayout, stacks
-from lpvid.identification.state_space_search import LocalProblem, Search, SearchData, gauge, linearise
+from lpvid.identification.state_space_search import LocalProblem, SearchData, StateSpaceSearchEnd, gauge, linearise
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.validation import residual_tests
 
@@ -26,7 +26,7 @@ class Precision:
     kind: str = "projected Jacobian, white errors"
 
 
-def precision(search: Search, layout: StateSpaceLayout, *, free_coordinates: bool = True) -> Precision:
+def precision(search: StateSpaceSearchEnd, layout: StateSpaceLayout, *, free_coordinates: bool = True) -> Precision:
     """Covariance through the projected Jacobian, zero along a change of coordinates.
 
     For white errors σ² (JᵀJ)⁺. Where the whiteness test fails and the data are long enough, the sandwich

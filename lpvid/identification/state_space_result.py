@@ -13,7 +13,7 @@ from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.staged_search import StagedLayout
 from lpvid.identification.state_space_layout import StateSpaceLayout
 from lpvid.identification.state_space_precision import precision
-from lpvid.identification.state_space_search import Search
+from lpvid.identification.state_space_search import StateSpaceSearchEnd
 from lpvid.identification.structure import Structure
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
@@ -67,7 +67,7 @@ def empty_model(record: Record, box: Scheduling, basis: Basis, inputs: Sequence[
                          outputs=tuple(Signal(n, record.unit(n)) for n in outputs))
 
 
-def package(structure: Structure, search: Search, layout: StateSpaceLayout, records: Sequence[Record],
+def package(structure: Structure, search: StateSpaceSearchEnd, layout: StateSpaceLayout, records: Sequence[Record],
             notes: Sequence[str], *, free_coordinates: bool = True) -> Identification:
     """The Identification of a search's end, with covariance, noise and what to beware of."""
     sure = precision(search, layout, free_coordinates=free_coordinates)
@@ -81,19 +81,19 @@ def package(structure: Structure, search: Search, layout: StateSpaceLayout, reco
         metadata["parameters"] = {"layout": layout.to_list(), "labels": list(layout.labels),
                                   "covariance": covariance.tolist()}
     model = search.model.replace(noise_covariance=sure.noise, metadata=metadata)
-    said = list(notes)
+    stated = list(notes)
     if sure.free < layout.size and free_coordinates:
-        said.append(f"{sure.free} of the {layout.size} entries are free, the others choose the state coordinates; "
+        stated.append(f"{sure.free} of the {layout.size} entries are free, the others choose the state coordinates; "
                     "standard errors hold the coordinates fixed")
     unstable = unstable_share(model, search)
     if unstable > 0:
-        said.append(f"{100 * unstable:.2g} % of the training samples have a frozen pole outside the unit circle: "
+        stated.append(f"{100 * unstable:.2g} % of the training samples have a frozen pole outside the unit circle: "
                     "the run is bounded there by the motion of the scheduling, not by the model")
     return Identification(model, structure, layout, covariance, sure.condition, sure.condition,
-                          search.data.rows, notes=tuple(said), covariance_kind=sure.kind)
+                          search.data.rows, notes=tuple(stated), covariance_kind=sure.kind)
 
 
-def unstable_share(model: LPVStateSpace, search: Search) -> float:
+def unstable_share(model: LPVStateSpace, search: StateSpaceSearchEnd) -> float:
     """Share of the training samples at which the frozen model is unstable."""
     if not model.order:
         return 0.0

@@ -168,7 +168,7 @@ def gauge(model: LPVStateSpace, layout: StateSpaceLayout, ones: np.ndarray | Non
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class StateSpaceSearchEnd:
     """Where the search ended.
 
     Attributes
@@ -237,7 +237,7 @@ def _complement(directions: np.ndarray) -> np.ndarray:
 
 
 def refine(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, *, iterations: int = 60,
-           free_coordinates: bool = True, stable: bool = False) -> Search:
+           free_coordinates: bool = True, stable: bool = False) -> StateSpaceSearchEnd:
     """Levenberg-Marquardt with every trial judged by its own run; a trial that diverges is a step too long.
 
     Parameters
@@ -271,20 +271,20 @@ def refine(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, *, 
 
 
 def _levenberg(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, iterations: int,
-               free_coordinates: bool, stable: bool) -> Search:
+               free_coordinates: bool, stable: bool) -> StateSpaceSearchEnd:
     theta, now, damping, slow = layout.read(model), evaluate(model, data), DAMPING, 0
     ones = data.ones if free_coordinates else None
     radius = outside = frozen_radius(model, data) if stable else 0.0
     if not np.isfinite(now.cost):
-        return Search(model, now, data, 0, "its start diverges")
+        return StateSpaceSearchEnd(model, now, data, 0, "its start diverges")
     for count in range(iterations):
         factor = linearise(model, layout, data, now.starts)
         if not np.isfinite(factor).all():
-            return Search(model, now, data, count, "sensitivities out of range")
+            return StateSpaceSearchEnd(model, now, data, count, "sensitivities out of range")
         directions = gauge(model, layout, ones) if free_coordinates else np.zeros((layout.size, 0))
         local = LocalProblem.of(factor, directions)
         if local.expected(0.0) * data.rows < DECIDED * now.cost:
-            return Search(model, now, data, count, CONVERGED)
+            return StateSpaceSearchEnd(model, now, data, count, CONVERGED)
         for _ in range(14):
             step = local.step(damping)
             trial = _filled(layout, model, theta + step)
@@ -296,7 +296,7 @@ def _levenberg(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData,
                     break
             damping *= 6.0
         else:
-            return Search(model, now, data, count, "no shorter step helps")
+            return StateSpaceSearchEnd(model, now, data, count, "no shorter step helps")
         assert trial is not None
         gain = (now.cost - after.cost) / max(local.expected(damping), 1e-300)
         fall = (now.cost - after.cost) * data.rows / now.cost
@@ -304,8 +304,8 @@ def _levenberg(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData,
         damping = max(damping / 8.0, 1e-10) if gain > 0.7 else damping * 2.0 if gain < 0.2 else damping
         model, theta, now, radius = trial, layout.read(trial), after, min(radius, outside)
         if slow >= 3 or (fall < DECIDED and damping < 1.0):
-            return Search(model, now, data, count + 1, CONVERGED)
-    return Search(model, now, data, iterations, "the limit of iterations")
+            return StateSpaceSearchEnd(model, now, data, count + 1, CONVERGED)
+    return StateSpaceSearchEnd(model, now, data, iterations, "the limit of iterations")
 
 
 def frozen_radius(model: LPVStateSpace, data: SearchData) -> float:

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.training_fingerprint import RECORDS, SAMPLES, heads, usual_range
 from lpvid.files.streaming import Chunks
 from lpvid.identification.arx import ARX
 from lpvid.record import Channel, Record
 from lpvid.scheduling import Scheduling
+from lpvid.training_fingerprint import RECORDS, SAMPLES, heads, usual_range
 
 BLOCK = 512
 """Samples of a stretch of scheduling that is kept for its usual range."""

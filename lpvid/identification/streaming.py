@@ -12,7 +12,6 @@ import numpy as np
 from lpvid._threads import single_thread
 from lpvid.condition.pieces import Cutter
 from lpvid.errors import InputError
-from lpvid.training_fingerprint import roles
 from lpvid.files.streaming import Chunks
 from lpvid.identification.arx import ARX
 from lpvid.identification.checkpoint import Checkpoint
@@ -23,11 +22,12 @@ from lpvid.identification.row_stream import RowStream
 from lpvid.identification.stream_facts import Facts, box_of, located
 from lpvid.record import Channel, Record
 from lpvid.scheduling import Scheduling
+from lpvid.training_fingerprint import roles
 
 
 def identify_stream(chunks: Iterable[Record], structure: ARX | Recursive, *, box: Scheduling | None = None,
                     checkpoint: str | os.PathLike | None = None,
-                    say: Callable[[str], None] = lambda text: None) -> Identification:
+                    report_progress: Callable[[str], None] = lambda text: None) -> Identification:
     """Fit a structure to records that arrive one after the other; memory does not grow with their number.
 
     A chunk that bears the last one's name and starts one sample after its end continues it: the lags reach across the
@@ -81,8 +81,8 @@ def identify_stream(chunks: Iterable[Record], structure: ARX | Recursive, *, box
     if known is not None and known[0].get("box"):
         box = Scheduling.from_dict(known[0]["box"])
     if box is None:
-        box = _scan(chunks, arx, say)
-    fold, facts = _folded(chunks, structure, arx, box, kept, known, say)
+        box = _scan(chunks, arx, report_progress)
+    fold, facts = _folded(chunks, structure, arx, box, kept, known, report_progress)
     facts.refuse_still()
     found = fold.result(facts.named_heads(), box)
     if kept is not None:
@@ -94,7 +94,7 @@ def identify_stream(chunks: Iterable[Record], structure: ARX | Recursive, *, box
 
 
 def _folded(chunks: Iterable[Record], structure: ARX | Recursive, arx: ARX, box: Scheduling, kept: Checkpoint | None,
-            known: tuple[dict[str, Any], dict[str, np.ndarray]] | None, say: Callable[[str], None],
+            known: tuple[dict[str, Any], dict[str, np.ndarray]] | None, report_progress: Callable[[str], None],
             ) -> tuple[_Batch | _Running, Facts]:
     """Everything from the last checkpoint on, folded into one estimate."""
     bound = replace(arx, basis=arx.basis.bound(box))
@@ -112,7 +112,7 @@ def _folded(chunks: Iterable[Record], structure: ARX | Recursive, arx: ARX, box:
         cutter, place = Cutter(**meta["cutter"]), meta["place"]
         fold = begun(cutter.period or 0.0)
         fold.restore(meta["fold"], arrays)
-        say(f"going on behind {facts.samples:,} samples")
+        report_progress(f"going on behind {facts.samples:,} samples")
     with single_thread():
         for after, chunk in located(chunks, place):
             for piece, continues in cutter.cut(chunk, arx.channels):
@@ -127,7 +127,7 @@ def _folded(chunks: Iterable[Record], structure: ARX | Recursive, arx: ARX, box:
                 own, more = fold.state()
                 kept.save({"box": box.to_dict(), "place": after, "cutter": vars(cutter), "facts": plain, "fold": own},
                           {**arrays, **more})
-            say(f"{facts.samples:,} samples")
+            report_progress(f"{facts.samples:,} samples")
         if fold is None:
             raise InputError("no usable samples in the stream", mend="check the channels in use for missing samples")
         fold.cut()
@@ -320,7 +320,7 @@ class _Running:
         self.estimator = RecursiveEstimator.restore(self.estimator.structure, meta)
 
 
-def _scan(chunks: Iterable[Record], arx: ARX, say: Callable[[str], None]) -> Scheduling:
+def _scan(chunks: Iterable[Record], arx: ARX, report_progress: Callable[[str], None]) -> Scheduling:
     """The box around the scheduling of the whole stream."""
     names = arx.basis.names
     if not names:
@@ -337,5 +337,5 @@ def _scan(chunks: Iterable[Record], arx: ARX, say: Callable[[str], None]) -> Sch
             p = piece.matrix(names)
             low, high = np.minimum(low, p.min(axis=0)), np.maximum(high, p.max(axis=0))
             units, seen = tuple(piece.unit(n) for n in names), seen + piece.n_samples
-        say(f"range of the scheduling: {seen:,} samples")
+        report_progress(f"range of the scheduling: {seen:,} samples")
     return box_of(names, arx.basis.degree, low, high, units)

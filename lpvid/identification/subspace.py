@@ -21,7 +21,7 @@ from lpvid.identification.state_space_result import (
     refuse_poor_data,
     static_basis,
 )
-from lpvid.identification.state_space_search import Search, SearchData, bounded, evaluate, triangle
+from lpvid.identification.state_space_search import SearchData, StateSpaceSearchEnd, bounded, evaluate, triangle
 from lpvid.identification.structure import Structure
 from lpvid.identification.subspace_order import FOLDS, free_run_errors
 from lpvid.identification.subspace_words import KernelWords, Trace, Words, WrittenWords, number_of_words
@@ -157,7 +157,7 @@ class Subspace(Structure):
 
     def _estimate(self, records: Sequence[Record], box: Scheduling, notes: list[str]) -> Identification:
         traces, scales = self._traces(records, box)
-        words, said = self._words(traces)
+        words, stated = self._words(traces)
         letter = np.mean(np.vstack([t.phi for t in traces]), axis=0)
         predicted = [words.rows(t, letter, self._ahead) for t in traces]
         singular, basis = _principal(predicted)
@@ -166,7 +166,7 @@ class Subspace(Structure):
         order, how = self._order(records, singular, known)
         states = [g @ basis[:, :order] for g in predicted]
         listed = ", ".join(f"{s:.3g}" for s in singular[: max(order + 3, 6)])
-        notes += [said, f"singular values {listed}; order {order} {how}"]
+        notes += [stated, f"singular values {listed}; order {order} {how}"]
         model, data, safe, shrunk = self._bounded(records, box, traces, states, scales)
         if safe is not model:
             notes.append("the estimated observer diverges on these data: "
@@ -175,7 +175,7 @@ class Subspace(Structure):
                   *(("state_offset", "output_offset") if self.affine else ()))
         layout = StateSpaceLayout.full(safe, arrays)
         notes.append("standard errors are those of an efficient estimate at this point: a lower bound")
-        end = Search(safe, evaluate(safe, data), data, 0, "not begun")
+        end = StateSpaceSearchEnd(safe, evaluate(safe, data), data, 0, "not begun")
         return package(replace(self, order=order), end, layout, records, notes)
 
     def _bounded(self, records: Sequence[Record], box: Scheduling, traces: Sequence[Trace],

@@ -12,10 +12,10 @@ from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.lmi.bounds import DecayBound, H2Bound, RegionBound
 from lpvid.lmi.certificate import Recheck
+from lpvid.lmi.certificate_common import certificate_kind, describe_box, misfit, reproduced
 from lpvid.lmi.driven import Driven, driven
-from lpvid.lmi.inequality import Inequality, recheck_inequality
+from lpvid.lmi.inequality import LyapunovInequality, recheck_inequality
 from lpvid.lmi.storage import Storage
-from lpvid.lmi.certificate_common import describe_box, kind_of, misfit, reproduced
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling, basis_from_dict
 
@@ -86,7 +86,7 @@ class BoundCertificate:
             return Recheck(False, False, math.nan, fault)
         storage = Storage(self.matrices, self.basis, self.box, self.sample_time)
         problem = inequality_of(self.quantity, self.level, self.region)(system, storage)
-        return reproduced(self, kind_of(storage), recheck_inequality(problem))
+        return reproduced(self, certificate_kind(storage), recheck_inequality(problem))
 
     def to_dict(self) -> dict:
         """Plain data for JSON; `lpvid.verify` needs nothing else but the model.
@@ -138,7 +138,7 @@ class BoundCertificate:
 
 
 def inequality_of(quantity: str, level: float, region: tuple[np.ndarray, np.ndarray] | None
-                  ) -> Callable[[Driven, Storage], Inequality]:
+                  ) -> Callable[[Driven, Storage], LyapunovInequality]:
     """What has to be positive definite."""
     if quantity == "h2-norm":
         return lambda system, storage: H2Bound(system, storage, level)

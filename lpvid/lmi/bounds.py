@@ -9,12 +9,12 @@ import numpy as np
 
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.gain_certificate import pace
-from lpvid.lmi.inequality import Inequality, Pieces
+from lpvid.lmi.inequality import LyapunovInequality, Pieces
 from lpvid.lmi.storage import Storage
 
 
 @dataclass(frozen=True, eq=False)
-class H2Bound(Inequality):
+class H2Bound(LyapunovInequality):
     """−AᵀP − PA − Ṗ − CᵀC ≻ 0 and ν² > tr BᵀPB; in discrete time P − AᵀP⁺A − CᵀC ≻ 0 and ν² > tr(BᵀP⁺B + DᵀD).
 
     Then E|z|² averages at most ν² while w is white noise of unit intensity, and the energy of the responses to unit
@@ -47,7 +47,7 @@ class H2Bound(Inequality):
 
 
 @dataclass(frozen=True, eq=False)
-class DecayBound(Inequality):
+class DecayBound(LyapunovInequality):
     """−AᵀP − PA − Ṗ − 2αP ≻ 0, or exp(−2α T_s) P − AᵀP⁺A ≻ 0: √(xᵀPx) decreases at least as exp(−αt)."""
 
     system: Driven
@@ -73,7 +73,7 @@ class DecayBound(Inequality):
 
 
 @dataclass(frozen=True, eq=False)
-class RegionBound(Inequality):
+class RegionBound(LyapunovInequality):
     """−(L ⊗ P + M ⊗ PA + Mᵀ ⊗ AᵀP) ≻ 0: the poles of A(p), frozen anywhere in the box, keep L + sM + s̄Mᵀ ≺ 0.
 
     Chilali & Gahinet, IEEE Trans. Automatic Control 41 (1996) 358-367, (2) and theorem 2.2. P(p) need not move.

@@ -125,7 +125,7 @@ class Decrease:
         at = a.swapaxes(2, 3)
         if self.system.sample_time is not None:
             rho2 = math.exp(-2 * self.exponent * self.system.sample_time)
-            ahead = self.ahead(points, moves).reshape(len(points) * len(moves), points.shape[1])
+            ahead = self.scheduling_after(points, moves).reshape(len(points) * len(moves), points.shape[1])
             shape = (len(points), len(moves), *p0.shape[2:])
             p1 = self.lyapunov.values(ahead, self.columns).reshape(shape)
             p1_abs = self.lyapunov.magnitudes(ahead, self.columns).reshape(shape)
@@ -141,7 +141,7 @@ class Decrease:
         rounding = (6 * matrix.shape[-1] + 30) * EPS * float(size.sum(axis=3).max(initial=0.0))
         return 0.5 * (matrix + matrix.swapaxes(2, 3)), rounding
 
-    def ahead(self, points: np.ndarray, moves: np.ndarray) -> np.ndarray:
+    def scheduling_after(self, points: np.ndarray, moves: np.ndarray) -> np.ndarray:
         """(N, T, s) scheduling after one sample: between the lowest and the highest value it can reach."""
         ahead = np.repeat(points[:, None, :], len(moves), axis=1)
         for i in self.moving:

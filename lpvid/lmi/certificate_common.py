@@ -81,7 +81,7 @@ def describe_box(box: Scheduling, kind: str) -> str:
     return f" for every trajectory of {where} with {speeds}"
 
 
-def kind_of(storage: Storage) -> str:
+def certificate_kind(storage: Storage) -> str:
     """Sort of a storage function."""
     if not storage.readings:
         return "quadratic"

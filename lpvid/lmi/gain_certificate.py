@@ -22,10 +22,10 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.lmi.certificate import EPS, Recheck
+from lpvid.lmi.certificate_common import certificate_kind, describe_box, misfit, reproduced
 from lpvid.lmi.driven import Driven, driven
-from lpvid.lmi.inequality import Inequality, Pieces, recheck_inequality
+from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality
 from lpvid.lmi.storage import Storage
-from lpvid.lmi.certificate_common import describe_box, kind_of, misfit, reproduced
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling, basis_from_dict
 
@@ -33,7 +33,7 @@ SCHEMA = "lpvid/gain-certificate/1"
 
 
 @dataclass(frozen=True, eq=False)
-class BoundedReal(Inequality):
+class BoundedReal(LyapunovInequality):
     """The bounded-real inequality of a system with a storage function and a gain γ > 0."""
 
     system: Driven
@@ -151,7 +151,7 @@ class GainCertificate:
         if fault:
             return Recheck(False, False, math.nan, fault)
         storage = Storage(self.matrices, self.basis, self.box, self.sample_time)
-        return reproduced(self, kind_of(storage), recheck_gain(system, storage, self.gamma))
+        return reproduced(self, certificate_kind(storage), recheck_gain(system, storage, self.gamma))
 
     def to_dict(self) -> dict:
         """Plain data for JSON; `lpvid.verify` needs nothing else but the model.

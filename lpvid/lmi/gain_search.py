@@ -15,9 +15,9 @@ from scipy import sparse
 
 from lpvid.lmi.affine import Affine
 from lpvid.lmi.bernstein import nodes
+from lpvid.lmi.box_positivity import Axis
 from lpvid.lmi.certificate import tensor
 from lpvid.lmi.driven import Driven
-from lpvid.lmi.box_positivity import Axis
 from lpvid.lmi.frame import Frame
 from lpvid.lmi.program import Program
 from lpvid.lmi.storage import Storage
@@ -33,7 +33,7 @@ ROUGHLY = {"CLARABEL": {"tol_gap_abs": 1e-4, "tol_gap_rel": 1e-2, "tol_feas": 1e
 
 
 @dataclass(frozen=True, eq=False)
-class Proposal:
+class StorageProposal:
     """Matrices of a storage function in the model's own coordinates, the gain they should prove, and who says so."""
 
     matrices: np.ndarray
@@ -77,15 +77,15 @@ class GainSearch:
         for stage in ("least", "interior"):
             self._program(stage, box)[0].prepare()
 
-    def best(self, box: Scheduling) -> Iterator[Proposal]:
+    def best(self, box: Scheduling) -> Iterator[StorageProposal]:
         """Least γ, one proposal for each solver."""
         yield from self._solved("least", box, None)
 
-    def interior(self, box: Scheduling, gamma: float) -> Iterator[Proposal]:
+    def interior(self, box: Scheduling, gamma: float) -> Iterator[StorageProposal]:
         """The storage function with the largest margin at a given γ."""
         yield from self._solved("interior", box, gamma)
 
-    def _solved(self, stage: str, box: Scheduling, gamma: float | None) -> Iterator[Proposal]:
+    def _solved(self, stage: str, box: Scheduling, gamma: float | None) -> Iterator[StorageProposal]:
         program, matrices = self._program(stage, box)
         values = {f"rate {i}": (box.rate[i] or 0.0) * self.frame.time for i in self._template(box).readings}
         if gamma is not None:
@@ -93,7 +93,7 @@ class GainSearch:
         for solution in program.solve(values, solvers=SOLVERS, settings=None if gamma is None else ROUGHLY):
             found = np.stack([solution[m] for m in matrices])
             bound = gamma if gamma is not None else solution.objective * self.frame.gain
-            yield Proposal(self.frame.outside(found), bound, solution.solver)
+            yield StorageProposal(self.frame.outside(found), bound, solution.solver)
 
     def _program(self, stage: str, box: Scheduling) -> tuple[Program, list[Affine]]:
         key = stage if self.system.sample_time is None else f"{stage} {box.rate}"
@@ -127,7 +127,7 @@ class GainSearch:
                     self._require(program, stage, level, still, moved)
             else:
                 now, then = _combined(psi[k], _padded(units, len(fixed))), _carried(units, a[k], b[k], len(fixed))
-                for after in template.psi(template.ahead(points[k : k + 1], moves)):
+                for after in template.psi(template.scheduling_after(points[k : k + 1], moves)):
                     self._require(program, stage, level, now + _combined(after, then) + fixed, {})
         program.minimise(level if stage == "least" else -level)
         return program, matrices

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.lmi.bernstein import Positivity
+from lpvid.lmi.box_positivity import everywhere
 from lpvid.lmi.certificate import EPS, GRID, Recheck, grid, tensor
 from lpvid.lmi.driven import Driven
-from lpvid.lmi.box_positivity import everywhere
 from lpvid.lmi.storage import Storage
 
 
@@ -64,7 +64,7 @@ class Pieces:
         return np.broadcast_to(value * np.eye(n), (*self.later.shape[:2], n, n))
 
 
-class Inequality(ABC):
+class LyapunovInequality(ABC):
     """F(p, move) ≻ 0, linear in P and of degree `power` in A, B, C, D.
 
     Attributes
@@ -178,7 +178,7 @@ def root_of(storage: Storage) -> np.ndarray | None:
     return root if np.all(np.isfinite(root)) else None
 
 
-def recheck_inequality(problem: Inequality, *, budget: int | None = None) -> Recheck:
+def recheck_inequality(problem: LyapunovInequality, *, budget: int | None = None) -> Recheck:
     """Check P ≻ 0 and F ≻ 0 on the box: between grid points where the budget allows, else on a grid.
 
     Parameters
@@ -221,7 +221,7 @@ def _positive(storage: Storage, root: np.ndarray, budget: int) -> Positivity:
     return everywhere(scaled, storage.still(), [], ceiling=ceiling, budget=budget)
 
 
-def _on_grid(problem: Inequality, root: np.ndarray, scale: np.ndarray) -> Recheck:
+def _on_grid(problem: LyapunovInequality, root: np.ndarray, scale: np.ndarray) -> Recheck:
     storage = problem.storage
     points = grid(storage.box, GRID.get(len(storage.box.names), 3))
     moves = tensor([np.array([0.0, 0.5, 1.0]) if i in storage.moving else np.array([0.5])

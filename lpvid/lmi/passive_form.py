@@ -22,7 +22,7 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.lmi.autonomous import readings_of
 from lpvid.lmi.driven import Driven
-from lpvid.lmi.inequality import Inequality, Pieces
+from lpvid.lmi.inequality import LyapunovInequality, Pieces
 from lpvid.lmi.storage import Storage
 from lpvid.model.input_stage import TanhStage
 from lpvid.model.transfer_function import LPVTransferFunction
@@ -153,7 +153,7 @@ def _product(model: LPVTransferFunction, multiplier: np.ndarray, affine: Polynom
 
 
 @dataclass(frozen=True, eq=False)
-class Dissipation(Inequality):
+class Dissipation(LyapunovInequality):
     """M(p, p⁺) ≻ 0 for what `supplied` builds."""
 
     system: Driven

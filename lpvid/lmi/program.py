@@ -32,7 +32,7 @@ def available(solvers: Sequence[str]) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Inequality:
+class ProgramInequality:
     """F(x) − weight·t·I ⪰ 0 with F(x) = constant + Σ_i x_i linear[:, :, i], symmetric.
 
     Parameters
@@ -57,7 +57,9 @@ class Candidate:
     solver: str
 
 
-def largest_margin(inequalities: Sequence[Inequality], *, solvers: Sequence[str] = SOLVERS) -> Iterator[Candidate]:
+def largest_margin(
+    inequalities: Sequence[ProgramInequality], *, solvers: Sequence[str] = SOLVERS
+) -> Iterator[Candidate]:
     """Maximise the common margin t of linear matrix inequalities, one solver after the other.
 
     Parameters
@@ -99,7 +101,7 @@ def largest_margin(inequalities: Sequence[Inequality], *, solvers: Sequence[str]
             yield Candidate(np.array(x.value, dtype=float), float(t.value), solver)
 
 
-def _constraint(cp, inequality: Inequality, x, t):
+def _constraint(cp, inequality: ProgramInequality, x, t):
     n = len(inequality.constant)
     flat = inequality.linear.reshape(n * n, -1) @ x + inequality.constant.reshape(-1)
     matrix = cp.reshape(flat, (n, n), order="C")
@@ -107,7 +109,7 @@ def _constraint(cp, inequality: Inequality, x, t):
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class SolverAnswer:
     """A solver's answer: x of shape (K,), the objective there, who gave it and what it said of it."""
 
     x: np.ndarray
@@ -154,7 +156,7 @@ class Program:
         self._objective, self._squares, self._compiled, self._conic = objective, squares, None, None
 
     def solve(self, values: Mapping[str, float] | None = None, *, solvers: Sequence[str] = SOLVERS,
-              settings: Mapping[str, Mapping[str, Any]] | None = None) -> Iterator[Solution]:
+              settings: Mapping[str, Mapping[str, Any]] | None = None) -> Iterator[SolverAnswer]:
         """Answers of one solver after the other; the next is only started when the generator is asked again.
 
         Parameters
@@ -176,7 +178,7 @@ class Program:
                 value = float(self._objective.value(x)[0, 0]) if self._objective is not None else 0.0
                 if self._squares is not None:
                     value += 0.5 * float(np.sum(self._squares.value(x) ** 2))
-                yield Solution(x, value, solver, status)
+                yield SolverAnswer(x, value, solver, status)
 
     def refuted(self) -> float:
         """The norm of the unknowns below which the inequalities were shown to have no solution; 0 for nothing shown.

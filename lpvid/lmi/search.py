@@ -19,7 +19,7 @@ from lpvid.lmi.certificate import Decrease, Lyapunov, grid, tensor
 from lpvid.scheduling import Polynomial, Scheduling
 
 if TYPE_CHECKING:
-    from lpvid.lmi.program import Inequality
+    from lpvid.lmi.program import ProgramInequality
 
 MAX_UNKNOWNS = 1_200
 MAX_INEQUALITIES = 240
@@ -45,7 +45,7 @@ def dependent(system: Autonomous, box: Scheduling) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class LyapunovSearch:
     """Looks for P(p) for one system on one box, in coordinates where the frozen systems are nearly contractions.
 
     Parameters
@@ -138,8 +138,8 @@ class Search:
                 return tensor(axes), moves
             per = [max(2, count - 1) for count in per]
 
-    def _inequalities(self, problem: Decrease, factor: np.ndarray, units: np.ndarray) -> list[Inequality]:
-        from lpvid.lmi.program import Inequality
+    def _inequalities(self, problem: Decrease, factor: np.ndarray, units: np.ndarray) -> list[ProgramInequality]:
+        from lpvid.lmi.program import ProgramInequality
 
         points, moves = self._samples(problem)
         basis, n, columns = problem.lyapunov.basis, self.system.order, problem.columns
@@ -152,13 +152,13 @@ class Search:
             blocks += [(np.zeros((n, n)), now), (np.eye(n), -now)]
             decrease = (self._discrete if self.system.sample_time is not None else self._continuous)
             blocks += [(np.zeros((n, n)), linear) for linear in decrease(problem, a[k], points[k], moves, units, now)]
-        return [Inequality(constant, linear, 0.0 if constant.any() else 1.0) for constant, linear in blocks]
+        return [ProgramInequality(constant, linear, 0.0 if constant.any() else 1.0) for constant, linear in blocks]
 
     def _discrete(self, problem: Decrease, a: np.ndarray, point: np.ndarray, moves: np.ndarray, units: np.ndarray,
                   now: np.ndarray) -> list[np.ndarray]:
         assert self.system.sample_time is not None
         rho2 = math.exp(-2 * problem.exponent * self.system.sample_time)
-        ahead = problem.ahead(point[None], moves)[0][:, problem.columns]
+        ahead = problem.scheduling_after(point[None], moves)[0][:, problem.columns]
         moved = a.T @ units @ a
         return [rho2 * now - _products(psi, moved) for psi in problem.lyapunov.basis.evaluate(ahead)]
 

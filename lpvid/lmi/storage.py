@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from lpvid.lmi.autonomous import Reading, readings_of
-from lpvid.lmi.driven import basis_ceilings
 from lpvid.lmi.box_positivity import Axis
+from lpvid.lmi.driven import basis_ceilings
 from lpvid.scheduling import Basis, Scheduling
 
 
@@ -73,7 +73,7 @@ class Storage:
         """(N, n, n) Σ |matrix| |ψ|, which bounds the rounding errors of `values`."""
         return np.tensordot(np.abs(self.psi(points)), np.abs(self.matrices), axes=1)
 
-    def ahead(self, points: np.ndarray, moves: np.ndarray) -> np.ndarray:
+    def scheduling_after(self, points: np.ndarray, moves: np.ndarray) -> np.ndarray:
         """(N·T, variables) scheduling one sample later, for moves τ ∈ [0, 1] from the lowest to the highest reached."""
         ahead = np.repeat(points[:, None, :], len(moves), axis=1)
         for i in self.moving:
@@ -84,7 +84,7 @@ class Storage:
 
     def later(self, points: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(N, T, n, n) P one sample later, and its magnitude."""
-        ahead, shape = self.ahead(points, moves), (len(points), len(moves), *self.matrices.shape[1:])
+        ahead, shape = self.scheduling_after(points, moves), (len(points), len(moves), *self.matrices.shape[1:])
         return self.values(ahead).reshape(shape), self.magnitudes(ahead).reshape(shape)
 
     def drift(self, points: np.ndarray, moves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

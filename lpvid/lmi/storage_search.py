@@ -19,12 +19,12 @@ from lpvid.lmi.affine import Affine
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame
 from lpvid.lmi.gain_search import INTERIOR, MOST_UNKNOWNS, SOLVERS, sample, symmetric_units
-from lpvid.lmi.inequality import Inequality, Pieces
+from lpvid.lmi.inequality import LyapunovInequality, Pieces
 from lpvid.lmi.program import Program
 from lpvid.lmi.storage import Storage
 from lpvid.scheduling import Basis, Scheduling
 
-Claim = Callable[[Driven, Storage], Inequality]
+Claim = Callable[[Driven, Storage], LyapunovInequality]
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ class StorageSearch:
         for psi in np.unique(storage.psi(points), axis=0):
             yield _affine(np.zeros(units.shape[1:]), np.einsum("j,qab->jqab", psi, units))
 
-    def _pieces(self, problem: Inequality, storage: Storage) -> Iterator[tuple[np.ndarray, Any, np.ndarray]]:
+    def _pieces(self, problem: LyapunovInequality, storage: Storage) -> Iterator[tuple[np.ndarray, Any, np.ndarray]]:
         """(constant, linear, point) of the inequality at every sampled point and move."""
         points, moves = sample(self.system, storage, self.density, problem.power)
         units = symmetric_units(self.system.order)
@@ -137,14 +137,14 @@ class StorageSearch:
                 terms = np.einsum("j,qab->jqab", psi, now) + np.einsum("j,qab->jqab", after, then)
                 yield const, _affine(const, terms).linear, point
 
-    def _constant(self, problem: Inequality, point: np.ndarray) -> np.ndarray:
+    def _constant(self, problem: LyapunovInequality, point: np.ndarray) -> np.ndarray:
         empty = np.zeros((1, self.system.order, self.system.order))
         return _at(problem, point, empty, empty)[0]
 
     def _after(self, storage: Storage, point: np.ndarray, moves: np.ndarray) -> np.ndarray:
         """(T, K) what multiplies the matrices of P in Ṗ, or in P one sample later."""
         if self.system.sample_time is not None:
-            return storage.psi(storage.ahead(point, moves))
+            return storage.psi(storage.scheduling_after(point, moves))
         slopes = {i: storage.basis.derivative(point[:, storage.columns], storage.box.names[i])[0]
                   for i in storage.moving}
         ends = np.array(list(itertools.product((-1.0, 1.0), repeat=len(slopes)))).reshape(2 ** len(slopes), -1)
@@ -152,7 +152,7 @@ class StorageSearch:
         return ends @ np.array(rates).reshape(len(slopes), storage.basis.size)
 
 
-def _at(problem: Inequality, point: np.ndarray, p: np.ndarray, later: np.ndarray) -> np.ndarray:
+def _at(problem: LyapunovInequality, point: np.ndarray, p: np.ndarray, later: np.ndarray) -> np.ndarray:
     """(q, m, m) the inequality at one point for q storage functions."""
     a, b, c, d = (x[:, None] for x in problem.system.matrices(point))
     return problem.matrix(Pieces(a, b, c, d, p[:, None], later[:, None]))[:, 0]

@@ -239,7 +239,7 @@ class ComplianceModel(SelfScheduled):
         y[: self.start] = past
         return y, None
 
-    def ahead(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
+    def predict(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
         from lpvid._quasi_kernels import ahead_compliance
 
         v, phi, beside = self.arrays(u, p)

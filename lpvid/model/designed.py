@@ -35,16 +35,22 @@ def warn_outside(model: Any, p: np.ndarray, record: str, stacklevel: int = 3) ->
     role, box = role_of(model), model.box
     if not role or not len(p):
         return
-    told = []
+    described = []
     for i, name in enumerate(box.names):
         low, high, unit = box.lower[i], box.upper[i], box.units[i]
         slack = 1e-9 * (1 + high - low)
         share = float(np.mean((p[:, i] < low - slack) | (p[:, i] > high + slack)))
         if share:
             tail = f" {unit}" if unit else ""
-            told.append(f"'{name}' runs from {p[:, i].min():.4g} to {p[:, i].max():.4g}{tail} and lies outside its "
-                        f"{low:.4g} to {high:.4g}{tail} at {100 * share:.3g} % of the samples")
-    if told:
-        warnings.warn(f"the {role} was designed for a scheduling box that record '{record}' leaves: "
-                      f"{'; '.join(told)}. There, no bound and no stability was shown. Mend: hold the scheduling at "
-                      "the ends of its range, or design for a wider one", ExtrapolationWarning, stacklevel=stacklevel)
+            described.append(
+                f"'{name}' runs from {p[:, i].min():.4g} to {p[:, i].max():.4g}{tail} and lies outside its "
+                f"{low:.4g} to {high:.4g}{tail} at {100 * share:.3g} % of the samples"
+            )
+    if described:
+        warnings.warn(
+            f"the {role} was designed for a scheduling box that record '{record}' leaves: "
+            f"{'; '.join(described)}. There, no bound and no stability was shown. Mend: hold the scheduling at "
+            "the ends of its range, or design for a wider one",
+            ExtrapolationWarning,
+            stacklevel=stacklevel,
+        )

@@ -77,7 +77,7 @@ class SelfScheduled(ABC):
         """
 
     @abstractmethod
-    def ahead(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
+    def predict(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
         """(n,) prediction of every sample from measured outputs up to k − horizon; the first `start` are y."""
 
     @property
@@ -254,7 +254,7 @@ class QuasiLPVModel(SelfScheduled):
         code = int(free_run_quasi(*self.kernel_settings, *self.arrays(u, p), y, self.start, limit))
         return y, None if code < 0 else code
 
-    def ahead(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
+    def predict(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
         from lpvid._quasi_kernels import ahead_quasi
 
         out = np.array(y, dtype=float)

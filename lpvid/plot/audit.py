@@ -118,8 +118,8 @@ def strokes(named: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray]], ax:
             for ax, x in zip(axes[0], (velocity, displacement), strict=True):
                 ax.plot(x[::step], force[::step], ".", markersize=1.8, color=colour, rasterized=True, label=name,
                         alpha=0.55)
-        for ax, said in zip(axes[0], (label("velocity", "m/s"), label("displacement", "m")), strict=True):
-            ax.set_xlabel(said)
+        for ax, stated in zip(axes[0], (label("velocity", "m/s"), label("displacement", "m")), strict=True):
+            ax.set_xlabel(stated)
             ax.set_ylabel(label("force", "N"))
             ax.axhline(0, color=INK, linewidth=0.5)
             ax.axvline(0, color=INK, linewidth=0.5)

@@ -227,10 +227,10 @@ def loops(shown: Sequence[Comparison], against: Sequence[str], ax: Ax = None) ->
         for ax, name in zip(axes[0], names, strict=True):
             for i, c in enumerate(shown):
                 keep = slice(c.start, None, step)
-                for values, colour, said in ((c.measured, MEASURED, c.origin),
+                for values, colour, stated in ((c.measured, MEASURED, c.origin),
                                              (c.free_run.output[:, 0], MODEL, "free run")):
                     ax.plot(c.record[name][keep], values[keep], ".", color=colour, markersize=1.8, alpha=0.5,
-                            rasterized=True, label=said if i == 0 else None)
+                            rasterized=True, label=stated if i == 0 else None)
             ax.set_xlabel(label(name, shown[0].record.unit(name)))
             ax.set_ylabel(label(shown[0].output, shown[0].unit))
             ax.axhline(0, color=INK, linewidth=0.5)

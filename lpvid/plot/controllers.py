@@ -50,8 +50,8 @@ def controller_gains(controller: LPVStateSpace) -> Figure:
                 row[0].loglog(omega / (2 * np.pi), np.maximum(gains[:, i, j], 1e-300), color=shade, linewidth=1.3,
                               label=name)
         for row, (i, j) in zip(axes, pairs, strict=True):
-            said = f"{controller.inputs[j].name} to {controller.outputs[i].name}"
-            row[0].set_title(said)
+            stated = f"{controller.inputs[j].name} to {controller.outputs[i].name}"
+            row[0].set_title(stated)
             row[0].set_ylabel(label("gain", _unit(controller, i, j)))
             if box.names:
                 _over_scheduling(row[1], controller, omega[[0, len(omega) // 2, -1]], i, j)

@@ -154,13 +154,13 @@ def error_shapes(shown: Sequence[BeforeAfter], extended: bool) -> Figure | None:
             x = _joined(shown, name)
             edges = np.unique(np.quantile(x, np.linspace(0.002, 0.998, BINS + 1)))
             place = np.digitize(x, edges) - 1
-            for k, (colour, said) in enumerate(((BEFORE, "before"), (AFTER, "after"))[: 2 if extended else 1]):
+            for k, (colour, stated) in enumerate(((BEFORE, "before"), (AFTER, "after"))[: 2 if extended else 1]):
                 e = np.concatenate([s.errors[k] for s in shown])
                 cells = [(x[place == j], e[place == j]) for j in range(edges.size - 1) if np.sum(place == j) >= FEWEST]
                 at = [float(c.mean()) for c, _ in cells]
                 low, high = np.array([np.quantile(v, [0.25, 0.75]) for _, v in cells]).reshape(-1, 2).T
                 ax.fill_between(at, low, high, color=colour, alpha=0.2, linewidth=0)
-                ax.plot(at, [float(v.mean()) for _, v in cells], color=colour, label=said)
+                ax.plot(at, [float(v.mean()) for _, v in cells], color=colour, label=stated)
             ax.axhline(0, color=INK, linewidth=0.5)
             ax.locator_params(axis="x", nbins=5)
             ax.set_xlabel(label(name, shown[0].unit_of(name)))
@@ -175,11 +175,11 @@ def error_courses(shown: Sequence[BeforeAfter], floor: float | None, extended: b
     with look():
         figure, axes = panels(1, 2, height=2.9)
         time, frequency = axes[0]
-        for k, (colour, said) in enumerate(((BEFORE, "before"), (AFTER, "after"))[: 2 if extended else 1]):
+        for k, (colour, stated) in enumerate(((BEFORE, "before"), (AFTER, "after"))[: 2 if extended else 1]):
             t, rms = _stretches(first, first.errors[k])
-            time.plot(t, rms, color=colour, label=said, drawstyle="steps-mid")
+            time.plot(t, rms, color=colour, label=stated, drawstyle="steps-mid")
             f, density = _density(shown, k)
-            frequency.loglog(f, density, color=colour, label=said, linewidth=0.9)
+            frequency.loglog(f, density, color=colour, label=stated, linewidth=0.9)
         if floor is not None:
             time.axhline(floor, color=INK, linewidth=0.8, linestyle="--", label="noise, from repeats")
         time.set_ylim(bottom=0.0)
@@ -247,10 +247,10 @@ def loops(shown: Sequence[BeforeAfter], extended: bool) -> Figure | None:
     with look():
         figure, axes = panels(1, 2 if extended else 1, height=3.6, width=WIDTH if extended else 5.6)
         limits = robust_limits(np.concatenate([s.measured for s in having]), 0.1)
-        for k, (ax, said) in enumerate(zip(axes[0], ("baseline", "extended model"), strict=False)):
+        for k, (ax, stated) in enumerate(zip(axes[0], ("baseline", "extended model"), strict=False)):
             for i, s in enumerate(having):
                 run = (s.before, s.after)[k]
-                for y, colour, name in ((s.measured, MEASURED, "measured"), (run, MODEL, said)):
+                for y, colour, name in ((s.measured, MEASURED, "measured"), (run, MODEL, stated)):
                     ax.plot(s.channels["velocity"][::step], y[::step], ".", color=colour, markersize=1.8, alpha=0.45,
                             rasterized=True, label=name if i == 0 else None)
             _loop_axes(ax, having[0], limits)

@@ -54,9 +54,9 @@ def _map(figure: Figure, ax, found: PassivityMargin) -> None:
 def _lines(ax, found: PassivityMargin) -> None:
     chosen = np.unique(np.linspace(0, len(found.scheduling) - 1, LINES).round().astype(int))
     for row, colour in zip(chosen, CYCLE, strict=False):
-        said = ", ".join(f"{v:.3g} {u}".rstrip() for v, u in zip(found.scheduling[row], found.units, strict=True))
+        stated = ", ".join(f"{v:.3g} {u}".rstrip() for v, u in zip(found.scheduling[row], found.units, strict=True))
         ax.plot(found.frequencies, np.where(np.isfinite(found.damping[row]), found.damping[row], np.nan), color=colour,
-                linewidth=1.3, label=said or "damping")
+                linewidth=1.3, label=stated or "damping")
     ax.axhline(0.0, color=VERMILION, linewidth=1.0, linestyle="--")
     _frequency(ax, found)
     ax.set_ylabel(label("least damping", found.unit))

@@ -19,7 +19,7 @@ DASHES = ("-", "--", "-.", ":", "-")
 
 
 @dataclass(frozen=True, eq=False)
-class Response:
+class FrozenResponse:
     """A frozen response of one model at one scheduling value, first output.
 
     Attributes
@@ -37,7 +37,7 @@ class Response:
     drawn: np.ndarray | None = None
 
 
-def bode(hertz: np.ndarray, shown: Sequence[Response], inputs: Sequence[str], units: Sequence[str], output: str,
+def bode(hertz: np.ndarray, shown: Sequence[FrozenResponse], inputs: Sequence[str], units: Sequence[str], output: str,
          level: float = 0.95, ax: Ax = None) -> Drawn:
     """Magnitude and phase, one column for each input, and how wide the band of the magnitude is.
 
@@ -85,7 +85,7 @@ def bode(hertz: np.ndarray, shown: Sequence[Response], inputs: Sequence[str], un
     return drawn(axes)
 
 
-def _bode_curve(column: np.ndarray, hertz: np.ndarray, response: Response, j: int, colour: str, dash: str,
+def _bode_curve(column: np.ndarray, hertz: np.ndarray, response: FrozenResponse, j: int, colour: str, dash: str,
                 level: float) -> None:
     values = response.values[:, j]
     size, phase = np.abs(values), np.degrees(np.unwrap(np.angle(values)))
@@ -101,7 +101,7 @@ def _bode_curve(column: np.ndarray, hertz: np.ndarray, response: Response, j: in
     column[1].plot(hertz, phase, color=colour, linewidth=1.2, linestyle=dash)
 
 
-def steps(time: np.ndarray, shown: Sequence[Response], inputs: Sequence[str], units: Sequence[str], output: str,
+def steps(time: np.ndarray, shown: Sequence[FrozenResponse], inputs: Sequence[str], units: Sequence[str], output: str,
           level: float = 0.95, ax: Ax = None) -> Drawn:
     """Responses to a unit step in each input, with their bands, one panel each; other arguments as for `bode`."""
     foreign = ax is not None

@@ -110,8 +110,8 @@ def weighted_channels(loop: LPVStateSpace, weights: Mapping[str, LPVStateSpace |
             ax.set_ylabel(label("gain before the weight", "1"))
         for ax in axes.ravel()[len(shown):]:
             ax.set_visible(False)
-        handles, said = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, said, loc="outside lower center")
+        handles, stated = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, stated, loc="outside lower center")
     return figure
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from lpvid.model.transfer_function import LPVTransferFunction
-from lpvid.realization.layout import Layout
+from lpvid.realization.layout import RealizationLayout
 from lpvid.realization.varying import Varying, at, constant
 
 
-def augmented(model: LPVTransferFunction) -> Layout:
+def augmented(model: LPVTransferFunction) -> RealizationLayout:
     """Past outputs and inputs as the state, x = [y(k−1) … y(k−na), u(k−1) … u(k−nb)].
 
     ::
@@ -55,4 +55,4 @@ def augmented(model: LPVTransferFunction) -> Layout:
         arrays["B"].add(slice(split, split + nu), constant(base, np.eye(nu)))
     if na:
         arrays["observer_gain"].add(slice(0, ny), constant(base, np.eye(ny)))
-    return Layout(arrays, exact=True, settling=na)
+    return RealizationLayout(arrays, exact=True, settling=na)

@@ -6,11 +6,11 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.model.transfer_function import LPVTransferFunction
-from lpvid.realization.layout import Layout, padded, still
+from lpvid.realization.layout import RealizationLayout, padded, still
 from lpvid.realization.varying import Varying, constant, product
 
 
-def controllable(model: LPVTransferFunction) -> Layout:
+def controllable(model: LPVTransferFunction) -> RealizationLayout:
     """Companion form with A(p_k), C(p_k) and constant B, Díaz Salas 2011 (3.8)-(3.13).
 
     ::
@@ -63,7 +63,7 @@ def controllable(model: LPVTransferFunction) -> Layout:
         arrays["observer_gain"] = Varying(n, 1)
     exact = n == 0 or still(model, "abc") or (
         memoryless and not model.lagged and (model.n_affine <= 1 or still(model, "c")))
-    return Layout(arrays, exact=exact, settling=n)
+    return RealizationLayout(arrays, exact=exact, settling=n)
 
 
 def _companion(arrays: dict[str, Varying], model: LPVTransferFunction, a: np.ndarray, numerator: np.ndarray,

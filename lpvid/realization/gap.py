@@ -227,9 +227,9 @@ def _advice(realization: Realization, step: float, esr: float, judged: Judgement
         return "exact, but it reads future scheduling: for control use form 'augmented', or identify with lagged=True"
     other = "use form 'augmented', or identify with lagged=True, whose observable form is exact"
     if judged is not None:
-        said = judged.text(realization.model.outputs[judged.worst].name, step > 0)
+        stated = judged.text(realization.model.outputs[judged.worst].name, step > 0)
         mend = f"; re-estimate it in this form (refit_form, --refit-form), or {other}"
-        return said + (mend if judged.verdict != "safe" else "")
+        return stated + (mend if judged.verdict != "safe" else "")
     if realization.source.order >= 2 and step > FAST:
         why = f"the scheduling moves up to {100 * step:.3g} % of its range per sample"
         return f"{why}: {other}" if esr > NEGLIGIBLE else f"{why}, yet on these data the gap is negligible"

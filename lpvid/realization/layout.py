@@ -13,7 +13,7 @@ from lpvid.realization.varying import Varying, assemble, constant_part
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class RealizationLayout:
     """Matrices of a realisation before they share a basis.
 
     Attributes
@@ -47,7 +47,7 @@ def still(model: LPVTransferFunction, which: str) -> bool:
     return not model.basis.names or all(constant_part((model.basis, coefficients[w])) is not None for w in which)
 
 
-def build(model: LPVTransferFunction, layout: Layout, metadata: Mapping) -> LPVStateSpace:
+def build(model: LPVTransferFunction, layout: RealizationLayout, metadata: Mapping) -> LPVStateSpace:
     """The state-space model of a layout, with everything else carried over from `model`."""
     basis, matrices = assemble(model.basis, layout.arrays)
     return LPVStateSpace(**matrices, basis=basis, sample_time=model.sample_time, scheduling=model.box,

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from lpvid.model.transfer_function import LPVTransferFunction
-from lpvid.realization.layout import Layout, padded, still
+from lpvid.realization.layout import RealizationLayout, padded, still
 from lpvid.realization.varying import Term, Varying, at, constant, product
 
 
-def observable(model: LPVTransferFunction) -> Layout:
+def observable(model: LPVTransferFunction) -> RealizationLayout:
     """Observer form with every matrix at p(k).
 
     ::
@@ -33,7 +33,7 @@ def observable(model: LPVTransferFunction) -> Layout:
     return _observer(model, ahead=False)
 
 
-def shifted_observable(model: LPVTransferFunction) -> Layout:
+def shifted_observable(model: LPVTransferFunction) -> RealizationLayout:
     """Observer form whose coefficients are taken when they act on the output: exact for every model.
 
     ::
@@ -55,7 +55,7 @@ def shifted_observable(model: LPVTransferFunction) -> Layout:
     return _observer(model, ahead=True)
 
 
-def _observer(model: LPVTransferFunction, *, ahead: bool) -> Layout:
+def _observer(model: LPVTransferFunction, *, ahead: bool) -> RealizationLayout:
     ny, nu = model.n_outputs, model.n_filter_inputs
     n = max(model.order, model.n_affine - 1)
     a, b, c = padded(model, n)
@@ -79,4 +79,4 @@ def _observer(model: LPVTransferFunction, *, ahead: bool) -> Layout:
         arrays["C"].add((slice(None), slice(0, ny)), constant(base, np.eye(ny)))
     arrays["D"].add(slice(None), direct)
     arrays["output_offset"].add(slice(None), level)
-    return Layout(arrays, exact=ahead or model.lagged or n == 0 or still(model, "ab"), settling=n)
+    return RealizationLayout(arrays, exact=ahead or model.lagged or n == 0 or still(model, "ab"), settling=n)

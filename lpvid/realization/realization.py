@@ -15,7 +15,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.realization.augmented import augmented
 from lpvid.realization.controllable import controllable
-from lpvid.realization.layout import Layout, build
+from lpvid.realization.layout import RealizationLayout, build
 from lpvid.realization.observable import observable, shifted_observable
 from lpvid.record import Record
 from lpvid.simulation import _outputs, _signals
@@ -23,7 +23,7 @@ from lpvid.simulation import _outputs, _signals
 if TYPE_CHECKING:
     from lpvid.realization.gap import Gap
 
-FORMS: dict[str, Callable[[LPVTransferFunction], Layout]] = {
+FORMS: dict[str, Callable[[LPVTransferFunction], RealizationLayout]] = {
     "controllable": controllable,
     "observable": observable,
     "shifted": shifted_observable,
@@ -180,11 +180,11 @@ def realize(model: LPVTransferFunction, form: str = "augmented") -> Realization:
     layout = FORMS[_checks.one_of(form, tuple(FORMS), "form")](model)
     if model.noise.kind != "equation":  # those gains belong to equation noise
         layout = replace(layout, arrays={k: v for k, v in layout.arrays.items() if k != "observer_gain"})
-    said = {"form": form, "exact": layout.exact}
-    state_space = build(model, layout, {**model.metadata, "realization": said})
+    stated = {"form": form, "exact": layout.exact}
+    state_space = build(model, layout, {**model.metadata, "realization": stated})
     causal = state_space.basis.lags[0] >= 0
-    said["causal"] = causal
-    return Realization(state_space.replace(metadata={**model.metadata, "realization": said}), form, layout.exact,
+    stated["causal"] = causal
+    return Realization(state_space.replace(metadata={**model.metadata, "realization": stated}), form, layout.exact,
                        causal, model, layout.settling)
 
 

@@ -14,7 +14,7 @@ from lpvid.identification.result import Identification
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.plot import Comparison
-from lpvid.report.page import Figure, Item, Paragraph, Section
+from lpvid.report.page import Item, PageFigure, Paragraph, Section
 from lpvid.report.responses import DRAWS, LEVEL, frozen_figures, overlaid_figures, scheduling_places
 
 LINEAR = (LPVTransferFunction, LPVStateSpace)
@@ -50,15 +50,15 @@ def response_section(found: Identification, shown: Sequence[Comparison], seed: i
             drawn = found.draw(np.random.default_rng(seed), DRAWS)
         except InputError:
             drawn = []  # some draws are no models of this kind
-    places, said = scheduling_places(model.box, shown)
+    places, stated = scheduling_places(model.box, shown)
     longest = max(c.record.n_samples for c in shown)
-    items = frozen_figures(model, drawn, places, said, longest)
+    items = frozen_figures(model, drawn, places, stated, longest)
     same = {n: m for n, m in (others or {}).items() if isinstance(m, LINEAR) and m.box.names == model.box.names
             and m.sample_time == model.sample_time}
     if same:
         middle = places[len(places) // 2]
         models = {"this model": model, **same}
-        held = f" at {said[len(places) // 2]}" if model.box.names else ""
+        held = f" at {stated[len(places) // 2]}" if model.box.names else ""
         items += overlaid_figures(models, dict.fromkeys(models, middle), f"several models{held}", longest)
     return (Section("Frequency and step response", tuple(items)),)
 
@@ -106,5 +106,5 @@ def _free_run(drawn: list, shown: Comparison) -> Item:
         return Paragraph("Every model drawn from the covariance diverges in free run: the estimate is too uncertain "
                          "for a band.", strong=True)
     lost = f" {band.diverged} of {len(drawn)} drawn models diverge and are left out." if band.diverged else ""
-    return Figure.of(plot.free_run_band(shown, band),
+    return PageFigure.of(plot.free_run_band(shown, band),
                      f"Free run of {shown.record.name}, {shown.label}, where its {LEVEL:.0%} band is widest.{lost}")

@@ -11,7 +11,7 @@ from lpvid.plot import Comparison
 from lpvid.record import Record
 from lpvid.report.courses import overlay_traces
 from lpvid.report.figures import comparisons, grade
-from lpvid.report.page import Item, Mark, Notes, Page, Paragraph, Section, Step, Table, number
+from lpvid.report.page import Item, Mark, NextStep, Notes, Page, PageTable, Paragraph, Section, number
 from lpvid.report.responses import overlaid_figures, scheduling_places
 from lpvid.simulation import Model
 from lpvid.validation.comparing import ModelComparison
@@ -44,12 +44,12 @@ def compare_page(found: ModelComparison, records: Sequence[Record],
     facts = (("models", str(len(found.models))), ("records", str(len(best.found.records))), ("best", best.name),
              (f"its free-run ESR, {best.found.label}", number(best.found.overall.free_run.esr)))
     return Page("Models compared", found.verdict, grade(best.found.overall.free_run.esr), facts, (), tuple(sections),
-                (Step("Look at the best one alone: where it is wrong, and what is left in its residuals.",
+                (NextStep("Look at the best one alone: where it is wrong, and what is left in its residuals.",
                       f"lpvid validate {best.name}.json DATA --out checked"),
-                 Step("See how far it is stable.", f"lpvid stability {best.name}.json --out stability")))
+                 NextStep("See how far it is stable.", f"lpvid stability {best.name}.json --out stability")))
 
 
-def _overall(found: ModelComparison) -> Table:
+def _overall(found: ModelComparison) -> PageTable:
     rows, marks = [], []
     for m in found.models:
         free, one = m.found.overall.free_run, m.found.overall.one_step
@@ -57,17 +57,21 @@ def _overall(found: ModelComparison) -> Table:
                      number(free.rmse, 4, free.rmse_unit), number(free.mean_error, 3, free.rmse_unit), number(one.esr),
                      "–" if free.diverged_at is None else f"diverges at sample {free.diverged_at}"))
         marks.append(grade(free.esr))
-    return Table(("model", "data", "free-run ESR", "free-run fit [%]", "free-run rmse", "mean error", "one-step ESR",
-                  "remark"), tuple(rows), "Pooled over records, each about its own mean; least free-run ESR first.",
-                 (2, 3, 4, 5, 6), tuple(marks))
+    return PageTable(
+        ("model", "data", "free-run ESR", "free-run fit [%]", "free-run rmse", "mean error", "one-step ESR", "remark"),
+        tuple(rows),
+        "Pooled over records, each about its own mean; least free-run ESR first.",
+        (2, 3, 4, 5, 6),
+        tuple(marks),
+    )
 
 
-def _by_record(found: ModelComparison) -> Table:
+def _by_record(found: ModelComparison) -> PageTable:
     names = [r.name for r in found.models[0].found.records]
     by_model = [{r.name: r.free_run.esr for r in m.found.records} for m in found.models]
     rows = tuple((name, *(number(esr.get(name)) for esr in by_model)) for name in names)
     marks: tuple[Mark, ...] = tuple(grade(by_model[0].get(name)) for name in names)
-    return Table(("record", *(m.name for m in found.models)), rows, "Free-run ESR, record by record.",
+    return PageTable(("record", *(m.name for m in found.models)), rows, "Free-run ESR, record by record.",
                  tuple(range(1, 1 + len(found.models))), marks, f"{len(rows)} records" if len(rows) > 40 else "")
 
 

@@ -97,8 +97,8 @@ def signal_traces(time: np.ndarray, panels: Mapping[str, Mapping[str, np.ndarray
     """
     names = list(dict.fromkeys(n for signals in panels.values() for n in signals))
     colour = {n: roles[i % len(roles)] for i, n in enumerate(names)}
-    drawn = tuple(Panel(said, tuple(Curve(n, time, v, colour[n]) for n, v in signals.items()), height=height)
-                  for said, signals in panels.items())
+    drawn = tuple(Panel(stated, tuple(Curve(n, time, v, colour[n]) for n, v in signals.items()), height=height)
+                  for stated, signals in panels.items())
     return Traces(drawn, caption)
 
 

@@ -7,13 +7,25 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.diagnosis.asking import Question
-from lpvid.diagnosis.diagnosis import Cause, Diagnosis, Estimated, Weights
+from lpvid.diagnosis.diagnosis import Cause, Diagnosis, Estimated, SetProbabilities
 from lpvid.diagnosis.lpv_extension import LpvExtension
 from lpvid.plot import diagnosis as draw
 from lpvid.plot.style import label
 from lpvid.report.courses import signal_traces
 from lpvid.report.inspection import findings_table
-from lpvid.report.page import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, Traces, number, percent
+from lpvid.report.page import (
+    Item,
+    Mark,
+    Notes,
+    Page,
+    PageFigure,
+    PageTable,
+    Paragraph,
+    Section,
+    Traces,
+    number,
+    percent,
+)
 from lpvid.validation.residuals import probability
 
 NORMAL = 1.96
@@ -104,19 +116,19 @@ def _facts(found: Diagnosis, extended: bool) -> tuple[tuple[str, str], ...]:
 
 
 def _caveats(found: Diagnosis) -> tuple[str, ...]:
-    said = [f"Held out: {found.held_out}."]
+    stated = [f"Held out: {found.held_out}."]
     if not found.complete:
-        said.insert(0, "The diagnosis was interrupted: no cause was judged.")
+        stated.insert(0, "The diagnosis was interrupted: no cause was judged.")
     if found.noise_floor is None and found.causes:
-        said.append("Nothing in these data repeats, so that the noise level is not known and the share explained is "
+        stated.append("Nothing in these data repeats, so that the noise level is not known and the share explained is "
                     "a bound.")
     if found.rivals:
-        said.append("The extended model contains one of several rivals that do equally well here: it simulates these "
+        stated.append("The extended model contains one of several rivals that do equally well here: it simulates these "
                     "conditions, and says nothing of which rival is at work.")
     if found.stand_ins:
-        said.append(f"The extended model contains {', '.join(found.stand_ins)} as a stand-in: it simulates these "
+        stated.append(f"The extended model contains {', '.join(found.stand_ins)} as a stand-in: it simulates these "
                     "conditions better than the baseline, and is not the cause.")
-    return tuple(said)
+    return tuple(stated)
 
 
 def _proposal(found: Diagnosis, experiment: Sequence[str]) -> list[Item]:
@@ -132,29 +144,29 @@ def _causes(found: Diagnosis) -> list[Item]:
     items: list[Item] = []
     if rows:
         items.append(Notes(tuple(f"{c.name}: {c.description}." for c in found.causes)))
-        items.append(Table(("cause", "parameter", "value", "95 % interval", "p", "ΔBIC", "held-out gain",
+        items.append(PageTable(("cause", "parameter", "value", "95 % interval", "p", "ΔBIC", "held-out gain",
                             "share alone", "share beside the others"), tuple(r for one in rows for r in one),
                            "Shares are of the baseline's excess squared error.", (2, 4, 5, 6, 7, 8),
                            ("good",) * sum(map(len, rows))))
     if found.explained_share is not None and found.causes:
         items.append(Paragraph(_share(found)))
     if found.rivals:
-        told = [(" / ".join(r.names), number(r.similarity, 3),
+        described = [(" / ".join(r.names), number(r.similarity, 3),
                  "; ".join(f"{n}: {', '.join(map(_plain, p))}" for n, p in r.parameters.items()), r.experiment)
                 for r in found.rivals]
-        items.append(Table(("cannot be kept apart", "similarity", "parameters, each taken alone", "what separates "
-                            "them"), tuple(told), "", (1,), ("warn",) * len(told)))
+        items.append(PageTable(("cannot be kept apart", "similarity", "parameters, each taken alone", "what separates "
+                            "them"), tuple(described), "", (1,), ("warn",) * len(described)))
     return items
 
 
-def _sets(weights: Weights) -> list[Item]:
+def _sets(weights: SetProbabilities) -> list[Item]:
     """Visited sets and families with their probabilities, and what the law itself leaves."""
     sets = tuple((", ".join(s.names) or "none", number(s.probability, 3),
                   "–" if s.held_out_esr is None else number(s.held_out_esr)) for s in weights.sets)
     families = tuple((n, number(p, 3)) for n, p in weights.families.items())
-    return [Table(("set of causes", "weight", "free-run ESR, held-out"), sets, "Among the sets that were looked "
+    return [PageTable(("set of causes", "weight", "free-run ESR, held-out"), sets, "Among the sets that were looked "
                   "at. A weight ranks stories by their evidence; it is no frequency of being right.", (1, 2)),
-            Table(("family", "weight of the sets that hold one of it"), families, "", (1,)),
+            PageTable(("family", "weight of the sets that hold one of it"), families, "", (1,)),
             Paragraph(f"What the inputs still predict of the error is {percent(weights.discrepancy)} of the output, "
                       f"above all {weights.where}. Every real law leaves one to three per cent.")]
 
@@ -200,20 +212,25 @@ def _wrong(found: Diagnosis, shown: Sequence[draw.BeforeAfter], extended: bool) 
                  for w in found.wrong)
     items: list[Item] = []
     if rows:
-        items.append(Table(("where", "share of the squared error", "share of the data", "ratio"), rows,
+        items.append(PageTable(("where", "share of the squared error", "share of the data", "ratio"), rows,
                            "Regimes that hold more of the baseline's error than of the data; for frequency bands, of "
                            "the error's power.", (1, 2, 3)))
     else:
         items.append(Paragraph("The error is spread evenly: no regime stands out."))
     maps = draw.error_maps(shown, extended)
     if maps is not None:
-        items.append(Figure.of(maps, "Root mean square error of the free run by regime; empty cells were not visited. "
-                               "Both columns share one scale."))
+        items.append(
+            PageFigure.of(
+                maps,
+                "Root mean square error of the free run by regime; empty cells were not visited. "
+                "Both columns share one scale.",
+            )
+        )
     shapes = draw.error_shapes(shown, extended)
     if shapes is not None:
-        items.append(Figure.of(shapes, "Mean error over each input, with the band of its middle half: the shape of "
+        items.append(PageFigure.of(shapes, "Mean error over each input, with the band of its middle half: the shape of "
                                "what the simulation lacks."))
-    items.append(Figure.of(draw.error_courses(shown, found.noise_floor, extended), "The error of the free run over "
+    items.append(PageFigure.of(draw.error_courses(shown, found.noise_floor, extended), "The error of the free run over "
                            "time and over frequency."))
     return items
 
@@ -223,13 +240,13 @@ def _gain(found: Diagnosis, shown: Sequence[draw.BeforeAfter], lpv: LpvExtension
              number(found.before.rmse, 4, found.unit), "–"),
             ("extended model", number(found.after.esr_training), number(found.after.esr_held_out),
              number(found.after.rmse, 4, found.unit), f"{found.gain_percent:.1f} %")]
-    items: list[Item] = [Table(("model", "ESR, training", "ESR, held-out", "rmse, held-out", "gain"), tuple(rows),
+    items: list[Item] = [PageTable(("model", "ESR, training", "ESR, held-out", "rmse, held-out", "gain"), tuple(rows),
                                f"Free run. Held out: {found.held_out}.", (1, 2, 3, 4), ("plain", "good"))]
     if lpv is not None:
         items.append(_lpv_table(lpv))
     drawn = draw.loops(shown, True)
     if drawn is not None:
-        items.append(Figure.of(drawn, "Measured and simulated output over velocity, before and after."))
+        items.append(PageFigure.of(drawn, "Measured and simulated output over velocity, before and after."))
     items.append(before_after_traces(shown))
     return items
 
@@ -245,15 +262,15 @@ def before_after_traces(shown: Sequence[draw.BeforeAfter]) -> Traces:
                          f"{worst.name}, {worst.label}: the record on which the baseline is most wrong, free run.")
 
 
-def _lpv_table(lpv: LpvExtension) -> Table:
+def _lpv_table(lpv: LpvExtension) -> PageTable:
     rows = []
-    for said, found in (("LPV model without the cause", lpv.base), ("LPV model with it", lpv.extended)):
+    for stated, found in (("LPV model without the cause", lpv.base), ("LPV model with it", lpv.extended)):
         assert found.training is not None and found.held_out is not None
         runs = (found.training.overall.free_run, found.held_out.overall.free_run)
         gain = lpv.gain_percent if found is lpv.extended else None
-        rows.append((said, str(found.n_parameters), number(runs[0].esr), number(runs[1].esr),
+        rows.append((stated, str(found.n_parameters), number(runs[0].esr), number(runs[1].esr),
                      number(runs[1].rmse, 4, runs[1].rmse_unit), "–" if gain is None else f"{gain:.1f} %"))
-    return Table(("model", "parameters", "ESR, training", "ESR, held-out", "rmse, held-out", "gain"), tuple(rows),
+    return PageTable(("model", "parameters", "ESR, training", "ESR, held-out", "rmse, held-out", "gain"), tuple(rows),
                  "The same in black box: an identified LPV model, then one with "
                  + ("; ".join(lpv.changes) or "nothing added")
                  + (f" (not taken in: {'; '.join(lpv.left_out)})" if lpv.left_out else "")
@@ -275,15 +292,31 @@ def _suspects(found: Diagnosis) -> list[Item]:
     drawn = draw.suspects(rows)
     if drawn is None:
         return [Paragraph("No candidate was tested.")]
-    items: list[Item] = [Figure.of(drawn, "Every candidate by itself. Not needed: it follows the error as well, but "
-                                   "nothing is left for it once the named causes are in."),
-                         Table(("candidate", "likelihood ratio", "p", "smallest detectable strength", "what became of "
-                                "it"), tuple((n, number(r, 4), p_text(found.evidence[n]["p_value"]),
-                                              number(found.evidence[n]["smallest_detectable"], 3), f)
-                                             for n, r, f in sorted(rows, key=lambda r: -r[1])), "", (1, 2, 3),
-                               folded="All candidates in numbers")]
+    items: list[Item] = [
+        PageFigure.of(
+            drawn,
+            "Every candidate by itself. Not needed: it follows the error as well, but "
+            "nothing is left for it once the named causes are in.",
+        ),
+        PageTable(
+            ("candidate", "likelihood ratio", "p", "smallest detectable strength", "what became of it"),
+            tuple(
+                (
+                    n,
+                    number(r, 4),
+                    p_text(found.evidence[n]["p_value"]),
+                    number(found.evidence[n]["smallest_detectable"], 3),
+                    f,
+                )
+                for n, r, f in sorted(rows, key=lambda r: -r[1])
+            ),
+            "",
+            (1, 2, 3),
+            folded="All candidates in numbers",
+        ),
+    ]
     if found.rejected:
-        items.append(Table(("looked at and not named", "why"), tuple((r.name, r.why) for r in found.rejected)))
+        items.append(PageTable(("looked at and not named", "why"), tuple((r.name, r.why) for r in found.rejected)))
     return items
 
 
@@ -294,24 +327,26 @@ def _cannot_tell(found: Diagnosis) -> list[Item]:
     items: list[Item] = []
     if looked:
         rows = tuple((c.name, c.reason, number(c.smallest_detectable, 3, c.unit), c.experiment) for c in looked)
-        items.append(Table(("candidate", "why not", "smallest detectable", "what would tell"), rows,
+        items.append(PageTable(("candidate", "why not", "smallest detectable", "what would tell"), rows,
                            "None of these is excluded: these data carry no information on them.", (2,)))
     reasons = dict.fromkeys(c.reason for c in found.cannot_tell if c not in looked)
     if reasons:
         table = tuple((", ".join(c.name for c in found.cannot_tell if c.reason == r and c not in looked), r)
                       for r in reasons)
-        items.append(Table(("not tested", "why"), table, "These could not be composed with this baseline on these "
+        items.append(PageTable(("not tested", "why"), table, "These could not be composed with this baseline on these "
                            "data."))
     return items
 
 
 def _data(found: Diagnosis) -> list[Item]:
     noise = found.noise
-    said = [f"Noise: {str(noise.get('name', '')).replace('-', ' ')}, {noise.get('from_repeats', '')}."] if noise else []
+    stated = (
+        [f"Noise: {str(noise.get('name', '')).replace('-', ' ')}, {noise.get('from_repeats', '')}."] if noise else []
+    )
     parameters = found.baseline.get("parameters", [])
-    items: list[Item] = [Notes((*said, *found.notes, f"{found.seconds:.1f} s of computing."))]
+    items: list[Item] = [Notes((*stated, *found.notes, f"{found.seconds:.1f} s of computing."))]
     if parameters:
-        items.append(Table(("parameter of the baseline", "value"),
+        items.append(PageTable(("parameter of the baseline", "value"),
                            tuple((p["name"], number(p["value"], 5, p["unit"])) for p in parameters), "", (1,),
                            folded=f"Parameters of {found.baseline.get('name')}"))
     if found.audit is not None:

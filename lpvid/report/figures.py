@@ -10,7 +10,7 @@ from lpvid import plot
 from lpvid.plot import Comparison
 from lpvid.record import Record
 from lpvid.report.courses import free_run_traces
-from lpvid.report.page import Figure, Item, Mark, Table, number, percent
+from lpvid.report.page import Item, Mark, PageFigure, PageTable, number, percent
 from lpvid.simulation import Model
 from lpvid.validation import Validation
 from lpvid.validation.report import along
@@ -58,7 +58,7 @@ def verdict_grade(found: Validation) -> Mark:
     return "warn" if pooled == "good" and "bad" in worst else pooled
 
 
-def overall_table(found: Sequence[Validation]) -> Table:
+def overall_table(found: Sequence[Validation]) -> PageTable:
     """Pooled figures, one row per data set and kind of run."""
     rows, marks = [], []
     for v in found:
@@ -67,11 +67,11 @@ def overall_table(found: Sequence[Validation]) -> Table:
             rows.append((v.label, f.kind, number(f.esr), number(f.fit_percent), number(f.rmse, 4, f.rmse_unit),
                          number(f.mean_error, 3, f.rmse_unit), f"{f.n_samples:,}", diverged or "–"))
             marks.append(grade(f.esr) if f.kind == "free-run" else "plain")
-    return Table(("data", "run", "ESR [1]", "fit [%]", "rmse", "mean error", "samples", "remark"), tuple(rows),
+    return PageTable(("data", "run", "ESR [1]", "fit [%]", "rmse", "mean error", "samples", "remark"), tuple(rows),
                  "Pooled over records, each about its own mean.", (2, 3, 4, 5, 6), tuple(marks))
 
 
-def records_table(found: Validation) -> Table:
+def records_table(found: Validation) -> PageTable:
     """Figures of every record of one data set."""
     rows, marks = [], []
     for r in found.records:
@@ -84,29 +84,31 @@ def records_table(found: Validation) -> Table:
     columns = ("record", "samples", "free-run ESR", "free-run fit [%]", "free-run rmse", "mean error",
                "one-step ESR", "outside training range")
     folded = f"{len(rows)} records, {found.label}" if len(rows) > OPEN_ROWS.get(found.label, 8) else ""
-    return Table(columns, tuple(rows), f"Record by record, {found.label}.", (1, 2, 3, 4, 5, 6, 7), tuple(marks), folded)
+    return PageTable(
+        columns, tuple(rows), f"Record by record, {found.label}.", (1, 2, 3, 4, 5, 6, 7), tuple(marks), folded
+    )
 
 
-def tests_table(found: Validation) -> Table | None:
+def tests_table(found: Validation) -> PageTable | None:
     """Residual tests of one data set, or None where nothing could be tested."""
     if not found.residual_tests:
         return None
     rows = tuple((t.name, "passed" if t.passed else "failed", number(t.statistic),
-                  probability(t.p_value).removeprefix("p = ").removeprefix("p "), t.says)
+                  probability(t.p_value).removeprefix("p = ").removeprefix("p "), t.description)
                  for t in found.residual_tests)
     marks: tuple[Mark, ...] = tuple("good" if t.passed else "warn" for t in found.residual_tests)
-    return Table(("test", "outcome", "statistic", "p-value", "what it says"), rows,
+    return PageTable(("test", "outcome", "statistic", "p-value", "what it says"), rows,
                  f"Tests on the one-step residuals, {found.label}.", (2, 3), marks)
 
 
-def regimes_table(found: Validation) -> Table | None:
+def regimes_table(found: Validation) -> PageTable | None:
     """Where the free run is wrong, or None where that was not worked out."""
     if not found.regimes:
         return None
     rows = tuple((r.where.replace("<=", "≤").replace(">=", "≥"), f"{100 * r.share:.3g} %",
                   f"{100 * r.error_share:.3g} %", number(r.esr)) for r in found.regimes)
     marks: tuple[Mark, ...] = tuple("warn" if r.error_share > 1.3 * r.share else "plain" for r in found.regimes)
-    return Table(("where", "share of the data", "share of the error", "ESR there"), rows,
+    return PageTable(("where", "share of the data", "share of the error", "ESR there"), rows,
                  f"Free run, {found.label}; marked where the error weighs more than the data. For a frequency band, "
                  "the share of the data is that of the measured power.", (1, 2, 3), marks)
 
@@ -117,15 +119,15 @@ def run_figures(shown: Sequence[Comparison], signals: Sequence[str]) -> list[Ite
         return []
     by_error = sorted(shown, key=_relative_error, reverse=True)
     chosen = list(dict.fromkeys([0, len(by_error) // 2]))
-    said = ("the record with the largest free-run error", "a middling record")
+    stated = ("the record with the largest free-run error", "a middling record")
     items: list[Item] = []
     for place, i in enumerate(chosen):
         c = by_error[i]
-        which = f"{c.record.name}, {c.label}" if len(shown) == 1 else f"{c.record.name}, {c.label}: {said[place]}"
+        which = f"{c.record.name}, {c.label}" if len(shown) == 1 else f"{c.record.name}, {c.label}: {stated[place]}"
         items.append(free_run_traces(c, signals, f"Free run of {which}; shaded, the stretch with the largest error."))
     loops = plot.loops(shown, LOOP_CHANNELS)
     if loops is not None:
-        items.append(Figure.of(loops, f"Loops of measured and free-run output, {shown[0].label} data."))
+        items.append(PageFigure.of(loops, f"Loops of measured and free-run output, {shown[0].label} data."))
     return items
 
 
@@ -134,7 +136,7 @@ def residual_items(shown: Sequence[Comparison], found: Sequence[Validation], inp
     items: list[Item] = [t for v in found if (t := tests_table(v)) is not None]
     drawn = plot.residuals(shown, inputs=inputs)
     if drawn is not None:
-        items.append(Figure.of(drawn, f"One-step residuals, {shown[0].label} data: histogram about their own mean, "
+        items.append(PageFigure.of(drawn, f"One-step residuals, {shown[0].label} data: histogram about their own mean, "
                                "correlation with themselves and with the inputs. Bars outside the limits are what the "
                                "model leaves unused; at negative lags the input follows the residual, as under "
                                "feedback."))

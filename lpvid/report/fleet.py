@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.fleet.running import FleetResult
 from lpvid.plot.fleet import departures
-from lpvid.report.page import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number
+from lpvid.report.page import Item, Mark, Notes, Page, PageFigure, PageTable, Paragraph, Section, number
 
 if TYPE_CHECKING:
     from lpvid.fleet.plan import Job
@@ -48,18 +48,30 @@ def fleet_page(found: FleetResult) -> Page:
 def _who(found: FleetResult) -> list[Item]:
     assert found.differing is not None
     items: list[Item] = [
-        Paragraph("The model of all files that do not differ is compared with each file's own fit of the same "
-                  "structure. A file differs where its parameters lie further from the fleet's than noise and the "
-                  "spread between the other files explain."),
-        Figure.of(departures(found.errors, found.differing), "Distance of each file from the fleet, over the typical "
-                  "one, against the free-run ESR of the fleet's model along it, training data. Orange: files that "
-                  "differ.")]
+        Paragraph(
+            "The model of all files that do not differ is compared with each file's own fit of the same "
+            "structure. A file differs where its parameters lie further from the fleet's than noise and the "
+            "spread between the other files explain."
+        ),
+        PageFigure.of(
+            departures(found.errors, found.differing),
+            "Distance of each file from the fleet, over the typical "
+            "one, against the free-run ESR of the fleet's model along it, training data. Orange: files that "
+            "differ.",
+        ),
+    ]
     rows = tuple((n, *_errors(found.errors.get(n)), number(found.differing.score[n], 3), f"{found.differing.q[n]:.2g}",
                   ", ".join(found.causes.get(n, ())) or "–", f"files/{n}/") for n in found.differing.named)
     if rows:
-        items.append(Table(("file", "free-run ESR", "rmse", "mean error", "score", "q", "cause", "its reports"), rows,
-                           "Score: distance from the fleet over the typical one. q: least false discovery rate at "
-                           "which the file is named.", (1, 2, 3, 4, 5)))
+        items.append(
+            PageTable(
+                ("file", "free-run ESR", "rmse", "mean error", "score", "q", "cause", "its reports"),
+                rows,
+                "Score: distance from the fleet over the typical one. q: least false discovery rate at "
+                "which the file is named.",
+                (1, 2, 3, 4, 5),
+            )
+        )
     return items
 
 
@@ -70,13 +82,13 @@ def _errors(e: Mapping[str, Any] | None) -> tuple[str, str, str]:
             number(e["mean_error"], 3, e["unit"]))
 
 
-def _all(found: FleetResult) -> Table:
+def _all(found: FleetResult) -> PageTable:
     rows, marks = [], []
     named = () if found.differing is None else found.differing.named
     for job in found.plan.jobs:
         rows.append((job.name, *_errors(found.errors.get(job.name)), _steps(found, job)))
         marks.append("bad" if job.name in found.failed else "warn" if job.name in named else "good")
-    return Table(("file", "free-run ESR", "rmse", "mean error", "steps"), tuple(rows), "", (1, 2, 3), tuple(marks),
+    return PageTable(("file", "free-run ESR", "rmse", "mean error", "steps"), tuple(rows), "", (1, 2, 3), tuple(marks),
                  f"{len(rows)} files" if len(rows) > 40 else "")
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from lpvid.errors import InputError
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
-from lpvid.report.page import Mark, Paragraph, Section, Table, listing, number
+from lpvid.report.page import Mark, PageTable, Paragraph, Section, listing, number
 
 if TYPE_CHECKING:
     from lpvid.identification.form_refit import FormRefit
@@ -42,8 +42,8 @@ class FormGap:
             return f"{self.form}: not available ({self.why_not})"
         fit = min(self.gap.fit_percent)
         exact = "exact" if self.gap.exact else f"fit {fit:.5g} % against the transfer function"
-        said = "" if self.gap.exact or self.gap.verdict is None else f", {self.gap.verdict}"
-        return f"{self.form} ({self.order} states): {exact}{said}" + ("" if self.gap.causal else ", not causal")
+        stated = "" if self.gap.exact or self.gap.verdict is None else f", {self.gap.verdict}"
+        return f"{self.form} ({self.order} states): {exact}{stated}" + ("" if self.gap.causal else ", not causal")
 
 
 def form_gaps(model: LPVTransferFunction, records: Sequence[Record], label: str = "") -> list[FormGap]:
@@ -73,7 +73,7 @@ def form_gaps(model: LPVTransferFunction, records: Sequence[Record], label: str 
     return found
 
 
-def forms_table(gaps: Sequence[FormGap]) -> Table:
+def forms_table(gaps: Sequence[FormGap]) -> PageTable:
     """One row for each form."""
     rows, marks = [], []
     for g in gaps:
@@ -85,7 +85,7 @@ def forms_table(gaps: Sequence[FormGap]) -> Table:
                      listing([number(e, 3) for e in g.gap.esr]), listing([number(f, 5) for f in g.gap.fit_percent]),
                      g.gap.advice))
         marks.append(_mark(g.gap))
-    return Table(("form", "states", "exact", "causal", "ESR of the gap", "fit [%]", "advice"), tuple(rows), "",
+    return PageTable(("form", "states", "exact", "causal", "ESR of the gap", "fit [%]", "advice"), tuple(rows), "",
                  (1, 4, 5), tuple(marks))
 
 
@@ -93,7 +93,7 @@ def form_section(refit: FormRefit) -> Section:
     """The transfer function, the form as realised and the form re-estimated beside each other."""
     rows = tuple(refit.rows())
     heads = ("model", *(f"free-run ESR, {v.label}" for v in next(iter(refit.figures.values()))))
-    table = Table(heads, rows, "", tuple(range(1, len(heads))))
+    table = PageTable(heads, rows, "", tuple(range(1, len(heads))))
     return Section(f"The {refit.form} form, re-estimated",
                    (Paragraph(f"state_space.json holds the last. As realised the form {refit.gap.advice}."), table))
 

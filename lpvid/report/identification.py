@@ -20,7 +20,7 @@ from lpvid.report.figures import (
 )
 from lpvid.report.forms import FormGap, forms_table
 from lpvid.report.inspection import findings_table
-from lpvid.report.page import OUT, Item, Notes, Page, Paragraph, Section, Step, Table, number
+from lpvid.report.page import OUT, Item, NextStep, Notes, Page, PageTable, Paragraph, Section, number
 from lpvid.report.stability import locus_items
 from lpvid.validation import Validation
 
@@ -74,24 +74,32 @@ def _inputs(found: Identification) -> list[str]:
     return [s.name for s in found.model.inputs]
 
 
-def _steps(found: Identification, best: Validation) -> tuple[Step, ...]:
+def _steps(found: Identification, best: Validation) -> tuple[NextStep, ...]:
     """What follows from the figures: a better structure, then other data, then stability and causes."""
     steps = []
     failed = {t.name for t in best.residual_tests if not t.passed}
     if found.held_out is None:
-        steps.append(Step("Keep data out of the fit: only then do the figures say what the model is worth elsewhere. "
-                          "Add --hold-out 1/3, or name other files with --held-out."))
+        steps.append(
+            NextStep(
+                "Keep data out of the fit: only then do the figures say what the model is worth elsewhere. "
+                "Add --hold-out 1/3, or name other files with --held-out."
+            )
+        )
     if grade(best.overall.free_run.esr) != "good":
-        steps.append(Step("The free run misses much of the output: let structures compete with --auto, or try "
+        steps.append(NextStep("The free run misses much of the output: let structures compete with --auto, or try "
                           "--structure oe, which fits the free run itself."))
     elif "independence" in failed:
-        steps.append(Step("The residual still follows the input: more input lags (--nb), a higher --degree or a shaped "
-                          "input (--shape) may use it."))
-    steps += [Step("Try the model on data of another day or another excitation.",
+        steps.append(
+            NextStep(
+                "The residual still follows the input: more input lags (--nb), a higher --degree or a shaped "
+                "input (--shape) may use it."
+            )
+        )
+    steps += [NextStep("Try the model on data of another day or another excitation.",
                    f"lpvid validate {OUT}/model.json NEW.csv --out checked"),
-              Step("See how far it is stable while the scheduling moves." if found.model.box.names else
+              NextStep("See how far it is stable while the scheduling moves." if found.model.box.names else
                    "See its poles and how sure they are.", f"lpvid stability {OUT}/model.json --out stability"),
-              Step("Use it elsewhere: C, FMU, MATLAB, python-control.", f"lpvid export {OUT}/model.json --to c "
+              NextStep("Use it elsewhere: C, FMU, MATLAB, python-control.", f"lpvid export {OUT}/model.json --to c "
                    "--out exported")]
     return tuple(steps)
 
@@ -119,11 +127,11 @@ def _caveats(found: Identification) -> tuple[str, ...]:
 
 def _coloured(found: Identification) -> str:
     """What a residual that is not white means for the standard errors given."""
-    said = "The one-step residuals are not white: "
+    stated = "The one-step residuals are not white: "
     kind = found.covariance_kind
     if "sandwich" in kind or "coloured" in kind or any("sandwich" in n for n in found.notes):
-        return said + "the standard errors are of sandwich form, which allows for that."
-    return said + "the standard errors assume white errors, and are too small."
+        return stated + "the standard errors are of sandwich form, which allows for that."
+    return stated + "the standard errors assume white errors, and are too small."
 
 
 def _parameters(found: Identification) -> list[Item]:
@@ -137,7 +145,7 @@ def _parameters(found: Identification) -> list[Item]:
                                "z = (p − centre)/half width."))
     rows = tuple((n, number(v, 6), number(s, 3)) for n, v, s in
                  zip(found.parameter_names, found.parameters.tolist(), found.standard_errors.tolist(), strict=True))
-    items.append(Table(("parameter", "value", "standard error"), rows[:MOST_PARAMETERS], "In SI units.", (1, 2),
+    items.append(PageTable(("parameter", "value", "standard error"), rows[:MOST_PARAMETERS], "In SI units.", (1, 2),
                        folded=f"{min(len(rows), MOST_PARAMETERS)} linear parameters"))
     if len(rows) > MOST_PARAMETERS:
         items.append(Paragraph(f"{len(rows) - MOST_PARAMETERS} more parameters stand in identification.json."))

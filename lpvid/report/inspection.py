@@ -10,7 +10,7 @@ from lpvid.auditing.view import view
 from lpvid.plot.audit import MOST_CHANNELS, MOST_RECORDS
 from lpvid.record import Record
 from lpvid.report.courses import record_traces
-from lpvid.report.page import Figure, Item, Mark, Page, Paragraph, Section, Step, Table, listing, number
+from lpvid.report.page import Item, Mark, NextStep, Page, PageFigure, PageTable, Paragraph, Section, listing, number
 
 MOST_DRAWN = 60
 """Records drawn over time; more would leave too few points for each within the size of a page."""
@@ -43,12 +43,12 @@ def inspection_page(audit: Audit, records: Sequence[Record], channels: Sequence[
                 ("Nothing in the data was changed, and nothing was flipped or interpolated.",), sections, _steps(audit))
 
 
-def _steps(audit: Audit) -> tuple[Step, ...]:
+def _steps(audit: Audit) -> tuple[NextStep, ...]:
     """The gravest mends, then a model."""
     grave = [f for f in audit.findings if f.severity != "note" and f.mend]
     mends = dict.fromkeys(f"{f.mend[:1].upper()}{f.mend[1:].rstrip('.')}." for f in grave)
-    return (*(Step(m) for m in list(mends)[:3]),
-            Step("Fit a model, with data kept out of the fit to judge it on.",
+    return (*(NextStep(m) for m in list(mends)[:3]),
+            NextStep("Fit a model, with data kept out of the fit to judge it on.",
                  "lpvid identify DATA --input VELOCITY --output FORCE --schedule CURRENT --hold-out 1/3 --out model"))
 
 
@@ -70,10 +70,10 @@ def findings_table(audit: Audit) -> Item:
     if not rows:
         rows.append(("none", "–", "whole data set", "no check found anything", "–"))
         marks.append("good")
-    return Table(("finding", "severity", "where", "evidence", "mend"), tuple(rows), marks=tuple(marks))
+    return PageTable(("finding", "severity", "where", "evidence", "mend"), tuple(rows), marks=tuple(marks))
 
 
-def _records_table(records: Sequence[Record]) -> Table:
+def _records_table(records: Sequence[Record]) -> PageTable:
     rows = []
     for r in records:
         rate = number(1 / r.time_base.period, 6) if r.time_base.period > 0 else "–"
@@ -81,7 +81,7 @@ def _records_table(records: Sequence[Record]) -> Table:
         rows.append((r.name, f"{r.n_samples:,}", rate, channels, "; ".join(r.notes) or "–"))
     columns = ("record", "samples", "rate [Hz]", "channels", "remarks")
     width = 5 if any(r.notes for r in records) else 4
-    return Table(columns[:width], tuple(row[:width] for row in rows), numeric=(1, 2))
+    return PageTable(columns[:width], tuple(row[:width] for row in rows), numeric=(1, 2))
 
 
 def _rates(records: Sequence[Record]) -> str:
@@ -103,11 +103,11 @@ def _figures(records: Sequence[Record], channels: Sequence[str]) -> list[Item]:
     named = list(dict.fromkeys(c for r in records for c in (channels or r.channels)))
     spectra = plot.spectra(records, named)
     if spectra is not None:
-        items.append(Figure.of(spectra, "Amplitude spectral density of the longest unbroken stretch (Welch, Hann)."
+        items.append(PageFigure.of(spectra, "Amplitude spectral density of the longest unbroken stretch (Welch, Hann)."
                                + _of(len(records), MOST_RECORDS) + _channels(len(named))))
     strokes = [(v.name, *v.stroke) for v in (view(r, None) for r in records) if v.stroke is not None]
     if strokes:
-        items.append(Figure.of(plot.strokes(strokes), "Force over velocity and over displacement, as measured. A "
+        items.append(PageFigure.of(plot.strokes(strokes), "Force over velocity and over displacement, as measured. A "
                                "passive damper fills the first and third quadrant of the left figure."
                                + _of(len(strokes), MOST_RECORDS)))
     return items

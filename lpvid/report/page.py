@@ -35,7 +35,7 @@ class Notes:
 
 
 @dataclass(frozen=True)
-class Table:
+class PageTable:
     """Columns and rows of text; `numeric` columns are right-aligned, `marks` colour rows, `folded` labels a fold."""
 
     columns: tuple[str, ...]
@@ -48,7 +48,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Figure:
+class PageFigure:
     """A drawing as a data address, with what it shows in words."""
 
     source: str
@@ -57,7 +57,7 @@ class Figure:
     kind: ClassVar[str] = "figure"
 
     @classmethod
-    def of(cls, drawing: Drawing, caption: str, alternative: str = "") -> Figure:
+    def of(cls, drawing: Drawing, caption: str, alternative: str = "") -> PageFigure:
         """A matplotlib figure, embedded as SVG."""
         from lpvid.plot import svg
 
@@ -65,14 +65,14 @@ class Figure:
         return cls(f"data:image/svg+xml;base64,{data}", caption, alternative or caption)
 
 
-Item = Paragraph | Notes | Table | Figure | Traces
+Item = Paragraph | Notes | PageTable | PageFigure | Traces
 
 OUT = "OUT"
 """Stands for the folder of the results in the command of a `Step`."""
 
 
 @dataclass(frozen=True)
-class Step:
+class NextStep:
     """Something to do next: why, and the command that does it; `OUT` there becomes the folder of the results."""
 
     text: str
@@ -116,7 +116,7 @@ class Page:
     facts: tuple[tuple[str, str], ...] = ()
     caveats: tuple[str, ...] = ()
     sections: tuple[Section, ...] = field(default_factory=tuple)
-    steps: tuple[Step, ...] = ()
+    steps: tuple[NextStep, ...] = ()
     origin: Origin | None = None
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from lpvid.model.transfer_function import LPVTransferFunction
-from lpvid.report.page import Figure, Item, Notes, Paragraph, Section, Table, number
+from lpvid.report.page import Item, Notes, PageFigure, PageTable, Paragraph, Section, number
 
 if TYPE_CHECKING:
     from lpvid.analysis.passivity_margin import PassivityMargin
@@ -40,16 +40,18 @@ def passivity_lines(found: Identification) -> list[str]:
     if isinstance(data, Mapping):
         return [*str(_certificate(data)).splitlines(), *cost_lines(found)]
     margin = energy_statement(found.model)
-    said = "" if margin is None else margin.statement()
-    return [f"NOT passive: {said}: --passive"] if said else []
+    stated = "" if margin is None else margin.statement()
+    return [f"NOT passive: {stated}: --passive"] if stated else []
 
 
 def cost_lines(found: Identification) -> list[str]:
     """What the constraint costs in free run, held-out and training."""
     after = [v for v in (found.training, found.held_out) if v is not None]
     pairs = list(zip(found.unconstrained_figures, after, strict=False))
-    said = [f"{new.label} free-run ESR {_esr(old)} unconstrained, {_esr(new)} passive" for old, new in reversed(pairs)]
-    lines = [f"what it costs: {'; '.join(said)}"] if said else []
+    stated = [
+        f"{new.label} free-run ESR {_esr(old)} unconstrained, {_esr(new)} passive" for old, new in reversed(pairs)
+    ]
+    lines = [f"what it costs: {'; '.join(stated)}"] if stated else []
     worst = None if found.training is None else found.training.worst
     if lines and worst is not None and worst.free_run.esr is not None and worst.free_run.esr >= 1.0 \
             and not getattr(found.structure, "balanced", True):
@@ -70,8 +72,13 @@ def passivity_section(found: Identification) -> tuple[Section, ...]:
         items.append(Paragraph(str(_certificate(data)).splitlines()[0] + ".", strong=True))
     items.append(Paragraph((margin.statement() or "In steady motion it takes energy at every amplitude, frequency and "
                             "held scheduling").capitalize() + "."))
-    items.append(Figure.of(plot.passivity(margin), "Damping in steady sine motion at the least favourable amplitude: "
-                           "where it is negative the model gives energy in every period."))
+    items.append(
+        PageFigure.of(
+            plot.passivity(margin),
+            "Damping in steady sine motion at the least favourable amplitude: "
+            "where it is negative the model gives energy in every period.",
+        )
+    )
     items += _cost_table(found)
     return (Section("Energy", tuple(items)),)
 
@@ -88,9 +95,15 @@ def _cost_table(found: Identification) -> list[Item]:
                  for old, new in zip(found.unconstrained_figures, after, strict=False))
     if not rows:
         return []
-    return [Table(("data", "unconstrained", "passive"), rows, "Free-run ESR with and without the constraint.", (1, 2)),
-            Notes(("The passive model's free run was minimised; the unconstrained model is the estimate that it "
-                   "started from.",))]
+    return [
+        PageTable(("data", "unconstrained", "passive"), rows, "Free-run ESR with and without the constraint.", (1, 2)),
+        Notes(
+            (
+                "The passive model's free run was minimised; the unconstrained model is the estimate that it "
+                "started from.",
+            )
+        ),
+    ]
 
 
 def _certificate(data: Mapping) -> Any:

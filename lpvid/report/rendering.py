@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from lpvid.report.glossary import TERMS, split_terms, term_of
 from lpvid.report.origin import Origin, shown_names
-from lpvid.report.page import OUT, Page, Step
+from lpvid.report.page import OUT, NextStep, Page
 from lpvid.report.traces import Traces, pack
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def _command(line: str) -> Markup:
     return Markup(" ").join(Markup("<span>{}</span>").format(word) for word in line.split(" "))
 
 
-def _step(step: Step, origin: Origin | None) -> Step:
+def _step(step: NextStep, origin: Origin | None) -> NextStep:
     """The step with the folder of the results in place of `OUT`, and the files that were read under their own paths."""
     if origin is None:
         return step
@@ -129,7 +129,7 @@ def _step(step: Step, origin: Origin | None) -> Step:
         return paths.get(first, first) + slash + rest
 
     words = (",".join(resolved(name) for name in word.split(",")) for word in step.command.split(" "))
-    return Step(step.text, " ".join(words))
+    return NextStep(step.text, " ".join(words))
 
 
 def _ids(page: Page) -> list[str]:

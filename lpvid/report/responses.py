@@ -14,8 +14,8 @@ from lpvid.identification.layout import ParameterCloud
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.plot import Comparison
-from lpvid.plot.responses import Response
-from lpvid.report.page import Figure, Item, number
+from lpvid.plot.responses import FrozenResponse
+from lpvid.report.page import Item, PageFigure, number
 from lpvid.scheduling import Scheduling
 
 Linear = LPVTransferFunction | LPVStateSpace
@@ -30,7 +30,7 @@ INPUTS = 3
 """Inputs with a column of their own, at most."""
 
 
-def frozen_figures(model: Linear, drawn: Sequence[Linear], places: Sequence[np.ndarray], said: Sequence[str],
+def frozen_figures(model: Linear, drawn: Sequence[Linear], places: Sequence[np.ndarray], stated: Sequence[str],
                    longest: int) -> list[Item]:
     """Bode plot and step response of one model at several scheduling values, with bands.
 
@@ -50,7 +50,7 @@ def frozen_figures(model: Linear, drawn: Sequence[Linear], places: Sequence[np.n
     -------
     list of Item
     """
-    several = [(words, model, list(drawn), at) for words, at in zip(said, places, strict=True)]
+    several = [(words, model, list(drawn), at) for words, at in zip(stated, places, strict=True)]
     band = f" with {LEVEL:.0%} bands of {len(drawn)} drawn models" if drawn else ""
     held = ", the scheduling held at values that occur in the data" if model.box.names else ""
     apart = "" if not model.metadata.get("coherent_inputs") else (
@@ -58,11 +58,11 @@ def frozen_figures(model: Linear, drawn: Sequence[Linear], places: Sequence[np.n
     return _figures(several, longest, f"{band}{held}.{apart}")
 
 
-def overlaid_figures(models: Mapping[str, Linear], at: Mapping[str, np.ndarray], said: str,
+def overlaid_figures(models: Mapping[str, Linear], at: Mapping[str, np.ndarray], stated: str,
                      longest: int) -> list[Item]:
-    """Bode plot and step response of models over each other, each at its own value of the scheduling; `said`: whose."""
+    """Bode plot and step response of models over each other, each at its own scheduling value; `stated`: whose."""
     shown = [(name, model, [], at[name]) for name, model in models.items()]
-    return _figures(shown, longest, f" of {said}.")
+    return _figures(shown, longest, f" of {stated}.")
 
 
 def _figures(several: Sequence[tuple[str, Linear, list[Linear], np.ndarray]], longest: int, words: str) -> list[Item]:
@@ -87,14 +87,14 @@ def _figures(several: Sequence[tuple[str, Linear, list[Linear], np.ndarray]], lo
     figures = []
     with single_thread(), np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         for compute in (swept, stepped):
-            figures.append([Response(name, compute(model, at), np.array([compute(d, at) for d in draws]) if draws
+            figures.append([FrozenResponse(name, compute(model, at), np.array([compute(d, at) for d in draws]) if draws
                                      else None) for name, model, draws, at in several])
     stage = " It is that of the linear part, behind the input stage." if first.input_stage is not None else ""
     narrow = (" The lowest row is half the width of the band over the magnitude: a band narrower than its line is seen "
               "there." if several[0][2] else "")
-    return [Figure.of(plot.bode(hertz, figures[0], names, units, output.name, LEVEL),
+    return [PageFigure.of(plot.bode(hertz, figures[0], names, units, output.name, LEVEL),
                       f"Frequency response{words}{narrow}{stage}", f"Bode plot of {output.name}"),
-            Figure.of(plot.steps(time, figures[1], names, units, output.name, LEVEL),
+            PageFigure.of(plot.steps(time, figures[1], names, units, output.name, LEVEL),
                       f"Step response{words}{stage}", f"Step response of {output.name}")]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lpvid.identification.selection import Selection, describe
-from lpvid.report.page import Mark, Notes, Paragraph, Section, Table, number, percent
+from lpvid.report.page import Mark, Notes, PageTable, Paragraph, Section, number, percent
 
 ROWS = 40
 """Rows of the ranking in a report; all stand in selection.json."""
@@ -31,9 +31,9 @@ def selection_section(found: Selection, ceiling: str) -> Section:
         marks.append(mark)
     columns = ("structure", "parameters", "free-run ESR, cross-validated", "fit [%]", "BIC", "frozen poles outside",
                "why here")
-    said = Paragraph(f"{len(found.table)} structures compared on training data alone; the first is the choice. "
+    stated = Paragraph(f"{len(found.table)} structures compared on training data alone; the first is the choice. "
                      + ("" if found.complete else "The search was interrupted: the ranking is not complete. ")
                      + ceiling)
-    table = Table(columns, tuple(rows), "", (1, 2, 3, 4, 5), tuple(marks),
+    table = PageTable(columns, tuple(rows), "", (1, 2, 3, 4, 5), tuple(marks),
                   f"Ranking, first {len(rows)} of {len(found.table)}")
-    return Section("How the structure was chosen", (said, table, *((Notes(found.notes),) if found.notes else ())))
+    return Section("How the structure was chosen", (stated, table, *((Notes(found.notes),) if found.notes else ())))

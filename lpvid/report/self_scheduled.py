@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.model.compliance import ComplianceModel
 from lpvid.model.quasi import QuasiLPVModel, SelfScheduled
-from lpvid.report.page import Mark, Page, Paragraph, Section, Table, number
+from lpvid.report.page import Mark, Page, PageTable, Paragraph, Section, number
 from lpvid.report.stability import StabilityStudy, narrowed, stability_page, study_stability
 
 AMPLITUDES = (0.1, 1.0)
@@ -109,7 +109,7 @@ class SelfScheduledStudy:
 
 def study_self_scheduled(model: SelfScheduled, *, rate: float | Mapping[str, float | None] | None = None,
                          range: Mapping[str, tuple[float, float]] | None = None, seed: int = 0,
-                         say: Callable[[str], None] = lambda text: None) -> SelfScheduledStudy:
+                         report_progress: Callable[[str], None] = lambda text: None) -> SelfScheduledStudy:
     """What is proven of a model that schedules itself.
 
     Parameters
@@ -125,7 +125,9 @@ def study_self_scheduled(model: SelfScheduled, *, rate: float | Mapping[str, flo
     ranged = model if not range else model.replace(box=narrowed(model.box, range))
     if isinstance(ranged, QuasiLPVModel) and ranged.na:
         measured = rate if isinstance(rate, Mapping) else dict.fromkeys(ranged.box.names, rate)
-        embedded = study_stability(ranged.embedding(), rate={**measured, "rho": None}, seed=seed, say=say)
+        embedded = study_stability(
+            ranged.embedding(), rate={**measured, "rho": None}, seed=seed, report_progress=report_progress
+        )
         return SelfScheduledStudy(ranged, embedded, _bounds(ranged) if embedded.certified else ())
     return SelfScheduledStudy(ranged, None, _bounds(ranged))
 
@@ -148,8 +150,18 @@ def self_scheduled_page(study: SelfScheduledStudy, name: str) -> Page:
     if rows:
         side = [s.name for s in study.model.inputs[1:]] if isinstance(study.model, ComplianceModel) else []
         besides = f" What {', '.join(side)} adds in parallel comes on top." if side else ""
-        sections.append(Section("Bounds", (Table(("inputs", "output"), tuple(rows), "What the output never exceeds, "
-                                                 f"from rest, whatever the course of the inputs.{besides}"),)))
+        sections.append(
+            Section(
+                "Bounds",
+                (
+                    PageTable(
+                        ("inputs", "output"),
+                        tuple(rows),
+                        f"What the output never exceeds, from rest, whatever the course of the inputs.{besides}",
+                    ),
+                ),
+            )
+        )
     if study.embedded is not None:
         inner = stability_page(study.embedded, name)
         sections += [Section(f"{s.title}, own scheduling free", s.items) for s in inner.sections]

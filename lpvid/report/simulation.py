@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from lpvid.plot import Comparison
 from lpvid.report.figures import driving, grade, run_figures
-from lpvid.report.page import Item, Mark, Notes, Page, Paragraph, Section, Step, Table, number, percent
+from lpvid.report.page import Item, Mark, NextStep, Notes, Page, PageTable, Paragraph, Section, number, percent
 from lpvid.simulation import predict
 from lpvid.validation.free_runs import FreeRuns
 
@@ -36,7 +36,7 @@ def simulation_page(found: FreeRuns, name: str) -> Page:
     facts = (("data", found.label), ("records", str(len(found.runs))), ("free-run ESR", number(esr)))
     return Page(f"Simulation by {name}", verdict(found), "plain" if found.overall is None else grade(esr), facts,
                 tuple(caveats), tuple(sections),
-                (Step("See how good the model is on these data: residuals, regimes, every record.",
+                (NextStep("See how good the model is on these data: residuals, regimes, every record.",
                       f"lpvid validate {name} DATA --out checked"),))
 
 
@@ -50,7 +50,7 @@ def verdict(found: FreeRuns) -> str:
     return f"Along {found.label} data: {found.overall}."
 
 
-def _table(found: FreeRuns) -> Table:
+def _table(found: FreeRuns) -> PageTable:
     rows, marks = [], []
     for r in found.runs:
         f = r.figures
@@ -59,8 +59,13 @@ def _table(found: FreeRuns) -> Table:
                      None else f.rmse_unit), percent(r.extrapolation_share)))
         marks.append(grade(f.esr) if f is not None else "plain")
     coloured: tuple[Mark, ...] = tuple(marks)
-    return Table(("record", "samples", "free-run ESR", "free-run fit [%]", "free-run rmse", "outside training range"),
-                 tuple(rows), f"Free run, {found.label}.", (1, 2, 3, 4, 5), coloured)
+    return PageTable(
+        ("record", "samples", "free-run ESR", "free-run fit [%]", "free-run rmse", "outside training range"),
+        tuple(rows),
+        f"Free run, {found.label}.",
+        (1, 2, 3, 4, 5),
+        coloured,
+    )
 
 
 def _shown(found: FreeRuns) -> list[Comparison]:

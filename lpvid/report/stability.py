@@ -19,19 +19,19 @@ from lpvid.identification.layout import ParameterCloud
 from lpvid.model.quasi import SelfScheduled
 from lpvid.report.page import (
     OUT,
-    Figure,
     Item,
     Mark,
+    NextStep,
     Notes,
     Page,
+    PageFigure,
+    PageTable,
     Paragraph,
     Section,
-    Step,
-    Table,
     number,
     percent,
 )
-from lpvid.report.stability_reach import NOTHING, Questions, Reach, reach
+from lpvid.report.stability_reach import NOTHING, Questions, StabilityAnswers, reach
 from lpvid.scheduling import Scheduling
 
 DRAWS = 300
@@ -64,7 +64,7 @@ class StabilityStudy(Shown):
     certificate: StabilityCertificate
     probability: StabilityProbability | None
     loci: tuple[tuple[PoleLocus, PoleBand | None], ...]
-    reach: Reach = NOTHING
+    reach: StabilityAnswers = NOTHING
 
     @property
     def certified(self) -> bool:
@@ -136,7 +136,7 @@ class StabilityStudy(Shown):
 
 def study_stability(model: Model, *, rate: Rate = None, range: Mapping[str, tuple[float, float]] | None = None,
                     seed: int = 0, asked: Questions | None = None,
-                    say: Callable[[str], None] = lambda text: None) -> StabilityStudy:
+                    report_progress: Callable[[str], None] = lambda text: None) -> StabilityStudy:
     """Frozen stability, critical values, probability and certificate of one model.
 
     Parameters
@@ -157,15 +157,15 @@ def study_stability(model: Model, *, rate: Rate = None, range: Mapping[str, tupl
     -------
     StabilityStudy
     """
-    say("looking for a certificate")
+    report_progress("looking for a certificate")
     ranged = model if not range else model.replace(scheduling=narrowed(model.box, range))
     certificate = certify_stability(ranged, rate=rate)
-    say("frozen poles and critical values")
+    report_progress("frozen poles and critical values")
     frozen = frozen_stability(ranged)
     drawn = _drawn(ranged, seed)
-    say("poles of models drawn from the parameters' covariance")
+    report_progress("poles of models drawn from the parameters' covariance")
     probability = stability_probability(drawn) if drawn else None
-    further = reach(ranged, certificate, rate, asked, seed, say) if asked is not None else NOTHING
+    further = reach(ranged, certificate, rate, asked, seed, report_progress) if asked is not None else NOTHING
     return StabilityStudy(ranged, frozen, certificate, probability, loci(ranged, drawn), further)
 
 
@@ -183,7 +183,7 @@ def locus_items(model: Model | SelfScheduled, seed: int = 0) -> list[Item]:
     if isinstance(model, SelfScheduled):
         return []  # its poles follow from its own output: see the stability report
     if not model.box.names:
-        return [Figure.of(plot.poles(model.frozen_poles([]), model.sample_time is not None), "Poles of the model.")]
+        return [PageFigure.of(plot.poles(model.frozen_poles([]), model.sample_time is not None), "Poles of the model.")]
     return [_locus_figure(found, band, None, model.box) for found, band in loci(model, _drawn(model, seed))]
 
 
@@ -216,23 +216,29 @@ def stability_page(study: StabilityStudy, name: str) -> Page:
                 _steps(study, name))
 
 
-def _steps(study: StabilityStudy, name: str) -> tuple[Step, ...]:
+def _steps(study: StabilityStudy, name: str) -> tuple[NextStep, ...]:
     """What would settle what is open, and what to do with a proof."""
     if not study.frozen.stable:
-        return (Step("Keep the scheduling out of where the frozen model is unstable, and see whether the rest is "
-                     "stable.", f"lpvid stability {name} --range LOW:HIGH --out narrower"),
-                Step("Fit the free run itself, which an unstable model cannot follow: lpvid identify --structure oe, "
-                     "or --passive for a damper."))
+        return (
+            NextStep(
+                "Keep the scheduling out of where the frozen model is unstable, and see whether the rest is stable.",
+                f"lpvid stability {name} --range LOW:HIGH --out narrower",
+            ),
+            NextStep(
+                "Fit the free run itself, which an unstable model cannot follow: lpvid identify --structure oe, "
+                "or --passive for a damper."
+            ),
+        )
     if study.certificate.verified:
         again = f"lpvid verify {OUT}/certificate.json {name}"
-        steps = [Step("Let anyone check the certificate without a solver.", again)]
+        steps = [NextStep("Let anyone check the certificate without a solver.", again)]
         if study.model.box.names:
-            steps.append(Step("See how far it reaches: the largest range and the largest rate.",
+            steps.append(NextStep("See how far it reaches: the largest range and the largest rate.",
                               f"lpvid stability {name} --largest-range --largest-rate --out reach"))
         return tuple(steps)
-    return (Step("Say how fast the scheduling moves: a bounded rate is easier to certify.",
+    return (NextStep("Say how fast the scheduling moves: a bounded rate is easier to certify.",
                  f"lpvid stability {name} --rate RATE --out bounded"),
-            Step("Or ask for the largest range that is certified.",
+            NextStep("Or ask for the largest range that is certified.",
                  f"lpvid stability {name} --largest-range --out reach"))
 
 
@@ -264,7 +270,7 @@ def _critical(study: StabilityStudy) -> list[Item]:
                      "inside the range" if within else "outside the range"))
         marks.append("bad" if within else "plain")
     exact = "from guardian maps, no grid" if study.frozen.critical.exact else "searched on a grid"
-    return [Table(("variable", "value", "for rising values", "pole crosses at", "frequency", "where"), tuple(rows),
+    return [PageTable(("variable", "value", "for rising values", "pole crosses at", "frequency", "where"), tuple(rows),
                   f"Values at which the frozen model changes stability, over the whole real line ({exact}).",
                   (1, 4), tuple(marks))]
 
@@ -276,18 +282,18 @@ def _certificate(study: StabilityStudy) -> list[Item]:
     rows = [("verdict", c.verdict), ("claim", c.claim), ("kind", c.kind), ("rate of change allowed", speeds or "–"),
             ("margin", number(c.margin)), ("proven between grid points", "yes" if c.between_grid else "no"),
             ("guaranteed decay", "–" if not c.time_constant else f"exp(−t/{number(c.time_constant, 4, 's')})")]
-    items: list[Item] = [Table((), tuple(rows), "Re-checked with numpy alone, whatever the solver said.")]
+    items: list[Item] = [PageTable((), tuple(rows), "Re-checked with numpy alone, whatever the solver said.")]
     if c.divergence is not None:
         items.append(Paragraph(f"Counterexample: the model {c.divergence}.", strong=True))
     return items
 
 
-def _locus_figure(found: PoleLocus, band: PoleBand | None, study: StabilityStudy | None, box: Scheduling) -> Figure:
+def _locus_figure(found: PoleLocus, band: PoleBand | None, study: StabilityStudy | None, box: Scheduling) -> PageFigure:
     cloud = f"; grey, the poles of {band.draws} models drawn from the parameters' covariance" if band else ""
     held = ", ".join(f"{n} = {number(v, 4, u)}" for n, v, u in zip(box.names, box.centre.tolist(), box.units,
                                                                    strict=True) if n != found.variable)
     others = f" Held meanwhile: {held}, the middle of the range." if held else ""
-    return Figure.of(plot.locus(found, band, None if study is None else study.frozen.critical),
+    return PageFigure.of(plot.locus(found, band, None if study is None else study.frozen.critical),
                      f"Left: frozen poles over {found.variable}{cloud}. Right: the largest pole modulus over "
                      f"the range, with the stability limit.{others}",
                      f"Pole locus over {found.variable}")

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.analysis.certificates import Rate
+from lpvid.analysis.certified_margins import LargestRange, LargestRate, certified_share, largest_range, largest_rate
 from lpvid.analysis.frozen import Model
 from lpvid.analysis.gain import Gain, l2_gain
-from lpvid.analysis.certified_margins import LargestRange, LargestRate, certified_share, largest_range, largest_rate
 from lpvid.analysis.stability_certificate import StabilityCertificate
 from lpvid.analysis.uncertainty import StabilityProbability
 from lpvid.identification.layout import ParameterCloud
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.realization import realize
-from lpvid.report.page import Item, Notes, Table, number, percent
+from lpvid.report.page import Item, Notes, PageTable, number, percent
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Questions:
 
 
 @dataclass(frozen=True, eq=False)
-class Reach:
+class StabilityAnswers:
     """Answers to `Questions`; None where nothing was asked, or cannot be answered (see `notes`)."""
 
     largest_range: LargestRange | None = None
@@ -81,11 +81,11 @@ class Reach:
             gain = self.l2_gain
             rows += [("induced gain, certified", f"{number(gain.upper, 6)} ({gain.verdict})"),
                      ("induced gain, reached", f"{number(gain.lower, 6)}" + (f": {gain.worst}" if gain.worst else ""))]
-        items: list[Item] = [Table((), tuple(rows), "Every bound was re-checked with numpy.")] if rows else []
+        items: list[Item] = [PageTable((), tuple(rows), "Every bound was re-checked with numpy.")] if rows else []
         return items + ([Notes(self.notes)] if self.notes else [])
 
 
-NOTHING = Reach()
+NOTHING = StabilityAnswers()
 """Nothing was asked."""
 
 
@@ -96,7 +96,7 @@ def share_in_words(draws: StabilityProbability) -> str:
 
 
 def reach(model: Model, certificate: StabilityCertificate, rate: Rate, asked: Questions, seed: int,
-          say: Callable[[str], None]) -> Reach:
+          report_progress: Callable[[str], None]) -> StabilityAnswers:
     """Answer what was asked about one model and its certificate.
 
     Parameters
@@ -118,21 +118,21 @@ def reach(model: Model, certificate: StabilityCertificate, rate: Rate, asked: Qu
         notes.append("no scheduling variable moves: there is no largest range or rate")
     wide = speed = None
     if asked.range and moves:
-        say("the largest certified range")
+        report_progress("the largest certified range")
         wide = largest_range(model, rate)
     if asked.rate and moves:
-        say("the largest certified rate")
+        report_progress("the largest certified rate")
         speed = largest_rate(model)
     share = None
     if asked.draws:
-        say("the certificate for drawn models")
+        report_progress("the certificate for drawn models")
         share, why = _share(model, certificate, asked.draws, seed)
         notes += [why] if why else []
     gain = None
     if asked.gain:
-        say("the induced gain")
+        report_progress("the induced gain")
         gain = _gain(model, rate)
-    return Reach(wide, speed, share, gain, tuple(notes))
+    return StabilityAnswers(wide, speed, share, gain, tuple(notes))
 
 
 def _share(model: Model, certificate: StabilityCertificate, count: int, seed: int

@@ -14,7 +14,20 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.plot.controllers import controller_gains
 from lpvid.plot.controllers import worst_trajectory as trajectory
 from lpvid.plot.synthesis import frozen_gains, step_responses, weighted_channels
-from lpvid.report.page import OUT, Figure, Item, Mark, Notes, Page, Paragraph, Section, Step, Table, number, percent
+from lpvid.report.page import (
+    OUT,
+    Item,
+    Mark,
+    NextStep,
+    Notes,
+    Page,
+    PageFigure,
+    PageTable,
+    Paragraph,
+    Section,
+    number,
+    percent,
+)
 from lpvid.synthesis.design_log import limiting, limits
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.result import Synthesis
@@ -50,32 +63,32 @@ def synthesis_page(result: Synthesis, plant: GeneralizedPlant, name: str,
 
 def verdict(result: Synthesis, plant: GeneralizedPlant) -> str:
     """The verified gain in a sentence, or why there is no controller."""
-    said = f"{result.verdict.capitalize()}: {result.why or result.method}."
+    stated = f"{result.verdict.capitalize()}: {result.why or result.method}."
     if result.gamma_verified is not None:
         where = "on the whole scheduling box" if result.between_grid else "at the points of a grid only"
         moving = " while the scheduling moves" if plant.box.names else ""
-        said = (f"{result.verdict.capitalize()}: the gain from {', '.join(plant.disturbances)} to "
+        stated = (f"{result.verdict.capitalize()}: the gain from {', '.join(plant.disturbances)} to "
                 f"{', '.join(plant.performance)}, weighted, is at most {number(result.gamma_verified, 4)}{moving}, "
                 f"verified of the closed loop {where}"
                 + (f"; it reaches {number(result.gamma_lower, 4)}" if result.gamma_lower is not None else "")
                 + f" ({result.method or 'matrix inequalities'}).")
-    return said + (f" What to do: {result.mend}." if result.mend else "")
+    return stated + (f" What to do: {result.mend}." if result.mend else "")
 
 
-def _steps(result: Synthesis) -> tuple[Step, ...]:
+def _steps(result: Synthesis) -> tuple[NextStep, ...]:
     if not result.solved:
-        return (Step(f"{result.mend.capitalize()}.") if result.mend else
-                Step("Relax a weight, or bound the rate of the scheduling, and try again."),)
-    return (Step("Let anyone check the certificate without a solver.",
+        return (NextStep(f"{result.mend.capitalize()}.") if result.mend else
+                NextStep("Relax a weight, or bound the rate of the scheduling, and try again."),)
+    return (NextStep("Let anyone check the certificate without a solver.",
                  f"lpvid verify {OUT}/certificate.json {OUT}/closed_loop.json"),
             _taking(result))
 
 
-def _taking(result: Synthesis) -> Step:
+def _taking(result: Synthesis) -> NextStep:
     """How the controller leaves: a continuous one at the rate of the control unit."""
     continuous = result.controller is not None and getattr(result.controller, "sample_time", None) is None
     at = " --sample-rate HZ" if continuous else ""
-    return Step(f"Take the controller to a control unit{', at its rate HZ' if continuous else ''}.",
+    return NextStep(f"Take the controller to a control unit{', at its rate HZ' if continuous else ''}.",
                 f"lpvid export {OUT}/controller.json --to c{at} --out exported")
 
 
@@ -91,16 +104,30 @@ def _figures(result: Synthesis, weights: Mapping[str, LPVStateSpace | float]) ->
     across = "" if not loop.box.names else " One curve for each scheduling point across the range."
     known = [n for n in weights if n in [s.name for s in loop.outputs]]
     items: list[Item] = [
-        Figure.of(frozen_gains(loop, result.gamma_verified), "Gain from the disturbances to the performance signals, "
-                  "with the scheduling held still: no frozen curve may exceed the verified bound." + across,
-                  "Closed-loop gain over frequency"),
-        Figure.of(step_responses(loop), "Responses to a unit step in each disturbance, with the scheduling held still, "
-                  "at the corners of its box.", "Step responses of the closed loop")]
+        PageFigure.of(
+            frozen_gains(loop, result.gamma_verified),
+            "Gain from the disturbances to the performance signals, "
+            "with the scheduling held still: no frozen curve may exceed the verified bound." + across,
+            "Closed-loop gain over frequency",
+        ),
+        PageFigure.of(
+            step_responses(loop),
+            "Responses to a unit step in each disturbance, with the scheduling held still, at the corners of its box.",
+            "Step responses of the closed loop",
+        ),
+    ]
     if known and result.gamma_verified is not None:
-        items.insert(1, Figure.of(weighted_channels(loop, weights, result.gamma_verified), "Gain to each performance "
-                                  "signal before its weight, the scheduling held still; dashed, the inverse of the "
-                                  "weight times the verified bound, which no curve may cross. Where they touch, this "
-                                  f"signal decides the design.{across}", "Gains against the inverse weights"))
+        items.insert(
+            1,
+            PageFigure.of(
+                weighted_channels(loop, weights, result.gamma_verified),
+                "Gain to each performance "
+                "signal before its weight, the scheduling held still; dashed, the inverse of the "
+                "weight times the verified bound, which no curve may cross. Where they touch, this "
+                f"signal decides the design.{across}",
+                "Gains against the inverse weights",
+            ),
+        )
     if result.certificate is not None:
         items.append(Paragraph(str(getattr(result.certificate, "claim", result.certificate)) + ". `lpvid verify "
                                "certificate.json closed_loop.json` re-checks it without a solver."))
@@ -125,25 +152,38 @@ def limit_items(result: Synthesis) -> list[Item]:
     found = limits(loop)
     rows = tuple((x.where or "–", number(x.gain, 4), x.speed, _shares(x.signals[:3]), _shares(x.disturbances[:2]))
                  for x in found)
-    said = limiting(found, result.gamma_verified)
-    items: list[Item] = [Paragraph(said[:1].upper() + said[1:] + ".", strong=True),
-                         Table(("scheduling held at", "gain", "at", "made up of", "for the worst"), rows, "Shares of "
-                               "‖z‖² and ‖w‖² at the frequency of the largest gain: a weight is active where its "
-                               "signal has a share.", (1,))]
+    stated = limiting(found, result.gamma_verified)
+    items: list[Item] = [
+        Paragraph(stated[:1].upper() + stated[1:] + ".", strong=True),
+        PageTable(
+            ("scheduling held at", "gain", "at", "made up of", "for the worst"),
+            rows,
+            "Shares of "
+            "‖z‖² and ‖w‖² at the frequency of the largest gain: a weight is active where its "
+            "signal has a share.",
+            (1,),
+        ),
+    ]
     worst = _worst(loop)
     if worst is None or worst.kind == "frozen":
         return items + ([] if worst is None else [Paragraph(f"No moving scheduling was found with more than the worst "
                                                             f"held one: {number(worst.gain, 4)}, {worst}.")])
-    return [*items, Figure.of(trajectory(worst), f"One period of the scheduling with the largest gain that was found, "
-                              f"{number(worst.gain, 4)}: {worst}. A search can only underestimate.",
-                              "Worst trajectory of the scheduling")]
+    return [
+        *items,
+        PageFigure.of(
+            trajectory(worst),
+            f"One period of the scheduling with the largest gain that was found, "
+            f"{number(worst.gain, 4)}: {worst}. A search can only underestimate.",
+            "Worst trajectory of the scheduling",
+        ),
+    ]
 
 
 def _shares(signals: tuple[tuple[str, float], ...]) -> str:
     return ", ".join(f"{n} {percent(share)}" for n, share in signals if share >= 0.01)
 
 
-def gains_item(controller: LPVStateSpace) -> Figure:
+def gains_item(controller: LPVStateSpace) -> PageFigure:
     """The controller's gains over frequency and scheduling.
 
     Parameters
@@ -156,7 +196,7 @@ def gains_item(controller: LPVStateSpace) -> Figure:
     Figure
         With its caption.
     """
-    return Figure.of(controller_gains(controller), "Gains from measurements to controls, the scheduling held still"
+    return PageFigure.of(controller_gains(controller), "Gains from measurements to controls, the scheduling held still"
                      + ("; right, over the scheduling." if controller.box.names else "."), "Gains of the controller")
 
 
@@ -179,7 +219,7 @@ def _design(result: Synthesis, plant: GeneralizedPlant) -> list[Item]:
     for n, low, high, rate, unit in zip(box.names, box.lower, box.upper, box.rate, box.units, strict=True):
         speed = "arbitrarily fast" if rate is None else f"at most {number(rate, 4, (unit or '1') + '/s')}"
         rows.append((f"scheduling: {n}", f"{number(low)} … {number(high, 4, unit)}, {speed}"))
-    items: list[Item] = [Table((), tuple(rows), "")]
+    items: list[Item] = [PageTable((), tuple(rows), "")]
     return [*items, Notes(result.notes)] if result.notes else items
 
 
@@ -190,8 +230,15 @@ def _controller(result: Synthesis) -> list[Item]:
     for p in k.box.grid(2)[:4]:
         where = ", ".join(f"{n} = {v:.4g}" for n, v in zip(k.box.names, p, strict=True)) or "–"
         rows.append((where, "; ".join(modes(k.frozen_poles(p), k.sample_time)) or "no states"))
-    return [Paragraph(repr(k)), gains_item(k), Table(("at", "frozen poles: frequency and damping ratio"), tuple(rows),
-                                      "Poles of the controller itself; a pair that swings counts once.")]
+    return [
+        Paragraph(repr(k)),
+        gains_item(k),
+        PageTable(
+            ("at", "frozen poles: frequency and damping ratio"),
+            tuple(rows),
+            "Poles of the controller itself; a pair that swings counts once.",
+        ),
+    ]
 
 
 def modes(poles: np.ndarray, sample_time: float | None) -> list[str]:

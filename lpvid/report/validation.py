@@ -17,7 +17,7 @@ from lpvid.report.figures import (
     run_figures,
     verdict_grade,
 )
-from lpvid.report.page import Item, Notes, Page, Paragraph, Section, Step, number, percent
+from lpvid.report.page import Item, NextStep, Notes, Page, Paragraph, Section, number, percent
 from lpvid.report.responses import drawn_models, frozen_figures, scheduling_places
 from lpvid.simulation import Model
 from lpvid.validation import Validation
@@ -74,22 +74,22 @@ def responses(model: Model, shown: Sequence[Comparison]) -> list[Section]:
     """
     if not shown or not isinstance(model, (LPVTransferFunction, LPVStateSpace)):
         return []
-    places, said = scheduling_places(model.box, shown)
-    items = frozen_figures(model, drawn_models(model), places, said, max(c.record.n_samples for c in shown))
+    places, stated = scheduling_places(model.box, shown)
+    items = frozen_figures(model, drawn_models(model), places, stated, max(c.record.n_samples for c in shown))
     return [Section("Frequency and step response", tuple(items))]
 
 
-def _steps(found: Validation, name: str) -> tuple[Step, ...]:
+def _steps(found: Validation, name: str) -> tuple[NextStep, ...]:
     worst, steps = found.worst, []
     if found.extrapolation_share > 0:
-        steps.append(Step("Measure, and fit again, where the scheduling leaves the range of the training data."))
+        steps.append(NextStep("Measure, and fit again, where the scheduling leaves the range of the training data."))
     if worst is not None and grade(worst.free_run.esr) == "bad":
-        steps.append(Step(f"Look at '{worst.name}' first: is it the data, or the model?",
+        steps.append(NextStep(f"Look at '{worst.name}' first: is it the data, or the model?",
                           f"lpvid inspect FILE-OF-{worst.name} --out audit"))
     if grade(found.overall.free_run.esr) != "good":
-        steps.append(Step("Let the diagnosis say what the model lacks.", f"lpvid diagnose DATA --baseline {name} "
+        steps.append(NextStep("Let the diagnosis say what the model lacks.", f"lpvid diagnose DATA --baseline {name} "
                           "--out diagnosis"))
-    steps.append(Step("Set it beside other models on the same records.", f"lpvid compare {name} OTHER.json DATA "
+    steps.append(NextStep("Set it beside other models on the same records.", f"lpvid compare {name} OTHER.json DATA "
                       "--out compared"))
     return tuple(steps)
 

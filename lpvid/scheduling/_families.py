@@ -14,7 +14,7 @@ from lpvid.scheduling.polynomial import Polynomial
 from lpvid.scheduling.product import Product
 
 
-class Family(ABC):
+class BasisFamily(ABC):
     """Sum and product of two bases where both belong to the family."""
 
     @abstractmethod
@@ -26,7 +26,7 @@ class Family(ABC):
         """A basis that spans all products, and their (M_a, M_b, M) coefficients; None where it cannot say."""
 
 
-class PolynomialFamily(Family):
+class PolynomialFamily(BasisFamily):
     """Polynomials, and products of polynomials, of any variables in any normalisation."""
 
     def joined(self, a: Basis, b: Basis) -> tuple[Basis, np.ndarray, np.ndarray] | None:
@@ -57,7 +57,7 @@ class PolynomialFamily(Family):
         return wide, table.reshape(basis.size, wide.size)
 
 
-class FourierFamily(Family):
+class FourierFamily(BasisFamily):
     """Fourier bases of one variable, period and origin."""
 
     def joined(self, a: Basis, b: Basis) -> tuple[Basis, np.ndarray, np.ndarray] | None:

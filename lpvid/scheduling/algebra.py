@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.scheduling._families import Family, FourierFamily, PolynomialFamily
+from lpvid.scheduling._families import BasisFamily, FourierFamily, PolynomialFamily
 from lpvid.scheduling.basis import Basis
 from lpvid.scheduling.polynomial import Polynomial
 from lpvid.scheduling.product import Product
@@ -14,7 +14,7 @@ from lpvid.scheduling.stacked import Stacked
 
 ONE = Polynomial((), 0)
 """The basis of what does not move."""
-FAMILIES: tuple[Family, ...] = (PolynomialFamily(), FourierFamily())
+FAMILIES: tuple[BasisFamily, ...] = (PolynomialFamily(), FourierFamily())
 """Bases that are closed under sum and product; a new one adds its line here."""
 
 

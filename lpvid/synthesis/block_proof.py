@@ -15,7 +15,7 @@ from lpvid.scheduling import Polynomial
 from lpvid.synthesis.design_grid import is_affine
 from lpvid.synthesis.figures import Figure
 from lpvid.synthesis.loop_certificate import own_certificate
-from lpvid.synthesis.loop_check import SAFETY, Storage, gain_bounds
+from lpvid.synthesis.loop_check import SAFETY, LoopStorage, gain_bounds
 from lpvid.synthesis.scaling import Matrices
 
 GRID = {0: 1, 1: 33, 2: 9}
@@ -24,7 +24,7 @@ DIGITS = 1.002
 """share up to which a storage function written as one matrix may prove less than its two blocks do: rounding"""
 
 
-def gain_figure(channel: str, loop: LPVStateSpace, promised: float, storage: Storage) -> Figure | None:
+def gain_figure(channel: str, loop: LPVStateSpace, promised: float, storage: LoopStorage) -> Figure | None:
     """The bound of the induced gain; None where the storage function proves none."""
     at, many = _corners(loop)
     bound = float(gain_bounds(at, _repeated(storage, many), 0, discrete=loop.is_discrete).max())
@@ -40,7 +40,7 @@ def gain_figure(channel: str, loop: LPVStateSpace, promised: float, storage: Sto
                   is_affine(loop.basis) or proven, own)
 
 
-def variance_figure(channel: str, loop: LPVStateSpace, promised: float, storage: Storage) -> Figure | None:
+def variance_figure(channel: str, loop: LPVStateSpace, promised: float, storage: LoopStorage) -> Figure | None:
     """The bound of the H2 norm, rms of z while w is white noise of unit intensity, at every instant of any trajectory.
 
     With Q = P⁻¹ and the least s for which AQ + QAᵀ + BBᵀ/s ≼ 0 (or AQAᵀ − Q + BBᵀ/s ≼ 0) everywhere, sQ bounds the
@@ -68,6 +68,6 @@ def _corners(loop: LPVStateSpace) -> tuple[Matrices, int]:
     return (a, b, c, d), len(points)
 
 
-def _repeated(v: Storage, many: int) -> Storage:
+def _repeated(v: LoopStorage, many: int) -> LoopStorage:
     first, second = (np.tile(m[:1], (many, 1, 1)) for m in (v.first, v.second))
-    return Storage(first, second, 0 * first[:, None], 0 * second[:, None], v.mix)
+    return LoopStorage(first, second, 0 * first[:, None], 0 * second[:, None], v.mix)

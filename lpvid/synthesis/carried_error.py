@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid.analysis.gain import l2_gain
 from lpvid.lmi.driven import driven
-from lpvid.lmi.gain_certificate import GainCertificate, kind_of, recheck_gain
+from lpvid.lmi.gain_certificate import GainCertificate, certificate_kind, recheck_gain
 from lpvid.lmi.storage import Storage
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.figures import channel
@@ -74,7 +74,7 @@ def _rechecked(found: Synthesis, loop: LPVStateSpace) -> GainCertificate | None:
         gamma = old.gamma * (1 + share)
         outcome = recheck_gain(system, storage, gamma)
         if outcome.holds:
-            return GainCertificate(kind_of(storage), gamma, old.matrices, old.basis, old.box, old.sample_time,
+            return GainCertificate(certificate_kind(storage), gamma, old.matrices, old.basis, old.box, old.sample_time,
                                    system.digest, system.inputs, system.outputs, outcome.margin, outcome.between_grid,
                                    old.solver)
     return None

@@ -11,10 +11,10 @@ from lpvid.scheduling import Basis, Scheduling
 from lpvid.synthesis.balanced_plant import BalancedPlant
 from lpvid.synthesis.design_grid import columns
 from lpvid.synthesis.generalized_plant import PlantMatrices
-from lpvid.synthesis.loop_check import Storage
-from lpvid.synthesis.projection import Pair, Variation
+from lpvid.synthesis.loop_check import LoopStorage
+from lpvid.synthesis.projection import MatrixPair, Variation
 from lpvid.synthesis.reconstruction import (
-    Lyapunov,
+    LyapunovPair,
     closed_through,
     controller_at,
     dual,
@@ -99,14 +99,14 @@ class ControllerFormula:
 
     plant: BalancedPlant
     variations: Variations
-    pair: Pair
+    pair: MatrixPair
     inner: np.ndarray
     gamma: float
     efforts: tuple[np.ndarray, np.ndarray]
     outer: np.ndarray
 
     @classmethod
-    def gentle(cls, plant: BalancedPlant, variations: Variations, pair: Pair, gamma: float, points: np.ndarray
+    def gentle(cls, plant: BalancedPlant, variations: Variations, pair: MatrixPair, gamma: float, points: np.ndarray
                ) -> ControllerFormula | None:
         """The formula with as much fictitious effort and noise as the bound allows at the points; None for no bound."""
         n = pair.x.shape[1]
@@ -141,23 +141,23 @@ class ControllerFormula:
                 slopes[:, i] = q @ v.drift(gradients[:, i]) @ back
         return k, slopes
 
-    def storage(self, points: np.ndarray) -> Storage:
+    def storage(self, points: np.ndarray) -> LoopStorage:
         """Of the closed loop with [x; x_K], both as the plant and the returned controller have them."""
         v, d = self._lyapunov(points), self.plant.units.states[:, None] * self.inner
         zero, q = np.zeros_like(d), self.outer
         first, second, first_slope, second_slope = (*v.blocks(), *v.block_slopes())
         mix = np.block([[d, zero], [-q, q]]) if v.by_measurements else np.block([[d, d], [zero, q]])
         time = self.plant.units.time
-        return Storage(first, second, time * first_slope, time * second_slope, mix)
+        return LoopStorage(first, second, time * first_slope, time * second_slope, mix)
 
     def _plant(self, points: np.ndarray) -> PlantMatrices:
         at, t = self.plant.at(points), self.inner
         back = np.linalg.inv(t)
         return replace(at, A=back @ at.A @ t, B1=back @ at.B1, B2=back @ at.B2, C1=at.C1 @ t, C2=at.C2 @ t)
 
-    def _lyapunov(self, points: np.ndarray) -> Lyapunov:
+    def _lyapunov(self, points: np.ndarray) -> LyapunovPair:
         x, y = self.variations.at(points, self.plant.units.time)
-        return Lyapunov(x.at(self.pair.x), y.at(self.pair.y), x.slope(self.pair.x), y.slope(self.pair.y),
+        return LyapunovPair(x.at(self.pair.x), y.at(self.pair.y), x.slope(self.pair.x), y.slope(self.pair.y),
                         _by_measurements(self.variations))
 
 
@@ -165,7 +165,7 @@ def _by_measurements(variations: Variations) -> bool:
     return variations.varying != "controls" or not variations.moving
 
 
-def _balanced(variations: Variations, pair: Pair, points: np.ndarray) -> tuple[Pair, np.ndarray]:
+def _balanced(variations: Variations, pair: MatrixPair, points: np.ndarray) -> tuple[MatrixPair, np.ndarray]:
     """The pair where its two means are one diagonal matrix, and the coordinates in which they are.
 
     By factors, as in balanced truncation: X and Y apart differ less than their product does from the identity.

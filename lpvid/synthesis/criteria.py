@@ -63,7 +63,7 @@ class _Channel:
         into, out = self.indices(plant)
         return np.eye(len(plant.disturbances))[:, into], np.eye(len(plant.performance))[out]
 
-    def says(self, plant: GeneralizedPlant) -> str:
+    def description(self, plant: GeneralizedPlant) -> str:
         """The channel in words."""
         return (f"{', '.join(self.disturbances or plant.disturbances)} to "
                 f"{', '.join(self.performance or plant.performance)}")

@@ -117,9 +117,9 @@ def limiting(found: tuple[Limit, ...], level: float | None) -> str:
     if not found:
         return ""
     most = found[0].gain
-    told = list(dict.fromkeys(str(x) for x in found if x.gain >= NEAR * most))[:2]
-    said = f"{'; '.join(told)} limit{'s' if len(told) == 1 else ''} gamma"
-    return said if not level else f"{said}: {most:.4g} of the verified {level:.4g} with the scheduling held"
+    described = list(dict.fromkeys(str(x) for x in found if x.gain >= NEAR * most))[:2]
+    stated = f"{'; '.join(described)} limit{'s' if len(described) == 1 else ''} gamma"
+    return stated if not level else f"{stated}: {most:.4g} of the verified {level:.4g} with the scheduling held"
 
 
 def _at(loop: LPVStateSpace, point: np.ndarray) -> Limit:

@@ -14,7 +14,7 @@ from lpvid.scheduling import Basis, Polynomial, Scheduling
 from lpvid.scheduling.algebra import common
 from lpvid.synthesis._form_parts import checking_points, matrix, rebuilt, tensor
 from lpvid.synthesis.matrix_function import MatrixFunction, block
-from lpvid.synthesis.sampling_rules import Frozen, Moving, Rule, ZeroOrderHold, remainder
+from lpvid.synthesis.sampling_rules import Frozen, Moving, SamplingRule, ZeroOrderHold, remainder
 
 SAMPLES = 400
 """Length of the comparison run."""
@@ -46,7 +46,7 @@ class Discretisation:
     """
 
     model: LPVStateSpace
-    rule: Rule
+    rule: SamplingRule
     sample_time: float
     misfit: float
     error: float
@@ -61,8 +61,15 @@ class Discretisation:
                 f"({len(self.model.basis.labels)} functions)")
 
 
-def discretise(system: LPVStateSpace, sample_time: float, rule: Rule | None = None, *, basis: Basis | None = None,
-               tolerance: float = 1e-8, highest: int = 4) -> Discretisation:
+def discretise(
+    system: LPVStateSpace,
+    sample_time: float,
+    rule: SamplingRule | None = None,
+    *,
+    basis: Basis | None = None,
+    tolerance: float = 1e-8,
+    highest: int = 4,
+) -> Discretisation:
     """A continuous LPV system sampled with period T, input and scheduling held over the sample.
 
     `Taylor` and `Euler` stay inside the products of the basis and are carried out exactly. `ZeroOrderHold` and `Tustin`
@@ -110,7 +117,7 @@ def discretise(system: LPVStateSpace, sample_time: float, rule: Rule | None = No
     return _stated(system, model, rule, period, model, misfit)
 
 
-def to_continuous(system: LPVStateSpace, rule: Rule | None = None, *, basis: Basis | None = None,
+def to_continuous(system: LPVStateSpace, rule: SamplingRule | None = None, *, basis: Basis | None = None,
                   tolerance: float = 1e-8, highest: int = 4) -> Discretisation:
     """The continuous LPV system whose samples, by the same rule, are the discrete one.
 
@@ -197,8 +204,14 @@ def _powers(basis: Basis, box: Scheduling, highest: int):
 
 
 # -- how far apart ---------------------------------------------------------------------------------------------------
-def _stated(continuous: LPVStateSpace, discrete: LPVStateSpace, rule: Rule, period: float, result: LPVStateSpace,
-            misfit: float) -> Discretisation:
+def _stated(
+    continuous: LPVStateSpace,
+    discrete: LPVStateSpace,
+    rule: SamplingRule,
+    period: float,
+    result: LPVStateSpace,
+    misfit: float,
+) -> Discretisation:
     from scipy.linalg import matrix_balance
 
     points = checking_points(continuous.box)

@@ -88,10 +88,12 @@ def measure(criterion: HInfinity | H2, plant: GeneralizedPlant, loop: LPVStateSp
         still = Polynomial((), 0)
         bounds = h2_norm(_transposed(part), basis=still if part.is_discrete else storage)
         if not part.box.names:  # the Lyapunov equation has the norm itself
-            return Figure("H2", criterion.says(plant), promised, bounds.lower, bounds.lower, True)
-        return Figure("H2", criterion.says(plant), promised, _finite(bounds.upper), bounds.lower, bounds.between_grid)
+            return Figure("H2", criterion.description(plant), promised, bounds.lower, bounds.lower, True)
+        return Figure(
+            "H2", criterion.description(plant), promised, _finite(bounds.upper), bounds.lower, bounds.between_grid
+        )
     found = l2_gain(part, basis=storage, trajectories=False)
-    return Figure("H-infinity", criterion.says(plant), promised, _finite(found.upper), found.lower,
+    return Figure("H-infinity", criterion.description(plant), promised, _finite(found.upper), found.lower,
                   found.between_grid, found.certificate)
 
 

@@ -11,10 +11,10 @@ from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial
+from lpvid.synthesis.attach_weights import weigh
 from lpvid.synthesis.design_grid import varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import connect
-from lpvid.synthesis.attach_weights import weigh
 from lpvid.synthesis.weights import lowpass
 
 
@@ -56,7 +56,7 @@ class Filtered:
         return connect([renamed, *blocks], inputs, outputs) if blocks else controller
 
 
-def steadied(plant: GeneralizedPlant, bandwidth: float) -> Filtered:
+def add_actuator_filters(plant: GeneralizedPlant, bandwidth: float) -> Filtered:
     """Filters of one bandwidth where the gains of a control or measurement move with the scheduling, and only there.
 
     The design inequalities are then affine in the scheduling, and hold between the corners of the box (Apkarian &
@@ -74,7 +74,7 @@ def steadied(plant: GeneralizedPlant, bandwidth: float) -> Filtered:
     >>> system = LPVStateSpace([[[-1.0]], [[0.0]]], [[[1.0, 1.0]], [[0.0, 0.5]]], [[[1.0], [1.0]], [[0.0], [0.0]]],
     ...                        np.zeros((2, 2, 2)), Polynomial("p", 1), None, Scheduling(("p",), (0.0,), (1.0,)),
     ...                        inputs=(Signal("road"), Signal("force")), outputs=(Signal("comfort"), Signal("sensor")))
-    >>> found = steadied(GeneralizedPlant(system, ("force",), ("sensor",)), 100.0)
+    >>> found = add_actuator_filters(GeneralizedPlant(system, ("force",), ("sensor",)), 100.0)
     >>> found.bandwidths, found.plant.order
     ({'force': 100.0}, 2)
     """
@@ -98,3 +98,7 @@ def _filter(omega: float, sample_time: float | None) -> LPVStateSpace:
     pole = np.exp(-omega * sample_time)
     a, b, c, d = (np.full((1, 1, 1), value) for value in (pole, 1 - pole, 1.0, 0.0))
     return LPVStateSpace(a, b, c, d, Polynomial((), 0), sample_time, inputs=(Signal("in"),), outputs=(Signal("out"),))
+
+
+steadied = add_actuator_filters
+"""Deprecated name of `add_actuator_filters`."""

@@ -27,7 +27,7 @@ from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.output_feedback import OutputFeedback, Rate, _rated
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_loop import moves
-from lpvid.synthesis.shaped_program import Coordinates
+from lpvid.synthesis.shaped_program import SignalCoordinates
 from lpvid.synthesis.structure_starts import drawn, imitated, observed
 
 KEPT = 1.12
@@ -208,7 +208,7 @@ class _Problem:
     lyapunov: Basis
     points: np.ndarray
     few: np.ndarray
-    coordinates: Coordinates
+    coordinates: SignalCoordinates
     frozen: FrozenLoops
     method: str
 
@@ -227,19 +227,23 @@ class _Problem:
         attached = design.structure.attach(plant)
         raw = _over(attached.plant, plant, points)
         if raw.D22.any():
-            raise InputError("controls reach the measurements directly, which a fixed structure cannot undo",
-                             got=f"{', '.join(plant.controls)} in {', '.join(plant.measurements)}",
-                             mend="measure without that path, or put a fast lag into it: lpv.steadied, lpv.weigh")
-        coordinates = Coordinates.of(raw, discrete)
+            raise InputError(
+                "controls reach the measurements directly, which a fixed structure cannot undo",
+                got=f"{', '.join(plant.controls)} in {', '.join(plant.measurements)}",
+                mend="measure without that path, or put a fast lag into it: lpv.add_actuator_filters, lpv.weigh",
+            )
+        coordinates = SignalCoordinates.of(raw, discrete)
         scaled = _paced(coordinates.scaled(raw), coordinates.pace)
         few = points
         if not lyapunov.names and is_affine(gain) and is_affine(attached.plant.system.basis) and not any(
                 varies(x) for x in (raw.B2, raw.D12, raw.C2, raw.D21)):
             few = tensor(design_axes(box, 2, True)) if design.hull is None else _corners(design.hull, box)
         elif design.hull is not None:
-            raise InputError("a hull needs a closed loop that is affine in the scheduling",
-                             got=", ".join((*attached.plant.system.basis.labels, *gain.labels)),
-                             mend="steady gains of controls and measurements (lpv.steadied), gains of degree one")
+            raise InputError(
+                "a hull needs a closed loop that is affine in the scheduling",
+                got=", ".join((*attached.plant.system.basis.labels, *gain.labels)),
+                mend="steady gains of controls and measurements (lpv.add_actuator_filters), gains of degree one",
+            )
         frozen = FrozenLoops(scaled, columns(box, gain, points), attached.free, discrete)
         method = (f"{type(design.structure).__name__}, gains over {', '.join(gain.labels)}, "
                   f"{'P over ' + ', '.join(lyapunov.labels) if lyapunov.names else 'one quadratic P'}, "

@@ -10,8 +10,8 @@ from lpvid.model.lft import LFTModel
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.synthesis.forms import to_lft
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
-from lpvid.synthesis.loop_check import Storage
-from lpvid.synthesis.shaped_program import Coordinates
+from lpvid.synthesis.loop_check import LoopStorage
+from lpvid.synthesis.shaped_program import SignalCoordinates
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class FractionalController:
     matrix: np.ndarray
     order: int
     repetitions: tuple[int, ...]
-    storage: Storage | None = None
+    storage: LoopStorage | None = None
 
     def at(self, delta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """A_K, B_K, C_K, D_K at normalised scheduling values δ of shape (len(repetitions),)."""
@@ -85,7 +85,7 @@ class FractionalController:
         return closed[:n, :n], closed[:n, n:], closed[n:, :n], closed[n:, n:]
 
 
-def fractional_plant(plant: GeneralizedPlant, c: Coordinates) -> FractionalPlant:
+def fractional_plant(plant: GeneralizedPlant, c: SignalCoordinates) -> FractionalPlant:
     """The linear fractional form of a plant, its signals sorted, factorised in scaled coordinates.
 
     The factorisation cuts small singular values, which means something only where states and signals are of one size.
@@ -101,7 +101,7 @@ def fractional_plant(plant: GeneralizedPlant, c: Coordinates) -> FractionalPlant
                            plant.sample_time is not None)
 
 
-def _scaled(plant: GeneralizedPlant, c: Coordinates) -> LPVStateSpace:
+def _scaled(plant: GeneralizedPlant, c: SignalCoordinates) -> LPVStateSpace:
     """The plant's system in scaled states, controls and measurements, time in units of 1/pace."""
     system, root = plant.system, np.sqrt(c.pace)
     size_in = dict(zip(plant.controls, c.controls, strict=True))

@@ -10,7 +10,7 @@ from lpvid.lmi.affine import he
 from lpvid.lmi.program import Program
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.projected_search import start_roots
-from lpvid.synthesis.projection import Half, Projected, null_space
+from lpvid.synthesis.projection import Half, ProjectedInequalities, null_space
 from lpvid.synthesis.riccati import least_gain
 
 BEYOND = 1e6
@@ -19,7 +19,7 @@ the middle of the box. Two disks and a quarter car, which have controllers, are 
 one X up to 1e8; an X of larger condition than 1/√eps = 7e7 proves nothing in double precision."""
 
 
-def obstacle(plant: GeneralizedPlant, problem: Projected) -> tuple[str, str, str]:
+def obstacle(plant: GeneralizedPlant, problem: ProjectedInequalities) -> tuple[str, str, str]:
     """Verdict, why and mend for a plant on which no solver found a bound at all.
 
     A bound exists as soon as both sides can be stabilised: X ≻ 0 with Nᵀ(He(AX) − Ẋ)N ≺ 0, N spanning the null space
@@ -46,7 +46,7 @@ def obstacle(plant: GeneralizedPlant, problem: Projected) -> tuple[str, str, str
             "scale the signals to similar size, make very slow or very fast weights less so" + slow * bool(scheduled))
 
 
-def hopeless(problem: Projected) -> bool:
+def hopeless(problem: ProjectedInequalities) -> bool:
     """That one side cannot be had is shown."""
     return any(_refuted(half, root) >= BEYOND for half, root in zip(problem.halves, start_roots(problem), strict=True))
 

@@ -30,7 +30,7 @@ from lpvid.synthesis.plant_functions import named
 from lpvid.synthesis.preconditioning import preconditioned
 from lpvid.synthesis.progress import remember, stage
 from lpvid.synthesis.result import Synthesis
-from lpvid.synthesis.shaped_program import Coordinates
+from lpvid.synthesis.shaped_program import SignalCoordinates
 
 MOST = 1.03
 """times the promise up to which the controller's own storage function is asked for a proof: writing the rational
@@ -83,7 +83,7 @@ class LFTFeedback:
                              mend="delay them by a fast lag, or use OutputFeedback")
         ready = preconditioned(plant, corners)
         inner, turn = ready.plant, ready.turn
-        c = Coordinates.of(inner.at(corners), plant.sample_time is not None)
+        c = SignalCoordinates.of(inner.at(corners), plant.sample_time is not None)
         lowest, best = math.inf, None
         for least, fractional, found in settled_levels(fractional_plant(inner, c), self.back_off):
             lowest = min(lowest, least)
@@ -102,7 +102,7 @@ class LFTFeedback:
                          mend="use OutputFeedback with a Lyapunov matrix that depends on the scheduling, and rates",
                          infimum=lowest if math.isfinite(lowest) else None, seconds=time.perf_counter() - started)
 
-    def _recovered(self, plant: GeneralizedPlant, turn: np.ndarray, c: Coordinates, fractional: FractionalPlant,
+    def _recovered(self, plant: GeneralizedPlant, turn: np.ndarray, c: SignalCoordinates, fractional: FractionalPlant,
                    lowest: float, found: dict[str, np.ndarray]) -> Synthesis | None:
         """The first controller that keeps its promise, or the best that was verified."""
         best: Synthesis | None = None
@@ -135,13 +135,13 @@ class LFTFeedback:
 
 
 def _proven(plant: GeneralizedPlant, loop: LPVStateSpace, promised: float, law: FractionalController, turn: np.ndarray,
-            c: Coordinates) -> Figure | None:
+            c: SignalCoordinates) -> Figure | None:
     """The promise by the storage function that came with the controller; None where that does not prove it."""
     if law.storage is None:
         return None
     v, own = law.storage, diagonal(turn * c.states, np.eye(law.order))  # of x and x_K times the root of the pace
     root = np.sqrt(c.pace)
-    found = gain_figure(HInfinity().says(plant), loop, promised,
+    found = gain_figure(HInfinity().description(plant), loop, promised,
                         replace(v, first=v.first / c.pace, second=v.second / c.pace, mix=own / root @ v.mix))
     return found if found is not None and found.between_grid and found.verified <= MOST * promised else None
 
@@ -168,7 +168,7 @@ def _tried(plant: FractionalPlant, gamma: float, found: dict[str, np.ndarray]
         return
 
 
-def _written(plant: GeneralizedPlant, c: Coordinates, law: FractionalController) -> LPVStateSpace:
+def _written(plant: GeneralizedPlant, c: SignalCoordinates, law: FractionalController) -> LPVStateSpace:
     """A controller over the scheduling in the plant's units: a polynomial through its values."""
     box, n, root = plant.box, law.order, np.sqrt(c.pace)
     half = np.where(box.half_width > 0, box.half_width, 1.0)

@@ -22,7 +22,7 @@ from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
 from lpvid.synthesis.plant_functions import named, plant_functions
 from lpvid.synthesis.shaped_loop import combined, moves
-from lpvid.synthesis.shaped_program import PATIENT, Coordinates, known, tame
+from lpvid.synthesis.shaped_program import PATIENT, SignalCoordinates, known, tame
 
 STRICT = 1e-7
 """margin of the inequalities, in scaled coordinates"""
@@ -199,7 +199,7 @@ class _Parts:
     def solved(self, design: LipschitzObserver, bound: float | None) -> tuple[float, MatrixFunction] | None:
         """(γ, L) of least γ, or of the tamest P and Y at a bound."""
         raw = self.plant.at(self.points)
-        c = Coordinates.of(raw, False)
+        c = SignalCoordinates.of(raw, False)
         m, root = c.scaled(raw), np.sqrt(c.pace)
         n, ny = self.plant.order, len(self.plant.measurements)
         phi = [self.plant.disturbances.index(x) for x in self.phi]

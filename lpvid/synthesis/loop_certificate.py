@@ -8,7 +8,7 @@ import numpy as np
 
 from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.driven import driven
-from lpvid.lmi.gain_certificate import GainCertificate, certify_gain, kind_of, recheck_gain
+from lpvid.lmi.gain_certificate import GainCertificate, certificate_kind, certify_gain, recheck_gain
 from lpvid.lmi.storage import Storage
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Fourier, Polynomial, Scheduling
@@ -56,8 +56,19 @@ def proven(loop: LPVStateSpace, bound: float, proposals: Iterable[tuple[Basis, n
                 return best
             found = recheck_gain(system, storage, gamma)
             if found.holds and (best is None or found.between_grid > best.between_grid):
-                best = GainCertificate(kind_of(storage), gamma, matrices, basis, box, system.sample_time, system.digest,
-                                       system.inputs, system.outputs, found.margin, found.between_grid)
+                best = GainCertificate(
+                    certificate_kind(storage),
+                    gamma,
+                    matrices,
+                    basis,
+                    box,
+                    system.sample_time,
+                    system.digest,
+                    system.inputs,
+                    system.outputs,
+                    found.margin,
+                    found.between_grid,
+                )
             if found.holds:
                 break
         if best is not None and best.between_grid:

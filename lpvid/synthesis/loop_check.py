@@ -13,7 +13,7 @@ SAFETY = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Storage:
+class LoopStorage:
     """V = ξᵀ diag(first, second) ξ of a closed loop with [x; x_K] = mix·ξ, at N points and T corners of the rates.
 
     Two blocks apart, each scaled by its own Cholesky factor, keep their digits where one matrix of both would not.
@@ -41,7 +41,7 @@ class Storage:
         return 0.5 * (p + p.swapaxes(1, 2))
 
 
-def gain_bounds(loop: Matrices, v: Storage, corner: int, *, discrete: bool = False) -> np.ndarray:
+def gain_bounds(loop: Matrices, v: LoopStorage, corner: int, *, discrete: bool = False) -> np.ndarray:
     """(N,) the smallest γ for which V proves the bounded-real inequality; infinite where V does not decrease.
 
     After the congruence that makes P the identity, γ > λmax(H + Gᵀ M⁻¹ G) with M = −He(A) − Ṗ, G = [B Cᵀ],

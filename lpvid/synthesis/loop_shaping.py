@@ -9,13 +9,13 @@ from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
+from lpvid.synthesis.attach_weights import Weight, _named
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.interconnection import connect
 from lpvid.synthesis.joining import gain
 from lpvid.synthesis.output_feedback import OutputFeedback
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.synthesizing import Design, synthesize
-from lpvid.synthesis.attach_weights import Weight, _named
 
 GENEROUS = 0.25
 """margin above which the shape is kept about as drawn (McFarlane & Glover 1992: below it, draw another)"""

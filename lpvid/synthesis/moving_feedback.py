@@ -48,7 +48,7 @@ from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.scaling import Matrices
 from lpvid.synthesis.shaped_design import KEPT, ShapedProblem, Values, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, combined, moves
-from lpvid.synthesis.shaped_program import Coordinates, Shaped, Shaping, tame
+from lpvid.synthesis.shaped_program import Shaped, Shaping, SignalCoordinates, tame
 
 ABOVE = 1.05
 """Factor by which the proven gain may lie above the promise: between the points of a grid (1) misses it by 1 to 2 % for
@@ -79,7 +79,7 @@ def moving_feedback(plant: GeneralizedPlant, lyapunov: Basis, axes: tuple[np.nda
     """
     axes = _with_kinks(plant, lyapunov, axes)
     raw = plant.at(tensor(axes))
-    coordinates = Coordinates.of(raw, True)
+    coordinates = SignalCoordinates.of(raw, True)
     gains = richer(plant, lyapunov, axes)
     direct = not strictly_proper and not raw.D22.any()
     found = settle(_Moving(plant, (HInfinity(bound=bound),), (), 1 + back_off, lyapunov, gains, axes, turned, direct,
@@ -123,7 +123,7 @@ class _Moving(ShapedProblem):
     axes: tuple[np.ndarray, ...]
     turned: bool
     direct: bool
-    coordinates: Coordinates
+    coordinates: SignalCoordinates
 
     @property
     def method(self) -> str:

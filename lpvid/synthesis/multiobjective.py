@@ -20,7 +20,7 @@ from lpvid.synthesis.design_grid import columns, design_axes, is_affine, tensor,
 from lpvid.synthesis.figures import Figure, channel
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
-from lpvid.synthesis.loop_check import Storage
+from lpvid.synthesis.loop_check import LoopStorage
 from lpvid.synthesis.matrix_function import MatrixFunction
 from lpvid.synthesis.matrix_function import block as function_block
 from lpvid.synthesis.plant_functions import assembled, named, plant_functions
@@ -28,7 +28,7 @@ from lpvid.synthesis.preconditioning import Preconditioned, balancing, precondit
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import Criterion, ShapedProblem, check_criteria, listed, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, combined
-from lpvid.synthesis.shaped_program import Coordinates, Shaped, Shaping
+from lpvid.synthesis.shaped_program import Shaped, Shaping, SignalCoordinates
 from lpvid.synthesis.variance_feedback import VarianceFeedback, regulated_plant, suits
 
 APART = 4.0
@@ -120,21 +120,21 @@ class MultiObjective:
             (self._stated(plant, criteria, (), axes, False, ready), shaped) for ready, shaped in search.answers(share)))
 
     def _stated(self, plant: GeneralizedPlant, criteria: tuple[Criterion, ...], regions: tuple[Region, ...],
-                axes: tuple[np.ndarray, ...], direct: bool, ready: Preconditioned) -> _Problem:
+                axes: tuple[np.ndarray, ...], direct: bool, ready: Preconditioned) -> _MultiobjectiveProblem:
         raw = ready.plant.at(tensor(axes))
-        coordinates = Coordinates.of(raw, plant.sample_time is not None, ready.balanced)
-        return _Problem(plant, criteria, regions, self.back_off, axes, direct, ready, coordinates,
+        coordinates = SignalCoordinates.of(raw, plant.sample_time is not None, ready.balanced)
+        return _MultiobjectiveProblem(plant, criteria, regions, self.back_off, axes, direct, ready, coordinates,
                         coordinates.scaled(raw))
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem(ShapedProblem):
+class _MultiobjectiveProblem(ShapedProblem):
     """One plant with several objectives, in scaled coordinates of a preconditioned plant."""
 
     axes: tuple[np.ndarray, ...]
     direct: bool
     ready: Preconditioned
-    coordinates: Coordinates
+    coordinates: SignalCoordinates
     matrices: PlantMatrices
 
     @property
@@ -214,14 +214,14 @@ class _Problem(ShapedProblem):
         turn, sizes = balancing(x, y)
         return scaled[:, None] * turn, sizes
 
-    def blocks_of(self, shaped: Shaped) -> Storage:
+    def blocks_of(self, shaped: Shaped) -> LoopStorage:
         """V = Σ x²/σ + σ (x_K − √(σ² − 1)/σ·x)² in the coordinates in which X = Y = diag(σ)."""
         turn, sizes = self._balanced(shaped)
         n = len(sizes)
         follow = np.diag(np.sqrt(np.maximum(sizes**2 - 1, 0.0)) / sizes)
         mix = np.block([[self.ready.turn @ turn, np.zeros((n, n))], [follow, np.eye(n)]])
         first, second = np.diag(1 / sizes)[None], np.diag(sizes)[None]
-        return Storage(first, second, 0 * first[:, None], 0 * second[:, None], mix)
+        return LoopStorage(first, second, 0 * first[:, None], 0 * second[:, None], mix)
 
     def close(self, controller: LPVStateSpace) -> LPVStateSpace:
         return close_loop(self.plant, controller)
@@ -250,8 +250,15 @@ def _by_output_feedback(plant: GeneralizedPlant, criterion: HInfinity, back_off:
         return found
     if found.verdict != "solved" or found.gamma_verified is None:
         return None
-    figure = Figure("H-infinity", criterion.says(plant), found.gamma or found.gamma_verified, found.gamma_verified,
-                    found.gamma_lower, found.between_grid, found.certificate)
+    figure = Figure(
+        "H-infinity",
+        criterion.description(plant),
+        found.gamma or found.gamma_verified,
+        found.gamma_verified,
+        found.gamma_lower,
+        found.between_grid,
+        found.certificate,
+    )
     return replace(found, notes=(str(figure), *found.notes), figures=(figure.to_dict(),))
 
 
@@ -292,7 +299,7 @@ def _over_states(m: PlantMatrices, s: np.ndarray) -> PlantMatrices:
     return replace(m, A=m.A * s / s[:, None], B1=m.B1 / s[:, None], B2=m.B2 / s[:, None], C1=m.C1 * s, C2=m.C2 * s)
 
 
-def _scaled(plant: GeneralizedPlant, c: Coordinates, turn: np.ndarray) -> dict[str, MatrixFunction]:
+def _scaled(plant: GeneralizedPlant, c: SignalCoordinates, turn: np.ndarray) -> dict[str, MatrixFunction]:
     """What the recovery needs of a plant, over states x' = `turn`⁻¹x and with scaled controls and measurements."""
     blocks, x, u, y = plant_functions(plant), turn, *map(np.diag, (c.controls, c.measurements))
     into = {"A": (np.linalg.inv(x), x), "B2": (np.linalg.inv(x), u), "C2": (np.linalg.inv(y), x),

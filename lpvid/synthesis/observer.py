@@ -23,7 +23,7 @@ from lpvid.synthesis.plant_functions import assembled, named, plant_functions
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import Criterion, ShapedProblem, check_criteria, listed, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, combined, moves
-from lpvid.synthesis.shaped_program import Coordinates, Shaped, Shaping, tame
+from lpvid.synthesis.shaped_program import Shaped, Shaping, SignalCoordinates, tame
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,13 +143,13 @@ def estimation_plant(plant: GeneralizedPlant) -> GeneralizedPlant:
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem(ShapedProblem):
+class _ObserverProblem(ShapedProblem):
     """One plant with an observer: its grid, bases and coordinates."""
 
     lyapunov: Basis
     gain: Basis
     axes: tuple[np.ndarray, ...]
-    coordinates: Coordinates
+    coordinates: SignalCoordinates
     matrices: PlantMatrices
 
     @property
@@ -225,7 +225,7 @@ class _Problem(ShapedProblem):
                          named(plant, plant.performance, "_error"))
 
 
-def _problem(design: Observer, plant: GeneralizedPlant) -> _Problem:
+def _problem(design: Observer, plant: GeneralizedPlant) -> _ObserverProblem:
     box = plant.box
     criteria, regions = tuple(design.criteria), tuple(design.regions)  # type: ignore[arg-type]
     lyapunov = (design.lyapunov or Polynomial((), 0)).bound(box)
@@ -239,6 +239,6 @@ def _problem(design: Observer, plant: GeneralizedPlant) -> _Problem:
         gain = richer(plant, lyapunov, axes) if lyapunov.names else plant.system.basis
     check_criteria(plant, criteria, regions, tensor(axes))
     raw = plant.at(tensor(axes))
-    coordinates = Coordinates.of(raw, plant.sample_time is not None)
-    return _Problem(plant, criteria, regions, design.back_off, lyapunov, gain, axes, coordinates,
+    coordinates = SignalCoordinates.of(raw, plant.sample_time is not None)
+    return _ObserverProblem(plant, criteria, regions, design.back_off, lyapunov, gain, axes, coordinates,
                     coordinates.scaled(raw))

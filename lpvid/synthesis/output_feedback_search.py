@@ -14,13 +14,13 @@ from lpvid.synthesis.controller_formula import ControllerFormula, Variations
 from lpvid.synthesis.controller_table import bounds_at, dense, loop_at, smooth, table
 from lpvid.synthesis.design_grid import tensor
 from lpvid.synthesis.generalized_plant import PlantMatrices
+from lpvid.synthesis.infeasibility import hopeless, obstacle
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.loop_certificate import certificate_of
 from lpvid.synthesis.loop_check import frozen_gain
-from lpvid.synthesis.infeasibility import hopeless, obstacle
 from lpvid.synthesis.progress import remember, stage, stopped
 from lpvid.synthesis.projected_search import ROOMY, Clock, conditioned, least_bound
-from lpvid.synthesis.projection import Pair, Projected, regular, restrained, singular
+from lpvid.synthesis.projection import MatrixPair, ProjectedInequalities, regular, restrained, singular
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.riccati import ROOM, central, least_gain
 
@@ -77,10 +77,11 @@ class FeedbackProblem:
         return np.vstack([tensor(self.axes), self.extra])
 
     @property
-    def projected(self) -> Projected:
+    def projected(self) -> ProjectedInequalities:
         """The inequalities."""
-        return Projected(self.plant.at(self.points), *self.variations.at(self.points, self.plant.units.time),
-                         self.strictly_proper)
+        return ProjectedInequalities(
+            self.plant.at(self.points), *self.variations.at(self.points, self.plant.units.time), self.strictly_proper
+        )
 
     @property
     def richer(self) -> str:
@@ -114,7 +115,7 @@ def search(problem: FeedbackProblem, wanted: float | None, back_off: float) -> S
 
 
 def _refined(problem: FeedbackProblem, wanted: float | None, back_off: float) -> Synthesis:
-    known: Pair | None = None
+    known: MatrixPair | None = None
     while True:
         found = _search(problem, wanted, back_off, known)
         if isinstance(found, Synthesis):
@@ -139,8 +140,8 @@ def _kept_near(verified: float, least: float) -> str:
             "bound of any route")
 
 
-def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, known: Pair | None
-            ) -> Synthesis | tuple[np.ndarray, Pair]:
+def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, known: MatrixPair | None
+            ) -> Synthesis | tuple[np.ndarray, MatrixPair]:
     """A synthesis, or (·, n_scheduling) points at which the inequalities are wanted too, with the pair of these."""
     clock = Clock()
     projected = problem.projected
@@ -176,7 +177,9 @@ def _search(problem: FeedbackProblem, wanted: float | None, back_off: float, kno
                      mend="raise back_off or points, or scale the signals to similar size")
 
 
-def _least(projected: Projected, clock: Clock, solvers: tuple[str, ...], known: Pair | None = None) -> Pair | None:
+def _least(
+    projected: ProjectedInequalities, clock: Clock, solvers: tuple[str, ...], known: MatrixPair | None = None
+) -> MatrixPair | None:
     """The pair of least bound; for a plant that does not move, by the Riccati equations too where that is lower."""
     best = least_bound(projected, clock, solvers=solvers, known=known, hopeless=lambda: hopeless(projected))
     if len(projected.plant.A) > 1 or projected.strictly_proper:
@@ -185,10 +188,10 @@ def _least(projected: Projected, clock: Clock, solvers: tuple[str, ...], known: 
     if not 0 < judged < (np.inf if best is None else (1 - MISSED) * best.gamma):
         return best
     found = central(projected.plant, ROOM * judged)
-    return best if found is None else Pair(found.x[None], found.y[None], judged, "Riccati equations", "optimal")
+    return best if found is None else MatrixPair(found.x[None], found.y[None], judged, "Riccati equations", "optimal")
 
 
-def _target(problem: FeedbackProblem, projected: Projected, best: Pair, clock: Clock
+def _target(problem: FeedbackProblem, projected: ProjectedInequalities, best: MatrixPair, clock: Clock
             ) -> tuple[float, tuple[str, ...]]:
     """The bound that is asked for, and a remark where that is not the least."""
     if best.gamma > NOTHING * _size(projected.plant):
@@ -217,7 +220,7 @@ def moderate(problem: FeedbackProblem, bound: float) -> tuple[LPVStateSpace, Con
     return None
 
 
-def _formulas(problem: FeedbackProblem, projected: Projected, best: Pair, gamma: float, clock: Clock
+def _formulas(problem: FeedbackProblem, projected: ProjectedInequalities, best: MatrixPair, gamma: float, clock: Clock
               ) -> Iterator[ControllerFormula]:
     """Controllers at a bound, the most moderate first: with noise and effort where the plant has none, if they fit."""
     plain = next(conditioned(projected, best, gamma, clock, rounds=1, solvers=problem.solvers), None)
@@ -233,13 +236,13 @@ def _formulas(problem: FeedbackProblem, projected: Projected, best: Pair, gamma:
         found = central(projected.plant, gamma)
         if found is not None:
             formula = ControllerFormula.gentle(problem.plant, problem.variations,
-                                               Pair(found.x[None], found.y[None], gamma), gamma * (1 + SLACK),
+                                               MatrixPair(found.x[None], found.y[None], gamma), gamma * (1 + SLACK),
                                                problem.points)
             if formula is not None:
                 yield formula
 
 
-def _gentle(problem: FeedbackProblem, projected: Projected, pair: Pair, gamma: float, clock: Clock
+def _gentle(problem: FeedbackProblem, projected: ProjectedInequalities, pair: MatrixPair, gamma: float, clock: Clock
             ) -> Iterator[ControllerFormula]:
     """Controllers at a bound, each better conditioned than the last."""
     for found in conditioned(projected, pair, gamma, clock, solvers=problem.solvers):

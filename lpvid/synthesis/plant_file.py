@@ -15,9 +15,9 @@ from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial, Scheduling
 from lpvid.synthesis import weights
+from lpvid.synthesis.attach_weights import weigh
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.toml_tables import known_keys, matrix_of, number_of, table_of, text_of, texts_of
-from lpvid.synthesis.attach_weights import weigh
 
 KEYS = ("name", "model", "inputs", "outputs", "controls", "measurements", "sample_time", "scheduling", "matrices",
         "weights", "design")

@@ -34,7 +34,7 @@ class Watch:
         The search was interrupted once: what was found so far is written down.
     """
 
-    say: Say | None = None
+    report_progress: Say | None = None
     best: Synthesis | None = None
     started: float = field(default_factory=time.monotonic)
     stopped: bool = False
@@ -44,7 +44,7 @@ _WATCH: ContextVar[Watch | None] = ContextVar("lpvid_synthesis_watch", default=N
 
 
 @contextmanager
-def watched(say: Say | None) -> Iterator[Watch]:
+def watched(report_progress: Say | None) -> Iterator[Watch]:
     """Follow what runs inside; a synthesis within a synthesis belongs to the outer one.
 
     Parameters
@@ -61,7 +61,7 @@ def watched(say: Say | None) -> Iterator[Watch]:
     if outer is not None:
         yield outer
         return
-    watch = Watch(say)
+    watch = Watch(report_progress)
     token = _WATCH.set(watch)
     try:
         yield watch
@@ -78,8 +78,8 @@ def stage(text: str) -> None:
         One line.
     """
     watch = _WATCH.get()
-    if watch is not None and watch.say is not None:
-        watch.say(text)
+    if watch is not None and watch.report_progress is not None:
+        watch.report_progress(text)
 
 
 def stop_at(error: KeyboardInterrupt) -> None:

@@ -12,8 +12,8 @@ import numpy as np
 from lpvid.lmi.program import SOLVERS, available
 from lpvid.synthesis.progress import Rounds, stop_at
 from lpvid.synthesis.projection import (
-    Pair,
-    Projected,
+    MatrixPair,
+    ProjectedInequalities,
     ProjectedProgram,
     initial,
     roots_of,
@@ -45,8 +45,14 @@ class Clock:
     solving: float = 0.0
 
 
-def least_bound(problem: Projected, clock: Clock, *, solvers: Sequence[str] = SOLVERS, known: Pair | None = None,
-                hopeless: Callable[[], bool] | None = None) -> Pair | None:
+def least_bound(
+    problem: ProjectedInequalities,
+    clock: Clock,
+    *,
+    solvers: Sequence[str] = SOLVERS,
+    known: MatrixPair | None = None,
+    hopeless: Callable[[], bool] | None = None,
+) -> MatrixPair | None:
     """The pair of least γ, in coordinates that follow the answers until the bound settles; None if no solver answers.
 
     Those of a `known` pair, of the same problem at fewer points, come first. `hopeless` is asked once, where the first
@@ -56,7 +62,7 @@ def least_bound(problem: Projected, clock: Clock, *, solvers: Sequence[str] = SO
     Riccati equations refuse at a frozen point. Where all of them fail, bounds above the largest frozen optimum are
     tried, which leaves the solvers room.
     """
-    rough: Pair | None = None
+    rough: MatrixPair | None = None
     for solver in (s for s in solvers if available([s])):
         for pair, roots in itertools.chain([] if known is None else [(known, roots_of(problem, known))],
                                            _starts(problem)):
@@ -71,7 +77,7 @@ def least_bound(problem: Projected, clock: Clock, *, solvers: Sequence[str] = SO
     return _with_room(problem, clock, solvers) or rough
 
 
-def _plausible(problem: Projected, gamma: float) -> bool:
+def _plausible(problem: ProjectedInequalities, gamma: float) -> bool:
     """No frozen point refuses a bound, where its Riccati equations can be solved at `ABOVE` times that.
 
     Where controls are free or measurements exact they only bound the least gain from above, and refuse nothing.
@@ -81,7 +87,7 @@ def _plausible(problem: Projected, gamma: float) -> bool:
         for k in range(len(problem.plant.A)))
 
 
-def _with_room(problem: Projected, clock: Clock, solvers: Sequence[str]) -> Pair | None:
+def _with_room(problem: ProjectedInequalities, clock: Clock, solvers: Sequence[str]) -> MatrixPair | None:
     """A pair for the first multiple of the largest frozen optimum at which there is one."""
     if not problem.plant.A.shape[1]:
         return None
@@ -101,7 +107,7 @@ def _with_room(problem: Projected, clock: Clock, solvers: Sequence[str]) -> Pair
     return None
 
 
-def _starts(problem: Projected) -> Iterator[tuple[Pair, tuple[np.ndarray, np.ndarray]]]:
+def _starts(problem: ProjectedInequalities) -> Iterator[tuple[MatrixPair, tuple[np.ndarray, np.ndarray]]]:
     """First coordinates: those of the Riccati equations at the middle of the box, and those of the balanced plant."""
     plain, roots = initial(problem)
     middle = start(problem.plant) if problem.plant.A.shape[1] else None
@@ -111,27 +117,27 @@ def _starts(problem: Projected) -> Iterator[tuple[Pair, tuple[np.ndarray, np.nda
     yield plain, roots
 
 
-def start_roots(problem: Projected) -> tuple[np.ndarray, np.ndarray]:
+def start_roots(problem: ProjectedInequalities) -> tuple[np.ndarray, np.ndarray]:
     """The first coordinates in which the search looks."""
     return next(_starts(problem))[1]
 
 
-def _spread(plain: Pair, middle: Central) -> Pair:
+def _spread(plain: MatrixPair, middle: Central) -> MatrixPair:
     """The matrices of one point, constant over all of them."""
     x, y = (np.einsum("kij,jl->kil", one, m) for one, m in zip((plain.x, plain.y), (middle.x, middle.y), strict=True))
-    return Pair(x, y, middle.gamma)
+    return MatrixPair(x, y, middle.gamma)
 
 
-def _settled(problem: Projected, pair: Pair, roots: tuple[np.ndarray, np.ndarray], clock: Clock,
-             solvers: Sequence[str]) -> Pair | None:
+def _settled(problem: ProjectedInequalities, pair: MatrixPair, roots: tuple[np.ndarray, np.ndarray], clock: Clock,
+             solvers: Sequence[str]) -> MatrixPair | None:
     """The pair of least γ from one start on.
 
     A solver calls answers optimal that miss the inequalities by far in other coordinates: only those count that keep
     them, by numpy. The others give coordinates for the next round; where no other comes, the last has the status
     `ROOMY`: its γ is no bound.
     """
-    best: Pair | None = None
-    rough: Pair | None = None
+    best: MatrixPair | None = None
+    rough: MatrixPair | None = None
     stalled, rounds = 0, Rounds(f"the least gain, by {', '.join(solvers)}", ROUNDS)
     for _ in range(ROUNDS):
         try:
@@ -157,8 +163,8 @@ def _settled(problem: Projected, pair: Pair, roots: tuple[np.ndarray, np.ndarray
     return best if best is not None or rough is None else replace(rough, status=ROOMY)
 
 
-def conditioned(problem: Projected, pair: Pair, gamma: float, clock: Clock, *, rounds: int = 2,
-                solvers: Sequence[str] = SOLVERS) -> Iterator[Pair]:
+def conditioned(problem: ProjectedInequalities, pair: MatrixPair, gamma: float, clock: Clock, *, rounds: int = 2,
+                solvers: Sequence[str] = SOLVERS) -> Iterator[MatrixPair]:
     """Pairs for a fixed bound above the least one, each better conditioned than the last.
 
     The traces in coordinates where the last pair is the identity are the slopes of log det X + log det Y.
@@ -175,7 +181,7 @@ def conditioned(problem: Projected, pair: Pair, gamma: float, clock: Clock, *, r
         yield pair
 
 
-def _usable(program: ProjectedProgram, clock: Clock, solvers: Sequence[str]) -> Iterator[Pair]:
+def _usable(program: ProjectedProgram, clock: Clock, solvers: Sequence[str]) -> Iterator[MatrixPair]:
     """Answers whose inequalities hold to a solver's accuracy in the program's own coordinates."""
     answers = program.program.solve(solvers=solvers)
     while True:

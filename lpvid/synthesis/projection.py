@@ -21,7 +21,7 @@ import numpy as np
 from scipy import sparse
 
 from lpvid.lmi.affine import Affine, block, he
-from lpvid.lmi.program import Program, Solution
+from lpvid.lmi.program import Program, SolverAnswer
 from lpvid.synthesis.generalized_plant import PlantMatrices
 
 
@@ -58,7 +58,7 @@ class Variation:
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class MatrixPair:
     """Lyapunov matrices X (controls) and Y (measurements) as (K, n, n) coefficients, with the bound they are for."""
 
     x: np.ndarray
@@ -69,7 +69,7 @@ class Pair:
 
 
 @dataclass(frozen=True, eq=False)
-class Projected:
+class ProjectedInequalities:
     """The inequalities of a scaled plant at N points.
 
     Parameters
@@ -151,12 +151,12 @@ class ProjectedProgram:
     roots: tuple[np.ndarray, np.ndarray]
     gamma: float | None
 
-    def pair(self, solution: Solution) -> Pair:
+    def pair(self, solution: SolverAnswer) -> MatrixPair:
         """X and Y in the plant's coordinates."""
         x, y = (np.array([root @ solution[m] @ root.T for m in matrices])
                 for root, matrices in zip(self.roots, (self.x, self.y), strict=True))
         gamma = float(solution[self.bound][0, 0]) if self.gamma is None else self.gamma
-        return Pair(x, y, gamma, solution.solver, solution.status)
+        return MatrixPair(x, y, gamma, solution.solver, solution.status)
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,14 +247,16 @@ def null_space(matrix: np.ndarray) -> np.ndarray:
     return vt[rank:].T
 
 
-def sizes_at(problem: Projected, roots: tuple[np.ndarray, np.ndarray], pair: Pair) -> tuple[list, list]:
+def sizes_at(
+    problem: ProjectedInequalities, roots: tuple[np.ndarray, np.ndarray], pair: MatrixPair
+) -> tuple[list, list]:
     """Diagonals that give every inequality, at a pair, rows of size one."""
     x, y = ([_levelled(size) for size in half.sizes(root, matrices, pair.gamma)]
             for half, root, matrices in zip(problem.halves, roots, (pair.x, pair.y), strict=True))
     return x, y
 
 
-def shortfall(problem: Projected, pair: Pair) -> float:
+def shortfall(problem: ProjectedInequalities, pair: MatrixPair) -> float:
     """How far a pair is from keeping the inequalities at its γ: the least eigenvalue below zero, rows being of size
     one in coordinates in which the means of X and Y are the identity; 0 where it keeps them.
 
@@ -283,17 +285,17 @@ def _levelled(size: np.ndarray) -> np.ndarray:
     return 1 / np.sqrt(np.maximum(size, 1e-5 * size.max()))
 
 
-def initial(problem: Projected) -> tuple[Pair, tuple[np.ndarray, np.ndarray]]:
+def initial(problem: ProjectedInequalities) -> tuple[MatrixPair, tuple[np.ndarray, np.ndarray]]:
     """Identity matrices, for scaling alone."""
     n = problem.plant.A.shape[1]
     parts = []
     for v in (problem.controls, problem.measurements):
         one = np.linalg.lstsq(v.values, np.ones(len(v.values)), rcond=None)[0]
         parts.append(one[:, None, None] * np.eye(n))
-    return Pair(parts[0], parts[1], 1.0), (np.eye(n), np.eye(n))
+    return MatrixPair(parts[0], parts[1], 1.0), (np.eye(n), np.eye(n))
 
 
-def roots_of(problem: Projected, pair: Pair) -> tuple[np.ndarray, np.ndarray]:
+def roots_of(problem: ProjectedInequalities, pair: MatrixPair) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates in which the means over the points of X and Y are the identity."""
     means = (problem.controls.at(pair.x).mean(axis=0), problem.measurements.at(pair.y).mean(axis=0))
     found = []

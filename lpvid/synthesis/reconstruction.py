@@ -22,7 +22,7 @@ SIZES = tuple(10.0 ** np.arange(1.0, -8.01, -0.5))
 
 
 @dataclass(frozen=True, eq=False)
-class Lyapunov:
+class LyapunovPair:
     """X, Y and their derivatives at N points and T corners of the rates.
 
     Parameters
@@ -151,7 +151,7 @@ def _fitting(plant: PlantMatrices, y: np.ndarray, slope: np.ndarray, gamma: floa
             continue
 
 
-def controller_at(plant: PlantMatrices, v: Lyapunov, gamma: float, efforts: tuple[np.ndarray, np.ndarray],
+def controller_at(plant: PlantMatrices, v: LyapunovPair, gamma: float, efforts: tuple[np.ndarray, np.ndarray],
                   d: np.ndarray) -> Matrices:
     """The controller (N, …) at ṗ = 0, in the coordinates of `Lyapunov.blocks`.
 
@@ -163,7 +163,7 @@ def controller_at(plant: PlantMatrices, v: Lyapunov, gamma: float, efforts: tupl
     sheet 5.4 without its differences of large numbers. Where only X moves, the dual plant's controller, transposed.
     """
     if not v.by_measurements:
-        turned = Lyapunov(v.y, v.x, v.y_slope, v.x_slope)
+        turned = LyapunovPair(v.y, v.x, v.y_slope, v.x_slope)
         a, b, c, _ = controller_at(dual(plant), turned, gamma, (efforts[1], efforts[0]), d.swapaxes(1, 2))
         return a.swapaxes(1, 2), c.swapaxes(1, 2), b.swapaxes(1, 2), d
     at = closed_through(plant, d)

@@ -18,7 +18,7 @@ Moving = tuple[MatrixFunction, MatrixFunction, MatrixFunction, MatrixFunction]
 """A, B, C, D over a basis."""
 
 
-class Rule(ABC):
+class SamplingRule(ABC):
     """One way to sample a system."""
 
     @property
@@ -101,7 +101,7 @@ class Rule(ABC):
 
 
 @dataclass(frozen=True)
-class ZeroOrderHold(Rule):
+class ZeroOrderHold(SamplingRule):
     """A_d = exp(A T), B_d = ∫₀ᵀ exp(A t) dt B: exact while u and p are held (Tóth, Heuberger & Van den Hof 2010)."""
 
     @property
@@ -159,7 +159,7 @@ def _logarithm(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray,
 
 
 @dataclass(frozen=True)
-class Tustin(Rule):
+class Tustin(SamplingRule):
     """s = (2/T)(z − 1)/(z + 1): keeps stability and the gains at rest; frequencies are bent (ω → (2/T) tan ωT/2).
 
     A_d = (I − AT/2)⁻¹(I + AT/2), B_d = (I − AT/2)⁻¹ B T, C_d = C (I − AT/2)⁻¹, D_d = D + C B_d/2.
@@ -195,7 +195,7 @@ class Tustin(Rule):
 
 
 @dataclass(frozen=True)
-class Taylor(Rule):
+class Taylor(SamplingRule):
     """A_d = Σ_{k ≤ r} (AT)^k/k!, B_d = T Σ_{k < r} (AT)^k/(k+1)! B: exact over the products of the basis.
 
     Back by the series of the logarithm, Σ (−1)^{k+1} (A_d − I)^k/k, which converges for |A_d − I| < 1.
@@ -267,7 +267,7 @@ def Euler() -> Taylor:
     return Taylor(1)
 
 
-def remainder(rule: Rule, size: float) -> float | None:
+def remainder(rule: SamplingRule, size: float) -> float | None:
     """Bound on ‖A_d − exp(A T)‖ for ‖A T‖ ≤ `size`, from the series; None where the rule has no such bound.
 
     Taylor: size^{r+1}/(r+1)! · e^size. Tustin, size < 2: Σ_{k ≥ 3} |1/2^{k−1} − 1/k!| size^k = O(T³).

@@ -21,9 +21,9 @@ from lpvid.synthesis.block_proof import gain_figure, variance_figure
 from lpvid.synthesis.criteria import H2, HInfinity, Region
 from lpvid.synthesis.figures import Figure, channel, measure, stays_inside
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
-from lpvid.synthesis.loop_certificate import own_certificate
-from lpvid.synthesis.loop_check import Storage
 from lpvid.synthesis.infeasibility import BEYOND
+from lpvid.synthesis.loop_certificate import own_certificate
+from lpvid.synthesis.loop_check import LoopStorage
 from lpvid.synthesis.progress import remember, stage, stopped
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_program import Shaped, ShapedProgram, Shaping
@@ -80,7 +80,7 @@ class ShapedProblem(ABC):
         """
 
     @abstractmethod
-    def blocks_of(self, shaped: Shaped) -> Storage | None:
+    def blocks_of(self, shaped: Shaped) -> LoopStorage | None:
         """One storage function for the box, in two blocks, over the states of `close`; None where there is none."""
 
     @abstractmethod
@@ -258,18 +258,18 @@ def _proven(criterion: Criterion, problem: ShapedProblem, shaped: Shaped, loop: 
         return None
     system = driven(part)
     lower = largest_frozen_norm(system, found.box)[0]
-    return Figure("H-infinity", criterion.says(problem.plant), promised, found.gamma, lower, True, found)
+    return Figure("H-infinity", criterion.description(problem.plant), promised, found.gamma, lower, True, found)
 
 
-def _by_blocks(criterion: Criterion, problem: ShapedProblem, blocks: Storage, loop: LPVStateSpace, promised: float,
+def _by_blocks(criterion: Criterion, problem: ShapedProblem, blocks: LoopStorage, loop: LPVStateSpace, promised: float,
                most: float) -> Figure | None:
     """The promise by one storage function in two blocks; None where that does not prove it."""
-    part, says = channel(loop, *criterion.indices(problem.plant)), criterion.says(problem.plant)
+    part, description = channel(loop, *criterion.indices(problem.plant)), criterion.description(problem.plant)
     if isinstance(criterion, H2):
-        found = variance_figure(says, part, promised, blocks)
+        found = variance_figure(description, part, promised, blocks)
     else:
         unit = promised if any(isinstance(c, H2) for c in problem.criteria) else 1.0  # V is then measured in |w|²
-        found = gain_figure(says, part, promised, replace(blocks, first=unit * blocks.first,
+        found = gain_figure(description, part, promised, replace(blocks, first=unit * blocks.first,
                                                           second=unit * blocks.second))
     limit = promised if criterion.bound is not None else most * promised
     if found is None or not found.between_grid or found.verified > limit:
@@ -286,6 +286,8 @@ def _speed(controller: LPVStateSpace) -> tuple[str, ...]:
 
 
 def _asked(problem: ShapedProblem) -> str:
-    parts = [f"{type(c).__name__} from {c.says(problem.plant)}" + ("" if c.bound is None else f" below {c.bound:g}")
-             for c in problem.criteria]
+    parts = [
+        f"{type(c).__name__} from {c.description(problem.plant)}" + ("" if c.bound is None else f" below {c.bound:g}")
+        for c in problem.criteria
+    ]
     return " and ".join([*parts, *(repr(r) for r in problem.regions)])

@@ -10,7 +10,7 @@ from scipy import sparse
 from scipy.linalg import matrix_balance
 
 from lpvid.lmi.affine import Affine, block
-from lpvid.lmi.program import Program, Solution
+from lpvid.lmi.program import Program, SolverAnswer
 from lpvid.synthesis.criteria import H2, STRICT, HInfinity, Region
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.shaped_loop import ShapedLoop
@@ -45,7 +45,7 @@ class Shaping:
 class Shaped:
     """An answer: the values of the unknowns, the figures (γ, ν) that it promises, and the lowest there are."""
 
-    solution: Solution
+    solution: SolverAnswer
     shaping: Shaping
     promised: tuple[float, ...]
     lowest: tuple[float, ...]
@@ -122,7 +122,7 @@ class ShapedProgram:
 def _size(plant: GeneralizedPlant, criterion: HInfinity | H2) -> float:
     """How large a channel's gain is, roughly: what a level is measured against that could be brought to zero."""
     m, (into, out) = plant.at(plant.box.centre[None]), criterion.selection(plant)
-    c = Coordinates.of(m, plant.sample_time is not None)
+    c = SignalCoordinates.of(m, plant.sample_time is not None)
     moved = float(np.linalg.norm(out @ m.C1[0] * c.states) * np.linalg.norm(m.B1[0] @ into / c.states[:, None]))
     return float(np.linalg.norm(out @ m.D11[0] @ into)) + moved / (
         c.pace if isinstance(criterion, HInfinity) else np.sqrt(c.pace))
@@ -146,7 +146,7 @@ def tame(program: Program, *, above: Sequence[Affine] = (), below: Sequence[Affi
 
 
 @dataclass(frozen=True, eq=False)
-class Coordinates:
+class SignalCoordinates:
     """Scaled states, controls and measurements x = T x̃, u = U ũ, y = Y ỹ, and a typical rate.
 
     Parameters
@@ -163,7 +163,7 @@ class Coordinates:
     pace: float
 
     @classmethod
-    def of(cls, m: PlantMatrices, discrete: bool, balanced: bool = False) -> Coordinates:
+    def of(cls, m: PlantMatrices, discrete: bool, balanced: bool = False) -> SignalCoordinates:
         """Balanced coordinates of a plant at N points, whose states may be `balanced` already."""
         n, nw, nz = m.A.shape[1], m.B1.shape[2], m.C1.shape[1]
         mean = np.zeros((n + nw + nz,) * 2)

@@ -33,7 +33,7 @@ from lpvid.synthesis.plant_functions import named
 from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import Criterion, ShapedProblem, Values, check_criteria, listed, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, combined, moves
-from lpvid.synthesis.shaped_program import Coordinates, Shaped, Shaping, tame
+from lpvid.synthesis.shaped_program import Shaped, Shaping, SignalCoordinates, tame
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,14 +119,14 @@ def state_reading(plant: GeneralizedPlant) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem(ShapedProblem):
+class _StateFeedbackProblem(ShapedProblem):
     """One plant with a state feedback: its grid, bases and coordinates."""
 
     lyapunov: Basis
     gain: Basis
     axes: tuple[np.ndarray, ...]
     reading: np.ndarray
-    coordinates: Coordinates
+    coordinates: SignalCoordinates
     matrices: PlantMatrices
 
     @property
@@ -195,7 +195,7 @@ class _Problem(ShapedProblem):
                              outputs=named(plant, plant.controls))
 
 
-def _problem(design: StateFeedback, plant: GeneralizedPlant) -> _Problem:
+def _problem(design: StateFeedback, plant: GeneralizedPlant) -> _StateFeedbackProblem:
     box, discrete = plant.box, plant.sample_time is not None
     criteria, regions = tuple(design.criteria), tuple(design.regions)  # type: ignore[arg-type]
     reading = state_reading(plant)
@@ -208,8 +208,8 @@ def _problem(design: StateFeedback, plant: GeneralizedPlant) -> _Problem:
         gain = richer(plant, lyapunov, axes) if lyapunov.names else plant.system.basis
     raw = plant.at(tensor(axes))
     check_criteria(plant, criteria, regions, tensor(axes))
-    coordinates = Coordinates.of(raw, discrete)
-    return _Problem(plant, criteria, regions, design.back_off, lyapunov, gain, axes, reading, coordinates,
+    coordinates = SignalCoordinates.of(raw, discrete)
+    return _StateFeedbackProblem(plant, criteria, regions, design.back_off, lyapunov, gain, axes, reading, coordinates,
                     coordinates.scaled(raw))
 
 

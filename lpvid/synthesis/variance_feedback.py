@@ -13,13 +13,13 @@ import numpy as np
 from scipy import sparse
 
 from lpvid.lmi.affine import Affine
-from lpvid.lmi.program import Solution
+from lpvid.lmi.program import SolverAnswer
 from lpvid.synthesis.criteria import H2
 from lpvid.synthesis.design_grid import columns, varies
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.preconditioning import Preconditioned, balancing, turned, unconditioned
 from lpvid.synthesis.scaling import Units
-from lpvid.synthesis.shaped_program import PATIENT, Coordinates, Shaped, Shaping
+from lpvid.synthesis.shaped_program import PATIENT, Shaped, Shaping, SignalCoordinates
 from lpvid.synthesis.variance_search import ROOM, VarianceAnswer, VarianceProblem, regulated
 
 
@@ -103,7 +103,7 @@ class VarianceFeedback:
         root = np.sqrt(units.time)
         inner, sizes = balancing(found.x / root, found.y * root)
         ready = turned(self.plant, units.states[:, None] * inner, sizes)
-        c = Coordinates.of(ready.plant.at(self.points), False, True)
+        c = SignalCoordinates.of(ready.plant.at(self.points), False, True)
         s, back = np.sqrt(sizes), np.linalg.inv(inner).T
         hats = {"A": units.time * (inner.T @ a @ back) / s / s[:, None],
                 "B": units.time * (inner.T @ found.b) / units.measurements * c.measurements / s[:, None],
@@ -111,7 +111,7 @@ class VarianceFeedback:
                 "D": np.zeros((len(a), found.c.shape[1], found.b.shape[2])),
                 "X": np.eye(len(s))[None], "Y": np.eye(len(s))[None]}
         shaping = Shaping((), _known(np.zeros((1, 1))), {k: tuple(map(_known, v)) for k, v in hats.items()})
-        solution = Solution(np.zeros(0), found.level, found.solver, found.status)
+        solution = SolverAnswer(np.zeros(0), found.level, found.solver, found.status)
         return ready, Shaped(solution, shaping, (root * found.level,), (root * least.level,))
 
 

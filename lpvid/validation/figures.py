@@ -63,7 +63,7 @@ class Figures:
 
 
 @dataclass(frozen=True)
-class Pair:
+class FigurePair:
     """Free-run and one-step figures of the same samples."""
 
     free_run: Figures

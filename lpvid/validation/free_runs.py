@@ -11,11 +11,11 @@ import numpy as np
 
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
-from lpvid.training_fingerprint import familiar, recalled
 from lpvid.model.adaptable import Adaptable
 from lpvid.model.hull import outside_share
 from lpvid.record import Record
 from lpvid.simulation import Model, Simulation, simulate
+from lpvid.training_fingerprint import familiar, recalled
 from lpvid.validation.figures import Figures, Pool
 from lpvid.validation.opposite import opposite_remark
 from lpvid.validation.report import acting_model, along
@@ -95,8 +95,8 @@ class FreeRuns:
         lines = [f"Simulation of {len(self.runs)} record(s), free run from {self.runs[0].run.initial}; {total}"]
         for r in self.runs[:8]:
             end = "" if r.run.diverged_at is None else f", DIVERGED at sample {r.run.diverged_at}"
-            said = end if r.figures is None or end else f": {r.figures}"
-            lines.append(f"  {r.record.name}, {r.record.n_samples} samples{said}")
+            stated = end if r.figures is None or end else f": {r.figures}"
+            lines.append(f"  {r.record.name}, {r.record.n_samples} samples{stated}")
         share = max(r.extrapolation_share for r in self.runs)
         if share >= 5e-4:
             lines.append(f"  up to {100 * share:.1f} % of a record's samples outside the training range of the "

@@ -52,7 +52,7 @@ class Regime:
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class FreeRunStretch:
     """One record's free run, cut to the samples that count.
 
     Attributes
@@ -70,7 +70,7 @@ class Stretch:
     scheduling: np.ndarray
 
 
-def regimes(stretches: Sequence[Stretch], input_name: str, scheduling: Sequence[tuple[str, str]],
+def regimes(stretches: Sequence[FreeRunStretch], input_name: str, scheduling: Sequence[tuple[str, str]],
             sample_time: float) -> tuple[Regime, ...]:
     """Split the free-run error by input sign, scheduling level and frequency.
 
@@ -89,38 +89,40 @@ def regimes(stretches: Sequence[Stretch], input_name: str, scheduling: Sequence[
     if not stretches:
         return ()
     sorters = _sorters(stretches, input_name, scheduling)
-    sums = [np.zeros((len(told), 3)) for told, _ in sorters]  # samples, squared error, squared deviation
+    sums = [np.zeros((len(described), 3)) for described, _ in sorters]  # samples, squared error, squared deviation
     total, count = 0.0, 0
     for stretch, mean in _chunks(stretches):
         squared = (stretch.measured - stretch.model) ** 2
         power = (stretch.measured - mean) ** 2
         total, count = total + float(squared.sum()), count + squared.size
-        for table, (told, group_of) in zip(sums, sorters, strict=True):
+        for table, (described, group_of) in zip(sums, sorters, strict=True):
             group = group_of(stretch)
             for column, values in enumerate((np.ones(squared.size), squared, power)):
-                table[:, column] += np.bincount(group, weights=values, minlength=len(told))
+                table[:, column] += np.bincount(group, weights=values, minlength=len(described))
     every = total if total > 0 else 1.0
     found = [Regime(where, row[0] / count, row[1] / every, row[1] / row[2] if row[2] > 0 else None)
-             for table, (told, _) in zip(sums, sorters, strict=True)
-             for where, row in zip(told, table.tolist(), strict=True) if row[0] > 0]
+             for table, (described, _) in zip(sums, sorters, strict=True)
+             for where, row in zip(described, table.tolist(), strict=True) if row[0] > 0]
     return (*found, *_bands(stretches, sample_time))
 
 
-def _chunks(stretches: Sequence[Stretch]) -> Iterator[tuple[Stretch, float]]:
+def _chunks(stretches: Sequence[FreeRunStretch]) -> Iterator[tuple[FreeRunStretch, float]]:
     """Pieces of stretches, each with its stretch's mean, so that no temporary is as long as a record."""
     for s in stretches:
         mean = float(s.measured.mean())
         for first in range(0, len(s.measured), CHUNK):
             part = slice(first, first + CHUNK)
-            yield Stretch(s.measured[part], s.model[part], None if s.input is None else s.input[part],
+            yield FreeRunStretch(s.measured[part], s.model[part], None if s.input is None else s.input[part],
                           s.scheduling[part]), mean
 
 
-Sorter = tuple[list[str], Callable[[Stretch], np.ndarray]]
+Sorter = tuple[list[str], Callable[[FreeRunStretch], np.ndarray]]
 """Names of some groups, and the group of every sample of a stretch."""
 
 
-def _sorters(stretches: Sequence[Stretch], input_name: str, scheduling: Sequence[tuple[str, str]]) -> list[Sorter]:
+def _sorters(
+    stretches: Sequence[FreeRunStretch], input_name: str, scheduling: Sequence[tuple[str, str]]
+) -> list[Sorter]:
     sorters: list[Sorter] = []
     if all(s.input is not None for s in stretches):
         low = min(float(s.input.min()) for s in stretches)  # type: ignore[union-attr]
@@ -143,18 +145,21 @@ def _levels(values: np.ndarray, column: int, name: str, unit: str) -> list[Sorte
         return []
     if distinct.size <= LEVELS:
         edges = 0.5 * (distinct[:-1] + distinct[1:])
-        told = [f"{name} = {x:.4g}{tag}" for x in distinct]
+        described = [f"{name} = {x:.4g}{tag}" for x in distinct]
     else:
         edges = np.unique(np.quantile(values, np.linspace(0, 1, LEVELS + 1)[1:-1]))
         edges = edges[(edges > values.min()) & (edges <= values.max())]
         if not edges.size:
             return []
-        told = [f"{name} < {edges[0]:.4g}{tag}", *(f"{a:.4g} <= {name} < {b:.4g}{tag}" for a, b in pairwise(edges)),
-                f"{edges[-1]:.4g}{tag} <= {name}"]
-    return [(told, lambda s: np.searchsorted(edges, s.scheduling[:, column], side="right"))]
+        described = [
+            f"{name} < {edges[0]:.4g}{tag}",
+            *(f"{a:.4g} <= {name} < {b:.4g}{tag}" for a, b in pairwise(edges)),
+            f"{edges[-1]:.4g}{tag} <= {name}",
+        ]
+    return [(described, lambda s: np.searchsorted(edges, s.scheduling[:, column], side="right"))]
 
 
-def _bands(stretches: Sequence[Stretch], sample_time: float) -> list[Regime]:
+def _bands(stretches: Sequence[FreeRunStretch], sample_time: float) -> list[Regime]:
     """Welch spectra of error and measurement, summed over stretches and over bands."""
     from scipy.signal import welch
 
@@ -163,7 +168,7 @@ def _bands(stretches: Sequence[Stretch], sample_time: float) -> list[Regime]:
         return []
     long = [s for s, _ in _chunks(stretches) if len(s.measured) >= segment]
 
-    def spectrum(pick: Callable[[Stretch], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    def spectrum(pick: Callable[[FreeRunStretch], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         total = np.zeros(segment // 2 + 1)
         frequency = total
         for s in long:
@@ -180,8 +185,8 @@ def _bands(stretches: Sequence[Stretch], sample_time: float) -> list[Regime]:
         inside = (frequency >= low) & (frequency < high)
         if not inside.any() or not power[inside].sum() > 0:
             continue
-        told = f"{low:.3g} to {min(high, frequency[-1]):.3g} Hz"
+        described = f"{low:.3g} to {min(high, frequency[-1]):.3g} Hz"
         share = float(error[inside].sum() / error.sum()) if error.sum() > 0 else 0.0
-        found.append(Regime(told, float(power[inside].sum() / power.sum()), share,
+        found.append(Regime(described, float(power[inside].sum() / power.sum()), share,
                             float(error[inside].sum() / power[inside].sum())))
     return found

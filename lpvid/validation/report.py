@@ -14,7 +14,6 @@ from lpvid.condition.derivation import derived
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
-from lpvid.training_fingerprint import familiar, recalled
 from lpvid.files.streaming import Chunks
 from lpvid.model.adaptable import Adaptable, acting
 from lpvid.model.hull import outside_share
@@ -24,10 +23,11 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.simulation import Model, predict, simulate
+from lpvid.training_fingerprint import familiar, recalled
 from lpvid.validation.coherent import independence_remark
-from lpvid.validation.figures import Figures, Pair, Pool, RecordFigures
+from lpvid.validation.figures import FigurePair, Figures, Pool, RecordFigures
 from lpvid.validation.opposite import opposite_remark
-from lpvid.validation.regimes import Regime, Stretch, regimes
+from lpvid.validation.regimes import FreeRunStretch, Regime, regimes
 from lpvid.validation.residuals import Instrument, ResidualTest, residual_of, residual_tests
 
 OTHER_LAGS = (5, 100)
@@ -58,7 +58,7 @@ class Validation(Shown):
     """
 
     label: str
-    overall: Pair
+    overall: FigurePair
     records: tuple[RecordFigures, ...]
     residual_tests: tuple[ResidualTest, ...]
     extrapolation_share: float
@@ -108,7 +108,7 @@ class Validation(Shown):
             data = "measured power" if worst.where.endswith("Hz") else "data"
             lines.append(f"  worst where {worst.where}: {100 * worst.error_share:.2g} % of the free-run error in "
                          f"{100 * worst.share:.2g} % of the {data} (ESR there {worst.esr:.3g})")
-        lines += [f"  {t.name}: {t.says}" for t in self.residual_tests
+        lines += [f"  {t.name}: {t.description}" for t in self.residual_tests
                   if t.name in ("whiteness", "independence") or not (t.passed or "whiteness" in t.name)]
         return "\n".join(lines + [f"  note: {n}" for n in self.notes])
 
@@ -222,8 +222,8 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record] | Chun
     if seen and label == "held-out":
         label = "training" if len(seen) == len(pieces) else "partly training"
         notes += (f"not held-out: {', '.join(seen[:4])} begins with samples that the model was fitted to",)
-    said = independence_remark(model, pieces, label) if label != "training" else None
-    found = figures(model, pieces, label, notes if said is None else (*notes, said), horizons)
+    stated = independence_remark(model, pieces, label) if label != "training" else None
+    found = figures(model, pieces, label, notes if stated is None else (*notes, stated), horizons)
     turned = opposite_remark(model, pieces, found.overall.free_run)
     return found if turned is None else replace(found, notes=(*found.notes, turned))
 
@@ -238,7 +238,7 @@ def figures(model: Model, pieces: Sequence[Record], label: str, notes: tuple[str
     residuals: list[np.ndarray] = []
     inputs: list[np.ndarray | None] = []
     tested: list[tuple[Record, int]] = []
-    stretches: list[Stretch] = []
+    stretches: list[FreeRunStretch] = []
     for piece in pieces:
         y = piece.matrix([s.name for s in model.outputs])
         u = piece[model.inputs[0].name] if model.inputs else None
@@ -253,12 +253,12 @@ def figures(model: Model, pieces: Sequence[Record], label: str, notes: tuple[str
             inputs.append(None if u is None else u[step.start:])
             tested.append((piece, step.start))
         if run.diverged_at is None:
-            stretches.append(Stretch(y[run.start:, 0], run.output[run.start:, 0],
+            stretches.append(FreeRunStretch(y[run.start:, 0], run.output[run.start:, 0],
                                      None if u is None else u[run.start:], p[run.start:]))
     total = sum(r.n_samples for r in rows)
     share = sum(r.extrapolation_share * r.n_samples for r in rows) / total
     return Validation(
-        label, Pair(free.total("free-run"), one.total("one-step")), tuple(rows),
+        label, FigurePair(free.total("free-run"), one.total("one-step")), tuple(rows),
         residual_tests(residuals, inputs, other_lags=OTHER_LAGS, further=_further(model, tested)), share, notes,
         regimes(stretches, model.inputs[0].name if model.inputs else "",
                 list(zip(model.box.names, model.box.units, strict=True)), model.sample_time),

@@ -30,7 +30,7 @@ class ResidualTest:
     statistic: float
     p_value: float
     passed: bool
-    says: str
+    description: str
 
     def to_dict(self) -> dict:
         """Plain data for JSON.
@@ -41,7 +41,7 @@ class ResidualTest:
             Plain values by name.
         """
         return {"name": self.name, "statistic": self.statistic, "p_value": self.p_value, "passed": self.passed,
-                "says": self.says}
+                "says": self.description}
 
 
 def residual_tests(residuals: Sequence[np.ndarray], inputs: Sequence[np.ndarray | None],
@@ -116,10 +116,10 @@ def whiteness(r: np.ndarray, n: int, lags: int) -> ResidualTest:
     q = float(n * (n + 2) * np.sum(rho**2 / (n - np.arange(1, lags + 1))))
     p = float(chdtrc(lags, q))
     worst = int(np.argmax(np.abs(rho))) + 1
-    says = (f"white at the {100 * LEVEL:.0f} % level" if p >= LEVEL else
+    description = (f"white at the {100 * LEVEL:.0f} % level" if p >= LEVEL else
             f"not white: correlation {rho[worst - 1]:+.2f} at lag {worst} ({probability(p)}); "
             "plain standard errors would be too small, and an output-error estimate may serve better")
-    return ResidualTest("whiteness", q, p, p >= LEVEL, says)
+    return ResidualTest("whiteness", q, p, p >= LEVEL, description)
 
 
 def _independence(pairs: Sequence[tuple[np.ndarray, np.ndarray]], lags: int) -> ResidualTest:
@@ -157,10 +157,10 @@ def independence(cross: np.ndarray, re: np.ndarray, ru: np.ndarray, n: int) -> R
     projected = vectors[:, keep].T @ cross
     statistic = float(n * np.sum(projected**2 / values[keep]))
     p = float(chdtrc(int(keep.sum()), statistic))
-    says = (f"independent of present and past inputs at the {100 * LEVEL:.0f} % level" if p >= LEVEL else
+    description = (f"independent of present and past inputs at the {100 * LEVEL:.0f} % level" if p >= LEVEL else
             f"depends on present or past inputs ({probability(p)}): other input lags, a higher degree or a shaped "
             "input may help")
-    return ResidualTest("independence", statistic, p, p >= LEVEL, says)
+    return ResidualTest("independence", statistic, p, p >= LEVEL, description)
 
 
 def residual_of(y: np.ndarray, output: np.ndarray) -> np.ndarray:

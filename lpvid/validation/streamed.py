@@ -10,11 +10,11 @@ import numpy as np
 
 from lpvid.condition.pieces import Cutter
 from lpvid.errors import InputError
-from lpvid.training_fingerprint import SAMPLES, familiar
 from lpvid.model.hull import outside_share
 from lpvid.record import Record
 from lpvid.simulation import Model
-from lpvid.validation.figures import Figures, Pair, RecordFigures, figures_of
+from lpvid.training_fingerprint import SAMPLES, familiar
+from lpvid.validation.figures import FigurePair, Figures, RecordFigures, figures_of
 from lpvid.validation.lag_sums import LagSums
 from lpvid.validation.report import OTHER_LAGS, Validation
 from lpvid.validation.residuals import LAGS, ResidualTest, independence, whiteness
@@ -96,7 +96,7 @@ class _Residuals:
 
 
 def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "held-out",
-                    say: Callable[[str], None] = lambda text: None) -> Validation:
+                    report_progress: Callable[[str], None] = lambda text: None) -> Validation:
     """Figures of a model on records that arrive one after the other; memory does not grow with their number.
 
     The free run goes on across the pieces of a record. Figures per record and pooled, and the tests of whiteness and of
@@ -162,7 +162,7 @@ def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "hel
             free.add(y, simulated[-len(y):], at)
             one.add(y, predicted[-len(y):], None)
             tests.add(y[:, 0] - predicted[-len(y):, 0], piece[model.inputs[0].name][first:] if model.inputs else None)
-        say(f"{seen:,} samples")
+        report_progress(f"{seen:,} samples")
     tests.close()
     kept = [row for row in found if row[2].count]
     if not kept:
@@ -177,7 +177,7 @@ def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "hel
         shown = f"{name}#{numbers[name]}" if several[name] > 1 else name
         rows.append(RecordFigures(shown, length, free.figures("free-run", unit, start),
                                   one.figures("one-step", unit, start), share / length))
-    pair = Pair(pooled([r[2] for r in kept], "free-run", unit, start),
+    pair = FigurePair(pooled([r[2] for r in kept], "free-run", unit, start),
                 pooled([r[3] for r in kept], "one-step", unit, start))
     return Validation(label, pair, tuple(rows), tests.tests(), outside / seen,
                       (f"figures of a stream of {seen} samples; regimes are not looked for",))

@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lpvid.errors import InputError
-from quartercar.characterisation.currents import Ratio, Spread, ratios_of, spreads_of
+from quartercar.characterisation.currents import CurrentSpread, ReboundRatio, ratios_of, spreads_of
 from quartercar.characterisation.cycles import Block, blocks_of
 from quartercar.characterisation.drift import Drift, drift_of
 from quartercar.characterisation.forces import StandardForce, standard_forces
 from quartercar.characterisation.gas import StaticForce, slowest, static_force
 from quartercar.characterisation.histogram import VelocityHistogram, histograms_of
-from quartercar.characterisation.loops import Loop, loop_of
+from quartercar.characterisation.loops import ForceLoop, loop_of
 from quartercar.characterisation.missing import Missing, missing_of
 from quartercar.characterisation.points import DIRECTIONS, PeakPoint, peak_point
-from quartercar.characterisation.runs import Run, Runs, runs_of
+from quartercar.characterisation.runs import RecordPiece, RecordPieces, runs_of
 from quartercar.characterisation.settings import CharacteriseSettings
-from quartercar.characterisation.switching import Switching, switching_of
+from quartercar.characterisation.switching import SwitchingSteps, switching_of
 from quartercar.characterisation.tolerance import Check, SpecimenSpread, Tolerance, checks_of, specimen_spreads
 
 if TYPE_CHECKING:
@@ -59,15 +59,15 @@ class Characterisation:
     """
 
     settings: CharacteriseSettings
-    data: Runs
+    data: RecordPieces
     blocks: tuple[Block, ...]
     peaks: tuple[PeakPoint, ...]
     forces: tuple[StandardForce, ...]
     static: tuple[StaticForce, ...]
-    loops: tuple[Loop, ...]
-    ratios: tuple[Ratio, ...]
-    spreads: tuple[Spread, ...]
-    switching: tuple[Switching, ...]
+    loops: tuple[ForceLoop, ...]
+    ratios: tuple[ReboundRatio, ...]
+    spreads: tuple[CurrentSpread, ...]
+    switching: tuple[SwitchingSteps, ...]
     drifts: tuple[Drift, ...]
     histograms: tuple[VelocityHistogram, ...]
     checks: tuple[Check, ...]
@@ -113,8 +113,14 @@ class Characterisation:
         return summary(self)
 
 
-def characterise(records: Any, settings: CharacteriseSettings | None = None, *, damper: Damper | None = None,
-                 tolerance: Tolerance | None = None, say: Callable[[str], None] | None = None) -> Characterisation:
+def characterise(
+    records: Any,
+    settings: CharacteriseSettings | None = None,
+    *,
+    damper: Damper | None = None,
+    tolerance: Tolerance | None = None,
+    report_progress: Callable[[str], None] | None = None,
+) -> Characterisation:
     """Read off records what a damper dynamometer shows; no model is fitted.
 
     Parameters
@@ -150,14 +156,14 @@ def characterise(records: Any, settings: CharacteriseSettings | None = None, *, 
     from lpvid.condition.tables import as_records
 
     settings = settings or CharacteriseSettings()
-    say = say or (lambda text: None)
-    say("cutting cycles")
+    report_progress = report_progress or (lambda text: None)
+    report_progress("cutting cycles")
     data = runs_of(as_records(records), settings)
     models, notes = _simulated(data, damper)
     blocks = tuple(b for run in data.runs for b in blocks_of(run))
     with_force = tuple(b for b in blocks if b.run.has_force)
     steady = tuple(b for b in with_force if b.run.current != "varies")
-    say("reading forces")
+    report_progress("reading forces")
     peaks = tuple(p for b in steady for d in DIRECTIONS if (p := peak_point(b, d)) is not None)
     forces = standard_forces(data.runs, steady, settings.speeds, models)
     static = tuple(slowest([s for b in steady if (s := static_force(b)) is not None]))
@@ -175,8 +181,8 @@ def characterise(records: Any, settings: CharacteriseSettings | None = None, *, 
     return replace(found, missing=missing_of(found, refused))
 
 
-def _switching(runs: Sequence[Run]) -> tuple[list[Switching], tuple[str, ...]]:
-    rows: list[Switching] = []
+def _switching(runs: Sequence[RecordPiece]) -> tuple[list[SwitchingSteps], tuple[str, ...]]:
+    rows: list[SwitchingSteps] = []
     reasons: list[str] = []
     for run in runs:
         if run.current == "varies":
@@ -186,7 +192,7 @@ def _switching(runs: Sequence[Run]) -> tuple[list[Switching], tuple[str, ...]]:
     return rows, tuple(reasons)
 
 
-def _simulated(data: Runs, damper: Damper | None) -> tuple[dict[int, np.ndarray], tuple[str, ...]]:
+def _simulated(data: RecordPieces, damper: Damper | None) -> tuple[dict[int, np.ndarray], tuple[str, ...]]:
     """The model's free run along every run it can follow, in tension positive, and what to say of it."""
     if damper is None:
         return {}, ()

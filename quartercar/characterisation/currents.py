@@ -11,7 +11,7 @@ from quartercar.characterisation.forces import StandardForce
 
 
 @dataclass(frozen=True)
-class Spread:
+class CurrentSpread:
     """Place of one current between soft and hard at one speed.
 
     Attributes
@@ -37,7 +37,7 @@ class Spread:
 
 
 @dataclass(frozen=True)
-class Ratio:
+class ReboundRatio:
     """Rebound over compression force at one speed and current.
 
     Attributes
@@ -60,7 +60,7 @@ class Ratio:
     without_gas: float | None
 
 
-def spreads_of(forces: Sequence[StandardForce]) -> tuple[Spread, ...]:
+def spreads_of(forces: Sequence[StandardForce]) -> tuple[CurrentSpread, ...]:
     """Spread over the currents of each specimen, direction and speed that has two or more.
 
     Soft and hard are the currents of least and largest force in this direction at this speed. The standard error counts
@@ -80,11 +80,13 @@ def spreads_of(forces: Sequence[StandardForce]) -> tuple[Spread, ...]:
             share = (row[0] - soft[0]) / span
             error = 0.0 if row in (soft, hard) else float(np.linalg.norm(
                 (row[2] / span, (1 - share) * soft[2] / span, share * hard[2] / span)))
-            rows.append(Spread(specimen, direction, speed, row[1], share, error, share - (row[1] - soft[1]) / reach))
+            rows.append(
+                CurrentSpread(specimen, direction, speed, row[1], share, error, share - (row[1] - soft[1]) / reach)
+            )
     return tuple(rows)
 
 
-def ratios_of(forces: Sequence[StandardForce], gas: Mapping[str, float]) -> tuple[Ratio, ...]:
+def ratios_of(forces: Sequence[StandardForce], gas: Mapping[str, float]) -> tuple[ReboundRatio, ...]:
     """Rebound over compression at every speed and current that has both.
 
     Parameters
@@ -106,10 +108,10 @@ def ratios_of(forces: Sequence[StandardForce], gas: Mapping[str, float]) -> tupl
         outwards = gas.get(specimen)
         free = None if outwards is None or back.force + outwards == 0 else (
             (out.force + outwards) / -(back.force + outwards))
-        rows.append(Ratio(specimen, current, speed, ratio, error, free))
+        rows.append(ReboundRatio(specimen, current, speed, ratio, error, free))
     return tuple(rows)
 
 
-def worst_off_line(spreads: Sequence[Spread]) -> Spread | None:
+def worst_off_line(spreads: Sequence[CurrentSpread]) -> CurrentSpread | None:
     """The spread that lies furthest from a straight line over the current."""
     return max(spreads, key=lambda s: abs(s.off_line), default=None)

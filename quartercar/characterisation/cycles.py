@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from quartercar.characterisation.runs import NOISE, Run
+from quartercar.characterisation.runs import NOISE, RecordPiece
 from quartercar.dampers.bench.static_characteristic import SAME_SPEED
 from quartercar.dampers.bench.strokes import turning_points
 
@@ -33,7 +33,7 @@ HARMONICS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Cycle:
+class RecordedCycle:
     """One cycle, from one upward crossing of mid stroke to the next.
 
     Attributes
@@ -72,9 +72,9 @@ class Block:
         Harmonics of the displacement beyond the first, over the first.
     """
 
-    run: Run
+    run: RecordPiece
     kind: str
-    cycles: tuple[Cycle, ...]
+    cycles: tuple[RecordedCycle, ...]
     distortion: float
 
     @property
@@ -96,12 +96,12 @@ class Block:
         return float(np.mean([0.5 * np.ptp(np.quantile(c.velocity, ends)) for c in self.cycles]))
 
     @property
-    def settled(self) -> tuple[Cycle, ...]:
+    def settled(self) -> tuple[RecordedCycle, ...]:
         """All cycles but the first, which may still hold the start, where there are more than two."""
         return self.cycles[1:] if len(self.cycles) > 2 else self.cycles
 
     @property
-    def last(self) -> Cycle:
+    def last(self) -> RecordedCycle:
         """The last complete cycle."""
         return self.cycles[-1]
 
@@ -111,7 +111,7 @@ class Block:
         return f"{self.kind} ±{1e3 * self.amplitude:.3g} mm, {self.frequency:.3g} Hz"
 
 
-def blocks_of(run: Run) -> tuple[Block, ...]:
+def blocks_of(run: RecordPiece) -> tuple[Block, ...]:
     """The periodic blocks of a run, in order of time.
 
     A stroke lies between two turning points that are further apart than the noise of the displacement (8 σ, σ from its
@@ -186,7 +186,7 @@ def _crossing(x: np.ndarray, k: int, level: float) -> float:
     return float(k) if step == 0 else k - 1 + float((level - x[k - 1]) / step)
 
 
-def _alike(marks: list[tuple[float, float, float]], run: Run) -> list[list[int]]:
+def _alike(marks: list[tuple[float, float, float]], run: RecordPiece) -> list[list[int]]:
     """Groups of consecutive cycles with like period and amplitude; cycle k goes from mark k to k + 1."""
     cycles = [(b[0] - a[0], 0.5 * (a[1] + b[1])) for a, b in pairwise(marks)]
     groups: list[list[int]] = []
@@ -201,7 +201,7 @@ def _alike(marks: list[tuple[float, float, float]], run: Run) -> list[list[int]]
     return groups
 
 
-def _block(run: Run, pairs: list) -> Block | None:
+def _block(run: RecordPiece, pairs: list) -> Block | None:
     spans = []
     for a, b in pairs:
         first, last = int(np.ceil(a[0])), int(np.ceil(b[0]))
@@ -220,7 +220,7 @@ def _block(run: Run, pairs: list) -> Block | None:
         if kind != "sine":
             smooth, slope = x[span], v[span]
         high, low = float(smooth.max()), float(smooth.min())
-        cycles.append(Cycle(span, start, stop, period, 0.5 * (high - low), 0.5 * (high + low), smooth, slope))
+        cycles.append(RecordedCycle(span, start, stop, period, 0.5 * (high - low), 0.5 * (high + low), smooth, slope))
     return Block(run, kind, tuple(cycles), distortion)
 
 

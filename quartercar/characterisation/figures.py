@@ -149,7 +149,7 @@ def displacement_loops(found: Characterisation) -> Drawn | None:
                         "Force over displacement")
 
 
-def _last_cycles(found: Characterisation, name: str, across: str, pick: Any, title: str, said: str) -> Drawn | None:
+def _last_cycles(found: Characterisation, name: str, across: str, pick: Any, title: str, stated: str) -> Drawn | None:
     chosen, which = _one_per_key(found)
     if not chosen:
         return None
@@ -172,7 +172,7 @@ def _last_cycles(found: Characterisation, name: str, across: str, pick: Any, tit
     ax.set_ylabel("force [N]")
     ax.set_title(title)
     _legend(ax)
-    return Drawn(name, figure, f"{said}, last complete cycle of {which}.")
+    return Drawn(name, figure, f"{stated}, last complete cycle of {which}.")
 
 
 def by_current(found: Characterisation) -> Drawn | None:
@@ -352,8 +352,10 @@ def specimens(found: Characterisation) -> Drawn | None:
                 ax.plot(100 * (sign * (f.force or 0.0) / middle - 1), place, "o", markersize=4.5,
                         color=CYCLE[n % len(CYCLE)], label=shortened(f.specimen) or "measured",
                         zorder=3)
-    said = [f"{amps(c, found.data.current_unit)} " * (c is not None) + f"{DIRECTIONS[d]} {v:g} m/s" for c, d, v in keys]
-    ax.set_yticks(range(len(keys)), said, fontsize=FONT - 3)
+    stated = [
+        f"{amps(c, found.data.current_unit)} " * (c is not None) + f"{DIRECTIONS[d]} {v:g} m/s" for c, d, v in keys
+    ]
+    ax.set_yticks(range(len(keys)), stated, fontsize=FONT - 3)
     ax.invert_yaxis()
     ax.axvline(0, color=INK, linewidth=0.7)
     ax.set_xlabel("force about its nominal or mean [%]")

@@ -10,7 +10,7 @@ import numpy as np
 from quartercar.characterisation.cycles import Block
 from quartercar.characterisation.local_fit import local_fit
 from quartercar.characterisation.points import DIRECTIONS, BranchForce, branch_force, peak_point
-from quartercar.characterisation.runs import Run
+from quartercar.characterisation.runs import RecordPiece
 from quartercar.dampers.bench.static_characteristic import SAME_SPEED
 
 SLICES = 20
@@ -68,13 +68,13 @@ Key = tuple[str, float | None]
 """Specimen and held current (None where it was not recorded)."""
 
 
-def keys_of(runs: Sequence[Run]) -> list[Key]:
+def keys_of(runs: Sequence[RecordPiece]) -> list[Key]:
     """Specimens and currents of the runs with a force at one current, in order."""
     found = dict.fromkeys((r.specimen, r.level) for r in runs if r.has_force and r.current != "varies")
     return sorted(found, key=lambda k: (k[0], -np.inf if k[1] is None else k[1]))
 
 
-def standard_forces(runs: Sequence[Run], blocks: Sequence[Block], speeds: Sequence[float],
+def standard_forces(runs: Sequence[RecordPiece], blocks: Sequence[Block], speeds: Sequence[float],
                     models: Mapping[int, np.ndarray]) -> tuple[StandardForce, ...]:
     """The table of forces.
 
@@ -103,7 +103,7 @@ def standard_forces(runs: Sequence[Run], blocks: Sequence[Block], speeds: Sequen
 
 
 def _force(specimen: str, level: float | None, direction: int, speed: float, own: Sequence[Block],
-           loose: Sequence[Run], models: Mapping[int, np.ndarray]) -> StandardForce:
+           loose: Sequence[RecordPiece], models: Mapping[int, np.ndarray]) -> StandardForce:
     reaching = sorted((b for b in own if b.peak >= (1 - SAME_SPEED) * speed),
                       key=lambda b: (round(b.peak / speed / SAME_SPEED), -len(b.cycles)))
     elastic: BranchForce | None = None
@@ -151,7 +151,7 @@ def _from_triangle(block: Block, direction: int, speed: float,
                          modelled=None if model is None else model.force)
 
 
-def _from_random(run: Run, specimen: str, level: float | None, direction: int, speed: float,
+def _from_random(run: RecordPiece, specimen: str, level: float | None, direction: int, speed: float,
                  models: Mapping[int, np.ndarray]) -> StandardForce | None:
     """Mean force at a speed over all passages through it, with speeds on both sides of it."""
     u = direction * run.velocity - speed
@@ -169,7 +169,7 @@ def _from_random(run: Run, specimen: str, level: float | None, direction: int, s
                          modelled=None if model is None else model.value)
 
 
-def _why(own: Sequence[Block], loose: Sequence[Run], direction: int, speed: float,
+def _why(own: Sequence[Block], loose: Sequence[RecordPiece], direction: int, speed: float,
          elastic: BranchForce | None) -> str:
     if elastic is not None:
         return (f"the two branches of {elastic.block.label} differ by {abs(elastic.hysteresis):.3g} N, so that the "

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quartercar.characterisation.runs import Run
+from quartercar.characterisation.runs import RecordPiece
 from quartercar.characterisation.settings import HISTOGRAM
 
 WIDTH = 0.01
@@ -55,7 +55,7 @@ class VelocityHistogram:
     duration: float
 
 
-def histogram_of(run: Run) -> VelocityHistogram:
+def histogram_of(run: RecordPiece) -> VelocityHistogram:
     """Count the velocity of a run in classes of 10 mm/s."""
     v = run.velocity
     edges = np.linspace(-HISTOGRAM, HISTOGRAM, round(2 * HISTOGRAM / WIDTH) + 1)
@@ -68,6 +68,6 @@ def histogram_of(run: Run) -> VelocityHistogram:
                              v.size * run.period)
 
 
-def histograms_of(runs: Sequence[Run], periodic: set[int]) -> tuple[VelocityHistogram, ...]:
+def histograms_of(runs: Sequence[RecordPiece], periodic: set[int]) -> tuple[VelocityHistogram, ...]:
     """One for every run, but for those (by `id`) that are periodic."""
     return tuple(histogram_of(r) for r in runs if id(r) not in periodic)

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quartercar.characterisation.cycles import HARMONICS, Block, Cycle, series_of
+from quartercar.characterisation.cycles import HARMONICS, Block, RecordedCycle, series_of
 
 
 @dataclass(frozen=True)
-class Loop:
+class ForceLoop:
     """One block's force-displacement loop, means over its settled cycles with their standard errors.
 
     Attributes
@@ -54,7 +54,7 @@ class Loop:
     cycles: int
 
 
-def loop_of(block: Block) -> Loop:
+def loop_of(block: Block) -> ForceLoop:
     """Energy and, but of a triangle, complex stiffness.
 
     With the complex amplitudes of the Fourier series of one cycle, x = Σ Re x_k e^{ikωt} and F alike::
@@ -81,12 +81,12 @@ def loop_of(block: Block) -> Loop:
         if n > 1:
             spread = abs(mean) * float(np.std([r.real for r in ratios], ddof=1) / np.sqrt(n))
             angle_std = float(np.std([r.imag for r in ratios], ddof=1) / np.sqrt(n))
-    return Loop(run.specimen, run.level, run.name, block.label, block.kind, block.frequency, block.amplitude,
+    return ForceLoop(run.specimen, run.level, run.name, block.label, block.kind, block.frequency, block.amplitude,
                 block.peak, float(energies.mean()), error, area, stiffness, elastic, spread, angle, angle_std, damping,
                 n)
 
 
-def _stiffness(cycle: Cycle, force: np.ndarray, period: float) -> tuple[complex, float]:
+def _stiffness(cycle: RecordedCycle, force: np.ndarray, period: float) -> tuple[complex, float]:
     """K* and the area of the force-velocity loop of one cycle."""
     order = max(1, min(HARMONICS, force.size // 8))
     f = series_of(force, period, cycle.period, order)[0]

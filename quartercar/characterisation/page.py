@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.report import Figure, Item, Mark, Notes, Page, Paragraph, Section, Table, number
+from lpvid.report import Item, Mark, Notes, Page, PageFigure, PageTable, Paragraph, Section, number
 from quartercar.characterisation.currents import worst_off_line
 from quartercar.characterisation.figures import Drawn, figures_of
 from quartercar.characterisation.points import DIRECTIONS
@@ -33,7 +33,7 @@ def characterisation_page(found: Characterisation, figures: Sequence[Drawn] | No
     -------
     Page
     """
-    drawn = {f.name: Figure.of(f.figure, f.caption) for f in (figures_of(found) if figures is None else figures)}
+    drawn = {f.name: PageFigure.of(f.figure, f.caption) for f in (figures_of(found) if figures is None else figures)}
 
     def shown(name: str) -> list[Item]:
         return [drawn[name]] if name in drawn else []
@@ -129,22 +129,37 @@ def _forces(found: Characterisation) -> list[Item]:
                "slowest test that reaches the speed. A dash: not reached.")
     if worst is not None:
         caption += f" Largest standard error {number(worst.std, 2)} N; each is listed below."
-    items: list[Item] = [Table((_first(found), "direction",
+    items: list[Item] = [PageTable((_first(found), "direction",
                                 *(f"{v:g} m/s" for v in speeds)), tuple(rows), caption,
                                tuple(range(2, 2 + len(speeds))))]
     if found.model:
         rows = [(_where(found, *key[:2]), DIRECTIONS[key[2]], *(
             "–" if f.modelled is None or f.force is None else f"{sign * (f.modelled - f.force):+.3g}"
             for f in (at[(*key, v)] for v in speeds))) for key in keys]
-        items.append(Table(("current", "direction", *(f"{v:g} m/s" for v in speeds)), tuple(rows),
+        items.append(PageTable(("current", "direction", *(f"{v:g} m/s" for v in speeds)), tuple(rows),
                            f"{found.model} (free run) less measured [N], by the same estimator.",
                            tuple(range(2, 2 + len(speeds)))))
     detail = tuple((_where(found, f.specimen, f.current), DIRECTIONS[f.direction], f"{f.speed:g}",
                     _said(sign * (f.force or 0.0), f.std), number(None if f.last is None else sign * f.last),
                     number(f.hysteresis, 3), str(f.cycles or "–"), f.source) for f in found.given)
-    items.append(Table(("current", "direction", "speed [m/s]", "force [N]", "last cycle [N]", "branch difference [N]",
-                        "cycles", "read from"), detail, "Branch difference: force while the speed rises less that "
-                       "while it falls.", (2, 3, 4, 5, 6), folded=f"Where each of the {len(detail)} forces was read"))
+    items.append(
+        PageTable(
+            (
+                "current",
+                "direction",
+                "speed [m/s]",
+                "force [N]",
+                "last cycle [N]",
+                "branch difference [N]",
+                "cycles",
+                "read from",
+            ),
+            detail,
+            "Branch difference: force while the speed rises less that while it falls.",
+            (2, 3, 4, 5, 6),
+            folded=f"Where each of the {len(detail)} forces was read",
+        )
+    )
     return items
 
 
@@ -154,7 +169,7 @@ def _ratio(found: Characterisation) -> list[Item]:
     gas = any(r.without_gas is not None for r in found.ratios)
     rows = tuple((_where(found, r.specimen, r.current), f"{r.speed:g}", _said(r.ratio, r.std, 3),
                   *((number(r.without_gas, 3),) if gas else ())) for r in found.ratios)
-    return [Table((_first(found), "speed [m/s]", "rebound / compression", *(("without gas force",) if gas else ())),
+    return [PageTable((_first(found), "speed [m/s]", "rebound / compression", *(("without gas force",) if gas else ())),
                   rows,
                   "Rebound over compression force, both as magnitudes.", (1, 2, 3) if gas else (1, 2),
                   folded=f"Rebound over compression, {len(rows)} rows" if len(rows) > OPEN else "")]
@@ -168,7 +183,7 @@ def _peaks(found: Characterisation) -> list[Item]:
                       p.block.run.specimen, -np.inf if p.block.run.level is None else p.block.run.level, p.speed)))
     if not rows:
         return []
-    return [Table((_first(found), "test", "direction", "speed [mm/s]", "force [N]", "between cycles [N]", "cycles"),
+    return [PageTable((_first(found), "test", "direction", "speed [mm/s]", "force [N]", "between cycles [N]", "cycles"),
                   rows,
                   "Force at mid stroke by test, mean over the settled cycles.", (3, 4, 5, 6),
                   folded=f"{len(rows)} peak-velocity points" if len(rows) > OPEN else "")]
@@ -183,11 +198,17 @@ def _static(found: Characterisation) -> list[Item]:
                      _said(s.gas, s.gas_std), _said(1e-3 * s.rate, 1e-3 * s.rate_std, 3),
                      ("" if s.creep else "≤ ") + _said(s.friction, s.friction_std)))
         marks.append("plain" if s.creep else "warn")
-    items: list[Item] = [Table((_first(found), "test", "speed [mm/s]", "gas force, outwards [N]", "spring rate [N/mm]",
-                                "friction [N]"), tuple(rows), "Mean and half difference of the two directions at one "
-                               "place. Friction still holds the damping at the test's speed, and the yield "
-                               "force of a magnetorheological fluid.", (2, 3, 4, 5),
-                               tuple(marks))]
+    items: list[Item] = [
+        PageTable(
+            (_first(found), "test", "speed [mm/s]", "gas force, outwards [N]", "spring rate [N/mm]", "friction [N]"),
+            tuple(rows),
+            "Mean and half difference of the two directions at one "
+            "place. Friction still holds the damping at the test's speed, and the yield "
+            "force of a magnetorheological fluid.",
+            (2, 3, 4, 5),
+            tuple(marks),
+        )
+    ]
     if not all(s.creep for s in found.static):
         items.append(Paragraph("Marked rows are faster than 10 mm/s: their friction is an upper bound, and their gas "
                                "force holds half of what the damping of the two directions differs by."))
@@ -204,7 +225,7 @@ def _loops(found: Characterisation) -> list[Item]:
                   number(None if x.damping is None else 1e-3 * x.damping, 3), number(x.velocity_area, 3))
                  for x in sorted(found.loops, key=lambda x: (x.specimen, -np.inf if x.current is None else x.current,
                                                              x.frequency)))
-    return [Table((_first(found), "test", "energy per cycle [J]", "loss angle [°]", "dynamic stiffness [N/mm]",
+    return [PageTable((_first(found), "test", "energy per cycle [J]", "loss angle [°]", "dynamic stiffness [N/mm]",
                    "elastic stiffness [N/mm]", "equivalent damping [N·s/mm]", "F-v loop area [W]"), rows,
                   "Energy: area of the force-displacement loop. Stiffness of the fundamentals, K* = F₁/x₁; elastic "
                   "is its real part.", (2, 3, 4, 5, 6, 7), folded=f"{len(rows)} tests" if len(rows) > 2 * OPEN else "")]
@@ -232,7 +253,7 @@ def _spreads(found: Characterisation) -> list[Item]:
                        for level in found.data.levels)))
     first = ("specimen",) if any(s.specimen for s in found.spreads) else ()
     start = len(first)
-    items.append(Table((*first, "direction", "speed [m/s]", "hard − soft [N]", "hard / soft",
+    items.append(PageTable((*first, "direction", "speed [m/s]", "hard − soft [N]", "hard / soft",
                         *(f"{amps(level, _unit(found))} [%]" for level in found.data.levels)), tuple(rows),
                        "Place of each current between the softest and the hardest, (F − F_soft)/(F_hard − F_soft).",
                        tuple(range(start + 1, start + 4 + len(found.data.levels)))))
@@ -247,7 +268,7 @@ def _switching(found: Characterisation) -> list[Item]:
                   _said(1e3 * s.time, 1e3 * s.time_std), number(1e3 * s.spread, 2),
                   number(None if s.settling is None else 1e3 * s.settling, 3), f"{100 * s.dip:.1f}",
                   f"{100 * s.overshoot:.1f}", number(s.step, 4), str(s.events)) for s in found.switching)
-    return [Table(("step", "direction", "speed [mm/s]", "t(F90) − t(I10) [ms]", "between steps [ms]",
+    return [PageTable(("step", "direction", "speed [mm/s]", "t(F90) − t(I10) [ms]", "between steps [ms]",
                    "settled after [ms]", "dip [%]", "overshoot [%]", "step of the force [N]", "steps"), rows,
                   "From 10 % of the current's step to 90 % of the force's, at steady speed, from the samples as "
                   "measured. ± holds the clock's resolution. Settled: within 5 % for good. Delays of sensors and "
@@ -263,9 +284,24 @@ def _drift(found: Characterisation) -> list[Item]:
                   f"{d.coolest - 273.15:.1f} … {d.warmest - 273.15:.1f}",
                   _said(None if d.per_kelvin is None else 100 * d.per_kelvin,
                         None if d.per_kelvin_std is None else 100 * d.per_kelvin_std, 2)) for d in found.drifts)
-    return [Table((_first(found), "test", "direction", "cycles", "over [s]", "change of |F| [%]", "temperature [°C]",
-                   "per kelvin [%/K]"), rows, "Trend of the force at mid stroke over the settled cycles.",
-                  (3, 4, 5, 6, 7), folded=f"{len(rows)} trends" if len(rows) > OPEN else "")]
+    return [
+        PageTable(
+            (
+                _first(found),
+                "test",
+                "direction",
+                "cycles",
+                "over [s]",
+                "change of |F| [%]",
+                "temperature [°C]",
+                "per kelvin [%/K]",
+            ),
+            rows,
+            "Trend of the force at mid stroke over the settled cycles.",
+            (3, 4, 5, 6, 7),
+            folded=f"{len(rows)} trends" if len(rows) > OPEN else "",
+        )
+    ]
 
 
 def _histogram(found: Characterisation) -> list[Item]:
@@ -274,7 +310,7 @@ def _histogram(found: Characterisation) -> list[Item]:
     rows = tuple((h.record, number(h.duration, 3), f"{1e3 * h.rms:.3g}", f"{1e3 * h.largest:.3g}",
                   f"{100 * h.slow:.1f}", f"{100 * (h.below + h.above):.2f}",
                   " / ".join(f"{1e3 * q:z.0f}" for q in h.quantiles), number(h.power, 3)) for h in found.histograms)
-    return [Table(("record", "length [s]", "rms [mm/s]", "largest [mm/s]", "below 50 mm/s [% of time]",
+    return [PageTable(("record", "length [s]", "rms [mm/s]", "largest [mm/s]", "below 50 mm/s [% of time]",
                    "beyond ±250 mm/s [% of time]", "1 / 5 / 50 / 95 / 99 % [mm/s]", "mean power [W]"), rows,
                   "Records without periodic motion.", (1, 2, 3, 4, 5, 6, 7))]
 
@@ -289,7 +325,7 @@ def _tolerance(found: Characterisation) -> list[Item]:
     rows = tuple((_where(found, c.force.specimen, c.force.current), DIRECTIONS[c.force.direction], f"{c.force.speed:g}",
                   _said(sign * (c.force.force or 0.0), c.force.std), number(c.nominal), number(c.lower),
                   number(c.upper), words[c.inside][0]) for c in ordered)
-    return [Table(("specimen, current", "direction", "speed [m/s]", "force [N]", "nominal [N]", "lower [N]",
+    return [PageTable(("specimen, current", "direction", "speed [m/s]", "force [N]", "nominal [N]", "lower [N]",
                    "upper [N]", "verdict"), rows, "Undecided: within two standard errors of a limit.", (2, 3, 4, 5, 6),
                   tuple(words[c.inside][1] for c in ordered),
                   folded=f"{len(rows)} forces against their bands" if len(rows) > 2 * OPEN else "")]
@@ -303,7 +339,7 @@ def _specimens(found: Characterisation) -> list[Item]:
                   number(s.std, 3), f"{100 * s.std / abs(s.mean):.2f}" if s.mean else "–", number(s.within, 2),
                   f"{s.lowest[0]} ({sign * s.lowest[1]:.4g})", f"{s.highest[0]} ({sign * s.highest[1]:.4g})",
                   str(s.count)) for s in found.specimens)
-    return [Table(("current", "direction", "speed [m/s]", "mean [N]", "std between specimens [N]", "[%]",
+    return [PageTable(("current", "direction", "speed [m/s]", "mean [N]", "std between specimens [N]", "[%]",
                    "of which measurement [N]", "weakest", "strongest", "specimens"), rows,
                   "Specimen-to-specimen spread.", (2, 3, 4, 5, 6, 9),
                   folded=f"{len(rows)} rows" if len(rows) > 2 * OPEN else "")]
@@ -324,7 +360,7 @@ def _tests(found: Characterisation) -> tuple[Item, ...]:
         kind = {"varies": "moving", "none": "–"}.get(run.current, amps(run.level, _unit(found)))
         rows.append((run.name, run.specimen or "–", kind, f"{1.0 / run.period:.5g}",
                      f"{run.record.n_samples * run.period:.3g}", what))
-    table = Table(("record", "specimen", "current", "rate [Hz]", "length [s]", "what it holds"), tuple(rows),
+    table = PageTable(("record", "specimen", "current", "rate [Hz]", "length [s]", "what it holds"), tuple(rows),
                   "Records as used.", (3, 4), folded=f"{len(rows)} records" if len(rows) > OPEN else "")
     lines = (*found.data.notes, *found.notes, *_conventions())
     return table, Notes(tuple(lines))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quartercar.characterisation.cycles import Block, Cycle
+from quartercar.characterisation.cycles import Block, RecordedCycle
 from quartercar.characterisation.local_fit import LEAST, LocalFit, local_fit
 from quartercar.characterisation.settings import CENTRE
 from quartercar.dampers.bench.static_characteristic import SAME_SPEED
@@ -97,7 +97,7 @@ def peak_point(block: Block, direction: int, force: np.ndarray | None = None) ->
                      found[:, 1])
 
 
-def _centre(cycle: Cycle, force: np.ndarray, direction: int) -> tuple[float, float] | None:
+def _centre(cycle: RecordedCycle, force: np.ndarray, direction: int) -> tuple[float, float] | None:
     off = cycle.displacement - cycle.centre
     way = direction * cycle.velocity > 0
     if not way.any():
@@ -133,7 +133,9 @@ def branch_force(block: Block, direction: int, speed: float, force: np.ndarray |
                        max(rising.outside, falling.outside) > 0)
 
 
-def _branch(cycles: tuple[Cycle, ...], force: np.ndarray, direction: int, speed: float, side: int) -> LocalFit | None:
+def _branch(
+    cycles: tuple[RecordedCycle, ...], force: np.ndarray, direction: int, speed: float, side: int
+) -> LocalFit | None:
     """The local fit on one branch: `side` −1 before mid stroke, 1 behind."""
     parts = []
     for k, c in enumerate(cycles):

@@ -22,7 +22,7 @@ LONGEST = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class RecordPiece:
     """One uniform, finite piece of a record.
 
     Attributes
@@ -89,7 +89,7 @@ class Run:
 
 
 @dataclass(frozen=True, eq=False)
-class Runs:
+class RecordPieces:
     """All runs of a data set.
 
     Attributes
@@ -104,7 +104,7 @@ class Runs:
         What was derived, resampled or left out; what must not be missed.
     """
 
-    runs: tuple[Run, ...]
+    runs: tuple[RecordPiece, ...]
     levels: tuple[float, ...]
     current_unit: str
     polarity: int
@@ -117,7 +117,7 @@ class Runs:
         return tuple(dict.fromkeys(r.specimen for r in self.runs))
 
 
-def runs_of(records: Sequence[Record], settings: CharacteriseSettings) -> Runs:
+def runs_of(records: Sequence[Record], settings: CharacteriseSettings) -> RecordPieces:
     """Cut, resample and sort records.
 
     Raises
@@ -135,9 +135,9 @@ def runs_of(records: Sequence[Record], settings: CharacteriseSettings) -> Runs:
     pieces: list[tuple[Record, Record, str, bool]] = []
     done: list[str] = []
     for record in standing:
-        found, said = _pieces(record, settings)
+        found, stated = _pieces(record, settings)
         pieces += found
-        done += list(dict.fromkeys(said))
+        done += list(dict.fromkeys(stated))
     if not pieces:
         raise InputError("no record is long enough to characterise", got=", ".join(
             f"'{r.name}': {r.n_samples} samples" for r in records[:4]), why=f"a piece without missing samples needs "
@@ -149,14 +149,14 @@ def runs_of(records: Sequence[Record], settings: CharacteriseSettings) -> Runs:
     with_force = [p[0] for p in moving if p[0].has("force")]
     sense = common_polarity(with_force) if with_force else 1
     current = _kinds([p[0] for p in moving])
-    runs = tuple(Run(a, b, name, level, kind, integrated, sense or 1)
+    runs = tuple(RecordPiece(a, b, name, level, kind, integrated, sense or 1)
                  for (a, b, name, integrated), (kind, level) in zip(moving, current, strict=True))
     unit = next((r.record.unit("current") or "1" for r in runs if r.record.has("current")), "A")
     levels = tuple(sorted({r.level for r in runs if r.level is not None}))
     lost = losses([p[0] for p in moving])
     counted = tuple(n if done.count(n) == len(records) else f"{n} in {done.count(n)} of {len(records)} records"
                     for n in dict.fromkeys(done))
-    return Runs(runs, levels, unit, sense or 1, (*dict.fromkeys(notes), *counted, *lost), _caveats(runs, sense))
+    return RecordPieces(runs, levels, unit, sense or 1, (*dict.fromkeys(notes), *counted, *lost), _caveats(runs, sense))
 
 
 def _need_channels(records: Sequence[Record]) -> None:
@@ -192,8 +192,8 @@ def _pieces(record: Record, settings: CharacteriseSettings) -> tuple[list[tuple[
         integrated = not piece.has("displacement")
         if integrated:
             piece = piece.with_channel("displacement", _integral(piece["velocity"], float(piece.sample_time or 1)), "m")
-        (piece,), said = with_motion([piece])
-        notes = (*notes, *said)
+        (piece,), stated = with_motion([piece])
+        notes = (*notes, *stated)
         found.append((piece, raw, specimen, integrated))
     return found, (*notes, *(w.replace("all records ", "") for w in why))
 
@@ -254,24 +254,28 @@ def _kinds(pieces: Sequence[Record]) -> list[tuple[str, float | None]]:
     return found
 
 
-def _caveats(runs: Sequence[Run], sense: int) -> tuple[str, ...]:
-    said = []
+def _caveats(runs: Sequence[RecordPiece], sense: int) -> tuple[str, ...]:
+    stated = []
     if sense < 0:
-        said.append("The force opposes the velocity in these records (mean F·v < 0): it is read as tension positive. "
+        stated.append("The force opposes the velocity in these records (mean F·v < 0): it is read as tension positive. "
                     "--flip force turns the records.")
     elif sense == 0:
-        said.append("The polarity of the force is not decided by these records: mean F·v is too close to zero. It is "
+        stated.append("The polarity of the force is not decided by these records: mean F·v is too close to zero. It is "
                     "taken as positive in tension.")
     longest = max((float(np.ptp(r.displacement)), r.name) for r in runs if not r.integrated) if any(
         not r.integrated for r in runs) else (0.0, "")
     if longest[0] > LONGEST:
-        said.append(f"Record '{longest[1]}' has a stroke of {longest[0]:.3g} m: is its displacement in mm, with "
+        stated.append(f"Record '{longest[1]}' has a stroke of {longest[0]:.3g} m: is its displacement in mm, with "
                     "another unit in the header?")
     if any(r.integrated for r in runs):
-        said.append("Displacement is the integral of the velocity where it was not measured: its zero is not known, so "
-                    "the gas force belongs to the middle of the motion.")
+        stated.append(
+            "Displacement is the integral of the velocity where it was not measured: its zero is not known, so "
+            "the gas force belongs to the middle of the motion."
+        )
     without = [r.name for r in runs if not r.has_force]
     if without:
-        said.append(f"No force in {', '.join(without[:4])}{' and more' if len(without) > 4 else ''}: only the velocity "
-                    "histogram uses it.")
-    return tuple(said)
+        stated.append(
+            f"No force in {', '.join(without[:4])}{' and more' if len(without) > 4 else ''}: only the velocity "
+            "histogram uses it."
+        )
+    return tuple(stated)

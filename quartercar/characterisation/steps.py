@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from quartercar.characterisation.runs import NOISE, Run
+from quartercar.characterisation.runs import NOISE, RecordPiece
 from quartercar.dampers.bench.static_characteristic import SAME_SPEED
 
 CLASSES = 50
@@ -19,7 +19,7 @@ SHORTEST_HOLD = 10
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class CurrentStep:
     """One step at steady speed, in samples of the measurement.
 
     Attributes
@@ -45,7 +45,7 @@ class Step:
     sharp: bool
 
 
-def steps_of(run: Run) -> tuple[list[Step], str]:
+def steps_of(run: RecordPiece) -> tuple[list[CurrentStep], str]:
     """Usable steps of a run, and where there are none, why."""
     raw = run.raw
     current = raw["current"]
@@ -91,7 +91,7 @@ def _holds(current: np.ndarray) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(edges) if label[a] >= 0]
 
 
-def _step(current: np.ndarray, x: np.ndarray, period: float, a: slice, b: slice) -> Step | None:
+def _step(current: np.ndarray, x: np.ndarray, period: float, a: slice, b: slice) -> CurrentStep | None:
     """The step between two holds, cut to the stretch of steady speed; None where that is too short."""
     first, last = a.stop - 1, b.start
     begin, end = _steady(x, a.start, first, last, b.stop)
@@ -109,7 +109,7 @@ def _step(current: np.ndarray, x: np.ndarray, period: float, a: slice, b: slice)
     sharp = last - first == 1
     step = current[k] - current[k - 1]
     start = k - 0.5 if sharp else k - 1 + float((tenth - current[k - 1]) / step) if step else float(k)
-    return Step(before, after, low, high, velocity, start, sharp)
+    return CurrentStep(before, after, low, high, velocity, start, sharp)
 
 
 def _steady(x: np.ndarray, begin: int, first: int, last: int, end: int) -> tuple[int, int]:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quartercar.characterisation.runs import NOISE, Run
-from quartercar.characterisation.steps import Step, steps_of
+from quartercar.characterisation.runs import NOISE, RecordPiece
+from quartercar.characterisation.steps import CurrentStep, steps_of
 from quartercar.dampers.bench.static_characteristic import SAME_SPEED
 
 SETTLED = 0.05
@@ -23,7 +23,7 @@ STD_OF_UNIFORM = 1 / np.sqrt(12.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Switching:
+class SwitchingSteps:
     """Like steps of one record.
 
     Attributes
@@ -72,7 +72,7 @@ class Switching:
     response: np.ndarray
 
 
-def switching_of(run: Run) -> tuple[list[Switching], str]:
+def switching_of(run: RecordPiece) -> tuple[list[SwitchingSteps], str]:
     """Switching times of a run whose current steps, and where there are none, why.
 
     At steady speed the force before and after a step lies on two lines of one slope (the gas spring's), F_0(t) and
@@ -97,9 +97,9 @@ def switching_of(run: Run) -> tuple[list[Switching], str]:
     return found, "" if found else reasons[0]
 
 
-def _alike(steps: Sequence[Step]) -> list[list[Step]]:
+def _alike(steps: Sequence[CurrentStep]) -> list[list[CurrentStep]]:
     span = max(max(s.low, s.high) for s in steps) - min(min(s.low, s.high) for s in steps)
-    groups: list[list[Step]] = []
+    groups: list[list[CurrentStep]] = []
     for s in steps:
         for g in groups:
             h = g[0]
@@ -112,7 +112,7 @@ def _alike(steps: Sequence[Step]) -> list[list[Step]]:
     return groups
 
 
-def _one_kind(run: Run, group: Sequence[Step], force: np.ndarray, period: float) -> Switching | str:
+def _one_kind(run: RecordPiece, group: Sequence[CurrentStep], force: np.ndarray, period: float) -> SwitchingSteps | str:
     slope = _common_slope(group, force)
     curves = [c for s in group if (c := _response(s, force, slope)) is not None]
     if not curves:
@@ -142,13 +142,13 @@ def _one_kind(run: Run, group: Sequence[Step], force: np.ndarray, period: float)
     early = y[: max(int(np.argmax(y > 0.5)), 1)]
     low, beyond = -float(early.min()), float(y.max()) - 1.0
     first = group[0]
-    return Switching(run.specimen, run.name, first.low, first.high, int(np.sign(first.velocity)),
+    return SwitchingSteps(run.specimen, run.name, first.low, first.high, int(np.sign(first.velocity)),
                      float(np.mean([abs(s.velocity) for s in group])), float(instants.mean()), error, spread, settling,
                      low if low > 0.5 * NOISE * noise else 0.0, beyond if beyond > 0.5 * NOISE * noise else 0.0,
                      float(np.mean([c[2] for c in curves])), n, resolution, grid * period, mean)
 
 
-def _held(step: Step) -> tuple[np.ndarray, np.ndarray]:
+def _held(step: CurrentStep) -> tuple[np.ndarray, np.ndarray]:
     """Samples before the step (the half next to it: what came earlier may still settle) and of the settled end."""
     before, after = step.before, step.after
     length = after.stop - after.start
@@ -156,7 +156,7 @@ def _held(step: Step) -> tuple[np.ndarray, np.ndarray]:
             np.arange(after.stop - max(4, int(FINAL * length)), after.stop))
 
 
-def _common_slope(group: Sequence[Step], force: np.ndarray) -> float:
+def _common_slope(group: Sequence[CurrentStep], force: np.ndarray) -> float:
     """Slope of the force over time at held current [N per sample]: of a gas spring at this speed, one for all steps.
 
     Least squares over all held stretches, each about its own mean.
@@ -170,7 +170,7 @@ def _common_slope(group: Sequence[Step], force: np.ndarray) -> float:
     return above / below if below else 0.0
 
 
-def _response(step: Step, force: np.ndarray, slope: float) -> tuple[np.ndarray, np.ndarray, float] | None:
+def _response(step: CurrentStep, force: np.ndarray, slope: float) -> tuple[np.ndarray, np.ndarray, float] | None:
     """(samples since I10, y, step of the force); None where the force is not settled at the end."""
     late, tail = _held(step)
     flat = force - slope * (np.arange(force.size) - step.start)

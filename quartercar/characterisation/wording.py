@@ -8,7 +8,7 @@ from quartercar.characterisation.points import DIRECTIONS
 
 if TYPE_CHECKING:
     from quartercar.characterisation.characterisation import Characterisation
-    from quartercar.characterisation.runs import Runs
+    from quartercar.characterisation.runs import RecordPieces
 
 
 def amps(current: float | None, unit: str) -> str:
@@ -45,7 +45,7 @@ def speed_said(speed: float) -> str:
     return f"{mm:.0f} mm/s" if mm >= 100 else f"{mm:.3g} mm/s"
 
 
-def currents_said(data: Runs) -> str:
+def currents_said(data: RecordPieces) -> str:
     """Which currents were held."""
     if not data.levels:
         return "a moving current" if any(r.current == "varies" for r in data.runs) else "no recorded current"
@@ -80,22 +80,22 @@ def verdict(found: Characterisation) -> str:
 
 def _key_figures(found: Characterisation) -> str:
     """Rebound over compression, hard over soft, switching times: each where the records hold it."""
-    unit, said = found.data.current_unit, []
+    unit, stated = found.data.current_unit, []
     top = max((r for r in found.ratios), key=lambda r: r.speed, default=None)
     if top is not None:
-        said.append(f"rebound over compression {top.ratio:.2f} at {top.speed:g} m/s"
+        stated.append(f"rebound over compression {top.ratio:.2f} at {top.speed:g} m/s"
                     + ("" if top.current is None or len(found.data.levels) < 2 else f" and {amps(top.current, unit)}"))
     if found.spreads:
         fastest = max(s.speed for s in found.spreads)
         own = [abs(f.force) for f in found.given if f.force is not None and f.current is not None
                and (f.direction, f.speed, f.specimen) == (1, fastest, found.spreads[0].specimen)]
         if len(own) > 1 and min(own) > 0:
-            said.append(f"hard over soft {max(own) / min(own):.2f} in rebound at {fastest:g} m/s")
+            stated.append(f"hard over soft {max(own) / min(own):.2f} in rebound at {fastest:g} m/s")
     if found.switching:
         low, high = min(s.time for s in found.switching), max(s.time for s in found.switching)
-        said.append(f"switching {1e3 * low:.3g} to {1e3 * high:.3g} ms" if len(found.switching) > 1 else
+        stated.append(f"switching {1e3 * low:.3g} to {1e3 * high:.3g} ms" if len(found.switching) > 1 else
                     f"switching {1e3 * low:.3g} ms")
-    return f" {'; '.join(said)[0].upper()}{'; '.join(said)[1:]}." if said else ""
+    return f" {'; '.join(stated)[0].upper()}{'; '.join(stated)[1:]}." if stated else ""
 
 
 def summary(found: Characterisation) -> str:

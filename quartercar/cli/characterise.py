@@ -60,12 +60,12 @@ def characterise(
     settings = _settings(speeds, rebound, specimen, delay, asked_rate(sample_rate))
     band = _band(tolerance, nominal, Tolerance)
     model: Damper | None = None if damper is None else load_damper(damper)
-    with working("reading") as say:
+    with working("reading") as report_progress:
         records, _ = read_clocked(data, roles=role, flip=flip, sample_rate=settings.sample_rate)
         named = (split_names(input), split_names(output), split_names(schedule))
         records = [damper_parts(r, *named) for r in records]
-        found = characterised(records, settings, damper=model, tolerance=band, say=say)
-        _deliver(results, found, say)
+        found = characterised(records, settings, damper=model, tolerance=band, report_progress=report_progress)
+        _deliver(results, found, report_progress)
     conclude(results, found.to_dict(), str(found), json)
 
 
@@ -111,7 +111,7 @@ def _band(tolerance: str | None, nominal: Path | None, kind: type[Tolerance]) ->
     return kind.parse(tolerance, nominal)
 
 
-def _deliver(results: Results, found: Characterisation, say) -> None:
+def _deliver(results: Results, found: Characterisation, report_progress) -> None:
     """Queue characterisation.json, the tables, the figures and the report."""
     if not results.kept:
         return
@@ -120,7 +120,7 @@ def _deliver(results: Results, found: Characterisation, say) -> None:
     from quartercar.characterisation.page import characterisation_page
     from quartercar.characterisation.tables import named_tables
 
-    say("drawing")
+    report_progress("drawing")
     results.json("characterisation.json", found.to_dict())
     for name, text in named_tables(found).items():
         results.bytes(name, text.encode("utf-8"))

@@ -28,9 +28,9 @@ def demo(out: options.Out = DEMO_FOLDER,
     from quartercar.demo.run import run_demo
 
     results = Results(out)
-    with working("starting") as say:
-        found = run_demo(seed, say, (lambda stage, result: None) if json else _Teller(say).tell)
-        say("drawing")
+    with working("starting") as report_progress:
+        found = run_demo(seed, report_progress, (lambda stage, result: None) if json else _Teller(report_progress).tell)
+        report_progress("drawing")
         _deliver(results, found)
     conclude(results, found.to_dict(), _closing(found, out), json)
 
@@ -73,7 +73,7 @@ def _closing(found: Demo, out: Path | None) -> str:
 class _Teller:
     """Prints each stage as it is ready, with the time since the last one."""
 
-    def __init__(self, say: Callable[[str], None]) -> None:
+    def __init__(self, report_progress: Callable[[str], None]) -> None:
         import time
 
         from rich.console import Console
@@ -120,13 +120,13 @@ def _experiment_lines(figures) -> list:
 
     from quartercar.demo.run import experiments_table
 
-    told = experiments_table(figures)
+    described = experiments_table(figures)
     table = Table(box=None, pad_edge=False, header_style="dim")
-    for i, name in enumerate(told.columns):
-        table.add_column(name, justify="right" if i in told.numeric else "left", no_wrap=True)
-    for row in told.rows:
+    for i, name in enumerate(described.columns):
+        table.add_column(name, justify="right" if i in described.numeric else "left", no_wrap=True)
+    for row in described.rows:
         table.add_row(*row, style="bold" if row[0] == "mean" else None)
-    return [f"{told.caption}", table]
+    return [f"{described.caption}", table]
 
 
 _STAGES: dict[str, tuple[str, Callable]] = {

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lpvid.cli import options
-from lpvid.cli.running import SHORTFALL, Results, command, conclude, solvers_unheard, working
+from lpvid.cli.running import SHORTFALL, Results, command, conclude, solver_output_suppressed, working
 from lpvid.errors import InputError
 
 if TYPE_CHECKING:
@@ -55,16 +55,16 @@ def design(
         typer.echo(design_template() if template else writer.dumps(design_schema(), indent=2) + "\n", nl=False)
         return
     results = Results(out)
-    with working("reading") as say, solvers_unheard():
+    with working("reading") as report_progress, solver_output_suppressed():
         given = _table(car, damper, config)
         if config is None:
             chosen = read_design(given if plant is None else {**given, "plant": plant})
         else:
             chosen = load_design(config, plant)
-        law = _tuned(chosen, chosen.tune if tune is None else tune, say)
-        say("looking for a controller")
+        law = _tuned(chosen, chosen.tune if tune is None else tune, report_progress)
+        report_progress("looking for a controller")
         found = designed(chosen.car, law)
-        _deliver(results, found, say)
+        _deliver(results, found, report_progress)
     conclude(results, found.to_dict(), str(found), json)
     if not found.synthesis.solved:
         raise typer.Exit(SHORTFALL)
@@ -80,7 +80,7 @@ def _table(car: str | None, damper: Path | None, config: Path | None) -> dict[st
 
 
 def _tuned(chosen: DesignConfig, budget: int,
-           say: Callable[[str], None]) -> LpvHinf | LpvHinfClipped | LpvHinfIdentified:
+           report_progress: Callable[[str], None]) -> LpvHinf | LpvHinfClipped | LpvHinfIdentified:
     """The law, tuned where that was asked for."""
     if not budget:
         return chosen.law
@@ -88,10 +88,12 @@ def _tuned(chosen: DesignConfig, budget: int,
     from quartercar.roads.ride_roads import Bump, IsoRoad
 
     trial = Trial(chosen.car, (IsoRoad(duration=8.0), Bump()), seeds=(100_000, 100_001))
-    return chosen.law.with_vector(tune(chosen.law, trial, max(budget, 4), say=say).controller.vector)
+    return chosen.law.with_vector(
+        tune(chosen.law, trial, max(budget, 4), report_progress=report_progress).controller.vector
+    )
 
 
-def _deliver(results: Results, found: Design | IdentifiedDesign, say: Callable[[str], None]) -> None:
+def _deliver(results: Results, found: Design | IdentifiedDesign, report_progress: Callable[[str], None]) -> None:
     """Queue the controller, the synthesis, the figures and the report."""
     if not results.kept:
         return
@@ -99,9 +101,9 @@ def _deliver(results: Results, found: Design | IdentifiedDesign, say: Callable[[
     from lpvid.plot import png
     from quartercar.design.report import design_figures, design_page
 
-    say("riding over a bump")
+    report_progress("riding over a bump")
     rides = found.bump() if found.synthesis.solved else None
-    say("drawing")
+    report_progress("drawing")
     if found.synthesis.solved:
         results.add("controller.json", lambda path: save(found.controller, path))
     else:

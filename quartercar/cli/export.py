@@ -9,7 +9,7 @@ import typer
 
 from lpvid.cli import options
 from lpvid.cli.export import Name, Precision, To, deliver
-from lpvid.cli.running import Results, command, solvers_unheard, working
+from lpvid.cli.running import Results, command, solver_output_suppressed, working
 from lpvid.errors import InputError
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def export(
     from lpvid.export.exporting import content
 
     results = Results(out)
-    with working(f"exporting to {to}"), solvers_unheard():
+    with working(f"exporting to {to}"), solver_output_suppressed():
         loop = _loop(config, controller, car, damper, measurements)
         found = content(loop, to, Options(name), precision)
     deliver(results, found, str(config or "the default car"), json)

@@ -62,7 +62,7 @@ def fit(
     from quartercar.dampers.evaluation.comparison import CompareSettings, compare
 
     results = Results(out)
-    with working("reading") as say:
+    with working("reading") as report_progress:
         asked, raw = asked_rate(sample_rate)
         training, kept, rate, notes = _records(data, held_out, hold_out, {"role": role, "flip": flip}, asked)
         rate = common_rate(training) if raw else rate
@@ -71,9 +71,11 @@ def fit(
         wanted: list[str | Damper] = [*(split_names(models) or ([] if parameters else ("all",)))]
         settings = CompareSettings(seed=seed, sample_rate=rate, thorough=thorough, passive=passive,
                                    workers=workers, budget=budget)
-        found = compare(training, [*wanted, *_given(parameters or (), training, kept, rate)], kept, settings, say)
+        found = compare(
+            training, [*wanted, *_given(parameters or (), training, kept, rate)], kept, settings, report_progress
+        )
         found = found.with_notes(notes)
-        _deliver(results, found, say)
+        _deliver(results, found, report_progress)
     if not found.complete:
         typer.echo("interrupted: the models that were done are kept; the result says that it is not complete", err=True)
     conclude(results, found.to_dict(), str(found), json)
@@ -100,8 +102,8 @@ def _records(data: Sequence[str], held_out: Sequence[str] | None, hold_out: str 
                                                   sample_rate=sample_rate)
     share = hold_out or (None if kept else HOLD_OUT)
     training, tail = part(records, share)
-    said = () if share is None else (f"held out: the last {share.removeprefix('last-')} of every record in DATA",)
-    return training, [*tail, *kept], None if clockless else sample_rate, said
+    stated = () if share is None else (f"held out: the last {share.removeprefix('last-')} of every record in DATA",)
+    return training, [*tail, *kept], None if clockless else sample_rate, stated
 
 
 def _given(files: Sequence[Path], training: Sequence[Record], kept: Sequence[Record],
@@ -127,7 +129,7 @@ def _given(files: Sequence[Path], training: Sequence[Record], kept: Sequence[Rec
     return found
 
 
-def _deliver(results: Results, found: Comparison, say: Callable[[str], None]) -> None:
+def _deliver(results: Results, found: Comparison, report_progress: Callable[[str], None]) -> None:
     """Queue comparison.json, the models, the figures and the report."""
     if not results.kept:
         return
@@ -135,7 +137,7 @@ def _deliver(results: Results, found: Comparison, say: Callable[[str], None]) ->
     from lpvid.plot import png
     from quartercar.report.fit import comparison_figures, comparison_page
 
-    say("drawing")
+    report_progress("drawing")
     results.json("comparison.json", found.to_dict())
     for row in found.rows:
         if row.fit is not None:

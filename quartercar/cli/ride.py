@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lpvid.cli import options
-from lpvid.cli.running import SHORTFALL, Results, command, conclude, solvers_unheard, working
+from lpvid.cli.running import SHORTFALL, Results, command, conclude, solver_output_suppressed, working
 from lpvid.errors import InputError, NumericalError
 
 if TYPE_CHECKING:
@@ -63,16 +63,18 @@ def ride(
         typer.echo(ride_template(), nl=False)
         return
     results = Results(out)
-    with working("reading") as say:
+    with working("reading") as report_progress:
         chosen = _chosen(config, car, damper, road, controller, measurements, seeds, tune, preview)
         chosen = chosen.with_changes(bound=bound, bound_seeds=bound_seeds)
         _check_bound(chosen)
         _check_preview(chosen)
         try:
-            with solvers_unheard():
-                laws, tuned = _tuned(chosen, say)
-                found = compare_rides(chosen.car, chosen.roads, laws, chosen.seeds, chosen.settings, say=say)
-                bounds = _bounds(chosen, found, say)
+            with solver_output_suppressed():
+                laws, tuned = _tuned(chosen, report_progress)
+                found = compare_rides(
+                    chosen.car, chosen.roads, laws, chosen.seeds, chosen.settings, report_progress=report_progress
+                )
+                bounds = _bounds(chosen, found, report_progress)
         except NumericalError as error:
             data = {"schema": "quartercar/ride/1", "verdict": f"No comparison: {error}", "rides": []}
             results.json("ride.json", data)
@@ -81,7 +83,7 @@ def ride(
         data = {**found.to_dict(), **_setting(chosen), "tuned": {n: t.to_dict() for n, t in tuned.items()}}
         if chosen.bound:
             data["bounds"] = [b.to_dict() for b in bounds]
-        _deliver(results, data, found, chosen, tuned, bounds, say)
+        _deliver(results, data, found, chosen, tuned, bounds, report_progress)
     conclude(results, data, "\n".join(map(str, (found, _loop(chosen), *bounds))), json)
 
 
@@ -124,7 +126,7 @@ def _with_preview(chosen: RideConfig, text: str, free: bool) -> RideConfig:
     return chosen.with_changes(settings=replace(chosen.settings, preview=found), controllers=laws)
 
 
-def _tuned(chosen: RideConfig, say: Callable[[str], None]) -> tuple[dict, dict[str, Tuned]]:
+def _tuned(chosen: RideConfig, report_progress: Callable[[str], None]) -> tuple[dict, dict[str, Tuned]]:
     """The laws, tuned where that was asked for."""
     from quartercar.rides.tuning import Trial, tune
 
@@ -134,10 +136,10 @@ def _tuned(chosen: RideConfig, say: Callable[[str], None]) -> tuple[dict, dict[s
     clash = set(seeds) & set(chosen.seeds)
     if clash:
         raise InputError("tuning and comparison share a seed", got=str(min(clash)), mend="another tune_seed")
-    say("tuning")
+    report_progress("tuning")
     trial = Trial(chosen.car, chosen.roads, seeds, chosen.settings)
     references = trial.references()
-    tuned = {n: tune(law, trial, max(chosen.tune, 4), references=references, say=say)
+    tuned = {n: tune(law, trial, max(chosen.tune, 4), references=references, report_progress=report_progress)
              for n, law in chosen.controllers.items()}
     return {n: t.controller for n, t in tuned.items()}, tuned
 
@@ -157,13 +159,15 @@ def _check_preview(chosen: RideConfig) -> None:
             chosen.settings.preview.delay(road)
 
 
-def _bounds(chosen: RideConfig, found: RideComparison, say: Callable[[str], None]) -> tuple[Bound, ...]:
+def _bounds(chosen: RideConfig, found: RideComparison, report_progress: Callable[[str], None]) -> tuple[Bound, ...]:
     """What the damper could have reached, where that was asked for."""
     if not chosen.bound:
         return ()
     from quartercar.rides.bound import BoundSettings, bound_rides
 
-    return bound_rides(chosen.car, chosen.roads, found, chosen.settings, BoundSettings(chosen.bound_seeds), say)
+    return bound_rides(
+        chosen.car, chosen.roads, found, chosen.settings, BoundSettings(chosen.bound_seeds), report_progress
+    )
 
 
 def _setting(chosen: RideConfig) -> dict:
@@ -186,7 +190,7 @@ def _command(car: QuarterCar) -> str:
 
 
 def _deliver(results: Results, data: dict, found: RideComparison, chosen: RideConfig, tuned: dict[str, Tuned],
-             bounds: tuple[Bound, ...], say: Callable[[str], None]) -> None:
+             bounds: tuple[Bound, ...], report_progress: Callable[[str], None]) -> None:
     """Queue ride.json, the laws, the figures and the report."""
     if not results.kept:
         return
@@ -194,7 +198,7 @@ def _deliver(results: Results, data: dict, found: RideComparison, chosen: RideCo
     from lpvid.plot import png
     from quartercar.report.rides import ride_figures, ride_page
 
-    say("drawing")
+    report_progress("drawing")
     results.json("ride.json", data)
     for row in found.on(found.roads[0]):
         results.add(f"{row.name}.json", lambda path, law=row.controller: save(law, path))

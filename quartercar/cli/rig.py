@@ -35,19 +35,19 @@ def rig(plan: PlanFile = None,
         raise InputError("rig needs a folder for its records", mend="add --out DIR")
     results, loaded = Results(out), load_plan(plan)
     records: list[Record] = []
-    with working("running the rig") as say:
+    with working("running the rig") as report_progress:
         for record in iterate_plan(loaded):
             records.append(record)
-            say(f"running the rig: {record.name} done")
+            report_progress(f"running the rig: {record.name} done")
         from lpvid.auditing import audit
         from quartercar.report.rig import rig_page
 
         for record in records:
             results.add(f"{record.name}.csv", writer(write_csv, record))
-        say("auditing and drawing")
+        report_progress("auditing and drawing")
         found = audit(records)
         results.report(rig_page(loaded, found, records))
-        say("writing")
+        report_progress("writing")
         data = {"schema": "quartercar/rig/1", "plan": str(plan), "audit": found.verdict,
                 "records": [{"name": r.name, "file": f"{r.name}.csv", "n_samples": r.n_samples,
                              "duration": r.duration} for r in records]}

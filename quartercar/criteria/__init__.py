@@ -9,7 +9,7 @@ from quartercar.criteria.figures import (
     BANDS,
     COMFORT,
     FrequencyGains,
-    Ride,
+    RideFigures,
     band_gain,
     comfort_classes,
     comfort_transfer,
@@ -23,6 +23,6 @@ from quartercar.criteria.figures import (
     weighted,
 )
 
-__all__ = ["BANDS", "COMFORT", "FrequencyGains", "Ride", "band_gain", "comfort_classes", "comfort_transfer",
+__all__ = ["BANDS", "COMFORT", "FrequencyGains", "RideFigures", "band_gain", "comfort_classes", "comfort_transfer",
            "comfort_transition", "comfort_weighting", "frequency_gains", "judge", "rms", "transient_maximum",
            "vibration_dose", "weighted"]

@@ -130,7 +130,7 @@ def comfort_classes(weighted_rms: float) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class Ride:
+class RideFigures:
     """Figures of one run.
 
     Attributes
@@ -175,7 +175,7 @@ class Ride:
                 f"stroke     {1e3 * self.stroke:.3g} mm rms, {1e3 * self.largest_stroke:.3g} mm at most{used}")
 
 
-def judge(run: CarRun, settle: float = 0.0) -> Ride:
+def judge(run: CarRun, settle: float = 0.0) -> RideFigures:
     """Figures of a run.
 
     Parameters
@@ -198,7 +198,7 @@ def judge(run: CarRun, settle: float = 0.0) -> Ride:
     force, z = rest["tyre_force"], rest["suspension_deflection"]
     stops = run.car.stops
     used = None if stops is None else float(max(z.max() / stops.rebound, -z.min() / stops.compression))
-    return Ride(rms(rest["body_acceleration"]), rms(a), vibration_dose(a, run.sample_time),
+    return RideFigures(rms(rest["body_acceleration"]), rms(a), vibration_dose(a, run.sample_time),
                 transient_maximum(a, run.sample_time), float(force.std()), float(force.std()) / run.static_load,
                 float(np.mean(rest["tyre_load"] <= 0)), float(z.std()), float(np.abs(z).max()), used)
 

@@ -9,14 +9,14 @@ import numpy as np
 
 from quartercar.criteria import comfort_weighting
 from quartercar.criteria.figures import SETTLED
-from quartercar.vehicle.adjoint import AdjointCar, Trajectory
+from quartercar.vehicle.adjoint import AdjointCar, GradientRun
 
 SIGNALS = ("acceleration", "tyre_force", "deflection", "speed", "force")
 """Of a `Trajectory`, in the order of `AdjointCar.gradient`."""
 
 
 @dataclass(frozen=True, eq=False)
-class Figure:
+class RideFigure:
     """A figure and its (n,) gradients by the signals that it reads."""
 
     value: float
@@ -45,7 +45,7 @@ class RideGradient:
         self._padded = 1 << int(np.ceil(np.log2(self._size + SETTLED / self._time)))
         self._weight = comfort_weighting(np.fft.rfftfreq(self._padded, self._time))
 
-    def of(self, run: Trajectory) -> dict[str, Figure]:
+    def of(self, run: GradientRun) -> dict[str, RideFigure]:
         """comfort [m/s²], tyre_load [N], stroke [m], room (share used, where there are stops), given [J]."""
         found = {"comfort": self._comfort(run.acceleration),
                  "tyre_load": self._spread(run.tyre_force, "tyre_force"),
@@ -54,29 +54,31 @@ class RideGradient:
             found["room"] = self._room(run.deflection)
         return found
 
-    def _comfort(self, a: np.ndarray) -> Figure:
+    def _comfort(self, a: np.ndarray) -> RideFigure:
         n, size = self._size, self._padded
         weighted = np.fft.irfft(np.fft.rfft(a, size) * self._weight, size)[:n]
         weighted[:self._skip] = 0.0
         value = float(np.sqrt(np.sum(weighted**2) / self._count))
         by = weighted / (self._count * value) if value else weighted
-        return Figure(value, {"acceleration": np.fft.irfft(np.fft.rfft(by, size) * np.conj(self._weight), size)[:n]})
+        return RideFigure(
+            value, {"acceleration": np.fft.irfft(np.fft.rfft(by, size) * np.conj(self._weight), size)[:n]}
+        )
 
-    def _spread(self, signal: np.ndarray, name: str) -> Figure:
+    def _spread(self, signal: np.ndarray, name: str) -> RideFigure:
         """Standard deviation."""
         centred = np.zeros(self._size)
         centred[self._skip:] = signal[self._skip:] - signal[self._skip:].mean()
         value = float(np.sqrt(np.sum(centred**2) / self._count))
-        return Figure(value, {name: centred / (self._count * value) if value else centred})
+        return RideFigure(value, {name: centred / (self._count * value) if value else centred})
 
-    def _given(self, run: Trajectory) -> Figure:
+    def _given(self, run: GradientRun) -> RideFigure:
         power = run.force * run.speed
         back = (power < 0) & (np.arange(self._size) >= self._skip)
-        return Figure(float(-np.sum(power[back]) * self._time),
+        return RideFigure(float(-np.sum(power[back]) * self._time),
                       {"speed": np.where(back, -run.force * self._time, 0.0),
                        "force": np.where(back, -run.speed * self._time, 0.0)})
 
-    def _room(self, z: np.ndarray) -> Figure:
+    def _room(self, z: np.ndarray) -> RideFigure:
         """Largest share of the room; the gradient is that of the largest sample."""
         stops = self.car.car.stops
         assert stops is not None
@@ -84,13 +86,13 @@ class RideGradient:
         shares[:self._skip] = -np.inf
         k, by = int(np.argmax(shares)), np.zeros(self._size)
         by[k] = 1 / stops.rebound if z[k] > 0 else -1 / stops.compression
-        return Figure(float(shares[k]), {"deflection": by})
+        return RideFigure(float(shares[k]), {"deflection": by})
 
-    def gradient(self, run: Trajectory, figures: Mapping[str, Figure], weights: Mapping[str, float]) -> np.ndarray:
+    def gradient(self, run: GradientRun, figures: Mapping[str, RideFigure], weights: Mapping[str, float]) -> np.ndarray:
         """(n,) gradient by the command of Σ weight·figure."""
         return self.car.gradient(run, *self.bars(figures, weights))
 
-    def bars(self, figures: Mapping[str, Figure], weights: Mapping[str, float]) -> list[np.ndarray]:
+    def bars(self, figures: Mapping[str, RideFigure], weights: Mapping[str, float]) -> list[np.ndarray]:
         """(n,) gradients of Σ weight·figure by the signals, in the order of `SIGNALS`."""
         bars = {s: np.zeros(self._size) for s in SIGNALS}
         for name, weight in weights.items():

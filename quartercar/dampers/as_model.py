@@ -105,7 +105,7 @@ class DamperModel(SelfScheduled):
         y[: past.size] = past
         return y, _first_outside(y, limit)
 
-    def ahead(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
+    def predict(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
         return self.free_run(u, p, y[: self.start], np.inf)[0]
 
     def __repr__(self) -> str:
@@ -183,8 +183,8 @@ class Turned(SelfScheduled):
         y, diverged = self.inner.free_run(self._moved(u), p, self.polarity * past, limit)
         return self.polarity * y, diverged
 
-    def ahead(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
-        return self.polarity * self.inner.ahead(self._moved(u), p, self.polarity * y, horizon)
+    def predict(self, u: np.ndarray, p: np.ndarray, y: np.ndarray, horizon: int) -> np.ndarray:
+        return self.polarity * self.inner.predict(self._moved(u), p, self.polarity * y, horizon)
 
     def _moved(self, u: np.ndarray) -> np.ndarray:
         out = np.array(u, dtype=float)

@@ -39,7 +39,7 @@ class Parameter:
 
     name: str
     unit: str
-    says: str
+    description: str
     default: float
     lower: float = -math.inf
     upper: float = math.inf

@@ -88,8 +88,8 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record] = (),
            for part in (records[: len(training)], records[len(training):])]
     cut = one_clock(cut, channels)
     _need_signals(cut[0])
-    polarity, said = sense_of([*cut[0], *cut[1]])
-    return Prepared(tuple(cut[0]), tuple(cut[1]), polarity, (*said, *notes, *why, *losses([*cut[0], *cut[1]])))
+    polarity, stated = sense_of([*cut[0], *cut[1]])
+    return Prepared(tuple(cut[0]), tuple(cut[1]), polarity, (*stated, *notes, *why, *losses([*cut[0], *cut[1]])))
 
 
 def _with_roles(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...]]:

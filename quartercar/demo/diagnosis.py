@@ -45,8 +45,8 @@ class HiddenCause:
     def verdict(self) -> str:
         """One sentence."""
         if self.named != (self.hidden,):
-            said = ", ".join(self.named) or self.found.verdict
-            return f"The rig hid {self.hidden} from Guo's law; the diagnosis says {said}."
+            stated = ", ".join(self.named) or self.found.verdict
+            return f"The rig hid {self.hidden} from Guo's law; the diagnosis says {stated}."
         return (f"The rig hid {self.hidden} from Guo's law; the diagnosis names it, and the extended model removes "
                 f"{self.found.gain_percent:.1f} % of the squared free-run error on a record it has not seen.")
 
@@ -68,7 +68,7 @@ class HiddenCause:
     def section(self) -> Section:
         """For the report."""
         from lpvid.plot import diagnosis as draw
-        from lpvid.report import Figure, Item, Paragraph
+        from lpvid.report import Item, PageFigure, Paragraph
         from lpvid.report.diagnosis import before_after
 
         shown = before_after(self.found, self.question)
@@ -76,13 +76,18 @@ class HiddenCause:
         items += [Paragraph(f"{c.name}: {', '.join(map(str, c.parameters))}.") for c in self.found.causes]
         drawn = draw.loops(shown[-1:], bool(self.named))
         if drawn is not None:
-            items.append(Figure.of(drawn, "Force over velocity of the held-out record, measured and simulated, before "
-                                   "and after the extension."))
-        items.append(Figure.of(draw.close_up(shown[-1:], bool(self.named)), "Where the baseline is most wrong."))
+            items.append(
+                PageFigure.of(
+                    drawn,
+                    "Force over velocity of the held-out record, measured and simulated, before "
+                    "and after the extension.",
+                )
+            )
+        items.append(PageFigure.of(draw.close_up(shown[-1:], bool(self.named)), "Where the baseline is most wrong."))
         return Section("A hidden cause", tuple(items))
 
 
-def hide_and_find(seed: int = 0, say: Callable[[str], None] = lambda text: None) -> HiddenCause:
+def hide_and_find(seed: int = 0, report_progress: Callable[[str], None] = lambda text: None) -> HiddenCause:
     """Hide a cause in a damper that Guo's law describes otherwise, and ask the diagnosis for it.
 
     Parameters
@@ -99,4 +104,4 @@ def hide_and_find(seed: int = 0, say: Callable[[str], None] = lambda text: None)
     rig = Rig(damper=RigDamper.static(), effects=(effect(name, strength),))
     test = replace(EXPERIMENTS["test-3"], duration=DURATION)
     question = pose([rig.run(test, seed, 0)], "guo", "quartercar", [rig.run(test, seed, 1)])
-    return HiddenCause(name, question, answer(question, None, say))
+    return HiddenCause(name, question, answer(question, None, report_progress))

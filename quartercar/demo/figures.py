@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.report import Figure, Item
+from lpvid.report import Item, PageFigure
 
 if TYPE_CHECKING:
     from lpvid.plot import Comparison
@@ -27,25 +27,31 @@ def run_figures(shown: Sequence[Comparison], experiments: Mapping[str, str]) -> 
     from quartercar import plot as damper_plot
 
     items: list[Item] = []
-    for name, says in experiments.items():
+    for name, description in experiments.items():
         of_test = [c for c in shown if c.record.name.startswith(f"{name}-")]
         if of_test:
             worst = max(of_test, key=run_esr)
-            items.append(free_run_traces(worst, ("current", "velocity"), f"{name} ({says}): the whole of "
+            items.append(free_run_traces(worst, ("current", "velocity"), f"{name} ({description}): the whole of "
                                          f"{worst.record.name}, of {len(of_test)} held-out records the one with the "
                                          f"largest free-run ESR, {run_esr(worst):.4f}; shaded, the stretch with the "
                                          "largest error."))
-    for prefix, says in (("test-7-", "multisine"), ("test-8-", "triangle")):
+    for prefix, description in (("test-7-", "multisine"), ("test-8-", "triangle")):
         chosen = [c for c in shown if c.record.name.startswith(prefix)]
         loops = damper_plot.loops_by_current(chosen)
         if loops is not None:
-            items.append(Figure.of(loops, f"Force-velocity loops of the {says} at four constant currents, held-out. "
-                                   + _width(chosen)))
+            items.append(
+                PageFigure.of(
+                    loops,
+                    f"Force-velocity loops of the {description} at four constant currents, held-out. " + _width(chosen),
+                )
+            )
     driven = [c for c in shown if c.record.name.startswith(("test-1-", "test-2-", "test-3-"))]
-    for drawn, says in ((plot.loops(driven, ("velocity", "displacement")), "Force over velocity and displacement"),
-                        (plot.residuals(driven, inputs=("velocity",)), "One-step residuals")):
+    for drawn, description in (
+        (plot.loops(driven, ("velocity", "displacement")), "Force over velocity and displacement"),
+        (plot.residuals(driven, inputs=("velocity",)), "One-step residuals"),
+    ):
         if drawn is not None:
-            items.append(Figure.of(drawn, f"{says}, held-out roads with moving current."))
+            items.append(PageFigure.of(drawn, f"{description}, held-out roads with moving current."))
     return items
 
 

@@ -70,7 +70,7 @@ class DemoRide:
 
 
 def design_and_ride(model: LPVTransferFunction, seed: int = 0,
-                    say: Callable[[str], None] = lambda text: None) -> DemoRide:
+                    report_progress: Callable[[str], None] = lambda text: None) -> DemoRide:
     """Design an LPV controller with the identified damper's dynamics in the plant, and drive it over two roads.
 
     Parameters
@@ -96,11 +96,13 @@ def design_and_ride(model: LPVTransferFunction, seed: int = 0,
     damper = Identified.of(model, "the model of the demo")
     low, high = current_limits(damper, 2.5)
     car = QuarterCar(MEGANE, damper, BumpStops(), Coil(lowest=low, highest=high))
-    say("designing a controller for the identified plant")
+    report_progress("designing a controller for the identified plant")
     found = design(car, LpvHinfIdentified())
     assert isinstance(found, IdentifiedDesign)
     laws = {name: law_class(name)() for name in ("passive", "skyhook-linear", "sh-add")}
     if found.synthesis.solved:
         laws["lpv-hinf-identified"] = found.controller
-    rides = compare_rides(car, (IsoRoad("C", RATE, DURATION), Bump()), laws, range(seed, seed + SEEDS), say=say)
+    rides = compare_rides(
+        car, (IsoRoad("C", RATE, DURATION), Bump()), laws, range(seed, seed + SEEDS), report_progress=report_progress
+    )
     return DemoRide(found, rides)

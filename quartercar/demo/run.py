@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lpvid.record import Record
-from lpvid.report import OUT, Figure, Item, Notes, Page, Paragraph, Section, Step, Table, number
+from lpvid.report import OUT, Item, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section, number
 
 if TYPE_CHECKING:
     from lpvid.auditing import Audit
@@ -50,7 +50,7 @@ class ExperimentFigures:
     """
 
     name: str
-    says: str
+    description: str
     esr: float | None
     rmse: float | None
     records: tuple[float | None, ...]
@@ -71,7 +71,7 @@ class ExperimentFigures:
         dict
             Plain values by name.
         """
-        return {"name": self.name, "says": self.says, "esr": self.esr, "rmse": self.rmse,
+        return {"name": self.name, "says": self.description, "esr": self.esr, "rmse": self.rmse,
                 "records": list(self.records), "unconstrained_esr": self.free_esr, "plain_esr": self.plain_esr,
                 "data": "held-out", "run": "free-run"}
 
@@ -220,7 +220,7 @@ def _worst_test(figures: Sequence[ExperimentFigures]) -> str:
     if not known:
         return ""
     worst = max(known, key=lambda e: e.esr or 0.0)
-    return (f"; the worst experiment here is {worst.name} ({worst.says}), {worst.esr:.4f}"
+    return (f"; the worst experiment here is {worst.name} ({worst.description}), {worst.esr:.4f}"
             f"{'' if worst.worst is None else f', and {worst.worst:.4f} on its worst record'}")
 
 
@@ -290,21 +290,21 @@ def demo_page(demo: Demo, shown: Sequence[Comparison]) -> Page:
 
 
 _STEPS = (
-    Step("Fit a model to your own records; nothing else is needed.",
+    NextStep("Fit a model to your own records; nothing else is needed.",
          "lpvid identify DATA --input velocity --output force --schedule current --hold-out 1/3 --out model"),
-    Step("Or fit the dampers of the literature and rank them.", "quartercar fit DATA --out fit"),
-    Step("Look at the model of this demo from all sides.", f"lpvid stability {OUT}/model.json --out stability"),
-    Step("Put it into a car of your own.", f"quartercar ride --damper {OUT}/model.json --out ride"))
+    NextStep("Or fit the dampers of the literature and rank them.", "quartercar fit DATA --out fit"),
+    NextStep("Look at the model of this demo from all sides.", f"lpvid stability {OUT}/model.json --out stability"),
+    NextStep("Put it into a car of your own.", f"quartercar ride --damper {OUT}/model.json --out ride"))
 
 
-def experiments_table(figures: Sequence[ExperimentFigures]) -> Table:
+def experiments_table(figures: Sequence[ExperimentFigures]) -> PageTable:
     """ESR of every experiment."""
-    rows = [(e.name, e.says, str(len(e.records)), number(e.esr), number(e.rmse, 4, "N"), number(e.worst),
+    rows = [(e.name, e.description, str(len(e.records)), number(e.esr), number(e.rmse, 4, "N"), number(e.worst),
              number(e.free_esr), number(e.plain_esr)) for e in figures]
     rows.append(("mean", "eight experiments", str(sum(len(e.records) for e in figures)),
                  number(_mean([e.esr for e in figures])), "", "", number(_mean([e.free_esr for e in figures])),
                  number(_mean([e.plain_esr for e in figures]))))
-    return Table(("test", "what moves", "records", "ESR", "rmse", "worst", "unconstrained", "plain"), tuple(rows),
+    return PageTable(("test", "what moves", "records", "ESR", "rmse", "worst", "unconstrained", "plain"), tuple(rows),
                  "Free-run ESR on held-out records of the virtual rig.", (2, 3, 4, 5, 6, 7))
 
 
@@ -323,7 +323,7 @@ def _experiments_figure(demo: Demo) -> list[Item]:
     from quartercar import plot
 
     drawn = plot.experiments([(e.name, e.esr, e.plain_esr) for e in demo.experiments], TARGET)
-    return [Figure.of(drawn, "Free-run ESR of the eight experiments, each pooled over its held-out records."),
+    return [PageFigure.of(drawn, "Free-run ESR of the eight experiments, each pooled over its held-out records."),
             Paragraph("Unconstrained is the same structure without the constraint of passivity. Plain is a model of "
                       "the same order and degree without input stage, current filter and constant term. What the "
                       "constraint costs here is the price of this class: a soft spring in series with a yielding "
@@ -332,7 +332,7 @@ def _experiments_figure(demo: Demo) -> list[Item]:
                       "an error of a few dozen newtons weighs as much as the force itself.")]
 
 
-def run_demo(seed: int = 0, say: Callable[[str], None] = lambda text: None,
+def run_demo(seed: int = 0, report_progress: Callable[[str], None] = lambda text: None,
              tell: Callable[[str, object], None] = lambda stage, result: None) -> Demo:
     """Every stage in turn.
 
@@ -356,32 +356,32 @@ def run_demo(seed: int = 0, say: Callable[[str], None] = lambda text: None,
     from quartercar.demo.diagnosis import hide_and_find
     from quartercar.demo.ride import design_and_ride
 
-    say("running the eight experiments on the virtual rig")
+    report_progress("running the eight experiments on the virtual rig")
     training, held_out = rig_data(seed)
     tell("rig", (training, held_out))
-    say("auditing the training records")
-    heard = audit(training, scheduling=("current",))
-    tell("audit", heard)
-    say("identifying the LPV transfer function")
+    report_progress("auditing the training records")
+    audited = audit(training, scheduling=("current",))
+    tell("audit", audited)
+    report_progress("identifying the LPV transfer function")
     free = identify(training, structure(), held_out=held_out)
-    say("constraining it to be passive")
+    report_progress("constraining it to be passive")
     found = identify(training, passive_structure(free), held_out=held_out)
     tell("identification", found)
     plain = identify(training, plain_structure(), held_out=held_out)
     assert found.held_out is not None and free.held_out is not None and plain.held_out is not None
     figures = experiment_figures(found.held_out, free.held_out, plain.held_out)
     tell("experiments", figures)
-    say("state-space forms")
+    report_progress("state-space forms")
     gaps = tuple(form_gaps(found.model, training))
     tell("forms", gaps)
-    say("stability")
-    study = study_stability(found.model, say=say)
+    report_progress("stability")
+    study = study_stability(found.model, report_progress=report_progress)
     if study.frozen.stable and not study.certificate.verified:
-        study = study_stability(found.model, rate=CURRENT_RATE, say=say)
+        study = study_stability(found.model, rate=CURRENT_RATE, report_progress=report_progress)
     tell("stability", study)
-    say("looking for a hidden cause")
-    diagnosis = hide_and_find(seed, say)
+    report_progress("looking for a hidden cause")
+    diagnosis = hide_and_find(seed, report_progress)
     tell("diagnosis", diagnosis)
-    rides = design_and_ride(found.model, seed, say)
+    rides = design_and_ride(found.model, seed, report_progress)
     tell("ride", rides)
-    return Demo(tuple(training), tuple(held_out), heard, found, figures, gaps, study, diagnosis, rides)
+    return Demo(tuple(training), tuple(held_out), audited, found, figures, gaps, study, diagnosis, rides)

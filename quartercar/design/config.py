@@ -135,7 +135,7 @@ def design_schema() -> dict[str, Any]:
     >>> design_schema()["properties"]["law"]["enum"]
     ['lpv-hinf', 'lpv-hinf-clipped']
     """
-    weights = {p.name: {**quantity_schema(f"{p.says} [{p.unit or '1'}]"), "default": p.default}
+    weights = {p.name: {**quantity_schema(f"{p.description} [{p.unit or '1'}]"), "default": p.default}
                for p in LpvHinf().parameters}
     words: dict[str, Any] = {k: {"enum": list(known), "default": "observed" if k == "measured" else known[0]}
                              for k, known in WORDS.items()}
@@ -175,4 +175,4 @@ def design_template() -> str:
 
 def _weight(parameter: Parameter, value: float) -> str:
     unit = f"{parameter.unit}, " if parameter.unit else ""
-    return f"{parameter.name} = {value!r:<20}# {unit}{parameter.says}"
+    return f"{parameter.name} = {value!r:<20}# {unit}{parameter.description}"

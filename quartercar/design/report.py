@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.export.exportable import has_step
-from lpvid.report import OUT, Figure, Mark, Notes, Page, Paragraph, Section, Step, Table, Traces, number
+from lpvid.report import OUT, Mark, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section, Traces, number
 from lpvid.report.courses import signal_traces
 from lpvid.report.page import percent
 from lpvid.report.synthesis import gains_item, limit_items
@@ -49,26 +49,37 @@ def design_page(found: Design | IdentifiedDesign, figures: Sequence[Drawn], ride
     -------
     Page
     """
-    drawn = {f.name: Figure.of(f.figure, f.caption) for f in figures}
+    drawn = {f.name: PageFigure.of(f.figure, f.caption) for f in figures}
     s, law = found.synthesis, found.law
-    asked = Table(("weight", "value", "unit", "meaning"),
-                  tuple((p.name, number(law.values[p.name]), p.unit or "1", p.says) for p in law.parameters),
+    asked = PageTable(("weight", "value", "unit", "meaning"),
+                  tuple((p.name, number(law.values[p.name]), p.unit or "1", p.description) for p in law.parameters),
                   "Each level counts as much as 1 m/s² of the body's acceleration in the comfort band.", (1,))
     sections = [Section("What was asked for", (asked, drawn["weights"]))]
     if found.plant_rows:
-        sections.append(Section("The plant", (Table(("", ""), found.plant_rows, "The identified damper in the car: one "
-                                                    "filter about a frozen current, and the force that the current "
-                                                    "adds as control. Replays in free run, against the nonlinear car, "
-                                                    "as shares of the rms of the worst state."),)))
+        sections.append(
+            Section(
+                "The plant",
+                (
+                    PageTable(
+                        ("", ""),
+                        found.plant_rows,
+                        "The identified damper in the car: one "
+                        "filter about a frozen current, and the force that the current "
+                        "adds as control. Replays in free run, against the nonlinear car, "
+                        "as shares of the rms of the worst state.",
+                    ),
+                ),
+            )
+        )
     shown = (("verdict", s.verdict), ("promised by the inequalities", number(s.gamma)),
              ("verified of the closed loop", number(s.gamma_verified)), ("reached at some frozen scheduling",
                                                                          number(s.gamma_lower)),
              ("holds", "on the whole box" if s.between_grid else "at grid points only"), ("found by", s.solver),
              ("method", s.method))
-    told = (Paragraph(found.verdict, strong=True), Table(("", ""), tuple((a, b) for a, b in shown)),
+    described = (Paragraph(found.verdict, strong=True), PageTable(("", ""), tuple((a, b) for a, b in shown)),
             *((Notes(s.notes),) if s.notes else ()))
     curves = [drawn[n] for n in ("gains", "sensitivity") if n in drawn]
-    sections.append(Section("What the closed loop does", (*told, *curves)))
+    sections.append(Section("What the closed loop does", (*described, *curves)))
     if s.closed_loop is not None and s.controller is not None:
         sections += [Section("What limits the design", tuple(limit_items(s))),
                      Section("The controller over its scheduling", (gains_item(s.controller),))]
@@ -76,8 +87,12 @@ def design_page(found: Design | IdentifiedDesign, figures: Sequence[Drawn], ride
         rows = tuple((name, number(r.figures.comfort), number(r.figures.tyre_load),
                       number(1e3 * r.figures.largest_stroke, 3)) for name, r in
                      zip(("controlled", "passive"), rides, strict=True))
-        table = Table(("car", "comfort [m/s²]", "tyre load [N]", "largest stroke [mm]"), rows, "One ride, one seed: "
-                      "`quartercar ride` compares laws with intervals.", (1, 2, 3))
+        table = PageTable(
+            ("car", "comfort [m/s²]", "tyre load [N]", "largest stroke [mm]"),
+            rows,
+            "One ride, one seed: `quartercar ride` compares laws with intervals.",
+            (1, 2, 3),
+        )
         sections.append(Section("Over a bump", (table, _bump(rides))))
         sections.append(Section("Use of the actuator", (_use(rides[0]), drawn["actuator"])))
     mark: Mark = "good" if s.solved else "bad"
@@ -91,13 +106,13 @@ def _bump(rides: tuple[Ride, Ride]) -> Traces:
     first = rides[0].run
     panels = {"body [m/s²]": ("body_acceleration", 1.0), "tyre load [kN]": ("tyre_load", 1e-3),
               "stroke [mm]": ("suspension_deflection", 1e3), f"current [{first.units['current']}]": ("current", 1.0)}
-    return signal_traces(first.time, {said: {n: scale * run[signal] for n, run in runs.items()}
-                                      for said, (signal, scale) in panels.items()},
+    return signal_traces(first.time, {stated: {n: scale * run[signal] for n, run in runs.items()}
+                                      for stated, (signal, scale) in panels.items()},
                          f"The nonlinear car over {rides[0].road}, with sensors, observer, inverse damper model and "
                          "coil in the loop.", roles=("other-2", "measured"))
 
 
-def _use(ride: Ride) -> Table:
+def _use(ride: Ride) -> PageTable:
     current, unit = ride.run["current"], ride.run.units["current"]
     rows = (("current, mean", number(float(current.mean()), 4, unit)),
             ("current, rms", number(float(np.sqrt(np.mean(current**2))), 4, unit)),
@@ -105,17 +120,21 @@ def _use(ride: Ride) -> Table:
             ("demand that the damper could not meet", percent(ride.out_of_reach)),
             ("damper force, largest", number(float(np.abs(ride.run["damper_force"]).max()), 4, "N")),
             ("energy taken by the damper", number(ride.passivity.dissipated, 4, "J")))
-    return Table((), rows, "Shares are of the samples of the ride over the bump.")
+    return PageTable((), rows, "Shares are of the samples of the ride over the bump.")
 
 
-def _steps(found: Design | IdentifiedDesign) -> tuple[Step, ...]:
+def _steps(found: Design | IdentifiedDesign) -> tuple[NextStep, ...]:
     if not found.synthesis.solved:
-        return (Step(f"{found.synthesis.mend[:1].upper()}{found.synthesis.mend[1:]}."),) if found.synthesis.mend else ()
-    leaving = (Step("Take the loop law to a control unit.", f"quartercar export --controller {OUT}/controller.json "
+        return (
+            (NextStep(f"{found.synthesis.mend[:1].upper()}{found.synthesis.mend[1:]}."),)
+            if found.synthesis.mend
+            else ()
+        )
+    leaving = (NextStep("Take the loop law to a control unit.", f"quartercar export --controller {OUT}/controller.json "
                     "--to c --out exported"),) if has_step(found.controller) else ()
-    return (Step("Compare it with other laws on rough roads, with intervals.", f"quartercar ride --controller "
+    return (NextStep("Compare it with other laws on rough roads, with intervals.", f"quartercar ride --controller "
                  f"passive,skyhook,{OUT}/controller.json --seeds 8 --out ride"),
-            Step("Tune the weights on rides.", "quartercar design --tune 40 --out tuned"),
-            Step("Let anyone check the certificate without a solver.",
+            NextStep("Tune the weights on rides.", "quartercar design --tune 40 --out tuned"),
+            NextStep("Let anyone check the certificate without a solver.",
                  f"lpvid verify {OUT}/certificate.json {OUT}/closed_loop.json"), *leaving)
 

@@ -81,8 +81,8 @@ class MissingScheduling(Effect):
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
         named = [*((f"mode_{k}", f"m_{k}") for k in range(1, MODES + 1)), ("slope", "a"), ("bend", "b")]
-        return tuple(EffectParameter(name, "", says, 0.0, (-0.65, 0.65), (-0.9, 0.9), (-0.03, 0.03))
-                     for name, says in named)
+        return tuple(EffectParameter(name, "", description, 0.0, (-0.65, 0.65), (-0.9, 0.9), (-0.03, 0.03))
+                     for name, description in named)
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
         return [sign * 0.03 * np.eye(MODES + 2)[k] for k in range(SCANNED) for sign in (1.0, -1.0)]

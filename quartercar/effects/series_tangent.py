@@ -28,12 +28,12 @@ def near(own: InSeries, others: Sequence[Core]) -> list[Core]:
 
     One that is not in series, or whose core along a stage of the march depends on other stages, stays as it is.
     """
-    runs = Runs(own, tuple(others))
+    runs = SeriesRuns(own, tuple(others))
     return [runs.core(j) if isinstance(other, type(own)) else other for j, other in enumerate(others)]
 
 
 @dataclass(frozen=True, eq=False)
-class Runs:
+class SeriesRuns:
     """A simulation in series and others that differ little from it, along the signals that were last asked for.
 
     With δ_law the change of the core at the same speed and position, δD that of the deflection under the same force::
@@ -91,7 +91,7 @@ def changed(own: InSeries, s: Signals, others: Sequence[Core]) -> tuple[np.ndarr
     trace, last, place = np.empty((count, 5)), np.empty(count, dtype=np.int64), np.empty(count)
     out = own.march(s, rigid, law, trace)
     kernels.stages(parts, ends, last, place)
-    stages = Stages(own.core, s, law, trace, last, place)
+    stages = MarchStages(own.core, s, law, trace, last, place)
     element, found = own.elements.numbers(law.rest), []
     for j, other in enumerate(others):
         change = stages.change(other.core) if isinstance(other, type(own)) and other.static == own.static else None
@@ -111,7 +111,7 @@ def changed(own: InSeries, s: Signals, others: Sequence[Core]) -> tuple[np.ndarr
 
 
 @dataclass(frozen=True, eq=False)
-class Stages:
+class MarchStages:
     """The stages of a march: what the law saw there.
 
     Attributes

@@ -9,7 +9,7 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.export.basis_steps import basis_values
 from lpvid.export.exportable import Exportable, Options, within
-from lpvid.export.expression import Expr, Number, call, clipped, select
+from lpvid.export.expression import Expr, RealConstant, call, clipped, select
 from lpvid.export.state_space_steps import mixed
 from lpvid.export.step_builder import StepBuilder
 from lpvid.export.transfer_function_steps import vector
@@ -69,7 +69,9 @@ def prepare_controller(controller: Controller, options: Options) -> Exportable:
     b = StepBuilder(options.name or "controller", f"control law '{controller.title}' ({controller.source})", period)
     names = [n for n in controller.reads if n != "demanded"]
     unit = DEMANDS[controller.demands]
-    seen: dict[str, Expr] = {n: b.input(n, SIGNALS[n] or (unit if n == "attained" else ""), _says(n)) for n in names}
+    seen: dict[str, Expr] = {
+        n: b.input(n, SIGNALS[n] or (unit if n == "attained" else ""), _description(n)) for n in names
+    }
     asked = b.state("demand_before", unit, "demand of the last sample") if "demanded" in controller.reads else None
     if asked is not None:
         seen["demanded"] = asked
@@ -90,7 +92,7 @@ def refuse_looking_ahead(controller: Controller) -> None:
                          mend="export 'clipped-optimal' in a LoopLaw, or 'sh-add'")
 
 
-def _says(name: str) -> str:
+def _description(name: str) -> str:
     return "what was attained of the last demand" if name == "attained" else name.replace("_", " ")
 
 
@@ -112,7 +114,9 @@ def demanded(b: StepBuilder, controller: Controller, seen: Seen, setting: Settin
     """The demand of a law at this sample."""
     if isinstance(controller, ScheduledController):
         return _scheduled(b, controller, seen)
-    named = {p.name: b.parameter(p.name, controller.values[p.name], p.unit, p.says) for p in controller.parameters}
+    named = {
+        p.name: b.parameter(p.name, controller.values[p.name], p.unit, p.description) for p in controller.parameters
+    }
     if controller.name in SWITCHING:
         return _switching(b, named, seen, SWITCHING[controller.name](named, seen))
     if controller.name in DIRECT:
@@ -122,7 +126,7 @@ def demanded(b: StepBuilder, controller: Controller, seen: Seen, setting: Settin
     if isinstance(controller, ClippedOptimal) and setting is not None:
         gain = optimal_gain(setting.parameters, controller.values["tyre_weight"], controller.values["stroke_weight"])
         table = b.table("optimal_gain", np.array(gain), "", f"K of F = -K x, x = {', '.join(STATES)}")
-        wanted: Expr = Number(0.0)
+        wanted: Expr = RealConstant(0.0)
         for k, name in enumerate(STATES):
             wanted = wanted + table[k] * seen[name]
         return _between(b, -wanted, named, seen["suspension_velocity"])

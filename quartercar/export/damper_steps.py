@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.errors import ExtrapolationWarning
 from lpvid.export.exportable import Exportable, Options, smooth_noise
-from lpvid.export.expression import Expr, Number, clipped
+from lpvid.export.expression import Expr, RealConstant, clipped
 from lpvid.export.step_builder import StepBuilder
 from lpvid.record import Record
 from quartercar.dampers.contract import Damper
@@ -32,14 +32,18 @@ def prepare_damper(damper: Damper, options: Options) -> Exportable:
     period = options.sample_time or damper.period or PERIOD
     b = StepBuilder(options.name or damper.name, f"damper '{damper.title}' ({damper.source}): {', '.join(damper.reads)}"
                     " -> force", period)
-    says = {"velocity": "velocity, positive in extension", "displacement": "displacement", "current": "coil current"}
+    description = {
+        "velocity": "velocity, positive in extension",
+        "displacement": "displacement",
+        "current": "coil current",
+    }
     low, high = damper.current_range or (0.0, 1.0)
     given: dict[str, Expr] = {}
     for name in damper.reads:
         unit = damper.current_unit if name == "current" else UNITS[name]
         ends = (low, high) if name == "current" and damper.current_range else (-np.inf, np.inf)
-        given[name] = b.input(name, "" if unit == "1" else unit, says[name], *ends)
-    x, v, i = (given.get(n, Number(0.0)) for n in ("displacement", "velocity", "current"))
+        given[name] = b.input(name, "" if unit == "1" else unit, description[name], *ends)
+    x, v, i = (given.get(n, RealConstant(0.0)) for n in ("displacement", "velocity", "current"))
     if options.clamp and "current" in given and damper.current_range:
         i = b.let("held_current", clipped(i, low, high))
         b.note("The current is held inside the fitted range.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lpvid.export.exportable import Options
-from lpvid.export.expression import Expr, Number
+from lpvid.export.expression import Expr, RealConstant
 from lpvid.export.flow import Flow
 from lpvid.export.step_builder import StepBuilder
 from quartercar.dampers.drive import UNITS
@@ -21,14 +21,14 @@ def flow_of(noun: object, options: Options) -> Flow | None:
     if not isinstance(noun, DynamicDamper):
         return None
     low, high = noun.current_range or (0.0, 1.0)
-    says = f"damper '{noun.title}' ({noun.source}): {', '.join(noun.reads)} -> force"
-    b = StepBuilder(options.name or noun.name, says, 0.0)
+    description = f"damper '{noun.title}' ({noun.source}): {', '.join(noun.reads)} -> force"
+    b = StepBuilder(options.name or noun.name, description, 0.0)
     given: dict[str, Expr] = {}
     for name in noun.reads:
         unit = noun.current_unit if name == "current" else UNITS[name]
         ends = (low, high) if name == "current" and noun.current_range else (-np.inf, np.inf)
         given[name] = b.input(name, "" if unit == "1" else unit, name, *ends)
-    x, v, i = (given.get(n, Number(0.0)) for n in ("displacement", "velocity", "current"))
+    x, v, i = (given.get(n, RealConstant(0.0)) for n in ("displacement", "velocity", "current"))
     if noun.centre and "displacement" in given:
         x = b.let("from_centre", x - b.parameter("centre", noun.centre, "m", "displacement that counts as zero"))
     force = noun.flow(b, x, v, i)

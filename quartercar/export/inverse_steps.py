@@ -8,7 +8,7 @@ from lpvid.errors import InputError
 from lpvid.export.basis_steps import basis_values, staged
 from lpvid.export.expression import Array, ByPrecision, Expr, Symbol, call, clipped, select
 from lpvid.export.step_builder import StepBuilder
-from lpvid.export.transfer_function_steps import Drive, equation
+from lpvid.export.transfer_function_steps import LinearPartInput, equation
 from lpvid.model.transfer_function import LPVTransferFunction
 from quartercar.controllers.contract import Setting
 from quartercar.controllers.loop.forces import FilterForces, StaticForces, TabulatedForces, ViscousForces
@@ -151,10 +151,10 @@ def _forces(b: StepBuilder, inverse: Inverse, setting: Setting, grid: Array, set
                              mend="InverseSettings(steps=0), which inverts the settled characteristic")
         settled = model.settled
         assert settled is not None
-        table = _Table(b, settled, grid)
+        table = _CharacteristicTable(b, settled, grid)
         return lambda z, v, felt, rows: _filtered(b, model, setting, table, z, v, felt, rows)
     assert isinstance(model, TabulatedForces)
-    table = _Table(b, model, grid)
+    table = _CharacteristicTable(b, model, grid)
 
     def tabulated(z: Expr, v: Expr, felt: Expr, rows: Array) -> Expr:
         table.fill(z, v, rows)
@@ -175,7 +175,7 @@ def _static(b: StepBuilder, law, rest: Expr, z: Expr, v: Expr, felt: Expr, rows:
     return b.let("force_now", law(z, v, felt) - rest)
 
 
-class _Table:
+class _CharacteristicTable:
     """The settled characteristic over speeds and currents, with the spring beside it."""
 
     def __init__(self, b: StepBuilder, model: TabulatedForces, grid: Array) -> None:
@@ -196,8 +196,16 @@ class _Table:
             b.set(rows[i], forces[j, i] * (1.0 - share) + forces[j + 1, i] * share + self._stiffness * z - self._rest)
 
 
-def _filtered(b: StepBuilder, forces: FilterForces, setting: Setting, table: _Table, z: Expr, v: Expr, felt: Expr,
-              rows: Array) -> Expr:
+def _filtered(
+    b: StepBuilder,
+    forces: FilterForces,
+    setting: Setting,
+    table: _CharacteristicTable,
+    z: Expr,
+    v: Expr,
+    felt: Expr,
+    rows: Array,
+) -> Expr:
     """The identified transfer function along the motion; what each current would do is its settled characteristic."""
     model = filter_of(setting.damper)
     if not isinstance(model, LPVTransferFunction):
@@ -208,6 +216,6 @@ def _filtered(b: StepBuilder, forces: FilterForces, setting: Setting, table: _Ta
     u = staged(b, model.input_stage, [motion[s.name] for s in model.inputs], p)
     past = {n: (lambda i: felt) for n in model.box.names}
     start = forces.started
-    y = equation(b, model, Drive(u, p, basis_values(b, model.basis, past)), np.full((model.na, 1), start))
+    y = equation(b, model, LinearPartInput(u, p, basis_values(b, model.basis, past)), np.full((model.na, 1), start))
     table.fill(z, v, rows)
     return b.let("force_now", y[0] - b.parameter("filter_rest", forces.rest, "N", "force of the filter at rest"))

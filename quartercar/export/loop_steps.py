@@ -14,8 +14,8 @@ from lpvid.export.step_builder import StepBuilder
 from quartercar.controllers.contract import DEMANDS, SIGNALS, Controller, Setting
 from quartercar.controllers.designed.lpv_hinf import LpvHinf
 from quartercar.controllers.designed.lpv_hinf_clipped import LpvHinfClipped
-from quartercar.controllers.loop.chain import Chain, ChainSettings
-from quartercar.controllers.loop.observer import Observer
+from quartercar.controllers.loop.chain import ChainSettings, ControllerChain
+from quartercar.controllers.loop.observer import KalmanObserver
 from quartercar.export.controller_steps import REACH, demanded, refuse_looking_ahead
 from quartercar.export.inverse_steps import InverseSteps
 from quartercar.vehicle.nonlinear import Coil
@@ -45,9 +45,11 @@ class LoopLaw:
             raise InputError("a loop law belongs to one car", got=self.setting.cars)
         _checks.positive(self.setting.sample_time, "sample_time", "s")
 
-    def chain(self, samples: int) -> Chain:
+    def chain(self, samples: int) -> ControllerChain:
         """The same as it runs in `quartercar ride`; its `react` takes readings."""
-        return Chain([self.designed], self.setting, self.coil, self.settings, [np.random.default_rng(0)], samples)
+        return ControllerChain(
+            [self.designed], self.setting, self.coil, self.settings, [np.random.default_rng(0)], samples
+        )
 
     @property
     def designed(self) -> Controller:
@@ -68,12 +70,12 @@ def prepare_loop(loop: LoopLaw, options: Options) -> Exportable:
     seen: dict[str, Expr] = {n: b.input(n, SIGNALS[n], f"reading of {n.replace('_', ' ')}") for n in sensors.signals}
     inverse = InverseSteps(b, setting, loop.coil, loop.settings.inverse)
     if not sensors.ideal:
-        observer = Observer(setting, sensors, loop.settings.observer)
+        observer = KalmanObserver(setting, sensors, loop.settings.observer)
         seen |= observer_steps(b, observer, seen, inverse)
     z, v = seen["suspension_deflection"], seen["suspension_velocity"]
     inverse.look(z, v)
     unit = DEMANDS[law.demands]
-    asked, had = (b.state(n, unit, says) for n, says in (("demand_before", "demand of the last sample"),
+    asked, had = (b.state(n, unit, description) for n, description in (("demand_before", "demand of the last sample"),
                                                        ("attained_before", "what was attained of it")))
     seen |= {"current": inverse.current, "lowest_force": inverse.lowest, "highest_force": inverse.highest,
              "demanded": asked, "attained": had}
@@ -91,12 +93,12 @@ def prepare_loop(loop: LoopLaw, options: Options) -> Exportable:
                       lambda n, rng: within(n, -reach, reach, rng), replace(loop, controller=law))
 
 
-def observer_steps(b: StepBuilder, observer: Observer, read: dict[str, Expr], inverse: InverseSteps
+def observer_steps(b: StepBuilder, observer: KalmanObserver, read: dict[str, Expr], inverse: InverseSteps
                    ) -> dict[str, Expr]:
     """x ← S x + d F, then x ← x + G (y − C x − D F_now): the steady Kalman filter of `Observer`."""
     m = observer.matrices
     n, r = m.gain.shape
-    tables = {name: b.table(f"observer_{name}", value, "", says) for name, value, says in
+    tables = {name: b.table(f"observer_{name}", value, "", description) for name, value, description in
               (("step", m.step, "transition of the observer"), ("drive", m.drive, "force to states"),
                ("output", m.output, "states to readings"), ("through", m.through, "force to readings"),
                ("gain", m.gain, "Kalman gain"))}

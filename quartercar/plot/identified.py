@@ -47,11 +47,11 @@ def experiments(esr: Sequence[tuple[str, float | None, float | None]], target: f
         figure, axes = panels(1, height=3.0)
         ax = axes[0, 0]
         place = np.arange(len(esr))
-        for column, said, colour, marker in ((1, "LPV-ARX with saturating input", BLUE, "o"),
+        for column, stated, colour, marker in ((1, "LPV-ARX with saturating input", BLUE, "o"),
                                              (2, "plain LPV-ARX", MUTED, "D")):
             values = np.array([np.nan if row[column] is None else row[column] for row in esr], dtype=float)
             ax.vlines(place, 1e-3, values, color=colour, linewidth=1.0, alpha=0.35)
-            ax.plot(place, values, marker, color=colour, markersize=7 if column == 1 else 5, label=said, zorder=3)
+            ax.plot(place, values, marker, color=colour, markersize=7 if column == 1 else 5, label=stated, zorder=3)
         ax.axhline(target, color=VERMILION, linestyle="--", linewidth=1.2, label=f"target {target:g}")
         ax.set_yscale("log")
         known = [v for row in esr for v in row[1:] if isinstance(v, float)]

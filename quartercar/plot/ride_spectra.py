@@ -67,10 +67,10 @@ def spectra(runs: Sequence[tuple[str, CarRun]], settle: float = 0.0) -> Figure |
             centres, bands = third_octaves(f, densities["body_acceleration"])
             axes[2, 0].loglog(centres, bands, "o-", color=colour, markersize=3, linewidth=0.8)
         low, high = sensitive_band()
-        for j, (said, unit) in enumerate(SIGNALS.values()):
-            axes[0, j].set_title(said)
+        for j, (stated, unit) in enumerate(SIGNALS.values()):
+            axes[0, j].set_title(stated)
             axes[0, j].set_ylabel(f"PSD [({unit})²/Hz]")
-            axes[1, j].set_title(f"road to {said}")
+            axes[1, j].set_title(f"road to {stated}")
             axes[1, j].set_ylabel(label("gain", f"({unit})/m"))
             for ax in axes[:2, j]:
                 ax.set_xlabel(label("frequency", "Hz"))

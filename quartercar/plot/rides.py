@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from quartercar.rides.bound import Bound
-    from quartercar.rides.comparison import Interval, RideComparison, Row
+    from quartercar.rides.comparison import Interval, LawRow, RideComparison
 
 MARKERS = "osD^vP"
 EXCERPT = 2.0
@@ -35,9 +35,9 @@ def trade_offs(found: RideComparison, bounds: Sequence[Bound] = ()) -> Figure:
             reference = found.row(found.reference, road)
             for ax, other in zip(row, ("tyre_load", "stroke"), strict=True):
                 _points(ax, found, road, other, [b for b in bounds if b.road == road and b.laws])
-                said = ", ".join(f"{LABELS[n][2] * reference.interval(n).mean:.4g} {LABELS[n][1]}"
+                stated = ", ".join(f"{LABELS[n][2] * reference.interval(n).mean:.4g} {LABELS[n][1]}"
                                  for n in ("comfort", other))
-                ax.set_title(f"{road}\n(0, 0): {found.reference}, {said}", fontsize=8.5)
+                ax.set_title(f"{road}\n(0, 0): {found.reference}, {stated}", fontsize=8.5)
             _front(row[0], found, road)
         handles, names = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, names, loc="outside upper center", ncols=min(len(names), 6), handlelength=1.2,
@@ -138,7 +138,7 @@ def over_time(found: RideComparison, road: str) -> Figure:
     return figure
 
 
-def shown_laws(found: RideComparison, road: str) -> list[Row]:
+def shown_laws(found: RideComparison, road: str) -> list[LawRow]:
     """The reference, a passive car, and the most comfortable of the others."""
     rows = found.on(road)
     first = [r for r in rows if r.name in ("passive", found.reference)]
@@ -146,7 +146,7 @@ def shown_laws(found: RideComparison, road: str) -> list[Row]:
     return [*first, *rest[:max(1, SHOWN - len(first))]][:SHOWN]
 
 
-def _liveliest(row: Row) -> float:
+def _liveliest(row: LawRow) -> float:
     run = row.rides[0].run
     total = np.cumsum(run["body_acceleration"] ** 2)
     width = min(int(EXCERPT / run.sample_time), run.n_samples - 1)

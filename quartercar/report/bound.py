@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lpvid.report import Item, Paragraph, Table, number
+from lpvid.report import Item, PageTable, Paragraph, number
 from lpvid.report.page import percent
 from quartercar.criteria import comfort_classes
-from quartercar.rides.bound import MEASURES, Bound, obtained, told_floor, told_share
+from quartercar.rides.bound import MEASURES, Bound, floor_text, obtained, share_text
 from quartercar.rides.comparison import Interval
 
 AIM_NAMES = {"objective": "least objective", "comfort": "least comfort at the reference's tyre load",
@@ -19,20 +19,24 @@ AIM_NAMES = {"objective": "least objective", "comfort": "least comfort at the re
 def bound_items(bounds: Sequence[Bound]) -> tuple[Item, ...]:
     """Tables of bounds and shares."""
     first = bounds[0]
-    items: list[Item] = [Paragraph(f"{obtained(first)[0].upper()}{obtained(first)[1:]}. Objective: "
-                                   f"{first.objective.says}; the reference of that is the passive car under the lowest "
-                                   "current.")]
+    items: list[Item] = [
+        Paragraph(
+            f"{obtained(first)[0].upper()}{obtained(first)[1:]}. Objective: "
+            f"{first.objective.description}; the reference of that is the passive car under the lowest "
+            "current."
+        )
+    ]
     rows = tuple((b.road, b.car, AIM_NAMES[aim], *(_mean(b, aim, m) for m in MEASURES), *(_gap(b, aim, m) for m in
                                                                                          MEASURES[1:]),
                   number(float(np.mean([x.passivity.negative_energy for x in b.best[aim]])), 3))
                  for b in bounds for aim in b.best)
-    items.append(Table(("road", "car", "what is made least", "objective", "comfort [m/s²]", "tyre load [N]",
+    items.append(PageTable(("road", "car", "what is made least", "objective", "comfort [m/s²]", "tyre load [N]",
                         f"comfort to {first.reference}", f"tyre load to {first.reference}", "energy given [J]"), rows,
                        "Means over the seeds of the bound. Linear: without bump stops and lift-off.",
                        tuple(range(3, 9))))
-    items += [Paragraph(f"{b.road}, linear car: {told_floor(b)}.") for b in bounds if b.floor]
-    shares = tuple((b.road, law, *(told_share(b.share(law, m)) for m in MEASURES)) for b in bounds for law in b.laws)
-    items.append(Table(("road", "law", *(m.replace("_", " ") for m in MEASURES)), shares,
+    items += [Paragraph(f"{b.road}, linear car: {floor_text(b)}.") for b in bounds if b.floor]
+    shares = tuple((b.road, law, *(share_text(b.share(law, m)) for m in MEASURES)) for b in bounds for law in b.laws)
+    items.append(PageTable(("road", "law", *(m.replace("_", " ") for m in MEASURES)), shares,
                        "(a − law)/(a − bound at the least objective) with a of the car at the lowest current, "
                        "nonlinear car, same roads, ± half of "
                        "the 95 % interval. Above 100 % where a law gives away the other criterion.", (2, 3, 4)))

@@ -13,16 +13,16 @@ from lpvid.plot import passivity
 from lpvid.report import (
     OUT,
     Curve,
-    Figure,
     Item,
     Mark,
+    NextStep,
     Notes,
     Page,
+    PageFigure,
+    PageTable,
     Panel,
     Paragraph,
     Section,
-    Step,
-    Table,
     Traces,
     number,
 )
@@ -76,9 +76,11 @@ def comparison_figures(found: Comparison) -> tuple[Drawn, ...]:
     for row in found.rows:
         margin = margin_of(row.damper)
         if margin is not None:
-            said = (f"{row.title}: damping in steady sine motion at the least favourable amplitude; negative where the "
-                    "model gives energy.")
-            drawn.append(Drawn(f"passivity_{row.damper.name}", passivity(margin), said))
+            stated = (
+                f"{row.title}: damping in steady sine motion at the least favourable amplitude; negative where the "
+                "model gives energy."
+            )
+            drawn.append(Drawn(f"passivity_{row.damper.name}", passivity(margin), stated))
     return tuple(drawn)
 
 
@@ -95,7 +97,7 @@ def comparison_page(found: Comparison, figures: Sequence[Drawn]) -> Page:
     -------
     Page
     """
-    drawn = {f.name: Figure.of(f.figure, f.caption) for f in figures}
+    drawn = {f.name: PageFigure.of(f.figure, f.caption) for f in figures}
     by_experiment: list[Item] = [drawn["experiments"], _experiments(found)] if "experiments" in drawn else []
     sections = [Section("Ranking", (_ranking(found), drawn["ranking"]))]
     if by_experiment:
@@ -106,11 +108,13 @@ def comparison_page(found: Comparison, figures: Sequence[Drawn]) -> Page:
                  Section("Parameters", tuple(_parameters(found)))]
     energy = [drawn[f.name] for f in figures if f.name.startswith("passivity_")]
     if energy:
-        said = tuple(line for row in found.rows for line in energy_lines(row.damper))
-        sections.append(Section("Energy of identified models", (Notes(said), *energy)))
+        stated = tuple(line for row in found.rows for line in energy_lines(row.damper))
+        sections.append(Section("Energy of identified models", (Notes(stated), *energy)))
     if found.not_fitted:
         rows = tuple((name, why) for name, why in found.not_fitted)
-        sections.append(Section("Not fitted", (Table(("model", "why"), rows, "Models that these data do not allow."),)))
+        sections.append(
+            Section("Not fitted", (PageTable(("model", "why"), rows, "Models that these data do not allow."),))
+        )
     sections.append(Section("Data and remarks", tuple(_remarks(found))))
     return Page("Damper models compared", found.verdict, grade(found.best.held_out.total.esr), _facts(found),
                 _caveats(found), tuple(sections), _steps(found))
@@ -132,23 +136,27 @@ def force_traces(found: Comparison) -> Traces:
                   "and their errors.", f"Measured and simulated force of {record.name}")
 
 
-def _steps(found: Comparison) -> tuple[Step, ...]:
+def _steps(found: Comparison) -> tuple[NextStep, ...]:
     name = found.best.damper.name
     steps = []
     if found.best.fit is not None:
-        steps = [Step("Put the best model into a car and compare control laws.",
+        steps = [NextStep("Put the best model into a car and compare control laws.",
                       f"quartercar ride --damper {OUT}/{name}.json --out ride"),
-                 Step("Ask what it still gets wrong, and which cause explains that.",
+                 NextStep("Ask what it still gets wrong, and which cause explains that.",
                       f"lpvid diagnose DATA --baseline {OUT}/{name}.json --out diagnosis")]
     stepping = next((r.damper.name for r in found.rows if r.fit is not None and has_step(r.damper)), None)
     if stepping is not None:
         what = "it" if stepping == name else f"'{stepping}'"
         also = "" if stepping == name else ", the best one with a step of fixed length"
-        steps.append(Step(f"Take {what} along{also}: C, FMU, MATLAB, tables.",
+        steps.append(NextStep(f"Take {what} along{also}: C, FMU, MATLAB, tables.",
                           f"lpvid export {OUT}/{stepping}.json --to c --out exported"))
     if found.best.flags:
-        steps.insert(0, Step(f"{found.best.name} is flagged ({', '.join(found.best.flags)}): see the remarks before "
-                             "you use it."))
+        steps.insert(
+            0,
+            NextStep(
+                f"{found.best.name} is flagged ({', '.join(found.best.flags)}): see the remarks before you use it."
+            ),
+        )
     return tuple(steps)
 
 
@@ -167,7 +175,7 @@ def _caveats(found: Comparison) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _ranking(found: Comparison) -> Table:
+def _ranking(found: Comparison) -> PageTable:
     rows, marks = [], []
     for i, row in enumerate(found.rows, start=1):
         run = row.held_out.total
@@ -176,25 +184,25 @@ def _ranking(found: Comparison) -> Table:
                      str(len(row.damper.parameters)), number(1e3 * row.time_per_simulated_second, 2),
                      number(None if row.fit is None else row.fit.seconds, 2), ", ".join(row.flags) or "–"))
         marks.append(grade(run.esr))
-    return Table(("model", "ESR", "fit [%]", "√SSE [N]", "rmse [N]", "energy error", "training ESR", "par.", "ms/s",
+    return PageTable(("model", "ESR", "fit [%]", "√SSE [N]", "rmse [N]", "energy error", "training ESR", "par.", "ms/s",
                   "fit [s]", "flags"), tuple(rows),
                  f"Free run on held-out data, the same {found.best.held_out.total.n_samples:,} samples for all models. "
                  "ms/s: time to simulate one second, compiled.", tuple(range(1, 10)), tuple(marks))
 
 
-def _experiments(found: Comparison) -> Table:
+def _experiments(found: Comparison) -> PageTable:
     names = [name for name, _ in found.best.held_out.experiments]
     rows = tuple((row.name, *(number(run.esr, 3) for _, run in row.held_out.experiments)) for row in found.rows)
     folded = "" if len(names) <= 8 and len(rows) <= 12 else f"All {len(rows)} models, {len(names)} experiments"
-    return Table(("model", *names), rows, "Held-out free-run ESR.", tuple(range(1, len(names) + 1)), folded=folded)
+    return PageTable(("model", *names), rows, "Held-out free-run ESR.", tuple(range(1, len(names) + 1)), folded=folded)
 
 
-def _quadrants(found: Comparison) -> Table:
+def _quadrants(found: Comparison) -> PageTable:
     """Where the best models err."""
     shown = found.rows[:6]
     columns = [q.where.replace("<=", " ≤ ").replace(">", " > ").replace(",", ", ") for q in shown[0].held_out.quadrants]
     rows = tuple((row.name, *(number(q.rmse, 3) for q in row.held_out.quadrants)) for row in shown)
-    return Table(("model", *columns), rows, "rmse [N] by quadrant of velocity and displacement, held-out.",
+    return PageTable(("model", *columns), rows, "rmse [N] by quadrant of velocity and displacement, held-out.",
                  tuple(range(1, len(columns) + 1)))
 
 
@@ -203,14 +211,14 @@ def _parameters(found: Comparison) -> list[Item]:
             for i, row in enumerate(found.rows)]
 
 
-def _parameter_table(row: Compared, caption: str, folded: str) -> Table:
-    says = {p.name: p.says for p in row.damper.parameters}
+def _parameter_table(row: Compared, caption: str, folded: str) -> PageTable:
+    description = {p.name: p.description for p in row.damper.parameters}
     held = () if row.fit is None else row.fit.at_bounds
-    rows = tuple((says[p["name"]] + (" (at its bound)" if p["name"] in held else ""), p["name"],
+    rows = tuple((description[p["name"]] + (" (at its bound)" if p["name"] in held else ""), p["name"],
                   with_error(p["value"], p["std"]), p["unit"] or "1", _share(p["value"], p["std"]))
                  for p in row.parameters)
     marks: tuple[Mark, ...] = tuple("warn" if p["name"] in held else "plain" for p in row.parameters)
-    return Table(("what it is", "name", "value ± std. error", "unit", "± %"), rows, caption, (2, 4), marks, folded)
+    return PageTable(("what it is", "name", "value ± std. error", "unit", "± %"), rows, caption, (2, 4), marks, folded)
 
 
 def with_error(value: float, std: float | None) -> str:
@@ -243,14 +251,14 @@ def _share(value: float, std: float | None) -> str:
 
 def _remarks(found: Comparison) -> list[Item]:
     data = found.data
-    said = f"{len(data.training)} training and {len(data.held_out)} held-out records at {data.sample_rate:.6g} Hz."
+    stated = f"{len(data.training)} training and {len(data.held_out)} held-out records at {data.sample_rate:.6g} Hz."
     if found.first:
-        said += (f" The first {found.first} samples of every record count for no model: the longest start takes them "
+        stated += (f" The first {found.first} samples of every record count for no model: the longest start takes them "
                  "from the measurement.")
     lines = [n for n in found.notes if not n.startswith(GRAVE)]
     for row in found.rows:
         if row.fit is not None:
             lines += [f"{row.name}: {text}" for text in (*row.fit.undetermined[:2], *row.fit.estimate.notes[:2])]
         if not row.passivity.passive:
-            lines.append(f"{row.name} is not passive: {row.passivity.says}")
-    return [Paragraph(said), *([Notes(tuple(lines))] if lines else [])]
+            lines.append(f"{row.name} is not passive: {row.passivity.description}")
+    return [Paragraph(stated), *([Notes(tuple(lines))] if lines else [])]

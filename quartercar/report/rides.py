@@ -6,7 +6,20 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lpvid.report import OUT, Figure, Item, Mark, Notes, Page, Paragraph, Section, Step, Table, Traces, number
+from lpvid.report import (
+    OUT,
+    Item,
+    Mark,
+    NextStep,
+    Notes,
+    Page,
+    PageFigure,
+    PageTable,
+    Paragraph,
+    Section,
+    Traces,
+    number,
+)
 from lpvid.report.courses import signal_traces
 from lpvid.report.page import percent
 from quartercar.criteria import comfort_classes
@@ -15,7 +28,7 @@ from quartercar.plot.ride_spectra import sensitive_band, spectra
 from quartercar.report.bound import bound_items, bound_row
 from quartercar.report.fit import Drawn
 from quartercar.rides.bound import Bound
-from quartercar.rides.comparison import Interval, RideComparison, Row
+from quartercar.rides.comparison import Interval, LawRow, RideComparison
 from quartercar.rides.tuning import Tuned
 from quartercar.roads.ride_roads import LEAD
 
@@ -69,7 +82,7 @@ def ride_page(found: RideComparison, figures: Sequence[Drawn], tuned: Mapping[st
     -------
     Page
     """
-    drawn = {f.name: Figure.of(f.figure, f.caption) for f in figures}
+    drawn = {f.name: PageFigure.of(f.figure, f.caption) for f in figures}
     sections = [Section("Winners", (_winners(found),)), Section("What each law trades", (drawn["pareto"],))]
     if bounds:
         sections.append(Section("What the damper could have reached", bound_items(bounds)))
@@ -85,21 +98,26 @@ def ride_page(found: RideComparison, figures: Sequence[Drawn], tuned: Mapping[st
                 _steps(found, bool(bounds), bool(tuned)))
 
 
-def _winners(found: RideComparison) -> Table:
+def _winners(found: RideComparison) -> PageTable:
     """Road by road and criterion by criterion: the best law, its figure, and who cannot be told from it."""
     rows = []
     for road in found.roads:
         reference = found.row(found.reference, road)
-        for name, (said, unit, scale) in CRITERIA.items():
+        for name, (stated, unit, scale) in CRITERIA.items():
             best, near = found.leaders(road, name)
             gap = "–" if best is reference else _share(best.against(reference, name))
             feels = ", ".join(comfort_classes(best.interval(name).mean)) if name == "comfort" else "–"
-            rows.append((road, said, best.name, f"{told(best.interval(name), scale)} {unit}", gap,
+            rows.append((road, stated, best.name, f"{described(best.interval(name), scale)} {unit}", gap,
                          ", ".join(near) or "–", feels))
     columns = ("road", "criterion", "best law", "its mean", f"against {found.reference}",
                "not distinguishable from it", "likely reaction (ISO 2631-1, annex C)")
-    return Table(columns, tuple(rows), "Means over the seeds ± half of the 95 % interval; not distinguishable: paired "
-                 "by seed, the 95 % interval of the difference holds zero.", (3, 4))
+    return PageTable(
+        columns,
+        tuple(rows),
+        "Means over the seeds ± half of the 95 % interval; not distinguishable: paired "
+        "by seed, the 95 % interval of the difference holds zero.",
+        (3, 4),
+    )
 
 
 def ride_traces(found: RideComparison, road: str) -> Traces:
@@ -107,32 +125,34 @@ def ride_traces(found: RideComparison, road: str) -> Traces:
     rows = plot.shown_laws(found, road)
     time = rows[0].rides[0].run.time
     own = rows[0].rides[0].run.units["current"]
-    panels = {f"{said} [{unit or own}]": {r.name: scale * r.rides[0].run[signal] for r in rows}
-              for signal, (said, unit, scale) in SIGNALS.items()}
+    panels = {f"{stated} [{unit or own}]": {r.name: scale * r.rides[0].run[signal] for r in rows}
+              for signal, (stated, unit, scale) in SIGNALS.items()}
     return signal_traces(time, panels, f"{road}, seed {rows[0].rides[0].seed}: the whole ride under the reference, the "
                          "passive car and the most comfortable law.")
 
 
-def _steps(found: RideComparison, bounded: bool, tuned: bool) -> tuple[Step, ...]:
+def _steps(found: RideComparison, bounded: bool, tuned: bool) -> tuple[NextStep, ...]:
     steps = []
     if len(found.seeds) < 5:
-        steps.append(Step("More roads and noises make the intervals narrower: add --seeds 10."))
+        steps.append(NextStep("More roads and noises make the intervals narrower: add --seeds 10."))
     if not tuned:
-        steps.append(Step("The laws have their default parameters: tune them before you judge them, with --tune 40."))
+        steps.append(
+            NextStep("The laws have their default parameters: tune them before you judge them, with --tune 40.")
+        )
     if not bounded:
-        steps.append(Step("See what this damper could have reached at best on these roads: add --bound."))
+        steps.append(NextStep("See what this damper could have reached at best on these roads: add --bound."))
     best = found.leaders(found.roads[0], "comfort")[0].name
-    steps.append(Step("Take a law to a control unit.", f"quartercar export --controller {OUT}/{best}.json --to c "
+    steps.append(NextStep("Take a law to a control unit.", f"quartercar export --controller {OUT}/{best}.json --to c "
                       "--out exported"))
     return tuple(steps)
 
 
-def told(interval: Interval, scale: float = 1.0, digits: int = 4) -> str:
+def described(interval: Interval, scale: float = 1.0, digits: int = 4) -> str:
     """A mean with half of its interval.
 
     Examples
     --------
-    >>> told(Interval(1.5, 1.4, 1.6))
+    >>> described(Interval(1.5, 1.4, 1.6))
     '1.500 ± 0.1'
     """
     if interval.high is None:
@@ -160,9 +180,9 @@ def _caveats(found: RideComparison) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _figures(found: RideComparison, road: str, bounds: Sequence[Bound]) -> Table:
-    rows = tuple((r.name, told(r.interval("comfort")), told(r.interval("tyre_load")),
-                  told(r.interval("stroke"), 1e3, 3), number(1e3 * r.interval("largest_stroke").mean, 3),
+def _figures(found: RideComparison, road: str, bounds: Sequence[Bound]) -> PageTable:
+    rows = tuple((r.name, described(r.interval("comfort")), described(r.interval("tyre_load")),
+                  described(r.interval("stroke"), 1e3, 3), number(1e3 * r.interval("largest_stroke").mean, 3),
                   number(r.interval("transient").mean, 4), percent(r.interval("off_road").mean),
                   percent(r.interval("at_limits").mean), percent(r.interval("out_of_reach").mean),
                   ", ".join(comfort_classes(r.interval("comfort").mean)))
@@ -170,19 +190,39 @@ def _figures(found: RideComparison, road: str, bounds: Sequence[Bound]) -> Table
     marks: tuple[Mark, ...] = tuple("good" if r.name in found.front[road] else "plain" for r in found.on(road))
     rows += tuple(bound_row(b) for b in bounds if b.road == road)
     marks += ("plain",) * (len(rows) - len(marks))
-    return Table(("law", "comfort [m/s²]", "tyre load [N]", "stroke [mm]", "largest [mm]", "MTVV [m/s²]", "off road",
-                  "current at a limit", "demand out of reach", "likely reaction"), rows,
-                 "Means over the seeds ± half of the 95 % interval; comfort is W_k-weighted (ISO 2631-1), tyre load "
-                 "and stroke are rms. Likely reaction: ISO 2631-1, annex C, overlapping classes. Green: unbeaten "
-                 "in comfort and tyre load at once.", tuple(range(1, 9)), marks)
+    return PageTable(
+        (
+            "law",
+            "comfort [m/s²]",
+            "tyre load [N]",
+            "stroke [mm]",
+            "largest [mm]",
+            "MTVV [m/s²]",
+            "off road",
+            "current at a limit",
+            "demand out of reach",
+            "likely reaction",
+        ),
+        rows,
+        "Means over the seeds ± half of the 95 % interval; comfort is W_k-weighted (ISO 2631-1), tyre load "
+        "and stroke are rms. Likely reaction: ISO 2631-1, annex C, overlapping classes. Green: unbeaten "
+        "in comfort and tyre load at once.",
+        tuple(range(1, 9)),
+        marks,
+    )
 
 
-def _against(found: RideComparison, road: str) -> Table:
+def _against(found: RideComparison, road: str) -> PageTable:
     reference = found.row(found.reference, road)
     rows = tuple((r.name, *(_share(r.against(reference, n)) for n in ("comfort", "tyre_load", "stroke")))
                  for r in found.on(road) if r.name != found.reference)
-    return Table(("law", "comfort", "tyre load", "stroke"), rows, f"Difference to {found.reference} on the same roads "
-                 "and noise, paired by seed, ± half of the 95 % interval; negative is better.", (1, 2, 3))
+    return PageTable(
+        ("law", "comfort", "tyre load", "stroke"),
+        rows,
+        f"Difference to {found.reference} on the same roads "
+        "and noise, paired by seed, ± half of the 95 % interval; negative is better.",
+        (1, 2, 3),
+    )
 
 
 def _share(interval: Interval) -> str:
@@ -191,10 +231,10 @@ def _share(interval: Interval) -> str:
 
 
 def _energy(found: RideComparison) -> tuple[Item, ...]:
-    def passive(row: Row) -> str:
+    def passive(row: LawRow) -> str:
         return "unknown storage" if row.passive is None else "yes" if row.passive else "NO"
 
-    rows = tuple((r.road, r.name, told(r.interval("dissipated"), digits=4), passive(r),
+    rows = tuple((r.road, r.name, described(r.interval("dissipated"), digits=4), passive(r),
                   percent(r.interval("negative_share").mean, 3), number(r.interval("negative_energy").mean, 3),
                   number(max(x.passivity.returned for x in r.rides), 3)) for r in found.rows)
     known = all(r.passive is not None for r in found.rows)
@@ -202,7 +242,7 @@ def _energy(found: RideComparison) -> tuple[Item, ...]:
             "column says yes." if known else
             "Energy that the damper's model gave back came from what it stored (compliance) or from errors of the "
             "model; the last columns bound both.")
-    return (Paragraph(text), Table(("road", "law", "taken [J]", "passive", "F·v < 0", "energy in them [J]",
+    return (Paragraph(text), PageTable(("road", "law", "taken [J]", "passive", "F·v < 0", "energy in them [J]",
                                     "most at a stretch [J]"), rows,
                                    "Energy of the damper, the force of displacement alone left out.", (2, 4, 5, 6)))
 
@@ -211,11 +251,15 @@ def _laws(found: RideComparison, tuned: Mapping[str, Tuned]) -> list[Item]:
     out: list[Item] = []
     for row in found.on(found.roads[0]):
         law = row.controller
-        rows = tuple((p.name, number(law.values[p.name], 5), p.unit or "1", f"{p.lower:g} to {p.upper:g}", p.says)
-                     for p in law.parameters)
-        said = f"{law.title}: {law.source}."
+        rows = tuple(
+            (p.name, number(law.values[p.name], 5), p.unit or "1", f"{p.lower:g} to {p.upper:g}", p.description)
+            for p in law.parameters
+        )
+        stated = f"{law.title}: {law.source}."
         if row.name in tuned:
             t = tuned[row.name]
-            said += f" Tuned in {t.evaluations} evaluations: objective {t.before:.4f} to {t.objective:.4f}."
-        out.append(Table(("parameter", "value", "unit", "range", "what it is"), rows, said, (1,), folded=row.name))
+            stated += f" Tuned in {t.evaluations} evaluations: objective {t.before:.4f} to {t.objective:.4f}."
+        out.append(
+            PageTable(("parameter", "value", "unit", "range", "what it is"), rows, stated, (1,), folded=row.name)
+        )
     return out

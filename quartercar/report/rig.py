@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 
 from lpvid.auditing import Audit
 from lpvid.record import Record
-from lpvid.report import OUT, Item, Page, Paragraph, Section, Step, Table, number
+from lpvid.report import OUT, Item, NextStep, Page, PageTable, Paragraph, Section, number
 from lpvid.report.inspection import inspection_page
 from quartercar.rig.causes import find_cause
 from quartercar.rig.plan import Plan
@@ -40,17 +40,17 @@ def rig_page(plan: Plan, audit: Audit, records: Sequence[Record]) -> Page:
                             *page.caveats))
 
 
-_STEPS = (Step("Fit damper models and rank them.", f"quartercar fit {OUT} --out fit"),
-          Step("Identify an LPV model.", f"lpvid identify {OUT} --input velocity --output force --schedule current "
+_STEPS = (NextStep("Fit damper models and rank them.", f"quartercar fit {OUT} --out fit"),
+          NextStep("Identify an LPV model.", f"lpvid identify {OUT} --input velocity --output force --schedule current "
                "--hold-out 1/3 --out model"),
-          Step("See whether the diagnosis finds the effects that are on.",
+          NextStep("See whether the diagnosis finds the effects that are on.",
                f"lpvid diagnose {OUT} --baseline auto --out diagnosis"))
 
 
-def _experiments(plan: Plan) -> Table:
+def _experiments(plan: Plan) -> PageTable:
     rows = tuple((e.name, type(e.displacement).__name__, type(e.current).__name__, number(e.duration, 4),
                   str(e.replicates), f"{round(e.duration * plan.rig.sample_rate):,}") for e in plan.experiments)
-    return Table(("experiment", "displacement", "current", "duration [s]", "replicates", "samples of each"), rows,
+    return PageTable(("experiment", "displacement", "current", "duration [s]", "replicates", "samples of each"), rows,
                  f"At {plan.rig.sample_rate:g} Hz; seed {plan.seed}"
                  + (", with the channels that no sensor sees (_true)." if plan.truth else "."), (3, 4, 5))
 
@@ -65,11 +65,18 @@ def _effects(plan: Plan) -> list[Item]:
         given = ", ".join(f"{n} {v if isinstance(v, str) else number(v, 4, units.get(n, ''))}"
                           for n, v in effect.parameters.items())
         rows.append((effect.name, number(effect.strength, 4), given or "–", cause.equation))
-    return [Table(("effect", "strength", "parameters", "what it does"), tuple(rows), "Strength 0 is off, 1 the size "
-                  "that the parameters give. A diagnosis has to find these from the records alone.", (1,))]
+    return [
+        PageTable(
+            ("effect", "strength", "parameters", "what it does"),
+            tuple(rows),
+            "Strength 0 is off, 1 the size "
+            "that the parameters give. A diagnosis has to find these from the records alone.",
+            (1,),
+        )
+    ]
 
 
-def _numbers(plan: Plan) -> Table:
+def _numbers(plan: Plan) -> PageTable:
     rows = []
     for what, part in (("damper", plan.rig.damper), ("sensors", plan.rig.sensors)):
         for f in fields(part):
@@ -77,5 +84,5 @@ def _numbers(plan: Plan) -> Table:
             shown = ("yes" if value else "no") if isinstance(value, bool) else number(value, 5) if isinstance(
                 value, (int, float)) else str(value)
             rows.append((what, f.name.replace("_", " "), shown))
-    return Table(("part", "number", "value"), tuple(rows), "In SI units; noise of the force as a share of its rms.",
+    return PageTable(("part", "number", "value"), tuple(rows), "In SI units; noise of the force as a share of its rms.",
                  (2,), folded="All numbers of the damper and of the sensors")

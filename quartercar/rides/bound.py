@@ -8,8 +8,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lpvid import _checks
-from quartercar.criteria import Ride as Figures
-from quartercar.rides.clairvoyant import BestCurrents, Effort, Problem, best_currents, energy_limit, lowest_current
+from quartercar.criteria import RideFigures as Figures
+from quartercar.rides.clairvoyant import (
+    BestCurrents,
+    CurrentSequenceProblem,
+    Effort,
+    best_currents,
+    energy_limit,
+    lowest_current,
+)
 from quartercar.rides.comparison import Interval, RideComparison
 from quartercar.rides.relaxation import RelaxedBound, relaxed_bound
 from quartercar.rides.simulation import Ride, RideSettings, drive, short_run
@@ -130,7 +137,7 @@ class Bound:
                 for aim, found in self.best.items()}
         shares = {law: {m: None if (s := self.share(law, m)) is None else s.to_dict() for m in MEASURES}
                   for law in self.laws}
-        return {"road": self.road, "car": self.car, "seeds": list(self.seeds), "objective": self.objective.says,
+        return {"road": self.road, "car": self.car, "seeds": list(self.seeds), "objective": self.objective.description,
                 "reference": self.reference, "obtained": obtained(self), "best": best, "shares": shares,
                 "floor": [f.to_dict() for f in self.floor],
                 "passive": {m: Interval.of(self.values(self.passive, m)).to_dict() for m in MEASURES}}
@@ -142,27 +149,27 @@ class Bound:
         for aim in self.best:
             comfort, tyre = (Interval.of(self.values(self.at(aim), m)).mean for m in MEASURES[1:])
             gaps = [self.against_reference(aim, m) for m in MEASURES[1:]]
-            said = "" if gaps[0] is None or gaps[1] is None else (
+            stated = "" if gaps[0] is None or gaps[1] is None else (
                 f"  {100 * gaps[0].mean:+.1f} % and {100 * gaps[1].mean:+.1f} % to {self.reference}")
-            lines.append(f"  {names[aim]:<36}comfort {comfort:8.4g} m/s^2  tyre {tyre:8.4g} N{said}")
+            lines.append(f"  {names[aim]:<36}comfort {comfort:8.4g} m/s^2  tyre {tyre:8.4g} N{stated}")
         if self.laws:
             lines.append("  share of the way from the car at the lowest current to that bound: objective, "
                          "comfort, tyre load")
-            lines += [f"    {law:<18}" + "".join(f"{told_share(self.share(law, m)):>16}" for m in MEASURES)
+            lines += [f"    {law:<18}" + "".join(f"{share_text(self.share(law, m)):>16}" for m in MEASURES)
                       for law in self.laws]
         if self.floor:
-            lines.append(f"  {told_floor(self)}")
+            lines.append(f"  {floor_text(self)}")
         return "\n".join(lines)
 
     __repr__ = __str__
 
 
-def told_share(share: Interval | None) -> str:
+def share_text(share: Interval | None) -> str:
     """A share with half of its interval.
 
     Examples
     --------
-    >>> told_share(Interval(0.25, 0.2, 0.3)), told_share(None)
+    >>> share_text(Interval(0.25, 0.2, 0.3)), share_text(None)
     ('25 ± 5.0 %', '-')
     """
     if share is None:
@@ -171,7 +178,7 @@ def told_share(share: Interval | None) -> str:
     return f"{100 * share.mean:.0f}{half} %"
 
 
-def told_floor(bound: Bound) -> str:
+def floor_text(bound: Bound) -> str:
     """The certified lower bounds, in a sentence."""
     low, best = (float(np.mean(v)) for v in ([f.value for f in bound.floor],
                                              bound.values(bound.at(), "objective")))
@@ -191,7 +198,7 @@ def obtained(bound: Bound) -> str:
 
 def bound_rides(car: QuarterCar, roads: Sequence[RideRoad], found: RideComparison,
                 settings: RideSettings | None = None, how: BoundSettings | None = None,
-                say: Callable[[str], None] = lambda text: None) -> tuple[Bound, ...]:
+                report_progress: Callable[[str], None] = lambda text: None) -> tuple[Bound, ...]:
     """Search the clairvoyant bound of every road of a comparison.
 
     Starts are the commands of the reference law, of the best law by the objective, and of the passive car; the linear
@@ -224,11 +231,11 @@ def bound_rides(car: QuarterCar, roads: Sequence[RideRoad], found: RideCompariso
     seeds = found.seeds[:how.seeds]
     bounds: list[Bound] = []
     for road in roads:
-        first = _road_bound(car, "nonlinear", road, found, seeds, settings, how, None, say)
+        first = _road_bound(car, "nonlinear", road, found, seeds, settings, how, None, report_progress)
         bounds.append(first)
         if how.linear:
             straight = replace(car, stops=None, lift_off=False)
-            bounds.append(_road_bound(straight, "linear", road, found, seeds, settings, how, first, say))
+            bounds.append(_road_bound(straight, "linear", road, found, seeds, settings, how, first, report_progress))
     return tuple(replace(b, best={a: tuple(_thinned(x, k) for k, x in enumerate(v)) for a, v in b.best.items()})
                  for b in bounds)
 
@@ -239,7 +246,7 @@ def _thinned(best: BestCurrents, seed: int) -> BestCurrents:
 
 def _road_bound(car: QuarterCar, kind: str, road: RideRoad, found: RideComparison, seeds: tuple[int, ...],
                 settings: RideSettings, how: BoundSettings, nonlinear: Bound | None,
-                say: Callable[[str], None]) -> Bound:
+                report_progress: Callable[[str], None]) -> Bound:
     """The bound of one kind of car on one road."""
     rows = found.on(road.name)
     reference = found.row(found.reference, road.name)
@@ -259,7 +266,7 @@ def _road_bound(car: QuarterCar, kind: str, road: RideRoad, found: RideCompariso
             starts["lowest current"] = np.full(rides[0].run.n_samples, car.coil.lowest)
         else:
             starts = {"nonlinear car": nonlinear.best["objective"][k].command}
-        problem = Problem(car, road, seed, period, passive[k], how.objective,
+        problem = CurrentSequenceProblem(car, road, seed, period, passive[k], how.objective,
                           {"given": energy_limit(held.passivity)})
         for aim in best:
             part, from_, effort = _aimed(problem, aim, held), starts, how.effort
@@ -267,14 +274,14 @@ def _road_bound(car: QuarterCar, kind: str, road: RideRoad, found: RideCompariso
                 from_ = {"objective": best["objective"][k].command}
             if len(from_) == 1:  # from a neighbouring optimum
                 effort = replace(effort, iterations=effort.polish // 2, polish=0)
-            best[aim].append(best_currents(part, from_, effort, lambda text: say(f"{text}, {kind} car")))
+            best[aim].append(best_currents(part, from_, effort, lambda text: report_progress(f"{text}, {kind} car")))
         if nonlinear is not None:
-            floor.append(relaxed_bound(problem, best["objective"][k], say=say))
+            floor.append(relaxed_bound(problem, best["objective"][k], report_progress=report_progress))
     return Bound(road.name, kind, seeds, how.objective, found.reference, {a: tuple(v) for a, v in best.items()},
                  passive, laws if nonlinear is None else {}, tuple(floor))
 
 
-def _aimed(problem: Problem, aim: str, held: Ride) -> Problem:
+def _aimed(problem: CurrentSequenceProblem, aim: str, held: Ride) -> CurrentSequenceProblem:
     """The problem of another aim: its figure least, the other one held at the reference law's."""
     objective, limited = AIMS[aim]
     if objective is None:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.errors import InputError, NumericalError
-from quartercar.criteria import Ride as Figures
+from quartercar.criteria import RideFigures as Figures
 from quartercar.criteria import judge
-from quartercar.criteria.gradient import Figure, RideGradient
+from quartercar.criteria.gradient import RideFigure, RideGradient
 from quartercar.rides.tuning import CAP, Objective
 from quartercar.roads.ride_roads import RideRoad
 from quartercar.vehicle.adjoint import AdjointCar
@@ -88,7 +88,7 @@ class BestCurrents:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class CurrentSequenceProblem:
     """Minimise J(i) over lowest ≤ i(k) ≤ highest on a known road, figures held below limits.
 
     Attributes
@@ -114,7 +114,7 @@ class Problem:
     objective: Objective
     limits: Mapping[str, float]
 
-    def weights(self, figures: Mapping[str, Figure]) -> tuple[float, dict[str, float]]:
+    def weights(self, figures: Mapping[str, RideFigure]) -> tuple[float, dict[str, float]]:
         """J as `Objective.of` has it for one ride, and its slopes by the figures."""
         o, value = self.objective, 0.0
         slopes = dict.fromkeys(figures, 0.0)
@@ -134,7 +134,7 @@ class Problem:
 class _Search:
     """Augmented Lagrangian of a problem: J + Σ ((μ + w h)_+² − μ²)/2w, h = figure/limit − 1 (Rockafellar 1974)."""
 
-    def __init__(self, problem: Problem, effort: Effort) -> None:
+    def __init__(self, problem: CurrentSequenceProblem, effort: Effort) -> None:
         self.problem, self.effort = problem, effort
         elevation = problem.road.profile(problem.sample_time, problem.seed)
         self.elevation = elevation
@@ -199,8 +199,8 @@ class _Search:
         return self._low + self._span * x
 
 
-def best_currents(problem: Problem, starts: Mapping[str, np.ndarray], effort: Effort | None = None,
-                  say: Callable[[str], None] = lambda text: None) -> BestCurrents:
+def best_currents(problem: CurrentSequenceProblem, starts: Mapping[str, np.ndarray], effort: Effort | None = None,
+                  report_progress: Callable[[str], None] = lambda text: None) -> BestCurrents:
     """Minimise over the whole current sequence at once, the road known, the states perfect, the coil's lag inside.
 
     L-BFGS-B (Byrd, Lu, Nocedal, Zhu 1995) with the exact gradient of the discrete run, limits by an augmented
@@ -236,12 +236,12 @@ def best_currents(problem: Problem, starts: Mapping[str, np.ndarray], effort: Ef
                          got=str([np.shape(s) for s in starts.values()]), mend=f"arrays of {size}")
     found: dict[str, tuple[float, np.ndarray]] = {}
     for name, start in starts.items():
-        say(f"{problem.road.name}, seed {problem.seed}: best current from {name}")
+        report_progress(f"{problem.road.name}, seed {problem.seed}: best current from {name}")
         found[name] = search.descend(start, effort.iterations)
     best = min(found, key=lambda n: found[n][0])
     value, x = found[best]
     if effort.polish:
-        say(f"{problem.road.name}, seed {problem.seed}: carrying on from {best}")
+        report_progress(f"{problem.road.name}, seed {problem.seed}: carrying on from {best}")
         further = search.descend(search.command(x), effort.polish)
         value, x = further if further[0] < value else (value, x)
     if not np.isfinite(value):

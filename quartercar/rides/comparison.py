@@ -85,7 +85,7 @@ class Interval:
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class LawRow:
     """One law on one road.
 
     Attributes
@@ -113,7 +113,7 @@ class Row:
         """Mean and interval of a figure."""
         return Interval.of(self.values(figure))
 
-    def against(self, other: Row, figure: str) -> Interval:
+    def against(self, other: LawRow, figure: str) -> Interval:
         """Relative difference to another law, paired by seed: (this − other)/mean of the other."""
         theirs = other.values(figure)
         return Interval.of((self.values(figure) - theirs) / max(abs(float(theirs.mean())), 1e-300))
@@ -121,8 +121,8 @@ class Row:
     @property
     def passive(self) -> bool | None:
         """Whether no ride gave energy that was never there; None where the damper's storage is unknown."""
-        told = [r.passivity.holds for r in self.rides]
-        return None if None in told else all(told)
+        described = [r.passivity.holds for r in self.rides]
+        return None if None in described else all(described)
 
     @property
     def extrapolation(self) -> dict[str, float]:
@@ -135,7 +135,7 @@ class Row:
         found = [r.road_ahead_error for r in self.rides]
         return None if None in found else float(np.sqrt(np.mean(np.square(np.array(found, dtype=float)))))
 
-    def to_dict(self, reference: Row) -> dict:
+    def to_dict(self, reference: LawRow) -> dict:
         """Plain data for JSON."""
         first = self.rides[0].passivity
         return {"controller": self.name, "title": self.title, "road": self.road,
@@ -163,7 +163,7 @@ class RideComparison(Shown):
     """
 
     DRAWN_BY: ClassVar[str] = "quartercar.plot.nouns"
-    rows: tuple[Row, ...]
+    rows: tuple[LawRow, ...]
     seeds: tuple[int, ...]
     reference: str
     notes: tuple[str, ...] = ()
@@ -178,11 +178,11 @@ class RideComparison(Shown):
         """Names of the laws."""
         return tuple(dict.fromkeys(r.name for r in self.rows))
 
-    def on(self, road: str) -> tuple[Row, ...]:
+    def on(self, road: str) -> tuple[LawRow, ...]:
         """The rows of one road."""
         return tuple(r for r in self.rows if r.road == road)
 
-    def row(self, name: str, road: str) -> Row:
+    def row(self, name: str, road: str) -> LawRow:
         """One law on one road."""
         _checks.known_name(name, self.names, "controller")
         _checks.known_name(road, self.roads, "road")
@@ -197,16 +197,16 @@ class RideComparison(Shown):
     @property
     def verdict(self) -> str:
         """A sentence or two per road: most comfortable, best on the road, who cannot be told from them, the front."""
-        said = []
+        stated = []
         for road in self.roads:
             (soft, near), (firm, close) = (self.leaders(road, axis) for axis in AXES[:2])
-            said.append(f"On {road} {soft.name} is the most comfortable ({soft.interval('comfort').mean:.4g} m/s^2 "
+            stated.append(f"On {road} {soft.name} is the most comfortable ({soft.interval('comfort').mean:.4g} m/s^2 "
                         f"weighted{_tied(near)}) and {firm.name} loads the tyre least unevenly "
                         f"({firm.interval('tyre_load').mean:.4g} N rms{_tied(close)}). Unbeaten in the means of both: "
                         f"{', '.join(self.front[road])}.")
-        return " ".join(said)
+        return " ".join(stated)
 
-    def leaders(self, road: str, figure: str) -> tuple[Row, tuple[str, ...]]:
+    def leaders(self, road: str, figure: str) -> tuple[LawRow, tuple[str, ...]]:
         """The law of the least mean, and those whose paired difference to it may as well be none (95 %)."""
         rows = self.on(road)
         best = min(rows, key=lambda r: r.interval(figure).mean)
@@ -243,14 +243,14 @@ def _tied(names: Sequence[str]) -> str:
     return f", not distinguishable from {', '.join(names)}" if names else ""
 
 
-def _line(row: Row) -> str:
-    def told(figure: str, scale: float = 1.0) -> str:
+def _line(row: LawRow) -> str:
+    def described(figure: str, scale: float = 1.0) -> str:
         i = row.interval(figure)
         half = "" if i.high is None else f" ± {number(scale * (i.high - i.mean), 2):<7}"
         return f"{scale * i.mean:8.4g}{half}"
 
-    return (f"  {row.name:<20}comfort {told('comfort')} m/s^2  tyre {told('tyre_load')} N  stroke "
-            f"{told('stroke', 1e3)} mm  at limits {row.interval('at_limits').mean:4.0%}")
+    return (f"  {row.name:<20}comfort {described('comfort')} m/s^2  tyre {described('tyre_load')} N  stroke "
+            f"{described('stroke', 1e3)} mm  at limits {row.interval('at_limits').mean:4.0%}")
 
 
 def pareto(points: Mapping[str, tuple[float, ...]]) -> tuple[str, ...]:
@@ -271,7 +271,7 @@ def pareto(points: Mapping[str, tuple[float, ...]]) -> tuple[str, ...]:
 
 def compare_rides(car: QuarterCar, roads: Sequence[RideRoad], controllers: Mapping[str, Controller],
                   seeds: Sequence[int], settings: RideSettings | None = None, reference: str | None = None,
-                  say: Callable[[str], None] = lambda text: None) -> RideComparison:
+                  report_progress: Callable[[str], None] = lambda text: None) -> RideComparison:
     """Drive every law over every road with every seed.
 
     Parameters
@@ -307,13 +307,13 @@ def compare_rides(car: QuarterCar, roads: Sequence[RideRoad], controllers: Mappi
     _checks.known_name(chosen, names, "controller")
     rows = []
     for road in roads:
-        say(f"riding {road.name}")
+        report_progress(f"riding {road.name}")
         laws = [controllers[n] for n in names for _ in seeds]
         rides = drive(car, road, laws, list(seeds) * len(names), settings)
         for k, name in enumerate(names):
             mine = rides[k * len(seeds):(k + 1) * len(seeds)]
             kept = (mine[0], *(without_run(r) for r in mine[1:]))
-            rows.append(Row(name, controllers[name].title, controllers[name], road.name, kept))
+            rows.append(LawRow(name, controllers[name].title, controllers[name], road.name, kept))
         del rides
     return RideComparison(tuple(rows), tuple(seeds), chosen, (*_unmoved(car), *_extrapolating(rows),
                                                                 *_estimating(rows)))
@@ -327,7 +327,7 @@ def _unmoved(car: QuarterCar) -> Iterator[str]:
                "identify it with --schedule current.")
 
 
-def _estimating(rows: Sequence[Row]) -> Iterator[str]:
+def _estimating(rows: Sequence[LawRow]) -> Iterator[str]:
     """How well the road ahead was estimated, road by road."""
     for road in dict.fromkeys(r.road for r in rows):
         found = next(r.road_ahead_error for r in rows if r.road == road)
@@ -336,7 +336,7 @@ def _estimating(rows: Sequence[Row]) -> Iterator[str]:
                    f"{1e3 * found:.2g} mm rms off (elevation against the present one, over the whole preview).")
 
 
-def _extrapolating(rows: Sequence[Row]) -> Iterator[str]:
+def _extrapolating(rows: Sequence[LawRow]) -> Iterator[str]:
     """Where laws ask the damper for what its training records never held, road by road."""
     for road in dict.fromkeys(r.road for r in rows):
         for name in rows[0].rides[0].extrapolation:
@@ -353,7 +353,7 @@ def _shares(shares: Mapping[str, float]) -> str:
     return " to ".join(ends)
 
 
-def _span(row: Row, name: str) -> str:
+def _span(row: LawRow, name: str) -> str:
     """The training range of a quantity in its unit."""
     damper = row.rides[0].run.car.damper
     assert damper is not None

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from quartercar.controllers.contract import Setting
-from quartercar.controllers.loop.chain import Chain, ChainSettings
+from quartercar.controllers.loop.chain import ChainSettings, ControllerChain
 from quartercar.controllers.loop.road_estimate import RoadEstimator
 from quartercar.controllers.loop.sensing import Sensing
 from quartercar.rides.preview import Preview
@@ -100,7 +100,9 @@ class FrontAxle(Ahead):
         self.road_error = self._estimate.road_error
         noise = [np.random.default_rng([s, 2631, 1]) for s in seeds]
         self._sensing = Sensing(sensors, setting.sample_time, noise, n)
-        self._chain = Chain([preview.law] * cars, setting, car.coil, replace(settings, sensors=sensors), noise, 1)
+        self._chain = ControllerChain(
+            [preview.law] * cars, setting, car.coil, replace(settings, sensors=sensors), noise, 1
+        )
         self._fleet = start_fleet(car, setting.sample_time, self._road[0], np.full(cars, setting.currents[0]))
         self._force = np.zeros(cars)
         lags = late - np.arange(self.samples + 1)

@@ -9,8 +9,8 @@ import numpy as np
 
 from lpvid.errors import InputError
 from quartercar.criteria.gradient import RideGradient
-from quartercar.rides.clairvoyant import BestCurrents, Problem
-from quartercar.vehicle.adjoint import AdjointCar, Coefficients, Trajectory
+from quartercar.rides.clairvoyant import BestCurrents, CurrentSequenceProblem
+from quartercar.vehicle.adjoint import AdjointCar, Coefficients, GradientRun
 
 REACH = 2.0
 """of the largest |F − c ż_d| of the best run: how far the relaxed force may go. It is printed with the bound, which it
@@ -47,8 +47,8 @@ class RelaxedBound:
         return {"value": self.value, "attained": self.attained, "slope": self.slope, "reach": self.reach}
 
 
-def relaxed_bound(problem: Problem, best: BestCurrents, iterations: int = 150,
-                  say: Callable[[str], None] = lambda text: None) -> RelaxedBound:
+def relaxed_bound(problem: CurrentSequenceProblem, best: BestCurrents, iterations: int = 150,
+                  report_progress: Callable[[str], None] = lambda text: None) -> RelaxedBound:
     """Lower bound of J over the linear car by a convex relaxation: the force free in a strip about a line.
 
     ::
@@ -92,7 +92,7 @@ def relaxed_bound(problem: Problem, best: BestCurrents, iterations: int = 150,
     if car.stops is not None or car.lift_off:
         raise InputError("a relaxed bound belongs to a car without stops and lift-off",
                          why="only there is the objective convex in the force")
-    say(f"{problem.road.name}, seed {problem.seed}: lower bound over the linear car")
+    report_progress(f"{problem.road.name}, seed {problem.seed}: lower bound over the linear car")
     slope, reach = _strip(best)
     elevation = problem.road.profile(problem.sample_time, problem.seed)
     gradient = RideGradient(AdjointCar(car, elevation, problem.sample_time), problem.road.settle)
@@ -114,7 +114,7 @@ def relaxed_bound(problem: Problem, best: BestCurrents, iterations: int = 150,
     return RelaxedBound(kept[0], kept[1], slope, reach)
 
 
-def _convex(problem: Problem, gradient: RideGradient, run: Trajectory) -> tuple[float, Coefficients]:
+def _convex(problem: CurrentSequenceProblem, gradient: RideGradient, run: GradientRun) -> tuple[float, Coefficients]:
     """J, without what limits the energy, and its gradient by the coefficients."""
     figures = gradient.of(run)
     j, weights = problem.weights(figures)

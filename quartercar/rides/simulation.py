@@ -12,8 +12,8 @@ from lpvid import _checks
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError, NumericalError
 from quartercar.controllers.contract import Controller, Setting
-from quartercar.controllers.loop.chain import Chain, ChainSettings
-from quartercar.criteria import Ride as Figures
+from quartercar.controllers.loop.chain import ChainSettings, ControllerChain
+from quartercar.criteria import RideFigures as Figures
 from quartercar.criteria import judge
 from quartercar.dampers.contract import Damper
 from quartercar.lpv_models.active import active_frequency, active_region
@@ -199,7 +199,7 @@ def _together(car: QuarterCar, road: RideRoad, controllers: Sequence[Controller]
     missed, settled = EstimateError(elevation, ahead.samples), int(np.ceil(road.settle / step))
     limits = setting.currents
     noise = [np.random.default_rng([s, 2631]) for s in seeds]
-    chain = Chain(controllers, setting, car.coil, settings.chain, noise, n)
+    chain = ControllerChain(controllers, setting, car.coil, settings.chain, noise, n)
     fleet = start_fleet(car, step, elevation[0], np.full(cars, limits[0]))
     log = Log(fleet, elevation)
     try:
@@ -235,10 +235,12 @@ def _given_energy(damper: Damper | None, currents: tuple[float, float]) -> str:
     if damper is None:
         return ""
     found = active_region(damper, currents) or active_frequency(damper, currents)
-    said = str(found) if found is not None else damper.passivity(0.5).says
-    if said:
-        return (f". Of the '{damper.name}' damper: {said}. Mend: fit or identify it again with --passive, or with more "
-                "records at these currents and speeds")
+    stated = str(found) if found is not None else damper.passivity(0.5).description
+    if stated:
+        return (
+            f". Of the '{damper.name}' damper: {stated}. Mend: fit or identify it again with --passive, or with more "
+            "records at these currents and speeds"
+        )
     return (f". The '{damper.name}' damper takes energy at every current that is held. Mend: `lpvid stability` says "
             "whether it is stable while the current moves; else another structure, or --passive")
 

@@ -11,7 +11,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError, LpvError, NumericalError
 from quartercar.controllers.contract import Controller
-from quartercar.criteria import Ride as Figures
+from quartercar.criteria import RideFigures as Figures
 from quartercar.rides.simulation import RideSettings, drive
 from quartercar.roads.ride_roads import RideRoad
 from quartercar.vehicle.nonlinear import QuarterCar
@@ -59,7 +59,7 @@ class Objective:
             _checks.positive(self.tyre_cap, "tyre_cap")
 
     @property
-    def says(self) -> str:
+    def description(self) -> str:
         """In words."""
         parts = [f"{w:g}·{n}" for w, n in ((self.comfort, "comfort"), (self.tyre_load, "tyre load"),
                                            (self.stroke, "stroke")) if w]
@@ -186,7 +186,7 @@ class Trial:
 
 def tune(law: Controller, trial: Trial, budget: int = 64, seed: int = 0,
          references: Mapping[tuple[str, int], Figures] | None = None,
-         say: Callable[[str], None] = lambda text: None) -> Tuned:
+         report_progress: Callable[[str], None] = lambda text: None) -> Tuned:
     """Look for the best values of a law's parameters, within their ranges.
 
     Latin hypercubes (McKay, Beckman, Conover 1979): half of the budget over all of the ranges, the law's own values
@@ -218,7 +218,7 @@ def tune(law: Controller, trial: Trial, budget: int = 64, seed: int = 0,
     budget = _checks.count(budget, "budget", at_least=4)
     references = references or trial.references()
     rng = np.random.default_rng([seed, 13])
-    scale = _Scale(law)
+    scale = _ParameterScale(law)
     with suppress(ArithmeticError, np.linalg.LinAlgError):
         trial.begin(law)
     places = scale.to_unit(law.vector)[None] if law.names else np.zeros((1, 0))
@@ -227,7 +227,7 @@ def tune(law: Controller, trial: Trial, budget: int = 64, seed: int = 0,
         count = min(budget - len(costs), max(1, round(share * budget)))
         if not law.names or count < 1:
             break
-        say(f"tuning {law.name}: {len(costs)} of {budget}")
+        report_progress(f"tuning {law.name}: {len(costs)} of {budget}")
         points = _box(places[np.argmin(costs)], width, count, rng)
         found = trial.costs([law.with_vector(scale.to_values(p)) for p in points], references)
         places, costs = np.concatenate([places, points]), np.concatenate([costs, found])
@@ -237,7 +237,7 @@ def tune(law: Controller, trial: Trial, budget: int = 64, seed: int = 0,
     return Tuned(chosen, float(costs[best]), float(costs[0]), len(costs), values, costs)
 
 
-class _Scale:
+class _ParameterScale:
     """Parameters of a law on [0, 1], logarithmic where they say so."""
 
     def __init__(self, law: Controller) -> None:

@@ -11,14 +11,14 @@ from lpvid import _checks
 from lpvid.errors import InputError
 
 
-def quantity(default: float | None, unit: str, says: str) -> Any:
+def quantity(default: float | None, unit: str, description: str) -> Any:
     """Dataclass field for a physical quantity in an SI unit."""
-    return dataclasses.field(default=default, metadata={"unit": unit, "says": says})
+    return dataclasses.field(default=default, metadata={"unit": unit, "says": description})
 
 
-def option(default: Any, says: str, choices: tuple[str, ...] = ()) -> Any:
+def option(default: Any, description: str, choices: tuple[str, ...] = ()) -> Any:
     """Dataclass field for a number without unit, a switch or a word."""
-    return dataclasses.field(default=default, metadata={"says": says, "choices": choices})
+    return dataclasses.field(default=default, metadata={"says": description, "choices": choices})
 
 
 def build(cls: type, table: Mapping[str, Any], where: str) -> Any:
@@ -114,10 +114,10 @@ def schema(cls: type, extra: Mapping[str, Any] | None = None) -> dict[str, Any]:
 
 
 def _property(hint: Any, field: dataclasses.Field) -> dict[str, Any]:
-    says = str(field.metadata.get("says", ""))
+    description = str(field.metadata.get("says", ""))
     if "unit" in field.metadata:
         unit = field.metadata["unit"] or "1"
-        number: dict[str, Any] = quantity_schema(f"{says} [{unit}]")
+        number: dict[str, Any] = quantity_schema(f"{description} [{unit}]")
         if hint == tuple[float, ...]:
             description = number.pop("description")
             default = list(typing.cast(tuple[float, ...], field.default))
@@ -130,9 +130,9 @@ def _property(hint: Any, field: dataclasses.Field) -> dict[str, Any]:
     else:
         names = {bool: "boolean", int: "integer", float: "number"}
         entry = {"type": names.get(hint, "string")}
-    return {**entry, "default": field.default, "description": says}
+    return {**entry, "default": field.default, "description": description}
 
 
-def quantity_schema(says: str) -> dict[str, Any]:
+def quantity_schema(description: str) -> dict[str, Any]:
     """JSON schema of a number in SI or text with a unit."""
-    return {"type": ["number", "string"], "description": f"{says}; SI, or text with a unit"}
+    return {"type": ["number", "string"], "description": f"{description}; SI, or text with a unit"}

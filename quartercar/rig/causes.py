@@ -20,13 +20,13 @@ CAR_CAUSES = ("strut-friction", "payload", "tyre-stiffness", "tyre-damping", "ac
 """Causes that need a car around the damper."""
 
 
-class Number(NamedTuple):
+class CauseParameter(NamedTuple):
     """One parameter of a cause."""
 
     name: str
     default: float | str
     unit: str
-    says: str
+    description: str
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Cause:
     name: str
     equation: str
     source: str
-    numbers: tuple[Number, ...]
+    numbers: tuple[CauseParameter, ...]
     apply: Callable[[Setup, Mapping[str, float], float], Setup]
 
 
@@ -144,154 +144,252 @@ def find_cause(name: str) -> Cause:
 
 # -- friction and gas ---------------------------------------------------------------------------------------------
 _FRICTION = (
-    Cause("coulomb-friction", "F += F_c tanh(v/ε)", "3.1",
-          (Number("level", 60.0, "N", "friction force F_c"), Number("smoothing", 0.002, "m/s", "ε, shared with seals")),
-          lambda s, p, k: s.with_physics(friction=s.physics.friction + k * p["level"], friction_speed=p["smoothing"])),
-    Cause("stribeck-friction", "F += F_s exp(−(v/v_S)²) tanh(v/ε)", "3.2",
-          (Number("level", 80.0, "N", "breakaway force above the sliding friction"),
-           Number("speed", 0.01, "m/s", "Stribeck speed v_S")),
-          lambda s, p, k: s.with_physics(stiction=s.physics.stiction + k * p["level"], stiction_speed=p["speed"])),
-    Cause("gas-preload", "F −= P (1 + Kx/(nP))^(−n)", "3.3",
-          (Number("preload", 200.0, "N", "gas force added at mid stroke"),),
-          lambda s, p, k: s.with_physics(gas_preload=s.physics.gas_preload + k * p["preload"])),
-    Cause("gas-stiffness", "dF/dx += K at mid stroke", "3.4",
-          (Number("stiffness", 8000.0, "N/m", "gas spring rate added"),),
-          lambda s, p, k: s.with_physics(gas_stiffness=s.physics.gas_stiffness + k * p["stiffness"])),
+    Cause(
+        "coulomb-friction",
+        "F += F_c tanh(v/ε)",
+        "3.1",
+        (
+            CauseParameter("level", 60.0, "N", "friction force F_c"),
+            CauseParameter("smoothing", 0.002, "m/s", "ε, shared with seals"),
+        ),
+        lambda s, p, k: s.with_physics(friction=s.physics.friction + k * p["level"], friction_speed=p["smoothing"]),
+    ),
+    Cause(
+        "stribeck-friction",
+        "F += F_s exp(−(v/v_S)²) tanh(v/ε)",
+        "3.2",
+        (
+            CauseParameter("level", 80.0, "N", "breakaway force above the sliding friction"),
+            CauseParameter("speed", 0.01, "m/s", "Stribeck speed v_S"),
+        ),
+        lambda s, p, k: s.with_physics(stiction=s.physics.stiction + k * p["level"], stiction_speed=p["speed"]),
+    ),
+    Cause(
+        "gas-preload",
+        "F −= P (1 + Kx/(nP))^(−n)",
+        "3.3",
+        (CauseParameter("preload", 200.0, "N", "gas force added at mid stroke"),),
+        lambda s, p, k: s.with_physics(gas_preload=s.physics.gas_preload + k * p["preload"]),
+    ),
+    Cause(
+        "gas-stiffness",
+        "dF/dx += K at mid stroke",
+        "3.4",
+        (CauseParameter("stiffness", 8000.0, "N/m", "gas spring rate added"),),
+        lambda s, p, k: s.with_physics(gas_stiffness=s.physics.gas_stiffness + k * p["stiffness"]),
+    ),
 )
 
 # -- compliance ---------------------------------------------------------------------------------------------------
 _COMPLIANCE = (
     Cause("series-compliance", "1/k_total = 1/k + 1/k_m", "3.5, 3.6, 9.3",
-          (Number("stiffness", 1.5e6, "N/m", "further spring in series"),),
+          (CauseParameter("stiffness", 1.5e6, "N/m", "further spring in series"),),
           lambda s, p, k: s.with_physics(compliance=s.physics.compliance + k / p["stiffness"])),
     Cause("backlash", "series deflection += (δ/2) tanh(F/5 N)", "3.7",
-          (Number("play", 5e-4, "m", "total play δ"),),
+          (CauseParameter("play", 5e-4, "m", "total play δ"),),
           lambda s, p, k: s.with_physics(backlash=s.physics.backlash + k * p["play"])),
     Cause("entrained-air", "series deflection += d (1 − (1 + |F|/F_p)^(−1/1.3)) sign F", "3.5",
-          (Number("stroke", 4e-4, "m", "deflection d that compresses all the air"),
-           Number("pressure_force", 400.0, "N", "gas pressure times piston area F_p")),
+          (CauseParameter("stroke", 4e-4, "m", "deflection d that compresses all the air"),
+           CauseParameter("pressure_force", 400.0, "N", "gas pressure times piston area F_p")),
           lambda s, p, k: s.with_physics(air_stroke=s.physics.air_stroke + k * p["stroke"],
                                          air_force=max(p["pressure_force"], 1.0))),
 )
 
 # -- hydraulics ---------------------------------------------------------------------------------------------------
 _HYDRAULICS = (
-    Cause("quadratic-loss", "f_h += c_Q w²", "3.8",
-          (Number("coefficient", 8000.0, "N*s^2/m^2", "turbulent loss c_Q"),),
-          lambda s, p, k: s.with_physics(quadratic=s.physics.quadratic + k * p["coefficient"])),
-    Cause("relief-valve", "f_h = F_b + r (f_h − F_b) beyond F_b", "3.9",
-          (Number("force", 80.0, "N", "blow-off force F_b"), Number("slope", 0.25, "", "slope ratio r beyond it")),
-          lambda s, p, k: s.with_physics(relief_force=p["force"], relief_slope=max(1.0 - k * (1.0 - p["slope"]), 0.0))),
-    Cause("series-orifice", "f_h += c_o (|w| − w_o)² beyond w_o", "3.9",
-          (Number("coefficient", 3e4, "N*s^2/m^2", "loss of the orifice c_o"),
-           Number("onset", 0.06, "m/s", "fluid speed w_o from which flow passes it")),
-          lambda s, p, k: s.with_physics(orifice=s.physics.orifice + k * p["coefficient"], orifice_speed=p["onset"])),
-    Cause("asymmetry", "rebound side × (1 + g)", "3.11",
-          (Number("gain", 0.5, "", "growth g of the rebound force over the damper's own"),),
-          lambda s, p, k: s.with_physics(asymmetry=s.physics.asymmetry * (1.0 + k * p["gain"]))),
-    Cause("cavitation", "F ≥ −F_cav; the void must refill before force returns", "3.17",
-          (Number("limit", 1200.0, "N", "gas pressure times piston area F_cav"),),
-          lambda s, p, k: s.with_physics(cavitation_force=min(s.physics.cavitation_force, p["limit"] / k))),
-    Cause("valve-dynamics", "f_h passes ω²/(s² + 2ζωs + ω²)", "3.10",
-          (Number("frequency", 30.0, "Hz", "natural frequency of the valve"), Number("damping", 0.15, "", "ζ")),
-          lambda s, p, k: s.with_physics(valve_share=min(k, 1.0), valve_frequency=p["frequency"],
-                                         valve_damping=p["damping"])),
-    Cause("network-topology", "w = F/c_L + √(F/c_Q) instead of f_h = c w", "3.8, 1.3",
-          (Number("laminar", 3000.0, "N*s/m", "laminar branch c_L"),
-           Number("turbulent", 12000.0, "N*s^2/m^2", "turbulent branch c_Q beside it")),
-          lambda s, p, k: s.with_physics(parallel_share=min(k, 1.0), parallel_viscous=p["laminar"],
-                                         parallel_quadratic=p["turbulent"])),
-    Cause("input-nonlinearity", "f_h = c w (|w|/w_0)^(n−1)", "9.1",
-          (Number("exponent", 1.6, "", "n, 1 for a linear viscous share"),
-           Number("speed", 0.1, "m/s", "speed w_0 at which the force is unchanged")),
-          lambda s, p, k: s.with_physics(exponent=1.0 + k * (p["exponent"] - 1.0), exponent_speed=p["speed"])),
+    Cause(
+        "quadratic-loss",
+        "f_h += c_Q w²",
+        "3.8",
+        (CauseParameter("coefficient", 8000.0, "N*s^2/m^2", "turbulent loss c_Q"),),
+        lambda s, p, k: s.with_physics(quadratic=s.physics.quadratic + k * p["coefficient"]),
+    ),
+    Cause(
+        "relief-valve",
+        "f_h = F_b + r (f_h − F_b) beyond F_b",
+        "3.9",
+        (
+            CauseParameter("force", 80.0, "N", "blow-off force F_b"),
+            CauseParameter("slope", 0.25, "", "slope ratio r beyond it"),
+        ),
+        lambda s, p, k: s.with_physics(relief_force=p["force"], relief_slope=max(1.0 - k * (1.0 - p["slope"]), 0.0)),
+    ),
+    Cause(
+        "series-orifice",
+        "f_h += c_o (|w| − w_o)² beyond w_o",
+        "3.9",
+        (
+            CauseParameter("coefficient", 3e4, "N*s^2/m^2", "loss of the orifice c_o"),
+            CauseParameter("onset", 0.06, "m/s", "fluid speed w_o from which flow passes it"),
+        ),
+        lambda s, p, k: s.with_physics(orifice=s.physics.orifice + k * p["coefficient"], orifice_speed=p["onset"]),
+    ),
+    Cause(
+        "asymmetry",
+        "rebound side × (1 + g)",
+        "3.11",
+        (CauseParameter("gain", 0.5, "", "growth g of the rebound force over the damper's own"),),
+        lambda s, p, k: s.with_physics(asymmetry=s.physics.asymmetry * (1.0 + k * p["gain"])),
+    ),
+    Cause(
+        "cavitation",
+        "F ≥ −F_cav; the void must refill before force returns",
+        "3.17",
+        (CauseParameter("limit", 1200.0, "N", "gas pressure times piston area F_cav"),),
+        lambda s, p, k: s.with_physics(cavitation_force=min(s.physics.cavitation_force, p["limit"] / k)),
+    ),
+    Cause(
+        "valve-dynamics",
+        "f_h passes ω²/(s² + 2ζωs + ω²)",
+        "3.10",
+        (
+            CauseParameter("frequency", 30.0, "Hz", "natural frequency of the valve"),
+            CauseParameter("damping", 0.15, "", "ζ"),
+        ),
+        lambda s, p, k: s.with_physics(
+            valve_share=min(k, 1.0), valve_frequency=p["frequency"], valve_damping=p["damping"]
+        ),
+    ),
+    Cause(
+        "network-topology",
+        "w = F/c_L + √(F/c_Q) instead of f_h = c w",
+        "3.8, 1.3",
+        (
+            CauseParameter("laminar", 3000.0, "N*s/m", "laminar branch c_L"),
+            CauseParameter("turbulent", 12000.0, "N*s^2/m^2", "turbulent branch c_Q beside it"),
+        ),
+        lambda s, p, k: s.with_physics(
+            parallel_share=min(k, 1.0), parallel_viscous=p["laminar"], parallel_quadratic=p["turbulent"]
+        ),
+    ),
+    Cause(
+        "input-nonlinearity",
+        "f_h = c w (|w|/w_0)^(n−1)",
+        "9.1",
+        (
+            CauseParameter("exponent", 1.6, "", "n, 1 for a linear viscous share"),
+            CauseParameter("speed", 0.1, "m/s", "speed w_0 at which the force is unchanged"),
+        ),
+        lambda s, p, k: s.with_physics(exponent=1.0 + k * (p["exponent"] - 1.0), exponent_speed=p["speed"]),
+    ),
 )
 
 # -- electrical and magnetic --------------------------------------------------------------------------------------
 _ELECTRICAL = (
-    Cause("coil-lag", "τ di/dt = i_driver − i", "3.12",
-          (Number("tau", 0.02, "s", "time constant added to the current path"),),
-          lambda s, p, k: s.with_physics(coil_time=s.physics.coil_time + k * p["tau"])),
-    Cause("command-delay", "i(t − T)", "3.13", (Number("delay", 0.008, "s", "dead time T of the driver"),),
-          lambda s, p, k: s.with_chain(command_delay=s.chain.command_delay + k * p["delay"])),
-    Cause("rise-fall-lag", "τ di/dt = i_driver − i with τ_rise or τ_fall", "3.14",
-          (Number("rise", 0.008, "s", "time constant added upward"), Number("fall", 0.025, "s", "and downward")),
-          lambda s, p, k: s.with_physics(extra_rise_time=s.physics.extra_rise_time + k * p["rise"],
-                                         extra_fall_time=s.physics.extra_fall_time + k * p["fall"])),
-    Cause("current-saturation", "i_eff = i_s tanh(i/i_s)", "3.15",
-          (Number("limit", 1.2, "A", "current i_s at which the flux saturates"),),
-          lambda s, p, k: s.with_physics(current_limit=s.physics.current_limit + k / p["limit"])),
-    Cause("remanence", "i_eff = play of i with half width h", "3.15",
-          (Number("width", 0.15, "A", "half width h"),),
-          lambda s, p, k: s.with_physics(remanence=s.physics.remanence + k * p["width"])),
-    Cause("scheduling-degree", "F_y += S (ı² − ı) + C (ı³ − ı), ı = i/2.5 A", "1.4.5",
-          (Number("square", -1200.0, "N", "S"), Number("cube", 0.0, "N", "C")),
-          lambda s, p, k: s.with_physics(yield_square=s.physics.yield_square + k * p["square"],
-                                         yield_cube=s.physics.yield_cube + k * p["cube"])),
+    Cause(
+        "coil-lag",
+        "τ di/dt = i_driver − i",
+        "3.12",
+        (CauseParameter("tau", 0.02, "s", "time constant added to the current path"),),
+        lambda s, p, k: s.with_physics(coil_time=s.physics.coil_time + k * p["tau"]),
+    ),
+    Cause(
+        "command-delay",
+        "i(t − T)",
+        "3.13",
+        (CauseParameter("delay", 0.008, "s", "dead time T of the driver"),),
+        lambda s, p, k: s.with_chain(command_delay=s.chain.command_delay + k * p["delay"]),
+    ),
+    Cause(
+        "rise-fall-lag",
+        "τ di/dt = i_driver − i with τ_rise or τ_fall",
+        "3.14",
+        (
+            CauseParameter("rise", 0.008, "s", "time constant added upward"),
+            CauseParameter("fall", 0.025, "s", "and downward"),
+        ),
+        lambda s, p, k: s.with_physics(
+            extra_rise_time=s.physics.extra_rise_time + k * p["rise"],
+            extra_fall_time=s.physics.extra_fall_time + k * p["fall"],
+        ),
+    ),
+    Cause(
+        "current-saturation",
+        "i_eff = i_s tanh(i/i_s)",
+        "3.15",
+        (CauseParameter("limit", 1.2, "A", "current i_s at which the flux saturates"),),
+        lambda s, p, k: s.with_physics(current_limit=s.physics.current_limit + k / p["limit"]),
+    ),
+    Cause(
+        "remanence",
+        "i_eff = play of i with half width h",
+        "3.15",
+        (CauseParameter("width", 0.15, "A", "half width h"),),
+        lambda s, p, k: s.with_physics(remanence=s.physics.remanence + k * p["width"]),
+    ),
+    Cause(
+        "scheduling-degree",
+        "F_y += S (ı² − ı) + C (ı³ − ı), ı = i/2.5 A",
+        "1.4.5",
+        (CauseParameter("square", -1200.0, "N", "S"), CauseParameter("cube", 0.0, "N", "C")),
+        lambda s, p, k: s.with_physics(
+            yield_square=s.physics.yield_square + k * p["square"], yield_cube=s.physics.yield_cube + k * p["cube"]
+        ),
+    ),
 )
 
 # -- thermal and hidden -------------------------------------------------------------------------------------------
 _THERMAL = (
     Cause("thermal-fade", "F_s × (1 − αΔT), C dT/dt = F v − hA ΔT", "3.16",
-          (Number("rate", 0.005, "1/K", "fade α"), Number("capacity", 150.0, "J/K", "C of the fluid"),
-           Number("loss", 5.0, "W/K", "hA")),
+          (CauseParameter("rate", 0.005, "1/K", "fade α"), CauseParameter("capacity", 150.0, "J/K", "C of the fluid"),
+           CauseParameter("loss", 5.0, "W/K", "hA")),
           lambda s, p, k: s.with_physics(thermal_fade=s.physics.thermal_fade + k * p["rate"],
                                          heat_capacity=p["capacity"], heat_loss=p["loss"])),
     Cause("viscous-fade", "c × exp(−βΔT), C dT/dt = F v − hA ΔT", "3.16",
-          (Number("rate", 0.03, "1/K", "β"), Number("capacity", 150.0, "J/K", "C of the fluid"),
-           Number("loss", 5.0, "W/K", "hA")),
+          (CauseParameter("rate", 0.03, "1/K", "β"), CauseParameter("capacity", 150.0, "J/K", "C of the fluid"),
+           CauseParameter("loss", 5.0, "W/K", "hA")),
           lambda s, p, k: s.with_physics(viscous_fade=s.physics.viscous_fade + k * p["rate"],
                                          heat_capacity=p["capacity"], heat_loss=p["loss"])),
     Cause("missing-scheduling", "F_s × (1 + g sin(2πt/T)), its cause not logged", "1.4.5",
-          (Number("gain", 0.15, "", "g"), Number("period", 20.0, "s", "T")),
+          (CauseParameter("gain", 0.15, "", "g"), CauseParameter("period", 20.0, "s", "T")),
           lambda s, p, k: s.with_physics(hidden_gain=s.physics.hidden_gain + k * p["gain"], hidden_period=p["period"])),
 )
 
 # -- structure ----------------------------------------------------------------------------------------------------
 _STRUCTURE = (
     Cause("end-stop", "F += k (|x| − x_s)₊ sign x", "3.18",
-          (Number("position", 0.006, "m", "x_s from mid stroke"), Number("stiffness", 1e5, "N/m", "k")),
+          (CauseParameter("position", 0.006, "m", "x_s from mid stroke"), CauseParameter("stiffness", 1e5, "N/m", "k")),
           lambda s, p, k: s.with_physics(stop_stiffness=s.physics.stop_stiffness + k * p["stiffness"],
                                          stop_position=p["position"])),
-    Cause("fixture-inertia", "F_measured = F + m a", "3.19", (Number("mass", 6.0, "kg", "m"),),
+    Cause("fixture-inertia", "F_measured = F + m a", "3.19", (CauseParameter("mass", 6.0, "kg", "m"),),
           lambda s, p, k: s.with_chain(fixture_mass=s.chain.fixture_mass + k * p["mass"])),
     Cause("fixture-resonance", "F_measured passes ω²/(s² + 2ζωs + ω²)", "3.10, 3.19",
-          (Number("frequency", 60.0, "Hz", "natural frequency"), Number("damping", 0.05, "", "ζ")),
+          (CauseParameter("frequency", 60.0, "Hz", "natural frequency"), CauseParameter("damping", 0.05, "", "ζ")),
           lambda s, p, k: s.with_chain(resonance_share=min(k, 1.0), resonance_frequency=p["frequency"],
                                        resonance_damping=p["damping"])),
     Cause("model-order", "F += g (q − F_s), q̈ + 2ζωq̇ + ω²q = ω²F_s", "7.1",
-          (Number("share", 0.4, "", "g"), Number("frequency", 25.0, "Hz", "of the further mode"),
-           Number("damping", 0.2, "", "ζ")),
+          (CauseParameter("share", 0.4, "", "g"), CauseParameter("frequency", 25.0, "Hz", "of the further mode"),
+           CauseParameter("damping", 0.2, "", "ζ")),
           lambda s, p, k: s.with_physics(mode_share=s.physics.mode_share + k * p["share"],
                                          mode_frequency=p["frequency"], mode_damping=p["damping"])),
 )
 
 # -- measurement chain --------------------------------------------------------------------------------------------
 _MEASUREMENT = (
-    Cause("displacement-delay", "x(t − T), v(t − T)", "3.20", (Number("delay", 0.006, "s", "T"),),
+    Cause("displacement-delay", "x(t − T), v(t − T)", "3.20", (CauseParameter("delay", 0.006, "s", "T"),),
           lambda s, p, k: s.with_chain(motion_delay=s.chain.motion_delay + k * p["delay"])),
-    Cause("force-delay", "F(t − T)", "3.20", (Number("delay", 0.006, "s", "T"),),
+    Cause("force-delay", "F(t − T)", "3.20", (CauseParameter("delay", 0.006, "s", "T"),),
           lambda s, p, k: s.with_chain(force_delay=s.chain.force_delay + k * p["delay"])),
     Cause("one-sided-filter", "x, v pass ω²/(s² + 2ζωs + ω²); F does not", "1.4.10",
-          (Number("frequency", 20.0, "Hz", "corner"), Number("damping", 0.7071067811865476, "", "ζ")),
+          (CauseParameter("frequency", 20.0, "Hz", "corner"), CauseParameter("damping", 0.7071067811865476, "", "ζ")),
           lambda s, p, k: s.with_chain(filter_share=min(k, 1.0), filter_frequency=p["frequency"],
                                        filter_damping=p["damping"])),
-    Cause("force-offset", "F + F_0", "3.20", (Number("offset", 120.0, "N", "F_0"),),
+    Cause("force-offset", "F + F_0", "3.20", (CauseParameter("offset", 120.0, "N", "F_0"),),
           lambda s, p, k: s.with_chain(force_offset=s.chain.force_offset + k * p["offset"])),
-    Cause("force-clipping", "|F| ≤ F_max", "3.20", (Number("limit", 900.0, "N", "F_max"),),
+    Cause("force-clipping", "|F| ≤ F_max", "3.20", (CauseParameter("limit", 900.0, "N", "F_max"),),
           lambda s, p, k: s.with_chain(clip_share=min(k, 1.0), clip_force=p["limit"])),
     Cause("quantisation", "each channel rounded to a step", "3.20",
-          (Number("displacement", 1e-4, "m", "step"), Number("velocity", 5e-3, "m/s", "step"),
-           Number("force", 40.0, "N", "step"), Number("current", 0.02, "A", "step")),
+          (CauseParameter("displacement", 1e-4, "m", "step"), CauseParameter("velocity", 5e-3, "m/s", "step"),
+           CauseParameter("force", 40.0, "N", "step"), CauseParameter("current", 0.02, "A", "step")),
           lambda s, p, k: s.with_chain(**{f"{c}_step": k * p[c] for c in CHANNELS})),
     Cause("sensor-scale", "channel × (1 + g)", "3.20",
-          (Number("gain", 0.1, "", "g"), Number("channel", "force", "", "channel")),
+          (CauseParameter("gain", 0.1, "", "g"), CauseParameter("channel", "force", "", "channel")),
           lambda s, p, k: _scaled(s, str(p["channel"]), 1.0 + k * p["gain"])),
-    Cause("channel-sign", "channel × (−1)", "0", (Number("channel", "force", "", "channel"),),
+    Cause("channel-sign", "channel × (−1)", "0", (CauseParameter("channel", "force", "", "channel"),),
           lambda s, p, k: _scaled(s, str(p["channel"]), -1.0)),
     Cause("coloured-noise", "F + (σ + r|F|) ν(k), ν(k) = a ν(k−1) + √(1−a²) e(k)", "3.20",
-          (Number("std", 40.0, "N", "σ"), Number("pole", 0.98, "", "a at the output rate"),
-           Number("proportional", 0.0, "", "r")),
+          (CauseParameter("std", 40.0, "N", "σ"), CauseParameter("pole", 0.98, "", "a at the output rate"),
+           CauseParameter("proportional", 0.0, "", "r")),
           lambda s, p, k: s.with_chain(colour_std=k * p["std"], colour_pole=p["pole"],
                                        colour_share=k * p["proportional"])),
 )

@@ -235,9 +235,9 @@ def _effect_schema(name: str) -> dict[str, Any]:
     properties: dict[str, Any] = {"name": {"const": name}, "strength": {"type": "number", "minimum": 0, "default": 1.0}}
     for number in cause.numbers:
         if number.name == "channel":
-            entry: dict[str, Any] = {"enum": list(CHANNELS), "description": number.says}
+            entry: dict[str, Any] = {"enum": list(CHANNELS), "description": number.description}
         else:
-            entry = _tables.quantity_schema(f"{number.says} [{number.unit or '1'}]")
+            entry = _tables.quantity_schema(f"{number.description} [{number.unit or '1'}]")
         properties[number.name] = {**entry, "default": number.default}
     return {"type": "object", "additionalProperties": False, "required": ["name"], "properties": properties,
             "description": cause.equation}
@@ -253,7 +253,7 @@ def plan_template() -> str:
     lines += ["# Causes to switch on, by name; strength 0 is off, 1 the size that the parameters give."]
     for cause in CAUSES:
         lines += ["#", f"# [[effects]]         # {cause.equation}", f"# name = \"{cause.name}\""]
-        lines += [f"# {_setting(n.name, n.default, n.unit, n.says)}" for n in cause.numbers]
+        lines += [f"# {_setting(n.name, n.default, n.unit, n.description)}" for n in cause.numbers]
     lines += ["", "# The eight experiments are presets " + ", ".join(EXPERIMENTS) + "; other keys change them.",
               "[[experiments]]", "preset = \"test-1\"", "replicates = 1", "duration = \"30 s\"", "",
               "[[experiments]]", "name = \"sine\"", "displacement = { kind = \"sine\", amplitude = \"10 mm\", "
@@ -270,7 +270,7 @@ def _settings(cls: type) -> list[str]:
     return [_setting(f.name, f.default, f.metadata.get("unit", ""), f.metadata.get("says", "")) for f in fields(cls)]
 
 
-def _setting(name: str, value: object, unit: str = "", says: str = "") -> str:
+def _setting(name: str, value: object, unit: str = "", description: str = "") -> str:
     if isinstance(value, bool):
         text = str(value).lower()
     elif isinstance(value, str):
@@ -279,5 +279,5 @@ def _setting(name: str, value: object, unit: str = "", says: str = "") -> str:
         text = "[" + ", ".join(map(repr, value)) + "]"
     else:
         text = repr(value)
-    comment = ", ".join(part for part in (unit, says) if part)
+    comment = ", ".join(part for part in (unit, description) if part)
     return f"{name} = {text}" + (f"  # {comment}" if comment else "")

@@ -10,7 +10,7 @@ from lpvid import _checks
 from lpvid.errors import InputError
 from quartercar.rig._tables import option, quantity
 from quartercar.rig.damper import Motion, Response, delayed, low_passed
-from quartercar.rig.setup import Chain
+from quartercar.rig.setup import MeasurementChain
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Sensors:
         return cls(0.0, 0.0, 0.0, 0.0)
 
 
-def measure(motion: Motion, response: Response, chain: Chain, sensors: Sensors, keep: slice,
+def measure(motion: Motion, response: Response, chain: MeasurementChain, sensors: Sensors, keep: slice,
             rng: np.random.Generator) -> dict[str, np.ndarray]:
     """Sampled channels as the rig's computer stores them.
 

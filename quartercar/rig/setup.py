@@ -74,7 +74,7 @@ class Physics(NamedTuple):
     hidden_period: float = 20.0  # s
 
 
-class Chain(NamedTuple):
+class MeasurementChain(NamedTuple):
     """Numbers of the command path, the fixture and the measurement chain; every default means "not there"."""
 
     command_delay: float = 0.0  # s
@@ -107,7 +107,7 @@ class Setup(NamedTuple):
     """Damper and chain together: what a cause changes."""
 
     physics: Physics
-    chain: Chain
+    chain: MeasurementChain
 
     def with_physics(self, **changes: float) -> Setup:
         """The same setup with some numbers of the damper replaced."""

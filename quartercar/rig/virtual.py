@@ -15,7 +15,7 @@ from quartercar.rig.causes import Effect
 from quartercar.rig.damper import Motion, RigDamper, respond
 from quartercar.rig.patterns import EXPERIMENTS, Experiment
 from quartercar.rig.sensors import Sensors, measure
-from quartercar.rig.setup import Chain, Setup
+from quartercar.rig.setup import MeasurementChain, Setup
 
 UNITS = {"displacement": "m", "velocity": "m/s", "current": "A", "force": "N", "force_true": "N", "current_true": "A",
          "temperature_true": "K", "displacement_true": "m", "velocity_true": "m/s"}
@@ -71,7 +71,7 @@ class Rig:
 
     def setup(self) -> Setup:
         """Numbers for the integrator and the chain: the damper's, changed by each effect in turn."""
-        setup = Setup(self.damper.physics(), Chain())
+        setup = Setup(self.damper.physics(), MeasurementChain())
         for item in self.effects:
             setup = item.apply(setup)
         return Setup(type(setup.physics)(*map(float, setup.physics)), setup.chain)

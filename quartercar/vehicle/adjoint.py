@@ -12,19 +12,19 @@ from lpvid.model.transfer_function import LPVTransferFunction
 from quartercar.dampers.contract import Damper
 from quartercar.vehicle.batch import lag_coil
 from quartercar.vehicle.filter_bank import INPUTS, FilterBank, filter_of
-from quartercar.vehicle.integrator import Stages
+from quartercar.vehicle.integrator import IntegratorStages
 from quartercar.vehicle.nonlinear import QuarterCar
 from quartercar.vehicle.result import CarRun
 from quartercar.vehicle.stepper import States
-from quartercar.vehicle.tanh_coefficients import Form, law_form
+from quartercar.vehicle.tanh_coefficients import Form, tanh_form
 
 STEP = 1e-6
 """of the central difference by the current, as a share of its range: ε^⅓ of double precision, rounded"""
 
 
 def has_gradient(damper: Damper | None) -> bool:
-    """Whether an `AdjointCar` can carry this damper: a law of `law_form`, or a transfer function of `filter_of`."""
-    return damper is not None and (law_form(damper) is not None or isinstance(filter_of(damper), LPVTransferFunction))
+    """Whether an `AdjointCar` can carry this damper: a law of `tanh_form`, or a transfer function of `filter_of`."""
+    return damper is not None and (tanh_form(damper) is not None or isinstance(filter_of(damper), LPVTransferFunction))
 
 
 def refuse_without_gradient(damper: Damper | None) -> None:
@@ -120,13 +120,13 @@ def coefficients_at(damper: Damper, currents: np.ndarray, rest: float) -> Coeffi
         A damper without gradient.
     """
     refuse_without_gradient(damper)
-    form = law_form(damper)
+    form = tanh_form(damper)
     inner = _Filter(filter_of(damper), rest, float(currents[0])) if form is None else _Law(form, rest, 1.0)
     return inner.at(currents[:, None])
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class GradientRun:
     """A run and what its gradient needs.
 
     Attributes
@@ -186,16 +186,16 @@ class AdjointCar:
         self._rest = car.preload
         assert damper is not None
         model = filter_of(damper)
-        form = law_form(damper)
+        form = tanh_form(damper)
         step = car.start(sample_time, 0.0, coil.lowest).step  # which checks the rate
         parts = round(sample_time / step)
         self._step, self._parts, self._first = step, parts, coil.lowest
         if form is not None:
-            self._stages = Stages.held(car.linear_part, step)
+            self._stages = IntegratorStages.held(car.linear_part, step)
             self._damper: _Law | _Filter = _Law(form, car.preload, coil.highest - coil.lowest)
             lag = (0.0, 0.0)
         else:
-            self._stages = Stages.ramp(car.linear_part, step)
+            self._stages = IntegratorStages.ramp(car.linear_part, step)
             self._damper = _Filter(model, car.preload, coil.lowest)
             lag = (lag_coil(model).fall_time, lag_coil(model).rise_time)
         times = step * (np.arange(parts)[:, None] + self._stages.ends[None]).ravel()
@@ -211,7 +211,7 @@ class AdjointCar:
         ends = np.asarray(damper.conservative_force(np.array([0.0, 1.0])), dtype=float)
         self._affine = None if form is not None else (float(ends[0]), float(ends[1] - ends[0]))
 
-    def run(self, command: np.ndarray) -> Trajectory:
+    def run(self, command: np.ndarray) -> GradientRun:
         """Drive under (n,) commands, each held until the next sample; the last one acts on nothing.
 
         Raises
@@ -233,7 +233,7 @@ class AdjointCar:
         """(N, S): steps, and stages of each."""
         return self._profile.size - 1, self._stages.ends.size
 
-    def driven(self, c: Coefficients, currents: tuple[Any, ...] = ()) -> Trajectory:
+    def driven(self, c: Coefficients, currents: tuple[Any, ...] = ()) -> GradientRun:
         """Drive with given coefficients of the damper, instead of those that a command gives."""
         from quartercar.vehicle._adjoint_kernels import forward
 
@@ -248,7 +248,7 @@ class AdjointCar:
         at = slice(0, None, self._parts)
         return self._signals(motion[at], pairs[at, -1], (currents, c, pairs, places, past))
 
-    def car_run(self, run: Trajectory, command: np.ndarray) -> CarRun:
+    def car_run(self, run: GradientRun, command: np.ndarray) -> CarRun:
         """Every signal of a trajectory under the (n,) commands that gave it."""
         (_, in_coil, *_), _, pairs, _, _ = run.state
         pair = pairs[::self._parts, -1]
@@ -256,7 +256,7 @@ class AdjointCar:
         return CarRun.of(self.car, self.sample_time, self.road.copy(), np.array(command, dtype=float),
                          States(run.motion, pair[:, 0], pair[:, 1], current))
 
-    def _signals(self, motion: np.ndarray, pair: np.ndarray, state: tuple[Any, ...]) -> Trajectory:
+    def _signals(self, motion: np.ndarray, pair: np.ndarray, state: tuple[Any, ...]) -> GradientRun:
         """What is measured at the samples, from the states and (f, g) there."""
         part, (kt, ct, _) = self.car.linear_part, self._tyre
         zs, vs, zu, vu = motion.T
@@ -265,7 +265,7 @@ class AdjointCar:
         strut = part.stiffness * z + part.damping * v + pair[:, 0]
         body = part.inverse_mass[0] @ np.vstack([-strut, strut - tyre])
         free = pair[:, 0] - self._bump(z)[0] - (self._spring(z) - self._rest)
-        return Trajectory(body, tyre, z, v, free, motion, state)
+        return GradientRun(body, tyre, z, v, free, motion, state)
 
     def _spring(self, z: np.ndarray) -> np.ndarray:
         """(n,) force of the displacement alone; that of a transfer function is affine."""
@@ -282,7 +282,7 @@ class AdjointCar:
         return (k * (np.maximum(z - rebound, 0) - np.maximum(-z - compression, 0)),
                 k * ((z > rebound) | (z < -compression)).astype(float))
 
-    def gradient(self, at: Trajectory, acceleration: np.ndarray, tyre_force: np.ndarray, deflection: np.ndarray,
+    def gradient(self, at: GradientRun, acceleration: np.ndarray, tyre_force: np.ndarray, deflection: np.ndarray,
                  speed: np.ndarray, force: np.ndarray) -> np.ndarray:
         """(n,) gradient by the command of a scalar, from its gradients by the (n,) signals of a trajectory."""
         from quartercar.vehicle._adjoint_kernels import currents_back
@@ -294,7 +294,7 @@ class AdjointCar:
         currents_back(command, self._first, self._coil, self._lag, in_coil, lagged, by_p, found[:-1])
         return found
 
-    def gradient_by_coefficients(self, at: Trajectory, acceleration: np.ndarray, tyre_force: np.ndarray,
+    def gradient_by_coefficients(self, at: GradientRun, acceleration: np.ndarray, tyre_force: np.ndarray,
                                  deflection: np.ndarray, speed: np.ndarray, force: np.ndarray) -> Coefficients:
         """The same by the damper's coefficients; of the law (N, S, 7), its scale a_7 left out."""
         from quartercar.vehicle._adjoint_kernels import backward
@@ -307,7 +307,7 @@ class AdjointCar:
                  motion_bar, pair_bar, bars.law, bars.a, bars.b)
         return bars
 
-    def _signals_back(self, at: Trajectory, a: np.ndarray, t: np.ndarray, z: np.ndarray, v: np.ndarray,
+    def _signals_back(self, at: GradientRun, a: np.ndarray, t: np.ndarray, z: np.ndarray, v: np.ndarray,
                       force: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Gradients by states and (f, g) at all steps."""
         part, (kt, ct, _) = self.car.linear_part, self._tyre

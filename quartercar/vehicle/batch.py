@@ -10,11 +10,11 @@ from lpvid import _checks
 from lpvid.errors import InputError, NumericalError
 from quartercar.dampers.laws.linear import Linear
 from quartercar.vehicle.filter_bank import bank, filter_of
-from quartercar.vehicle.integrator import Stages
+from quartercar.vehicle.integrator import IntegratorStages
 from quartercar.vehicle.nonlinear import Coil, QuarterCar
 from quartercar.vehicle.result import CarRun
 from quartercar.vehicle.stepper import States
-from quartercar.vehicle.tanh_coefficients import law_form
+from quartercar.vehicle.tanh_coefficients import tanh_form
 
 DIVERGED = 1e4
 """motion [m] or [m/s] at which a car counts as out of all bounds"""
@@ -80,7 +80,7 @@ class Fleet(ABC):
 def start_fleet(car: QuarterCar, sample_time: float, road: np.ndarray, current: np.ndarray) -> Fleet:
     """Cars at rest on (cars,) elevations with (cars,) commands on which everything has settled.
 
-    Laws of the form of `law_form`, identified transfer functions and state spaces are stepped together; any other
+    Laws of the form of `tanh_form`, identified transfer functions and state spaces are stepped together; any other
     damper car by car, which takes a few milliseconds per simulated second and car longer.
 
     Raises
@@ -90,7 +90,7 @@ def start_fleet(car: QuarterCar, sample_time: float, road: np.ndarray, current: 
     """
     sample_time = _checks.positive(sample_time, "sample_time", "s")
     damper = car.damper
-    if damper is None or isinstance(damper, Linear) or law_form(damper) is not None:
+    if damper is None or isinstance(damper, Linear) or tanh_form(damper) is not None:
         return _LawFleet(car, sample_time, road, current)
     if filter_of(damper) is not None:
         return _FilterFleet(car, sample_time, road, current)
@@ -110,10 +110,10 @@ class _LawFleet(Fleet):
 
     def __init__(self, car: QuarterCar, sample_time: float, road: np.ndarray, current: np.ndarray) -> None:
         super().__init__(car, sample_time, road, current)
-        self._form = None if car.damper is None or isinstance(car.damper, Linear) else law_form(car.damper)
+        self._form = None if car.damper is None or isinstance(car.damper, Linear) else tanh_form(car.damper)
         self._parts = max(1, int(np.ceil(sample_time / car.longest_step - 1e-9)))
         self._step = sample_time / self._parts
-        self._stages = Stages.held(self._part, self._step)
+        self._stages = IntegratorStages.held(self._part, self._step)
         self._held = np.zeros((road.size, 3))
         self._stop, self._tyre = _limits(car)
 
@@ -143,7 +143,7 @@ class _FilterFleet(Fleet):
         assert model is not None and model.sample_time is not None
         self._step = car.start(sample_time, 0.0, float(car.coil.limited(np.zeros(1))[0])).step  # which checks the rate
         self._parts = round(sample_time / self._step)
-        self._stages = Stages.ramp(self._part, self._step)
+        self._stages = IntegratorStages.ramp(self._part, self._step)
         self._lag = lag_coil(model)
         self._bank = bank(model, road.size)
         self._bank.begin(self.current)

@@ -109,7 +109,7 @@ class FilterBank:
         return np.stack(columns, axis=-1)
 
     def approach(self, p: np.ndarray) -> np.ndarray:
-        """(cars, 8) law of the force at the coming sample, in the form of `law_form`, at (cars,) filtered currents."""
+        """(cars, 8) law of the force at the coming sample, in the form of `tanh_form`, at (cars,) filtered currents."""
         a, b, c, sharpness = self._coefficients(p)
         past = c - np.einsum("ca,ca->c", a, self._past_y) + np.einsum("cji,cji->c", b[:, 1:], self._past_u)
         out = np.zeros((self._cars, 8))

@@ -53,7 +53,7 @@ class LinearPart:
 
 
 @dataclass(frozen=True, eq=False)
-class Stages:
+class IntegratorStages:
     """One step as stages: x_j = P_j x + R_j (z_r, ż_r) + Σ_i W_ji (f, g)_i, exact for the forces' assumed course.
 
     Attributes
@@ -74,7 +74,7 @@ class Stages:
     force: np.ndarray
 
     @classmethod
-    def held(cls, part: LinearPart, step: float) -> Stages:
+    def held(cls, part: LinearPart, step: float) -> IntegratorStages:
         """Two stages with a force constant in each, order 2, L-stable: for laws that may be as steep as a sign.
 
         f_1 acts over (1−γ)h and f_2 over the last γh; f_1 is the law at the end of a trial step γh under f_1.
@@ -88,7 +88,7 @@ class Stages:
                    np.array([tail.road, tail.state @ whole.road + tail.road @ shift]), force)
 
     @classmethod
-    def ramp(cls, part: LinearPart, step: float) -> Stages:
+    def ramp(cls, part: LinearPart, step: float) -> IntegratorStages:
         """One stage with a force that is linear over the step, order 2: for dampers with a memory or a clock."""
         e = _exponential(part, step)
         force = np.array([[e.level - e.slope / step, e.slope / step]])

@@ -65,12 +65,12 @@ class RidePassivity:
         return asdict(self)
 
     def __str__(self) -> str:
-        said = (f"F*v < 0 in {self.negative_share:.1%} of the samples, {self.negative_energy:.3g} J in all, at most "
+        stated = (f"F*v < 0 in {self.negative_share:.1%} of the samples, {self.negative_energy:.3g} J in all, at most "
                 f"{self.returned:.3g} J at a stretch")
         if self.holds is None:
-            return f"{self.dissipated:.4g} J taken; no storage function: {said}"
+            return f"{self.dissipated:.4g} J taken; no storage function: {stated}"
         verdict = "never gave more than it had" if self.holds else f"GAVE {-(self.lowest or 0):.3g} J it never had"
-        return f"{self.dissipated:.4g} J dissipated; {verdict}; {said}"
+        return f"{self.dissipated:.4g} J dissipated; {verdict}; {stated}"
 
 
 def ride_passivity(run: CarRun, currents: tuple[float, float] = (0.0, 2.5)) -> RidePassivity:

@@ -66,7 +66,7 @@ class StateBank:
         return np.stack(columns, axis=-1)
 
     def approach(self, p: np.ndarray) -> np.ndarray:
-        """(cars, 8) law of the force at the coming sample, in the form of `law_form`, at (cars,) filtered currents."""
+        """(cars, 8) law of the force at the coming sample, in the form of `tanh_form`, at (cars,) filtered currents."""
         matrices, sharpness = self._matrices(p)
         _, _, c, d, _, g = matrices
         past = np.einsum("cn,cn->c", c, self._state) + g

@@ -12,8 +12,8 @@ from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
 from quartercar.dampers.contract import ExtrapolationWarning
 from quartercar.dampers.laws.linear import Linear
-from quartercar.vehicle.integrator import Stages
-from quartercar.vehicle.tanh_coefficients import law_form
+from quartercar.vehicle.integrator import IntegratorStages
+from quartercar.vehicle.tanh_coefficients import tanh_form
 
 if TYPE_CHECKING:
     from quartercar.vehicle.nonlinear import QuarterCar
@@ -66,7 +66,7 @@ class CarStepper:
     def __init__(self, car: QuarterCar, sample_time: float, road: float, current: float) -> None:
         self.car, self.sample_time = car, sample_time
         damper = car.damper
-        self._form = None if damper is None or isinstance(damper, Linear) else law_form(damper)
+        self._form = None if damper is None or isinstance(damper, Linear) else tanh_form(damper)
         self._plain = damper is None or isinstance(damper, Linear)
         self._check_range(np.array([current]))
         clock = None if damper is None else damper.clock
@@ -87,7 +87,7 @@ class CarStepper:
             self._inner = damper.stepper(self.step)
             self._held[0] = self._inner.begin(0.0, 0.0, self._current) - self._rest
         memory = self._inner is not None and self._inner.memory
-        self._stages = (Stages.ramp if memory else Stages.held)(car.linear_part, self.step)
+        self._stages = (IntegratorStages.ramp if memory else IntegratorStages.held)(car.linear_part, self.step)
 
     def _divided(self, clock: float | None) -> int:
         """Integration steps per sample."""

@@ -12,6 +12,6 @@ Form = Callable[[np.ndarray], np.ndarray]
 """(n,) currents -> (n, 8) of F = a_0 + a_1 v + a_2 x + a_3 tanh(a_4 v + a_5 x + a_6 tanh(x/a_7))."""
 
 
-def law_form(damper: Damper | None) -> Form | None:
+def tanh_form(damper: Damper | None) -> Form | None:
     """The coefficients of a law by the current; None for a damper that is not of this form."""
     return None if damper is None else damper.tanh_form()

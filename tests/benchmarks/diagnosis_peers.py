@@ -217,11 +217,11 @@ def table(rows: list[dict[str, dict]], own: list[dict]) -> str:
         nothing = [r for r in found if r["kind"] == "nothing"]
         single = [r for r in found if r["kind"] in ("single", "rough") and r["separable"]]
         outside = [r for r in found if r["kind"] == "outside"]
-        alarms = [r["verdict"] == "unexplained" if name == "residual tests" else bool(foreign_scoreboard.said(r))
+        alarms = [r["verdict"] == "unexplained" if name == "residual tests" else bool(foreign_scoreboard.stated(r))
                   for r in nothing if r["outcome"] == "answered"]
         marks = [foreign_scoreboard.mark(r) for r in single]
         wrong = [bool(foreign_scoreboard.wrong(r)) for r in found if r["outcome"] == "answered"]
-        refused = [not foreign_scoreboard.said(r) for r in outside if r["outcome"] == "answered"]
+        refused = [not foreign_scoreboard.stated(r) for r in outside if r["outcome"] == "answered"]
         cells = [f"{sum(c)} of {len(c)}" for c in (alarms, [m == "right" for m in marks], wrong, refused)]
         lines.append(f"| {name} | {' | '.join(cells)} |")
     return "\n".join(lines)

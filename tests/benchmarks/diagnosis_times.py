@@ -50,9 +50,9 @@ def main() -> None:
         wall, cpu = time.perf_counter(), time.process_time()
         found = lpv.diagnose(record, options.baseline, CATALOGUE, engine=options.engine)
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-        said = ", ".join(c.name for c in found.causes) or "; ".join(" or ".join(r.names) for r in found.rivals)
+        stated = ", ".join(c.name for c in found.causes) or "; ".join(" or ".join(r.names) for r in found.rivals)
         late = "  TOO LONG" if cpu > (NOTHING if name == "none" else LIMIT) else ""
-        print(f"{name:20s} {wall:6.1f} s, {cpu:6.1f} s of CPU  {found.verdict:18s} {said}{late}", flush=True)
+        print(f"{name:20s} {wall:6.1f} s, {cpu:6.1f} s of CPU  {found.verdict:18s} {stated}{late}", flush=True)
 
 
 def hiding(name: str) -> Rig:

@@ -27,7 +27,7 @@ from lpvid.diagnosis.composition import Composition  # noqa: E402
 from lpvid.diagnosis.evidence.engine import problem_of, usable_of  # noqa: E402
 from lpvid.diagnosis.evidence.scaling import Scales  # noqa: E402
 from lpvid.diagnosis.preparing import prepare  # noqa: E402
-from lpvid.diagnosis.problem import Problem  # noqa: E402
+from lpvid.diagnosis.problem import DiagnosisProblem  # noqa: E402
 from lpvid.diagnosis.refitting import descend  # noqa: E402
 from lpvid.diagnosis.registry import named_baseline  # noqa: E402
 from lpvid.record import Record  # noqa: E402
@@ -71,7 +71,7 @@ def main() -> None:
         print(f"{word:24s} " + " ".join(f"{of([f[k] for f in found]):11.2f}" for k in (1, 2, 3)))
 
 
-def cost(problem: Problem, composition: Composition, start: np.ndarray) -> tuple[float, float, float]:
+def cost(problem: DiagnosisProblem, composition: Composition, start: np.ndarray) -> tuple[float, float, float]:
     """Milliseconds of a run, of a derivative and of a refit."""
     count = 0
 

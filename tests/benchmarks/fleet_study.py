@@ -62,7 +62,7 @@ def main() -> None:
     structure = lpv.ARX(2, 2, 0, ("velocity", "displacement"), "force", lpv.Polynomial("current", degree=1), affine=1)
     killed: list[int] = []
 
-    def say(text: str) -> None:
+    def report_progress(text: str) -> None:
         if len(killed) < 2 and f": {given.count // 3} of" in text:
             tasks = Path(f"/proc/{os.getpid()}/task")
             pids = {int(p) for t in tasks.iterdir() for p in (t / "children").read_text().split()}
@@ -72,7 +72,7 @@ def main() -> None:
 
     begun = time.perf_counter()
     plan = plan_fleet([f"{data}/*.csv"], given.out / "fleet", do=do, structure=structure)
-    found = run_fleet(plan, workers=3, say=say)
+    found = run_fleet(plan, workers=3, report_progress=report_progress)
     print(found)
     assert found.differing is not None
     named = set(found.differing.named)

@@ -48,7 +48,7 @@ def case(seed: int, limit: float, engine: str | None, patches: Mapping[str, floa
 
 
 # -- marks --------------------------------------------------------------------------------------------------------
-def said(row: Row) -> list[str]:
+def stated(row: Row) -> list[str]:
     """Causes named outright, without those that the law or the chain truly has."""
     return [n for n in row.get("named", []) if n not in cases.OWN[row["law"]] | cases.CHAIN or n in row["causes"]]
 
@@ -56,7 +56,7 @@ def said(row: Row) -> list[str]:
 def wrong(row: Row) -> list[str]:
     """Names given outright of what is not there, nor inseparable from what is."""
     alike = set() if row["separable"] else set(row["near"])
-    return [n for n in said(row) if n not in row["causes"] and n not in alike and not _by_part(n, row)]
+    return [n for n in stated(row) if n not in row["causes"] and n not in alike and not _by_part(n, row)]
 
 
 def _by_part(name: str, row: Row) -> bool:
@@ -79,7 +79,7 @@ def mark(row: Row) -> str:
         return "right" if len(found) == 2 else "one of two" if found else "silent"
     if not row["separable"]:
         return "right"
-    return ("right" if said(row)[0] in row["causes"] else "later") if found else "silent"
+    return ("right" if stated(row)[0] in row["causes"] else "later") if found else "silent"
 
 
 def line(row: Row) -> str:

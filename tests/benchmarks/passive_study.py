@@ -61,10 +61,10 @@ def rig() -> lpv.Identification:
     found = studied("rig", training, held_out, structure())
     assert found.held_out is not None
     rows = experiment_figures(found.held_out, found.unconstrained_figures[1])
-    said = ", ".join(f"{e.name} {e.plain_esr or np.inf:.4f} -> {e.esr or np.inf:.4f}" for e in rows)
+    stated = ", ".join(f"{e.name} {e.plain_esr or np.inf:.4f} -> {e.esr or np.inf:.4f}" for e in rows)
     before, after = (np.mean([v or np.inf for v in column]) for column in
                      ([e.plain_esr for e in rows], [e.esr for e in rows]))
-    print(f"          {said}; mean {before:.4f} -> {after:.4f}", flush=True)
+    print(f"          {stated}; mean {before:.4f} -> {after:.4f}", flush=True)
     return found
 
 

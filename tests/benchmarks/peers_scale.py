@@ -83,9 +83,9 @@ def child(name: str, path: str, warm: str) -> None:
     if name != "jax-sysid":
         fit(Data(warm), ORDERS)
     data, begun = Data(path), time.process_time()
-    run, told = fit(data, ORDERS)
+    run, described = fit(data, ORDERS)
     spent = time.process_time() - begun
-    print("\n" + json.dumps({"seconds": spent, "fit": bfr(data.y[data.cut:], run()), "told": told}))
+    print("\n" + json.dumps({"seconds": spent, "fit": bfr(data.y[data.cut:], run()), "told": described}))
 
 
 def main() -> None:

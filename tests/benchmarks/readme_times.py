@@ -57,10 +57,10 @@ def main() -> None:
         started = subprocess.Popen([sys.executable, "-m", program, *words], cwd=given.folder, env=here,
                                    stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
         assert started.stderr is not None
-        said = started.stderr.read()
+        stated = started.stderr.read()
         _, status, used = os.wait4(started.pid, 0)
         code = os.waitstatus_to_exitcode(status)
-        left = "" if code in (0, 3) else f"  exit {code}: {said.decode().strip().splitlines()[-1][:90]}"
+        left = "" if code in (0, 3) else f"  exit {code}: {stated.decode().strip().splitlines()[-1][:90]}"
         wall, spent = time.perf_counter() - begun, used.ru_utime + used.ru_stime
         print(f"{name:<17} {wall:7.1f} s, {spent:7.1f} s of processor, peak "
               f"{used.ru_maxrss / 1024:5.0f} MB, load {load:4.1f}{left}", flush=True)

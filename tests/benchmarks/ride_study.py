@@ -155,7 +155,7 @@ def main() -> None:
     for weight in map(float, given.weights.split(",")):
         trial = Trial(build_car(), tuple(TUNING[r] for r in roads), SEEDS, settings, Objective(weight, 1 - weight))
         laws = {n: tuned(law_class(n)(), trial, given.budget, given.out / f"{n}-{weight:g}-{mark}.json") for n in names}
-        print(f"\n=== {trial.objective.says}; {given.budget} evaluations each")
+        print(f"\n=== {trial.objective.description}; {given.budget} evaluations each")
         table(compared(laws, roads, settings, given.seeds, given.out / f"ride-{weight:g}-{mark}-{given.seeds}.json"))
         if given.bound:
             bounded(laws, roads, settings, given.bound, weight, given.out, mark)
@@ -164,7 +164,7 @@ def main() -> None:
         trial = replace(trial, objective=Objective(1.0, 0.0, tyre_cap=MARGIN), reference=laws[REFERENCE])
         best = {n: tuned(law, trial, given.budget, given.out / f"{n}-{weight:g}-capped-{mark}.json")
                 for n, law in laws.items() if n != REFERENCE}
-        print(f"\n=== {trial.objective.says} ({REFERENCE} as above); {given.budget} further evaluations each")
+        print(f"\n=== {trial.objective.description} ({REFERENCE} as above); {given.budget} further evaluations each")
         table(compared({REFERENCE: laws[REFERENCE], **best}, roads, settings, given.seeds,
                        given.out / f"ride-{weight:g}-capped-{mark}-{given.seeds}.json"))
 

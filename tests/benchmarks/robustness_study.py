@@ -33,10 +33,10 @@ def main() -> None:
         cells = " | ".join(f"{v:.2f}" for v in short[seed])
         print(f"| {seed} | {system.model.na} | {len(system.names)} | {system.snr:.1f} | "
               f"{'coloured' if system.coloured else 'white'} | {system.true_fit():.2f} | {cells} |", flush=True)
-    for said, values in ((f"within {NEAR:g} points", np.sum(short <= NEAR, axis=0)),
+    for stated, values in ((f"within {NEAR:g} points", np.sum(short <= NEAR, axis=0)),
                          ("median", np.median(short, axis=0)), ("worst", short.max(axis=0)),
                          ("median time, s", np.median(seconds, axis=0))):
-        print(f"| **{said}** | | | | | | " + " | ".join(f"{v:.3g}" for v in values) + " |")
+        print(f"| **{stated}** | | | | | | " + " | ".join(f"{v:.3g}" for v in values) + " |")
 
 
 if __name__ == "__main__":

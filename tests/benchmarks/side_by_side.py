@@ -80,13 +80,13 @@ def ours(name: str) -> Callable:
         states = {**signals, "order": orders["na"], "affine": bool(orders["affine"])}
         if name == "auto":
             chosen = auto(training, "u", "y", names)
-            found, told = chosen.identification, describe(chosen.best)
+            found, described = chosen.identification, describe(chosen.best)
         else:
             kind = getattr(lpv, name)
             found = lpv.identify(training, kind(**(states if name in ("Subspace", "StateSpaceError") else lags)))
-            told = f"{found.n_parameters} parameters"
+            described = f"{found.n_parameters} parameters"
         start = "estimate" if isinstance(found.model, lpv.LPVStateSpace) else "measured"
-        return lambda: lpv.simulate(found.model, held, start).output[:, 0], told
+        return lambda: lpv.simulate(found.model, held, start).output[:, 0], described
 
     return fit
 
@@ -162,7 +162,7 @@ def work(name: str, path: str, orders: dict) -> dict:
     with contextlib.redirect_stdout(sys.stderr):
         importlib.import_module(PEERS[name][1] if name in PEERS else "lpvid.identification.selection")
         start = time.process_time()
-        free_run, told = fit(data, orders)
+        free_run, described = fit(data, orders)
         first = time.process_time() - start
         score, again = bfr(data.y[data.cut:], free_run()), None
         if first < ONCE:
@@ -170,7 +170,7 @@ def work(name: str, path: str, orders: dict) -> dict:
             fit(data, orders)
             again = time.process_time() - start
     versions = {PEERS[name][1]: importlib.metadata.version(PEERS[name][1])} if name in PEERS else {}
-    return {"fit": score, "first": first, "again": again, "told": told, "versions": versions}
+    return {"fit": score, "first": first, "again": again, "told": described, "versions": versions}
 
 
 # -- data ------------------------------------------------------------------------------------------------------------
@@ -234,8 +234,8 @@ def table(title: str, data: dict, orders: dict, peers: str, limit: tuple[str, fl
                 continue
             versions |= found["versions"]
             again = "" if found["again"] is None else f"{found['again']:.2f}"
-            told = f"{about}, {found['told']}" if about else found["told"]
-            print(f"| {label} | {told} | {found['fit']:.2f} | {found['first']:.2f} | {again} |", flush=True)
+            described = f"{about}, {found['told']}" if about else found["told"]
+            print(f"| {label} | {described} | {found['fit']:.2f} | {found['first']:.2f} | {again} |", flush=True)
     print("\nVersions: " + ", ".join(f"{k} {v}" for k, v in versions.items()) + f"; Python {platform.python_version()}")
 
 

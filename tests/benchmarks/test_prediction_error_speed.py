@@ -18,7 +18,7 @@ from lpvid._threads import single_thread
 from lpvid.identification import identify
 from lpvid.identification.arx import ARX
 from lpvid.identification.output_error import OutputError
-from lpvid.identification.pem_problem import Point, Problem
+from lpvid.identification.pem_problem import Point, PredictionErrorProblem
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
@@ -47,13 +47,15 @@ def record() -> Record:
     return system(100_000)
 
 
-def problem_of(record: Record) -> tuple[Problem, Point]:
+def problem_of(record: Record) -> tuple[PredictionErrorProblem, Point]:
     first = identify(record, ARX(**SETTINGS))
-    problem = Problem([record], first.structure, first.model, first.layout, NoiseModel("output"), (False, False))
+    problem = PredictionErrorProblem(
+        [record], first.structure, first.model, first.layout, NoiseModel("output"), (False, False)
+    )
     return problem, problem.point(first.model)
 
 
-def banded(problem: Problem, point: Point) -> tuple[np.ndarray, np.ndarray]:
+def banded(problem: PredictionErrorProblem, point: Point) -> tuple[np.ndarray, np.ndarray]:
     """The system of equation sheet 5.8 with 24 right-hand sides, as LAPACK takes it."""
     model = problem.model_at(point.shared)
     phi = problem.drive(model)[0][1]

@@ -92,10 +92,15 @@ def test_the_time_is_bounded_and_something_is_returned() -> None:
 def test_the_order_of_the_search_is_that_of_any_budget() -> None:
     """Oracle: the search without a budget. What one that ends sooner has tried is the beginning of it."""
     def tried(budget: float | None) -> tuple[list[str], lpv.Selection]:
-        heard: list[str] = []
-        found = auto(lightly_damped(7, n=400), "u", "y", budget=budget, progress=lambda done, total, text: heard.append(
-            text.split(";")[0]))
-        return [t for t in heard if t.startswith("cross-validating")], found
+        audited: list[str] = []
+        found = auto(
+            lightly_damped(7, n=400),
+            "u",
+            "y",
+            budget=budget,
+            progress=lambda done, total, text: audited.append(text.split(";")[0]),
+        )
+        return [t for t in audited if t.startswith("cross-validating")], found
 
     whole, all_done = tried(None)
     part, ended = tried(0.2)
@@ -117,10 +122,10 @@ def test_an_interruption_in_a_round_keeps_the_best() -> None:
 
 @pytest.mark.slow
 def test_progress_names_the_best_so_far() -> None:
-    heard: list[str] = []
-    auto(lightly_damped(6, n=900), "u", "y", progress=lambda done, total, text: heard.append(text), budget=20.0)
-    assert any("best so far OutputError" in t and "%" in t for t in heard)
-    assert any(t.startswith("• round 'output error at several orders' done") for t in heard)
+    audited: list[str] = []
+    auto(lightly_damped(6, n=900), "u", "y", progress=lambda done, total, text: audited.append(text), budget=20.0)
+    assert any("best so far OutputError" in t and "%" in t for t in audited)
+    assert any(t.startswith("• round 'output error at several orders' done") for t in audited)
 
 
 def test_orders_of_an_output_error_are_those_of_the_arx() -> None:

@@ -169,8 +169,8 @@ def test_a_form_that_runs_worse_than_as_realised_says_from_which_states_it_does_
     run = lpv.simulate(refit.model, data, "estimate").output[:, 0]
     y = data[refit.model.outputs[0].name]
     esr = np.sum((run - y) ** 2) / np.sum((y - y.mean()) ** 2)
-    said = form_refit._remark(replace(refit, figures=figures), [data])
-    assert "runs worse than as realised" in said and f"training {esr:.4g}" in said
+    stated = form_refit._remark(replace(refit, figures=figures), [data])
+    assert "runs worse than as realised" in stated and f"training {esr:.4g}" in stated
 
 
 def test_the_stages_slopes_are_derivatives():

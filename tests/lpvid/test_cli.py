@@ -102,17 +102,17 @@ def test_identify_finds_the_true_system(model):
 
 
 def test_identify_says_what_it_did(model):
-    told = json.loads((model.parent / "identification.json").read_text())
-    assert [row["name"] for row in told["parameters"][:2]] == ["a1[1]", "a1[current]"]
-    assert all(row["std"] >= 0 for row in told["parameters"])
-    assert told["training"]["data"] == "training" and told["held_out"]["data"] == "held-out"
-    assert told["training"]["records"][0]["n_samples"] == 1000  # floor(2·1500/3) raw samples
-    assert told["held_out"]["records"][0]["n_samples"] == 500
-    assert told["held_out"]["overall"]["free_run"]["esr"] < 1e-20
-    gaps = {g["form"]: g for g in told["realizations"]}
+    described = json.loads((model.parent / "identification.json").read_text())
+    assert [row["name"] for row in described["parameters"][:2]] == ["a1[1]", "a1[current]"]
+    assert all(row["std"] >= 0 for row in described["parameters"])
+    assert described["training"]["data"] == "training" and described["held_out"]["data"] == "held-out"
+    assert described["training"]["records"][0]["n_samples"] == 1000  # floor(2·1500/3) raw samples
+    assert described["held_out"]["records"][0]["n_samples"] == 500
+    assert described["held_out"]["overall"]["free_run"]["esr"] < 1e-20
+    gaps = {g["form"]: g for g in described["realizations"]}
     assert gaps["augmented"]["exact"] and max(gaps["augmented"]["esr"]) < 1e-18
     assert not gaps["controllable"]["exact"] and max(gaps["controllable"]["esr"]) > 1e-6
-    assert told["condition"] > 1 and told["audit"]["verdict"]
+    assert described["condition"] > 1 and described["audit"]["verdict"]
     assert (model.parent / "report.html").stat().st_size > 10_000
 
 
@@ -132,14 +132,14 @@ def test_validate_resamples_and_says_so(model, tmp_path):
     fast = write(tmp_path / "fast.csv", "time [s],velocity [m/s],current [A],force [N]", np.arange(2 * n) / (2 * RATE),
                  *slow.T)
     run("validate", model, fast, "--out", tmp_path / "v")
-    told = json.loads((tmp_path / "v" / "validation.json").read_text())
-    assert told["schema"] == "lpvid/validation/1"
+    described = json.loads((tmp_path / "v" / "validation.json").read_text())
+    assert described["schema"] == "lpvid/validation/1"
     assert "<h1>Validation of model.json</h1>" in (tmp_path / "v" / "report.html").read_text()
-    assert any("resampled to the model's 200 Hz" in note for note in told["notes"])
-    assert told["records"][0]["n_samples"] == n
-    assert {"esr", "fit_percent", "rmse", "rmse_unit"} <= set(told["overall"]["free_run"])
-    assert told["overall"]["free_run"]["rmse_unit"] == "N"
-    assert {"one_step", "free_run"} <= set(told["overall"]) and "extrapolation_share" in told
+    assert any("resampled to the model's 200 Hz" in note for note in described["notes"])
+    assert described["records"][0]["n_samples"] == n
+    assert {"esr", "fit_percent", "rmse", "rmse_unit"} <= set(described["overall"]["free_run"])
+    assert described["overall"]["free_run"]["rmse_unit"] == "N"
+    assert {"one_step", "free_run"} <= set(described["overall"]) and "extrapolation_share" in described
     assert (tmp_path / "v" / "report.html").exists()
 
 
@@ -147,9 +147,9 @@ def test_validate_takes_other_names_and_signs(model, tmp_path):
     s = true_system(400, 4)
     other = write(tmp_path / "other.csv", "t [s],v [m/s],i [A],F_cell [N]", np.arange(400) / RATE, s["velocity"],
                   s["current"], -s["force"])
-    told = run("validate", model, other, "--input", "v", "--schedule", "i", "--role", "force=F_cell", "--flip",
+    described = run("validate", model, other, "--input", "v", "--schedule", "i", "--role", "force=F_cell", "--flip",
                "F_cell", "--json")
-    assert json.loads(told.stdout)["overall"]["free_run"]["esr"] < 1e-20
+    assert json.loads(described.stdout)["overall"]["free_run"]["esr"] < 1e-20
     wrong = run("validate", model, other, "--input", "v", "--schedule", "i", "--output", "F_cell", "--json")
     assert json.loads(wrong.stdout)["overall"]["free_run"]["esr"] == pytest.approx(4.0, rel=0.05)  # (y+y)²/y²
 
@@ -157,13 +157,13 @@ def test_validate_takes_other_names_and_signs(model, tmp_path):
 def test_a_sign_turned_in_some_files_only(model, run1, tmp_path):
     """Mixed signs, as on a dyno whose load cell was turned round between tests: each file says how it was read."""
     straight, turned = measured(tmp_path / "a1.csv", 300, 5), measured(tmp_path / "b-psi.csv", 300, 6, force=-1.0)
-    told = json.loads(run("validate", model, straight, turned, "--flip", "force@*psi*", "--json").stdout)
-    assert [r["free_run"]["esr"] < 1e-20 for r in told["records"]] == [True, True]
+    described = json.loads(run("validate", model, straight, turned, "--flip", "force@*psi*", "--json").stdout)
+    assert [r["free_run"]["esr"] < 1e-20 for r in described["records"]] == [True, True]
     mixed = json.loads(run("validate", model, straight, turned, "--json").stdout)
     assert mixed["records"][1]["free_run"]["esr"] == pytest.approx(4.0, rel=0.05)  # (y+y)²/y²
     for pattern in ("b-psi", "b-psi.csv", str(turned)):
         same = json.loads(run("validate", model, straight, turned, "--flip", f"force@{pattern}", "--json").stdout)
-        assert same["records"] == told["records"]
+        assert same["records"] == described["records"]
     found = json.loads(run("identify", run1, "--schedule", "current", "--na", 1, "--nb", 2, "--nk", 0, "--held-out",
                            turned, "--flip", "force@b-*", "--json").stdout)  # a pattern of held-out files alone
     assert found["held_out"]["overall"]["free_run"]["esr"] < 1e-18
@@ -171,8 +171,8 @@ def test_a_sign_turned_in_some_files_only(model, run1, tmp_path):
 
 def test_validate_further_ahead(model, tmp_path):
     other = measured(tmp_path / "run2.csv", 400, seed=9)
-    told = json.loads(run("validate", model, other, "--horizon", 5, "--horizon", 20, "--json").stdout)
-    assert told["overall"]["5_step"]["esr"] < 1e-20 and told["overall"]["20_step"]["esr"] < 1e-20
+    described = json.loads(run("validate", model, other, "--horizon", 5, "--horizon", 20, "--json").stdout)
+    assert described["overall"]["5_step"]["esr"] < 1e-20 and described["overall"]["20_step"]["esr"] < 1e-20
 
 
 def test_validate_knows_training_data(model, run1, tmp_path):
@@ -202,15 +202,15 @@ def test_delay_is_chosen_when_left_open(run1):
 @pytest.mark.parametrize("extra", [("--affine",), ("--basis", "spline", "--segments", 2), ("--ridge", "1e-12"),
                                    ("--shape", "tanh"), ("--affine-terms", 1), ("--na", 2)])
 def test_richer_structures_hold_the_true_system(run1, extra):
-    told = json.loads(run("identify", run1, "--schedule", "current", "--na", 1, "--nb", 2, "--nk", 0, *extra,
+    described = json.loads(run("identify", run1, "--schedule", "current", "--na", 1, "--nb", 2, "--nk", 0, *extra,
                           "--json").stdout)
-    assert told["training"]["overall"]["free_run"]["esr"] < 1e-6
+    assert described["training"]["overall"]["free_run"]["esr"] < 1e-6
 
 
 def test_lagged_coefficients_are_exact_in_observer_form(run1):
-    told = json.loads(run("identify", run1, "--schedule", "current", "--na", 1, "--nb", 2, "--nk", 0, "--lagged",
+    described = json.loads(run("identify", run1, "--schedule", "current", "--na", 1, "--nb", 2, "--nk", 0, "--lagged",
                           "--json").stdout)
-    gap = next(g for g in told["realizations"] if g["form"] == "observable")
+    gap = next(g for g in described["realizations"] if g["form"] == "observable")
     assert gap["exact"] and gap["causal"] and max(gap["esr"]) < 1e-18
 
 
@@ -236,10 +236,13 @@ def test_state_space_in_the_form_asked_for(run1, tmp_path):
 
 def test_held_out_files(run1, tmp_path):
     other = measured(tmp_path / "run2.csv", 500, seed=7)
-    told = json.loads(run("identify", run1, "--held-out", other, "--schedule", "current", "--na", 1, "--nb", 2, "--nk",
-                          0, "--json").stdout)
-    assert [r["name"] for r in told["held_out"]["records"]] == ["run2"]
-    assert told["training"]["records"][0]["n_samples"] == 1500
+    described = json.loads(
+        run(
+            "identify", run1, "--held-out", other, "--schedule", "current", "--na", 1, "--nb", 2, "--nk", 0, "--json"
+        ).stdout
+    )
+    assert [r["name"] for r in described["held_out"]["records"]] == ["run2"]
+    assert described["training"]["records"][0]["n_samples"] == 1500
 
 
 # -- stability --------------------------------------------------------------------------------------------------------
@@ -256,12 +259,12 @@ def golden(path: Path, upper: float = 2.5) -> Path:
 def test_stability_of_the_golden_case(tmp_path):
     shown = run("stability", golden(tmp_path / "m.json"), "--out", tmp_path / "s").stdout
     assert "does not cover a moving scheduling variable" in shown
-    told = json.loads((tmp_path / "s" / "stability.json").read_text())
-    leaving = [c for c in told["critical"] if c["direction"] == "to-unstable"]
+    described = json.loads((tmp_path / "s" / "stability.json").read_text())
+    leaving = [c for c in described["critical"] if c["direction"] == "to-unstable"]
     assert leaving[0]["value"] == pytest.approx(9.0, abs=5e-3) and leaving[0]["crossing"] == "-1"
-    assert told["range"] == {"current": [0.0, 2.5]} and told["frozen"]["stable"]
-    assert {"kind", "rate_bound", "verified", "margin", "between_grid"} <= set(told["certificate"])
-    assert told["certificate"]["verified"] and told["probability"] is None
+    assert described["range"] == {"current": [0.0, 2.5]} and described["frozen"]["stable"]
+    assert {"kind", "rate_bound", "verified", "margin", "between_grid"} <= set(described["certificate"])
+    assert described["certificate"]["verified"] and described["probability"] is None
     assert (tmp_path / "s" / "locus.png").read_bytes()[:4] == b"\x89PNG"
     assert (tmp_path / "s" / "report.html").exists()
 
@@ -271,8 +274,10 @@ def test_unstable_ends_with_three_and_the_result(tmp_path):
     for extra in (("--range", "0:10"), ("--range", "current=8:9.5", "--rate", "current=1")):
         shown = run("stability", file, *extra, "--out", tmp_path / "s", code=3).stdout
         assert "NOT stable" in shown
-        told = json.loads((tmp_path / "s" / "stability.json").read_text())
-        assert not told["frozen"]["stable"] and not told["certified"] and told["frozen"]["max_modulus"] > 1
+        described = json.loads((tmp_path / "s" / "stability.json").read_text())
+        assert (
+            not described["frozen"]["stable"] and not described["certified"] and described["frozen"]["max_modulus"] > 1
+        )
 
 
 def test_frozen_stable_is_not_enough(tmp_path):
@@ -281,24 +286,24 @@ def test_frozen_stable_is_not_enough(tmp_path):
     pair = lpv.LPVStateSpace(np.array([0.5 * (one + two), 0.5 * (two - one)]), np.zeros((2, 2, 1)), np.zeros((2, 1, 2)),
                              np.zeros((2, 1, 1)), lpv.Polynomial("p", degree=1), sample_time=1.0)
     lpv.save(pair, tmp_path / "pair.json")
-    told = json.loads(run("stability", tmp_path / "pair.json", "--json", code=3).stdout)
-    assert told["frozen"]["stable"] and told["frozen"]["max_modulus"] == pytest.approx(0.85, abs=1e-6)
-    assert not told["certificate"]["verified"] and told["certificate"]["divergence"]["growth_rate"] > 0
-    assert "only while the scheduling stands still" in told["verdict"]
+    described = json.loads(run("stability", tmp_path / "pair.json", "--json", code=3).stdout)
+    assert described["frozen"]["stable"] and described["frozen"]["max_modulus"] == pytest.approx(0.85, abs=1e-6)
+    assert not described["certificate"]["verified"] and described["certificate"]["divergence"]["growth_rate"] > 0
+    assert "only while the scheduling stands still" in described["verdict"]
 
 
 def test_stability_with_covariance(model, tmp_path):
     """The model file carries its parameters' covariance: the share of stable draws is reported."""
-    told = json.loads(run("stability", model, "--rate", 100, "--json").stdout)
-    assert 0 <= told["probability"]["interval"][0] <= told["probability"]["probability"] <= 1
-    assert told["probability"]["draws"] == 300
+    described = json.loads(run("stability", model, "--rate", 100, "--json").stdout)
+    assert 0 <= described["probability"]["interval"][0] <= described["probability"]["probability"] <= 1
+    assert described["probability"]["draws"] == 300
 
 
 def test_stability_without_scheduling(tmp_path):
     plain = lpv.LPVTransferFunction.siso([[-0.5]], [[0.0], [1.0]], lpv.Polynomial(), 0.1)
     lpv.save(plain, tmp_path / "m.json")
-    told = json.loads(run("stability", tmp_path / "m.json", "--json").stdout)
-    assert told["frozen"]["max_modulus"] == pytest.approx(0.5) and told["range"] == {}
+    described = json.loads(run("stability", tmp_path / "m.json", "--json").stdout)
+    assert described["frozen"]["max_modulus"] == pytest.approx(0.5) and described["range"] == {}
     run("stability", tmp_path / "m.json", "--out", tmp_path / "s")
     assert (tmp_path / "s" / "locus.png").exists()
 
@@ -402,26 +407,29 @@ def test_sample_rate_of_a_file_without_clock(tmp_path):
     s = true_system(600)
     file = write(tmp_path / "bare.csv", "velocity [m/s],current [A],force [N]", *s.values())
     run("identify", file, "--schedule", "current", code=2)
-    told = json.loads(run("identify", file, "--schedule", "current", "--na", 1, "--nb", 2, "--nk", 0, "--sample-rate",
-                          200, "--json").stdout)
-    assert told["training"]["overall"]["free_run"]["esr"] < 1e-20
+    described = json.loads(
+        run(
+            "identify", file, "--schedule", "current", "--na", 1, "--nb", 2, "--nk", 0, "--sample-rate", 200, "--json"
+        ).stdout
+    )
+    assert described["training"]["overall"]["free_run"]["esr"] < 1e-20
 
 
 def test_only_files_without_a_clock_take_the_rate(run1, tmp_path):
     """A rate for resampling is no remark on a file's clock, also when another file has none."""
     file = write(tmp_path / "bare.csv", "velocity [m/s],current [A],force [N]", *true_system(600, 5).values())
-    told = json.loads(run("identify", run1, file, "--schedule", "current", "--na", 1, "--nb", 2, "--nk", 0,
+    described = json.loads(run("identify", run1, file, "--schedule", "current", "--na", 1, "--nb", 2, "--nk", 0,
                           "--sample-rate", 200, "--json").stdout)
-    assert [r["n_samples"] for r in told["training"]["records"]] == [1500, 600]
-    assert not any("sets the clock" in note for note in told["notes"])
+    assert [r["n_samples"] for r in described["training"]["records"]] == [1500, 600]
+    assert not any("sets the clock" in note for note in described["notes"])
 
 
 def test_validate_a_file_without_clock(model, tmp_path):
     """Measured at twice the model's rate, every sample twice: resampled to the model's."""
     twice = [np.repeat(x, 2) for x in true_system(600, 6).values()]
     file = write(tmp_path / "bare.csv", "velocity [m/s],current [A],force [N]", *twice)
-    told = json.loads(run("validate", model, file, "--sample-rate", 400, "--json").stdout)
-    assert told["records"][0]["n_samples"] == 600 and any("resampled" in note for note in told["notes"])
+    described = json.loads(run("validate", model, file, "--sample-rate", 400, "--json").stdout)
+    assert described["records"][0]["n_samples"] == 600 and any("resampled" in note for note in described["notes"])
     clocked = measured(tmp_path / "clocked.csv", 300)
     assert "own rate" in run("validate", model, clocked, "--sample-rate", 400, code=2).stderr
 

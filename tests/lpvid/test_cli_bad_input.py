@@ -288,31 +288,31 @@ def identified(tmp_path: Path, content: str, *options: object) -> dict:
     return json.loads(result.stdout)
 
 
-def names(told: dict) -> set[str]:
-    return {f["name"] for f in told["audit"]["findings"]}
+def names(described: dict) -> set[str]:
+    return {f["name"] for f in described["audit"]["findings"]}
 
 
 def test_missing_samples_cut_the_record(tmp_path):
     v = V.copy()
     v[150:153] = np.nan
-    told = identified(tmp_path, table(v=v))
-    assert [r["name"] for r in told["training"]["records"]] == ["a#1", "a#2"]
-    assert [r["n_samples"] for r in told["training"]["records"]] == [150, N - 153]
-    assert names(told) & {"missing", "missing-samples", "gaps"} or any("miss" in n for n in names(told))
+    described = identified(tmp_path, table(v=v))
+    assert [r["name"] for r in described["training"]["records"]] == ["a#1", "a#2"]
+    assert [r["n_samples"] for r in described["training"]["records"]] == [150, N - 153]
+    assert names(described) & {"missing", "missing-samples", "gaps"} or any("miss" in n for n in names(described))
 
 
 def test_a_gap_in_time_cuts_the_record(tmp_path):
-    told = identified(tmp_path, table(t=np.where(np.arange(N) >= 200, T + 1.0, T)))
-    assert [r["n_samples"] for r in told["training"]["records"]] == [200, 200]
+    described = identified(tmp_path, table(t=np.where(np.arange(N) >= 200, T + 1.0, T)))
+    assert [r["n_samples"] for r in described["training"]["records"]] == [200, 200]
 
 
 def test_reversed_polarity_is_kept_and_said(tmp_path):
-    told = identified(tmp_path, table(force=-FORCE))
-    assert "reversed-polarity" in names(told)
+    described = identified(tmp_path, table(force=-FORCE))
+    assert "reversed-polarity" in names(described)
     turned = identified(tmp_path, table(force=-FORCE), "--flip", "force")
     assert "reversed-polarity" not in names(turned)
     assert any("turned on request" in note for note in turned["notes"])
-    kept = {p["name"]: p["value"] for p in told["parameters"]}
+    kept = {p["name"]: p["value"] for p in described["parameters"]}
     other = {p["name"]: p["value"] for p in turned["parameters"]}
     assert kept["b0[1]"] == pytest.approx(-other["b0[1]"], rel=1e-9) and kept["b0[1]"] < 0
 
@@ -331,5 +331,5 @@ def test_unknown_unit_on_an_unused_channel(tmp_path):
 
 
 def test_jitter_with_a_sample_rate(tmp_path):
-    told = identified(tmp_path, table(t=JITTER), "--sample-rate", 100)
-    assert told["training"]["records"][0]["n_samples"] == pytest.approx(N / 2, abs=2)
+    described = identified(tmp_path, table(t=JITTER), "--sample-rate", 100)
+    assert described["training"]["records"][0]["n_samples"] == pytest.approx(N / 2, abs=2)

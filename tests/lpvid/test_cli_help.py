@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 from lpvid.cli.app import app as lpvid_app
 from lpvid.cli.helping import OTHER, examples_of, panel_of, read_options, template_of
-from lpvid.cli.running import Stages
+from lpvid.cli.running import StageLines
 from lpvid.errors import InputError
 from quartercar.cli.app import app as quartercar_app
 
@@ -181,7 +181,7 @@ def test_a_pipe_gets_a_line_for_each_stage_of_a_long_command(monkeypatch: pytest
     clock = itertools.count(0.0, 2.0)
     monkeypatch.delenv("LPVID_PROGRESS", raising=False)
     monkeypatch.setattr(time, "monotonic", lambda: next(clock))
-    stages = Stages("reading")
+    stages = StageLines("reading")
     for text in ("reading a", "fitting 1 of 3", "fitting 2 of 3", "fitting 3 of 3", "judging"):
         stages.enter(text)
     stages.close()
@@ -190,7 +190,7 @@ def test_a_pipe_gets_a_line_for_each_stage_of_a_long_command(monkeypatch: pytest
 
 
 def test_a_short_command_writes_none(capsys: pytest.CaptureFixture[str]) -> None:
-    stages = Stages("reading")
+    stages = StageLines("reading")
     stages.enter("fitting")
     stages.close()
     assert capsys.readouterr().err == ""

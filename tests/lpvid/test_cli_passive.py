@@ -32,9 +32,9 @@ def written(path, model, sign: float = 1.0, samples: int = 1500):
 
 def test_passive_is_certified_stored_and_priced(tmp_path):
     data, out = written(tmp_path / "run.csv", yielding()), tmp_path / "m"
-    told = run("identify", data, "--schedule", "current", "--na", 1, "--nb", 1, "--shape", "tanh", "--affine",
+    described = run("identify", data, "--schedule", "current", "--na", 1, "--nb", 1, "--shape", "tanh", "--affine",
                "--hold-out", "1/3", "--passive", "--out", out).output
-    assert "certified: passive" in told and "what it costs: held-out free-run ESR" in told
+    assert "certified: passive" in described and "what it costs: held-out free-run ESR" in described
     model = lpv.load(out / "model.json")
     certificate = lpv.PassivityCertificate.from_dict(model.metadata["passive"])
     assert lpv.verify(certificate, model).holds
@@ -46,8 +46,8 @@ def test_passive_is_certified_stored_and_priced(tmp_path):
 
 def test_an_active_model_says_so_unasked(tmp_path):
     data = written(tmp_path / "run.csv", late(delay=2))
-    told = run("identify", data, "--na", 0, "--nb", 3, "--nk", 0, "--out", tmp_path / "m").output
-    (line,) = [x for x in told.splitlines() if "NOT passive" in x]
+    described = run("identify", data, "--na", 0, "--nb", 3, "--nk", 0, "--out", tmp_path / "m").output
+    (line,) = [x for x in described.splitlines() if "NOT passive" in x]
     assert "gives energy at 63.2 to 187 Hz" in line and "beyond 25 Hz" in line and line.endswith("--passive")
     assert json.loads((tmp_path / "m" / "identification.json").read_text())["passivity"]["active"] is True
 
@@ -65,7 +65,7 @@ def test_a_passive_model_says_nothing(tmp_path):
     (("--shape", "three-zone"), "--shape tanh"),
     (("--flip", "force"), "--flip force"),
 ])
-def test_what_does_not_go_with_it_is_refused_in_one_line(tmp_path, options, said):
+def test_what_does_not_go_with_it_is_refused_in_one_line(tmp_path, options, stated):
     data = written(tmp_path / "run.csv", yielding(), samples=400)
-    told = run("identify", data, "--passive", *options, code=2).output
-    assert said in told and len(told.strip().splitlines()) == 1
+    described = run("identify", data, "--passive", *options, code=2).output
+    assert stated in described and len(described.strip().splitlines()) == 1

@@ -70,26 +70,30 @@ def test_the_table_is_the_free_run_of_the_model(folder, tmp_path, kind):
 
 
 def test_the_figures_are_those_of_the_free_run(folder, tmp_path):
-    said = run(folder / "model.json", folder / "run0.csv", folder / "run1.csv", "--out", tmp_path).stdout
+    stated = run(folder / "model.json", folder / "run0.csv", folder / "run1.csv", "--out", tmp_path).stdout
     assert {p.name for p in tmp_path.glob("*.csv")} == {"simulation-run0.csv", "simulation-run1.csv"}
-    told = json.loads((tmp_path / "simulation.json").read_text())
-    assert told["schema"] == "lpvid/simulation/1" and told["kind"] == "free-run" and told["data"] == "partly training"
+    described = json.loads((tmp_path / "simulation.json").read_text())
+    assert (
+        described["schema"] == "lpvid/simulation/1"
+        and described["kind"] == "free-run"
+        and described["data"] == "partly training"
+    )
     total = [0.0, 0.0]
     for name in ("run0", "run1"):
         table = lpv.read(tmp_path / f"simulation-{name}.csv")[0]
-        start = told["records"][0]["start"]
+        start = described["records"][0]["start"]
         y = table["measured"][start:]
         total[0] += np.sum(table["residual"][start:] ** 2)
         total[1] += np.sum((y - y.mean()) ** 2)
-    assert told["overall"]["esr"] == pytest.approx(total[0] / total[1]) and "free-run ESR" in said
+    assert described["overall"]["esr"] == pytest.approx(total[0] / total[1]) and "free-run ESR" in stated
     page = (tmp_path / "report.html").read_text()
     assert "Simulation by model.json" in page and page.count("<figure") >= 2 and "http" not in page
 
 
 def test_without_a_measured_output_it_runs_from_zero(folder, tmp_path):
-    said = run(folder / "model.json", folder / "blind.csv", "--out", tmp_path).stdout
-    told = json.loads((tmp_path / "simulation.json").read_text())
-    assert told["overall"] is None and told["data"] == "not measured" and "no figures" in said
+    stated = run(folder / "model.json", folder / "blind.csv", "--out", tmp_path).stdout
+    described = json.loads((tmp_path / "simulation.json").read_text())
+    assert described["overall"] is None and described["data"] == "not measured" and "no figures" in stated
     found = lpv.read(tmp_path / "simulation.csv")[0]
     assert "measured" not in found.channels
     given = lpv.read(folder / "run1.csv", roles={"current": "voltage"})[0]
@@ -102,10 +106,10 @@ def test_a_run_that_diverges_has_empty_cells_and_says_where(folder, tmp_path):
     a = model.a.copy()
     a[0, 0, 0, 0] = -1.8
     lpv.save(model.replace(a=a), tmp_path / "unstable.json")
-    said = run(tmp_path / "unstable.json", folder / "run1.csv", "--out", tmp_path / "out").stdout
-    told = json.loads((tmp_path / "out" / "simulation.json").read_text())
-    at = told["records"][0]["diverged_at"]
-    assert told["overall"]["esr"] is None and at > 0 and "DIVERGED" in said
+    stated = run(tmp_path / "unstable.json", folder / "run1.csv", "--out", tmp_path / "out").stdout
+    described = json.loads((tmp_path / "out" / "simulation.json").read_text())
+    at = described["records"][0]["diverged_at"]
+    assert described["overall"]["esr"] is None and at > 0 and "DIVERGED" in stated
     simulated = lpv.read(tmp_path / "out" / "simulation.csv")[0]["simulated"]
     assert np.isfinite(simulated[:at]).all() and np.isnan(simulated[at:]).all()
 
@@ -118,7 +122,7 @@ def test_a_run_that_diverges_has_empty_cells_and_says_where(folder, tmp_path):
     (("model.json", "run0.csv", "--input", "force,velocity"), "--input names 2"),
     (("model.json", "run0.csv", "blind.csv"), "only some records have the model's output"),
 ])
-def test_input_at_fault_ends_with_one_line(folder, tmp_path, arguments, said):
+def test_input_at_fault_ends_with_one_line(folder, tmp_path, arguments, stated):
     paths = [folder / a if str(a).endswith((".csv", ".json")) else a for a in arguments]
     result = run(*paths, "--out", tmp_path / "out", code=2)
-    assert said in result.stderr and result.stderr.count("\n") == 1 and not (tmp_path / "out").exists()
+    assert stated in result.stderr and result.stderr.count("\n") == 1 and not (tmp_path / "out").exists()

@@ -38,18 +38,18 @@ def identified(tmp_path_factory) -> Path:
 def test_every_question_is_answered_in_the_result_and_the_report(identified, tmp_path):
     shown = run("stability", identified, "--largest-range", "--largest-rate", "--draws", 500, "--gain", "--out",
                 tmp_path).stdout
-    told = json.loads((tmp_path / "stability.json").read_text())
+    described = json.loads((tmp_path / "stability.json").read_text())
     model = lpv.load(identified)
     a, slope = (model.companion([p])[0, 0] for p in (0.0, 1.0))
     slope -= a
-    low, high = told["largest_range"]["range"]["current"]
+    low, high = described["largest_range"]["range"]["current"]
     assert abs(a + slope * low) < 1 and abs(a + slope * high) < 1  # one pole: stable exactly where its modulus is < 1
     beyond = 1.05 * (high - 1.0)
     assert max(abs(a + slope * (1.0 - beyond)), abs(a + slope * (1.0 + beyond))) >= 1
-    assert told["largest_rate"]["arbitrary"] and told["largest_rate"]["rate"] is None
-    assert told["draws"]["draws"] == 500 and told["draws"]["probability"] == 1.0  # far from the unit circle
+    assert described["largest_rate"]["arbitrary"] and described["largest_rate"]["rate"] is None
+    assert described["draws"]["draws"] == 500 and described["draws"]["probability"] == 1.0  # far from the unit circle
     gains = [lpv.realize(model).model.to_control([p]).dcgain() for p in (0.0, 2.0)]
-    gain = told["l2_gain"]
+    gain = described["l2_gain"]
     assert gain["lower"] <= gain["upper"] and gain["lower"] >= np.max(gains) * (1 - 1e-6)
     assert gain["certificate"]["between_grid"] == gain["between_grid"]
     assert "largest certified range" in shown and "500 drawn models" in shown and "induced gain" in shown
@@ -57,8 +57,8 @@ def test_every_question_is_answered_in_the_result_and_the_report(identified, tmp
 
 
 def test_nothing_is_answered_that_was_not_asked(identified):
-    told = json.loads(run("stability", identified, "--json").stdout)
-    assert all(told[key] is None for key in ("largest_range", "largest_rate", "draws", "l2_gain"))
+    described = json.loads(run("stability", identified, "--json").stdout)
+    assert all(described[key] is None for key in ("largest_range", "largest_rate", "draws", "l2_gain"))
 
 
 def test_what_cannot_be_answered_is_said(tmp_path):

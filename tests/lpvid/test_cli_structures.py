@@ -52,10 +52,10 @@ def file(tmp_path_factory) -> Path:
     return write(tmp_path_factory.mktemp("data") / "run.csv", **system(600))
 
 
-def pole_at_one_ampere(told: dict) -> float:
+def pole_at_one_ampere(described: dict) -> float:
     """−a1 at 1 A, from the parameters of identification.json."""
-    values = {row["name"]: row["value"] for row in told["parameters"]}
-    norm = told["normalisation"]
+    values = {row["name"]: row["value"] for row in described["parameters"]}
+    norm = described["normalisation"]
     return -(values["a1[1]"] + values["a1[current]"] * (1.0 - norm["centre"][0]) / norm["half_width"][0])
 
 
@@ -64,14 +64,30 @@ def pole_at_one_ampere(told: dict) -> float:
     ("armax", ("--nc", 1), "armax"), ("riv", (), "output"), ("riv", ("--nc", 1, "--nd", 1), "box-jenkins"),
     ("recursive", ("--forgetting", 1.0), "equation")])
 def test_transfer_functions_find_the_pole(file, structure, options, noise):
-    told = json.loads(run("identify", file, "--schedule", "current", "--structure", structure, "--na", 1, "--nb", 1,
-                          "--nk", 0, *options, "--json").stdout)
-    assert told["noise"]["kind"] == noise
-    assert told["structure"]["kind"].replace("refined-iv", "riv") == structure
-    assert pole_at_one_ampere(told) == pytest.approx(0.7, abs=0.01)
-    assert told["training"]["overall"]["free_run"]["esr"] == pytest.approx(LEVEL**2 / (1 + LEVEL**2), rel=0.25)
+    described = json.loads(
+        run(
+            "identify",
+            file,
+            "--schedule",
+            "current",
+            "--structure",
+            structure,
+            "--na",
+            1,
+            "--nb",
+            1,
+            "--nk",
+            0,
+            *options,
+            "--json",
+        ).stdout
+    )
+    assert described["noise"]["kind"] == noise
+    assert described["structure"]["kind"].replace("refined-iv", "riv") == structure
+    assert pole_at_one_ampere(described) == pytest.approx(0.7, abs=0.01)
+    assert described["training"]["overall"]["free_run"]["esr"] == pytest.approx(LEVEL**2 / (1 + LEVEL**2), rel=0.25)
     if noise == "output":  # the noise is white and on the output: nothing is left in the residual
-        assert told["training"]["residual_tests"][0]["passed"]
+        assert described["training"]["residual_tests"][0]["passed"]
 
 
 @pytest.mark.parametrize("structure, options", [("subspace", ("--order", 1)),
@@ -81,8 +97,8 @@ def test_state_space(file, tmp_path, structure, options):
     """One state holds the system up to when p is read: within 10 % of the output's spread, stable, no forms."""
     run("identify", file, "--schedule", "current", "--structure", structure, "--nk", 0, *options, "--hold-out", "1/3",
         "--out", tmp_path)
-    told = json.loads((tmp_path / "identification.json").read_text())
-    assert told["held_out"]["overall"]["free_run"]["fit_percent"] > 85 and told["realizations"] == []
+    described = json.loads((tmp_path / "identification.json").read_text())
+    assert described["held_out"]["overall"]["free_run"]["fit_percent"] > 85 and described["realizations"] == []
     found = lpv.load(tmp_path / "model.json")
     assert isinstance(found, lpv.LPVStateSpace)
     assert np.abs(found.frozen_poles([1.0])).max() == pytest.approx(0.7, abs=0.05)
@@ -99,8 +115,8 @@ def test_noise_of_a_box_jenkins_model_does_not_concern_its_stability(file, tmp_p
         tmp_path)
     assert json.loads(run("stability", tmp_path / "model.json", "--json").stdout)["certified"]
     again = json.loads(run("validate", tmp_path / "model.json", file, "--training", "--json").stdout)
-    told = json.loads((tmp_path / "identification.json").read_text())
-    assert again["overall"]["free_run"]["esr"] == pytest.approx(told["training"]["overall"]["free_run"]["esr"])
+    described = json.loads((tmp_path / "identification.json").read_text())
+    assert again["overall"]["free_run"]["esr"] == pytest.approx(described["training"]["overall"]["free_run"]["esr"])
 
 
 @pytest.mark.parametrize("structure, options", [("arx", ("--na", 1, "--nb", 1, "--nk", 0)),
@@ -110,11 +126,13 @@ def test_noise_of_a_box_jenkins_model_does_not_concern_its_stability(file, tmp_p
 def test_a_scheduling_filter_is_compared_with_none(file, structure, options):
     common = ("identify", file, "--schedule", "current", "--structure", structure, *options, "--hold-out", "1/2",
               "--json")
-    told, bare = json.loads(run(*common, "--schedule-lag").stdout), json.loads(run(*common).stdout)
-    assert told["scheduling_stage"]["kind"] == "lag" and bare["scheduling_stage"] is None
+    described, bare = json.loads(run(*common, "--schedule-lag").stdout), json.loads(run(*common).stdout)
+    assert described["scheduling_stage"]["kind"] == "lag" and bare["scheduling_stage"] is None
     esr = bare["held_out"]["overall"]["free_run"]["esr"]
-    assert any(f"without the scheduling filter, held-out: free-run ESR {esr:.4g}" in note for note in told["notes"])
-    assert told["scheduling_stage"]["tau_rise"] < 1 / RATE  # there is none in the system
+    assert any(
+        f"without the scheduling filter, held-out: free-run ESR {esr:.4g}" in note for note in described["notes"]
+    )
+    assert described["scheduling_stage"]["tau_rise"] < 1 / RATE  # there is none in the system
 
 
 # -- models that schedule themselves ----------------------------------------------------------------------------------
@@ -135,8 +153,8 @@ def largest(model, amplitude: float) -> float:
                                                 ("compliance", ("--segments", 1))])
 def test_bounded_by_construction(file, tmp_path, structure, options):
     run("identify", file, "--schedule", "current", "--structure", structure, *options, "--out", tmp_path)
-    told = json.loads((tmp_path / "identification.json").read_text())
-    assert told["structure"]["kind"] in ("quasi-lpv", "compliance") and told["realizations"] == []
+    described = json.loads((tmp_path / "identification.json").read_text())
+    assert described["structure"]["kind"] in ("quasi-lpv", "compliance") and described["realizations"] == []
     judged = json.loads(run("stability", tmp_path / "model.json", "--out", tmp_path / "s", "--json").stdout)
     assert judged["certified"] and judged["certificate"]["kind"] == "by construction"
     assert judged["certificate"]["verified"] and judged["certificate"]["between_grid"]
@@ -145,7 +163,7 @@ def test_bounded_by_construction(file, tmp_path, structure, options):
         assert 0 < largest(model, amplitude) <= bound
     assert "by construction" in (tmp_path / "s" / "report.html").read_text()
     again = json.loads(run("validate", tmp_path / "model.json", file, "--json").stdout)
-    assert again["overall"]["free_run"]["esr"] == pytest.approx(told["training"]["overall"]["free_run"]["esr"])
+    assert again["overall"]["free_run"]["esr"] == pytest.approx(described["training"]["overall"]["free_run"]["esr"])
 
 
 def feedback(steep: float) -> QuasiLPVModel:
@@ -205,40 +223,40 @@ def chosen(tmp_path_factory) -> tuple[dict, dict, Path, float]:
     shown = run("identify", folder / "a.csv", "--input", "u", "--output", "y", "--auto", "--hold-out", "1/3", "--refit",
                 "--out", folder / "out").stdout
     assert "chosen from" in shown and "what the noise leaves possible" in shown and "refitted to all data" in shown
-    told = json.loads((folder / "out" / "identification.json").read_text())
-    return told, json.loads((folder / "out" / "selection.json").read_text()), folder, share
+    described = json.loads((folder / "out" / "identification.json").read_text())
+    return described, json.loads((folder / "out" / "selection.json").read_text()), folder, share
 
 
 def test_the_choice_reaches_the_ceiling(chosen):
-    told, selection, _, share = chosen
+    described, selection, _, share = chosen
     assert selection["schema"] == "lpvid/selection/1" and selection["complete"]
     assert selection["candidates"] == len(selection["table"]) > 50
-    reached = told["held_out"]["overall"]["free_run"]["fit_percent"]
+    reached = described["held_out"]["overall"]["free_run"]["fit_percent"]
     assert reached == pytest.approx(100 * (1 - share), abs=0.6)
     assert selection["ceiling"]["held_out_fit_percent"] == pytest.approx(100 * (1 - share), abs=1.0)
-    assert told["selection"]["best"] == selection["best"] and "identification" not in told["selection"]
+    assert described["selection"]["best"] == selection["best"] and "identification" not in described["selection"]
 
 
 def test_held_out_data_have_no_say(chosen, tmp_path):
     """Another last third changes the held-out figures and nothing else."""
-    told, selection = chosen[:2]
+    described, selection = chosen[:2]
     columns, _ = plain(1200, 0)
     columns["y"] = np.where(np.arange(1200) < 800, columns["y"], -5 * columns["y"] ** 2)
     other = write(tmp_path / "a.csv", **columns)
     again = json.loads(run("identify", other, "--input", "u", "--output", "y", "--auto", "--hold-out", "1/3",
                            "--json").stdout)
-    assert again["selection"]["table"] == selection["table"] and again["parameters"] == told["parameters"]
+    assert again["selection"]["table"] == selection["table"] and again["parameters"] == described["parameters"]
     assert again["held_out"]["overall"]["free_run"]["esr"] > 0.5
 
 
 def test_refit_writes_the_fit_to_all_data(chosen):
-    told, _, folder, _ = chosen
-    assert told["refitted"]["n_samples"] > told["n_samples"]
+    described, _, folder, _ = chosen
+    assert described["refitted"]["n_samples"] > described["n_samples"]
     written = lpv.load(folder / "out" / "model.json")
-    assert written.metadata["training"]["n_samples"] == told["refitted"]["n_samples"]
-    values = {row["name"]: row["value"] for row in told["refitted"]["parameters"]}
+    assert written.metadata["training"]["n_samples"] == described["refitted"]["n_samples"]
+    values = {row["name"]: row["value"] for row in described["refitted"]["parameters"]}
     assert written.a[0, 0, 0, 0] == pytest.approx(values["a1[1]"])
-    assert values["a1[1]"] != {row["name"]: row["value"] for row in told["parameters"]}["a1[1]"]
+    assert values["a1[1]"] != {row["name"]: row["value"] for row in described["parameters"]}["a1[1]"]
     assert "How the structure was chosen" in (folder / "out" / "report.html").read_text()
 
 
@@ -254,11 +272,11 @@ def test_one_affine_term_where_the_scheduling_stands_still(tmp_path):
         files.append(write(tmp_path / f"{p:.0f}.csv", time=np.arange(200) / RATE, velocity=u,
                            current=np.full(200, p), force=y))
     common = ("identify", *files, "--schedule", "current", "--na", 1, "--nb", 1, "--nk", 0, "--json")
-    told = json.loads(run(*common, "--affine").stdout)
-    values = {row["name"]: row["value"] for row in told["parameters"]}
+    described = json.loads(run(*common, "--affine").stdout)
+    values = {row["name"]: row["value"] for row in described["parameters"]}
     assert [n for n in values if n.startswith("c")] == ["c0[1]", "c0[current]"]
     assert values["c0[1]"] == pytest.approx(3.0, abs=1e-8) and values["c0[current]"] == pytest.approx(-2.0, abs=1e-8)
-    assert any("one affine term" in note for note in told["notes"])
+    assert any("one affine term" in note for note in described["notes"])
     line = run(*common, "--affine-terms", 2, code=2).stderr
     assert "affine=1" in line and len(line.splitlines()) == 1
 
@@ -282,18 +300,18 @@ def test_refit_form_writes_the_form_with_its_own_figures(tmp_path, form):
     shown = run("identify", data, "--schedule", "current", "--na", 2, "--nb", 2, "--nk", 1, "--form", form,
                 "--refit-form", "--hold-out", "1/3", "--out", tmp_path / "m").output
     assert "form re-estimated" in shown and "held-out" in shown
-    told = json.loads((tmp_path / "m" / "form.json").read_text())
-    esr = {name: parts["held-out"]["esr"] for name, parts in told["free_run"].items()}
-    verdict = told["gap"]["verdict"]
-    assert f"as realised {verdict}" in shown and told["gap"]["judgement"]["label"] == "training"
+    described = json.loads((tmp_path / "m" / "form.json").read_text())
+    esr = {name: parts["held-out"]["esr"] for name, parts in described["free_run"].items()}
+    verdict = described["gap"]["verdict"]
+    assert f"as realised {verdict}" in shown and described["gap"]["judgement"]["label"] == "training"
     if form == "controllable":
         assert esr["form re-estimated"] < 5e-4
     assert esr["form re-estimated"] < esr["form as realised"]
     model = lpv.load(tmp_path / "m" / "state_space.json")
-    assert isinstance(model, lpv.LPVStateSpace) and model.metadata["free_run"] == told["free_run"]
+    assert isinstance(model, lpv.LPVStateSpace) and model.metadata["free_run"] == described["free_run"]
     assert isinstance(lpv.load(tmp_path / "m" / "model.json"), lpv.LPVTransferFunction)
     summary = json.loads((tmp_path / "m" / "identification.json").read_text())["form_refit"]
-    assert summary == {"form": form, "free_run": told["free_run"]}
+    assert summary == {"form": form, "free_run": described["free_run"]}
     run("validate", tmp_path / "m" / "state_space.json", data)
 
 

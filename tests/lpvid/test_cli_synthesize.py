@@ -102,12 +102,12 @@ def test_a_bound_that_cannot_be_had_ends_with_three_and_its_mend(tmp_path):
     (("[matrices.1]", "[weights.offset]\ngain = 2\nkind = \"lowpass\"\n[matrices.1]"), "lacks 'corner'"),
     (("[matrices.1]", "[weights.ofset]\ngain = 2\n[matrices.1]"), "no signal to weigh 'ofset'"),
 ])
-def test_faults_are_one_line_and_write_nothing(tmp_path, change, says):
+def test_faults_are_one_line_and_write_nothing(tmp_path, change, description):
     text = (SCHERER + HINF).replace(*change)
     assert text != SCHERER + HINF
     found = run("synthesize", written(tmp_path, text), "--out", tmp_path / "out")
     assert found.exit_code == 2 and not (tmp_path / "out").exists()
-    assert says in found.stderr and found.stderr.startswith("error: ") and found.stderr.count("\n") == 1
+    assert description in found.stderr and found.stderr.startswith("error: ") and found.stderr.count("\n") == 1
     assert "plant.toml" in found.stderr
 
 

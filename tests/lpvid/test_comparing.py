@@ -48,8 +48,8 @@ def test_a_model_that_diverges_is_last_and_one_that_lacks_a_channel_is_left_out(
     ({}, "no models"),
     ({"a": gain(1.0, "torque")}, "none of the 1 model"),
 ])
-def test_nothing_to_compare_is_one_line(models, says):
-    with pytest.raises(InputError, match=says):
+def test_nothing_to_compare_is_one_line(models, description):
+    with pytest.raises(InputError, match=description):
         lpv.compare_models(models, record())
 
 

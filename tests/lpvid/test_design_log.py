@@ -57,11 +57,11 @@ def test_shares_are_those_of_the_worst_input():
 
 
 def test_progress_says_what_is_done_and_how_long_it_takes():
-    said: list[str] = []
-    found = lpv.synthesize(quarter_car(), lpv.OutputFeedback(), progress=said.append)
+    stated: list[str] = []
+    found = lpv.synthesize(quarter_car(), lpv.OutputFeedback(), progress=stated.append)
     assert found.verdict == "solved"
-    assert any("the least gain" in x and "so far" in x and "at most" in x for x in said)
-    assert any("verifying" in x for x in said)
+    assert any("the least gain" in x and "so far" in x and "at most" in x for x in stated)
+    assert any("verifying" in x for x in stated)
 
 
 def test_an_interruption_keeps_the_bound_so_far():

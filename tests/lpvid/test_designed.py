@@ -27,10 +27,10 @@ def record_of(model: lpv.LPVStateSpace, stiffness: np.ndarray) -> lpv.Record:
 
 def test_a_controller_names_what_leaves_its_range_and_for_how_long(found):
     stiffness = np.r_[np.full(75, 2.0), np.full(25, 5.0)]
-    with pytest.warns(lpv.ExtrapolationWarning) as told:
+    with pytest.warns(lpv.ExtrapolationWarning) as described:
         run = lpv.simulate(found.controller, record_of(found.controller, stiffness), "zero")
-    text = str(told[0].message)
-    assert len(told) == 1 and told[0].filename == __file__
+    text = str(described[0].message)
+    assert len(described) == 1 and described[0].filename == __file__
     for part in ("controller", "'drive'", "'stiffness'", "1 to 4", "2 to 5", "25 %"):
         assert part in text
     y = np.column_stack([np.sin(0.3 * np.arange(100) + k) for k in range(2)])

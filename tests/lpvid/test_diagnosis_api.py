@@ -169,9 +169,13 @@ def test_the_cause_is_named_and_the_gain_is_that_of_the_held_out_record(installe
     bare = found.baseline["parameters"][0]["value"]
     assert found.before.esr_held_out == pytest.approx(by_hand(bare, 0.0, other), rel=1e-9)
     assert found.gain_percent == pytest.approx(100 * (1 - found.after.esr_held_out / found.before.esr_held_out))
-    told = json.loads(json.dumps(found.to_dict()))
-    assert told["schema"] == "lpvid/diagnosis/2" and told["complete"] and told["baseline"]["polarity"] == 1
-    assert [c["name"] for c in told["cannot_tell"]] == ["heat"] and "temperature" in told["cannot_tell"][0]["reason"]
+    described = json.loads(json.dumps(found.to_dict()))
+    assert (
+        described["schema"] == "lpvid/diagnosis/2" and described["complete"] and described["baseline"]["polarity"] == 1
+    )
+    assert [c["name"] for c in described["cannot_tell"]] == ["heat"] and "temperature" in described["cannot_tell"][0][
+        "reason"
+    ]
 
 
 def test_an_extended_model_is_the_same_after_its_file(installed, tmp_path):
@@ -211,7 +215,7 @@ def test_the_extended_model_is_a_baseline_in_which_nothing_more_is_found(install
     (lambda d: d.pop("reads"), "lacks 'reads'"),
     (lambda d: d.update(schema="lpvid/extended/2"), "newer format"),
 ])
-def test_a_file_that_is_not_what_it_claims_is_refused_in_one_line(installed, tmp_path, change, said):
+def test_a_file_that_is_not_what_it_claims_is_refused_in_one_line(installed, tmp_path, change, stated):
     found = lpv.diagnose([measured()], "viscous", CATALOGUE)
     path = lpv.save(found.extended, tmp_path / "m.json")
     data = json.loads(path.read_text())
@@ -219,7 +223,7 @@ def test_a_file_that_is_not_what_it_claims_is_refused_in_one_line(installed, tmp
     path.write_text(json.dumps(data))
     with pytest.raises(InputError) as error:
         lpv.load(path)
-    assert said in str(error.value) and "\n" not in str(error.value) and "m.json" in str(error.value)
+    assert stated in str(error.value) and "\n" not in str(error.value) and "m.json" in str(error.value)
 
 
 def test_a_reversed_record_is_diagnosed_in_the_sense_of_the_device(installed):
@@ -240,8 +244,8 @@ def test_gaps_rates_and_missing_velocity_are_prepared():
                         units={"displacement": "m", "force": "N"})
     question = pose(record, Viscous(), CATALOGUE)
     assert [round(1 / r.sample_time) for r in question.prepared.training] == [500, 500]
-    said = " ".join(question.prepared.notes)
-    assert "velocity derived" in said and "decimated by 4" in said and "cut into 2" in said
+    stated = " ".join(question.prepared.notes)
+    assert "velocity derived" in stated and "decimated by 4" in stated and "cut into 2" in stated
     v = question.prepared.training[0]["velocity"]
     assert np.corrcoef(v[50:4000], fast["velocity"][::4][50:4000])[0, 1] > 0.999
     found = answer(question)
@@ -294,11 +298,11 @@ def test_entry_points_may_give_a_factory_or_a_mapping_of_them(installed):
     ("lpvid.baselines", {"x": 3}, "gives no factory for 'x'"),
     ("lpvid.baselines", {"viscous": Viscous}, "two installed baselines are called 'viscous'"),
 ])
-def test_a_package_that_names_nonsense_is_told(installed, group, value, said):
+def test_a_package_that_names_nonsense_is_told(installed, group, value, stated):
     installed[group].append(Point("odd", value))
     with pytest.raises(InputError) as error:
         registry.catalogue() if group == "lpvid.effects" else registry.factories()
-    assert said in str(error.value) and "\n" not in str(error.value)
+    assert stated in str(error.value) and "\n" not in str(error.value)
 
 
 def test_unknown_names_are_refused_with_the_nearest(installed):

@@ -236,6 +236,6 @@ def test_single_causes_are_visited_beside_the_pairs_that_could_imitate_them():
     (0.03, 0.1, 0.05, True)])
 def test_what_is_small_beside_the_output_or_the_error_of_the_law_is_not_named(change, left, of_law, small):
     member = Member(Dry(), np.array([1.0]), 1.0, 1.0, (), 1.0, 50.0, 1.0, change, 10.0)
-    said = member.objection(left, of_law)
-    assert (said is not None) is small and (said is None or "small print" in said)
+    stated = member.objection(left, of_law)
+    assert (stated is not None) is small and (stated is None or "small print" in stated)
     assert LEAST < NOTABLE

@@ -15,7 +15,7 @@ from lpvid.diagnosis.deciding import (
     BLOCKS_BETTER,
     MAJORITY,
     Folds,
-    Judged,
+    JudgedEffect,
     _enough,
     dispersion,
     explained_share,
@@ -29,11 +29,11 @@ from lpvid.diagnosis.deciding import (
 from lpvid.diagnosis.effect import Effect, EffectParameter
 from lpvid.diagnosis.engine import AS_WELL, _Case, diagnose
 from lpvid.diagnosis.noise import NoiseLevel, Whitening, noise_level
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.rivals import DISTINCT, SEPARATED, _unwhitened, in_both, separation
 from lpvid.diagnosis.screening import directions, moves, screen
-from lpvid.diagnosis.selection import BIC_GAIN, Search
+from lpvid.diagnosis.selection import BIC_GAIN, ForwardSelection
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.steadiness import is_there
 from lpvid.record import Record
@@ -43,7 +43,7 @@ class Form(Wave):
     name, catch_all = "form", True
 
 
-def drowned(seed: int) -> tuple[Problem, Folds, Folds, NoiseLevel, NoiseLevel]:
+def drowned(seed: int) -> tuple[DiagnosisProblem, Folds, Folds, NoiseLevel, NoiseLevel]:
     """A cause of a twentieth of slow noise's power: baseline and set out of fold, noise of the output and whitened."""
     rng = np.random.default_rng(seed)
     u = drive(6000, rng)
@@ -66,8 +66,8 @@ class TestBothMetrics:
         (50.0, -0.4, -4.0, 50.0), (-50.0, 0.4, 4.0, -50.0),  # it agrees
         (50.0, 0.05, 2.0, 0.0), (-50.0, -0.05, -2.0, 0.0),  # it seems to say otherwise: nobody can tell
         (5.0, 0.05, 2.0, 0.0), (50.0, 0.4, 0.5, 50.0)])
-    def test_who_decides(self, apart: float, share: float, certain: float, says: float) -> None:
-        assert in_both(apart, share, certain) == says
+    def test_who_decides(self, apart: float, share: float, certain: float, description: float) -> None:
+        assert in_both(apart, share, certain) == description
 
     def test_a_fit_in_the_unit_of_the_output_is_best_there(self, rng: np.random.Generator) -> None:
         """Under a whitening, what a law cannot do pulls its parameters elsewhere."""
@@ -93,7 +93,7 @@ class TestBothMetrics:
     @pytest.mark.parametrize(("level_of_both", "worse", "told"), [(1.0, 1.005, True), (1.0, 1.02, True),
                                                                   (5.0, 3.0, False)])
     def test_a_share_below_none_that_is_unsure_says_nothing(self, level_of_both: float, worse: float,
-                                                            told: bool) -> None:
+                                                            described: bool) -> None:
         """A baseline fitted to slow noise may leave less of that than an extended model which is fitted to the rest."""
         for seed in range(4):
             problem, before, after, level, white = drowned(seed)
@@ -101,7 +101,7 @@ class TestBothMetrics:
             after = Folds(after.errors, worse * before.plain)
             assert explained_share(problem, before, after, level.variance, 0.0)[0] == 0.0
             share, error = surer_share(problem, before, after, level, white, 0.0)
-            assert abs(share - 1.0) < error < 0.3 if told else share == 0.0
+            assert abs(share - 1.0) < error < 0.3 if described else share == 0.0
 
     def test_a_worse_model_explains_nothing(self, rng: np.random.Generator) -> None:
         problem, _ = problem_of(record(rng))
@@ -151,9 +151,9 @@ class TestFaintCauses:
 
 
 def test_what_stays_without_a_name_changes_less_than_what_is_named() -> None:
-    def judged(contribution: float, minor: bool) -> Judged:
-        said = ("faint",) if minor else ()
-        return Judged(Dry(), np.ones(1), 0.0, -100.0, 50.0, 0.0, 1.0, 0.1, contribution, (), None, said, minor,
+    def judged(contribution: float, minor: bool) -> JudgedEffect:
+        stated = ("faint",) if minor else ()
+        return JudgedEffect(Dry(), np.ones(1), 0.0, -100.0, 50.0, 0.0, 1.0, 0.1, contribution, (), None, stated, minor,
                       None)  # type: ignore[arg-type]
 
     found = weighty([judged(3.0, False), judged(1.0, True), judged(5.0, True), judged(2.0, False)])
@@ -170,9 +170,9 @@ def test_beside_a_form_a_faint_cause_needs_more(faint: Effect, strong: Effect, n
     shape = 20.0 * np.sin(np.arange(problem.n_samples) / 5)
     search = SimpleNamespace(problem=problem, fit=fit)
 
-    def judged(effect: Effect, delta: float, share: float) -> Judged:
+    def judged(effect: Effect, delta: float, share: float) -> JudgedEffect:
         without = SimpleNamespace(errors=fit.errors + share * shape)
-        return Judged(effect, np.ones(1), 0.0, delta, -delta, 0.0, 1.0, 0.1, 1.0, (), None, (), False,
+        return JudgedEffect(effect, np.ones(1), 0.0, delta, -delta, 0.0, 1.0, 0.1, 1.0, (), None, (), False,
                       without)  # type: ignore[arg-type]
 
     found = shadowed(search, [judged(strong, -5000.0, 1.0), judged(faint, -150.0, 0.0)], 0.0)  # type: ignore[arg-type]
@@ -197,10 +197,10 @@ class TestBlocksInWhichACauseMustHelp:
         numbers = problem.blocks.number[0][[1262, 1462]]
         assert numbers[0] != numbers[1] and np.ptp(problem.blocks.fold[numbers]) == 0
         composition = Composition(Bent(), (Twice(),))
-        search = Search(problem, refit(problem, composition, composition.neutral), (), rng, lambda text: None)
-        told = judge(search, composition.effects[0], out_of_fold(problem, search.fit), ())
-        assert told.delta_bic < -BIC_GAIN and told.blocks_better == 0.0
-        assert any("held-out blocks" in said for said in told.objections)
+        search = ForwardSelection(problem, refit(problem, composition, composition.neutral), (), rng, lambda text: None)
+        described = judge(search, composition.effects[0], out_of_fold(problem, search.fit), ())
+        assert described.delta_bic < -BIC_GAIN and described.blocks_better == 0.0
+        assert any("held-out blocks" in stated for stated in described.objections)
 
     def test_one_that_dwarfs_the_noise_in_most(self) -> None:
         assert _enough(np.full(30, 400.0)) == BLOCKS_BETTER
@@ -243,20 +243,20 @@ def test_a_search_that_goes_in_circles_ends(rng: np.random.Generator, monkeypatc
     """Each addition makes the one before superfluous, and is so itself beside that one."""
     problem, composition = problem_of(record(rng, hidden=lambda u: 0.5 * np.sin(9 * u)))
     first = refit(problem, composition, composition.neutral)
-    search, evidence, found = Search.begin(problem, first, (Wave(), Dry()), rng, lambda text: None)
+    search, evidence, found = ForwardSelection.begin(problem, first, (Wave(), Dry()), rng, lambda text: None)
     taken: list[str] = []
 
-    def without_the_first(self: Search) -> None:
+    def without_the_first(self: ForwardSelection) -> None:
         self.fit = self.without(*(e for e in self.fit.composition.effects if e.name != taken[-1]))
 
-    def the_other(self: Search, evidence: object, found: list) -> tuple[tuple[Effect, ...], Refit]:
+    def the_other(self: ForwardSelection, evidence: object, found: list) -> tuple[tuple[Effect, ...], Refit]:
         other = self.outside()[0]
         taken.append(other.name)
         return (other,), self.taste((other,), found)
 
-    monkeypatch.setattr(Search, "prune", without_the_first)
-    monkeypatch.setattr(Search, "best_addition", the_other)
-    monkeypatch.setattr(Search, "negligible", lambda self, added, fit: False)
+    monkeypatch.setattr(ForwardSelection, "prune", without_the_first)
+    monkeypatch.setattr(ForwardSelection, "best_addition", the_other)
+    monkeypatch.setattr(ForwardSelection, "negligible", lambda self, added, fit: False)
     monkeypatch.setattr("lpvid.diagnosis.selection.SIGNIFICANT", 2.0)
     search.grow(evidence, found)
     assert taken == ["wave", "dry", "wave"]
@@ -283,7 +283,7 @@ class Waves(Added):
 class TestStrengthOfNothing:
     """One that changes from block to block wins a likelihood of independent samples, wherever its mean comes to lie."""
 
-    def search(self, scatter: float, rng: np.random.Generator, *beside: Effect) -> tuple[Search, list, list]:
+    def search(self, scatter: float, rng: np.random.Generator, *beside: Effect) -> tuple[ForwardSelection, list, list]:
         """A wave of .2 V, or of a gain with such a mean and so many times that spread, by stretches of 100 samples."""
         u = drive(6000, rng)
         gains = rng.standard_normal(60)
@@ -292,7 +292,11 @@ class TestStrengthOfNothing:
         composition = Composition(Bent(), beside)
         first = refit(problem, composition, composition.neutral)
         found = directions(problem, first, moves(problem, first, (Wave(),)))
-        return Search(problem, first, (Wave(),), rng, lambda text: None), screen(problem, first, found, rng), found
+        return (
+            ForwardSelection(problem, first, (Wave(),), rng, lambda text: None),
+            screen(problem, first, found, rng),
+            found,
+        )
 
     @pytest.mark.parametrize(("scatter", "there"), [(0.0, True), (1.0, True), (6.0, False)])
     def test_is_told_by_its_blocks(self, scatter: float, there: bool, rng: np.random.Generator) -> None:
@@ -320,9 +324,9 @@ class TestStrengthOfNothing:
     def test_is_an_objection_there(self, rng: np.random.Generator) -> None:
         search, _, found = self.search(6.0, rng, Abrupt())
         search.fit = search.taste((Wave(),), found)
-        told = judge(search, search.fit.composition.effects[-1], out_of_fold(search.problem, search.fit), ())
-        assert told.effect.name == "wave" and not told.minor
-        assert "its strength is not surely different from none" in told.objections
+        described = judge(search, search.fit.composition.effects[-1], out_of_fold(search.problem, search.fit), ())
+        assert described.effect.name == "wave" and not described.minor
+        assert "its strength is not surely different from none" in described.objections
 
 
 class TestGivingWay:
@@ -334,7 +338,7 @@ class TestGivingWay:
         better = SimpleNamespace(effect=Dry(), fit=SimpleNamespace(composition=Composition(Bent(), (Dry(),))))
         one = SimpleNamespace(effect=Wave(), rivals=(), better=better, objections=(), minor=False, p_value=0.01)
         search = SimpleNamespace(fit="as it is", p_values={})
-        case = SimpleNamespace(search=search, say=lambda text: None)
+        case = SimpleNamespace(search=search, report_progress=lambda text: None)
         assert _Case._give_way(case, [one], [], been) == (not been)  # type: ignore[arg-type]
         assert search.fit == ("as it is" if been else better.fit)
 
@@ -344,7 +348,7 @@ class TestGivingWay:
         special = SimpleNamespace(effect=Dry(), fit=fit, apart=apart)
         general = SimpleNamespace(name="general", contains=("dry",))
         one = SimpleNamespace(effect=general, rivals=(special,), better=None, objections=(), minor=False, p_value=0.01)
-        case = SimpleNamespace(search=SimpleNamespace(fit=None, p_values={}), say=lambda text: None)
+        case = SimpleNamespace(search=SimpleNamespace(fit=None, p_values={}), report_progress=lambda text: None)
         assert _Case._give_way(case, [one], [], set()) == (apart < AS_WELL)  # type: ignore[arg-type]
 
 

@@ -66,7 +66,7 @@ class TestNoiseLevel:
         u = np.tile(drive(700, rng), 6)
         s = Bent().signals(record(rng, "white", 0.5, u=u))
         found = noise_level([s], ["u", "c"], [np.ones(4200, bool)])
-        assert found.variance == pytest.approx(0.25, rel=0.1) and "7 s" in found.says
+        assert found.variance == pytest.approx(0.25, rel=0.1) and "7 s" in found.description
 
     def test_whatever_the_model_misses(self, rng: np.random.Generator) -> None:
         """A hidden cause repeats with the input and is no noise."""

@@ -10,7 +10,7 @@ from toy_diagnosis import Added, problem_of, record
 
 from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.screening import Direction, Evidence, directions, moves, screen
-from lpvid.diagnosis.selection import Search
+from lpvid.diagnosis.selection import ForwardSelection
 
 STUCK = np.array([2.6, 2.2, 9.0])
 """parameters of the toy from which its steep tanh is out of a step's sight"""
@@ -42,10 +42,10 @@ class Cosine(Added):
 
 def stuck_search(rng: np.random.Generator, pair: tuple[Added, Added],
                  hidden: Callable[[np.ndarray], np.ndarray] | None = None
-                 ) -> tuple[Search, list[Evidence], list[Direction], float]:
+                 ) -> tuple[ForwardSelection, list[Evidence], list[Direction], float]:
     """A search whose baseline stopped on its way, what screens there, and the cost at which it should have stopped."""
     problem, composition = problem_of(record(rng, hidden=hidden))
-    search = Search(problem, refit(problem, composition, STUCK, iterations=0), pair, rng, lambda text: None)
+    search = ForwardSelection(problem, refit(problem, composition, STUCK, iterations=0), pair, rng, lambda text: None)
     found = directions(problem, search.fit, moves(problem, search.fit, pair))
     return search, screen(problem, search.fit, found, rng), found, refit(problem, composition, composition.neutral).cost
 

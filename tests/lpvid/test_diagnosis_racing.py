@@ -7,7 +7,7 @@ import pytest
 from toy_diagnosis import TRUE, problem_of, record
 
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.racing import race
 from lpvid.diagnosis.refitting import refit
 
@@ -23,13 +23,13 @@ def test_a_race_ends_where_a_refit_from_its_best_start_does() -> None:
 
 def test_the_same_start_runs_once(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, composition = problem_of(record(np.random.default_rng(61)))
-    runs, errors = [], Problem.errors
+    runs, errors = [], DiagnosisProblem.errors
 
-    def counted(self: Problem, composition: Composition, vector: np.ndarray) -> list[np.ndarray]:
+    def counted(self: DiagnosisProblem, composition: Composition, vector: np.ndarray) -> list[np.ndarray]:
         runs.append(vector)
         return errors(self, composition, vector)
 
-    monkeypatch.setattr(Problem, "errors", counted)
+    monkeypatch.setattr(DiagnosisProblem, "errors", counted)
     race(problem, composition, [(np.array([2.5, 2.0, 1.0]), None)])
     once = len(runs)
     race(problem, composition, 3 * [(np.array([2.5, 2.0, 1.0]), None)])

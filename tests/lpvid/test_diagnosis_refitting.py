@@ -10,7 +10,7 @@ from lpvid.diagnosis import refitting
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import EffectParameter
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import descend
 from lpvid.diagnosis.signals import Core
 
@@ -41,7 +41,7 @@ class Alike(Added):
 
 
 @pytest.fixture
-def hidden_wave() -> tuple[Problem, Composition, np.ndarray]:
+def hidden_wave() -> tuple[DiagnosisProblem, Composition, np.ndarray]:
     """At a = b = 1 of the valley, from its floor at a = 0.1."""
     problem, _ = problem_of(record(np.random.default_rng(70), hidden=lambda u: np.sin(9 * u)))
     return problem, Composition(Bent(), (Valley(),)), np.array([*TRUE, 0.1, 0.01])

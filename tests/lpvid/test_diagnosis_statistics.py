@@ -33,11 +33,11 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.engine import diagnose
 from lpvid.diagnosis.localise import _after_reversal, localise
 from lpvid.diagnosis.noise import WHITE, Whitening
-from lpvid.diagnosis.problem import Problem, projector, without
+from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.refitting import Refit, _step, covariance, refit
 from lpvid.diagnosis.remainder import KNOTS, knots_of, predictable_share
 from lpvid.diagnosis.screening import DETECT, Evidence, directions, moves, screen
-from lpvid.diagnosis.selection import Search
+from lpvid.diagnosis.selection import ForwardSelection
 from lpvid.diagnosis.signals import Signals
 from lpvid.record import Channel, Record
 
@@ -55,7 +55,7 @@ class TestScreening:
         for _ in range(200):
             problem, composition = problem_of(record(rng, noise, n=2000))
             first = refit(problem, composition, composition.neutral)
-            _, evidence, _ = Search.begin(problem, first, CAUSES, rng, lambda text: None)
+            _, evidence, _ = ForwardSelection.begin(problem, first, CAUSES, rng, lambda text: None)
             smallest.append(min(e.p_value for e in evidence))
         assert stats.kstest(smallest, "uniform").pvalue > 0.001
         assert np.mean(np.array(smallest) < 0.05) < 0.10
@@ -65,7 +65,7 @@ class TestScreening:
         """At it, √LR is on average √(10 + ln n)."""
         rng = np.random.default_rng(21)
         for cause in (Cubic(), Dry()):
-            said, reached, wanted, u = [], [], 0.0, drive(3000, rng)
+            stated, reached, wanted, u = [], [], 0.0, drive(3000, rng)
             quiet = [_named(cause.name, *whitened(record(rng, noise, u=u)), rng) for _ in range(15)]
             strength = float(np.median([e.smallest_detectable or np.inf for e in quiet]))
             for _ in range(40):
@@ -75,10 +75,10 @@ class TestScreening:
                 problem, fit = whitened(runs)
                 mine = _named(cause.name, problem, fit, rng)
                 reached.append(np.sqrt(mine.likelihood_ratio))
-                said.append(mine.smallest_detectable or np.inf)
+                stated.append(mine.smallest_detectable or np.inf)
                 wanted = np.sqrt(DETECT + np.log(problem.n_samples))
             assert np.mean(reached) == pytest.approx(wanted, rel=0.2)
-            assert np.median(said) == pytest.approx(strength, rel=0.2)
+            assert np.median(stated) == pytest.approx(strength, rel=0.2)
 
     def test_wrong_parameters_alone_are_no_cause(self, rng: np.random.Generator) -> None:
         """Dry friction seems to explain most of what a wrong p₂ leaves; beyond the sensitivities, nothing."""
@@ -101,7 +101,7 @@ class TestScreening:
         assert np.abs(j[:, :4].T @ rest / np.linalg.norm(j[:, :4], axis=0)).max() < 1e-10
 
 
-def _named(name: str, problem: Problem, fit: Refit, rng: np.random.Generator) -> Evidence:
+def _named(name: str, problem: DiagnosisProblem, fit: Refit, rng: np.random.Generator) -> Evidence:
     found = screen(problem, fit, directions(problem, fit, moves(problem, fit, CAUSES)), rng)
     return next(e for e in found if e.effect.name == name)
 
@@ -204,7 +204,7 @@ class TestRemainder:
         s = Signals(0.01, {"u": u}, hidden + noise)
         blocks = Blocks.of((s,))
         errors = [s.output - Bent().core(TRUE)(s)]
-        white = Problem((s,), blocks, WHITE)
+        white = DiagnosisProblem((s,), blocks, WHITE)
         coloured = white.with_whitening(Whitening.of(errors, blocks.mask()))
         seen, plain = (predictable_share(p, errors, ["u"])[0] for p in (coloured, white))
         assert plain > 0.3 and seen < 0.7 * plain
@@ -291,8 +291,8 @@ class TestDiagnosis:
 
     def test_a_cause_without_a_trace_cannot_be_told(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng)], Bent(), (*CAUSES, LaggedConstant()))
-        told = {c.name: c for c in found.cannot_tell}
-        assert "lagged-c" in told and told["lagged-c"].smallest_detectable is None
+        described = {c.name: c for c in found.cannot_tell}
+        assert "lagged-c" in described and described["lagged-c"].smallest_detectable is None
 
     def test_a_cause_outside_the_catalogue_is_refused(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng, n=6000, hidden=lambda u: 1.5 * np.sign(np.sin(7 * u)) * np.abs(u))], Bent(),

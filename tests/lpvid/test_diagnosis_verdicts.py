@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from toy_diagnosis import Cubic, Dry, Late
 
-from lpvid.diagnosis.verdicts import Findings, told
+from lpvid.diagnosis.verdicts import Findings, described
 
 
 class Form(Cubic):
@@ -20,8 +20,8 @@ NOTHING: dict[str, Any] = {
     "before": 1.0, "after": 1.0, "spread": 10.0, "unshared": None, "least": 0.5, "coloured": False, "unit": "N"}
 
 
-def says(**found: Any) -> tuple[str, str]:
-    return told(Findings(**{**NOTHING, **found}))
+def description(**found: Any) -> tuple[str, str]:
+    return described(Findings(**{**NOTHING, **found}))
 
 
 def dropped(minor: bool, p_value: float = 0.001) -> SimpleNamespace:
@@ -58,5 +58,5 @@ def dropped(minor: bool, p_value: float = 0.001) -> SimpleNamespace:
     ({"phi": (1.0, 0.0), "named": [Late()], "contested": [(Dry(), (Cubic(),))]}, "partly-explained", "dry has rivals"),
 ])
 def test_told(found: dict[str, Any], verdict: str, part: str) -> None:
-    got = says(**found)
+    got = description(**found)
     assert got[0] == verdict and part in got[1]

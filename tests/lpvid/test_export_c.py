@@ -16,7 +16,7 @@ from lpvid.export.c_source import c_files
 from lpvid.export.exportable import Options, exportable
 from lpvid.export.exporting import export_c
 from lpvid.export.python_printer import run
-from lpvid.export.step_program import Loop, walk
+from lpvid.export.step_program import LoopStatement, walk
 from lpvid.model.compliance import ComplianceModel, Element
 from lpvid.model.designed import designed
 from lpvid.model.quasi import QuasiLPVModel
@@ -134,7 +134,9 @@ def test_a_designed_controller_is_clamped_and_a_model_is_not(rng):
 
 def test_loops_have_constant_bounds(rng):
     program = exportable(transfer_function(rng, "cubic", "tanh", "late")).program
-    assert all(isinstance(s.first, int) and isinstance(s.last, int) for s in walk(program.body) if isinstance(s, Loop))
+    assert all(
+        isinstance(s.first, int) and isinstance(s.last, int) for s in walk(program.body) if isinstance(s, LoopStatement)
+    )
     assert 100 < program.operations() < 400
 
 
@@ -269,9 +271,9 @@ def test_a_held_scheduling_is_a_parameter(rng):
     u, y = found.trial(50)
     whole = exportable(model)
     assert np.array_equal(y, whole.reference(np.column_stack([u, np.full(50, 1.2)])))
-    for at, said in (({"current": 9.0}, "outside 0 to 2.5"), ({"curent": 1.0}, "current"),
+    for at, stated in (({"current": 9.0}, "outside 0 to 2.5"), ({"curent": 1.0}, "current"),
                      ({"current": 1.0, "velocity": 0.0}, "every input")):
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=stated):
             exportable(model, Options(at=at))
 
 

@@ -7,7 +7,7 @@ import pytest
 from shaped_plants import spring_mass
 
 import lpvid as lpv
-from lpvid.synthesis.filters import steadied
+from lpvid.synthesis.filters import add_actuator_filters
 from lpvid.synthesis.interconnection import close_loop
 
 
@@ -21,7 +21,7 @@ def geared(sample_time: float | None = None) -> lpv.GeneralizedPlant:
 
 @pytest.mark.parametrize("sample_time", [None, 0.05])
 def test_nothing_that_multiplies_the_gain_moves_any_more(sample_time):
-    found = steadied(geared(sample_time), 50.0)
+    found = add_actuator_filters(geared(sample_time), 50.0)
     m = found.plant.at(found.plant.box.grid(4))
     assert found.bandwidths == {"u0": 50.0, "y0": 50.0}
     assert not any(np.ptp(x, axis=0).any() for x in (m.B2, m.D12, m.C2, m.D21))
@@ -29,7 +29,7 @@ def test_nothing_that_multiplies_the_gain_moves_any_more(sample_time):
 
 def test_the_completed_controller_closes_the_loop_that_was_designed():
     plant = geared()
-    found = steadied(plant, 50.0)
+    found = add_actuator_filters(plant, 50.0)
     design = lpv.MultiObjective().solve(found.plant)
     assert design.solved and design.between_grid
     whole = close_loop(plant, found.complete(design.controller))
@@ -42,6 +42,6 @@ def test_the_completed_controller_closes_the_loop_that_was_designed():
 
 def test_a_steady_plant_is_left_alone_and_impossible_filters_are_refused():
     plain = spring_mass(full=False)
-    assert steadied(plain, 50.0).plant is plain and not steadied(plain, 50.0).bandwidths
+    assert add_actuator_filters(plain, 50.0).plant is plain and not add_actuator_filters(plain, 50.0).bandwidths
     with pytest.raises(lpv.InputError, match="faster than the sampling"):
-        steadied(geared(0.1), 50.0)
+        add_actuator_filters(geared(0.1), 50.0)

@@ -27,7 +27,7 @@ from lpvid.fleet.differing import (
     shift,
 )
 from lpvid.fleet.running import connected
-from lpvid.fleet.state import Outcome, keep, outcome
+from lpvid.fleet.state import StepOutcome, keep, outcome
 from lpvid.fleet.steps import _here
 from lpvid.identification.regression import Factor
 from lpvid.identification.streaming import merged_factor, stream_factor
@@ -179,9 +179,9 @@ def test_an_outcome_counts_for_its_own_settings_only(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("t")
     job = plan_fleet([str(tmp_path / "a.csv")], tmp_path / "out").jobs[0]
     assert outcome(job, "audit", "k") is None
-    keep(job, Outcome("audit", "done", "", 1.0, "k"))
-    keep(job, Outcome("scan", "refused", "no", 1.0, "k"))
-    assert outcome(job, "audit", "k") == Outcome("audit", "done", "", 1.0, "k")
+    keep(job, StepOutcome("audit", "done", "", 1.0, "k"))
+    keep(job, StepOutcome("scan", "refused", "no", 1.0, "k"))
+    assert outcome(job, "audit", "k") == StepOutcome("audit", "done", "", 1.0, "k")
     assert outcome(job, "audit", "other") is None
     (job.folder / "state.json").write_text("{ not json")
     assert outcome(job, "audit", "k") is None
@@ -230,7 +230,7 @@ def test_killed_workers_change_nothing(folder: Path, tmp_path: Path) -> None:
                 killed.append(workers[0])
                 os.kill(workers[0], signal.SIGKILL)
 
-    stormy = run_fleet(plan("stormy"), workers=3, say=kill_now_and_then)
+    stormy = run_fleet(plan("stormy"), workers=3, report_progress=kill_now_and_then)
     assert len(killed) == 2
     one, other = untimed(calm.to_dict()), untimed(stormy.to_dict())
     assert one == other
@@ -284,7 +284,12 @@ def test_identify_on_a_fleet_is_the_model_of_all_files(folder: Path, tmp_path: P
 def test_what_a_fleet_cannot_identify_is_one_line(folder: Path, tmp_path: Path) -> None:
     words = ["identify", f"{folder}/d0*.csv", "--input", "velocity", "--output", "force", "--nk", "0", "--fleet"]
     out = ["--out", str(tmp_path / "out")]
-    for more, said in ((["--auto", *out], "--auto"), (["--structure", "oe", *out], "identifies arx"), ([], "--out DIR"),
-                       (["--shape", "tanh", *out], "identifies arx"), (["--hold-out", "1/3", *out], "--hold-out")):
+    for more, stated in (
+        (["--auto", *out], "--auto"),
+        (["--structure", "oe", *out], "identifies arx"),
+        ([], "--out DIR"),
+        (["--shape", "tanh", *out], "identifies arx"),
+        (["--hold-out", "1/3", *out], "--hold-out"),
+    ):
         result = CliRunner().invoke(app, [w for w in words if "--auto" not in more or w not in ("--nk", "0")] + more)
-        assert result.exit_code == 2 and said in result.stderr and result.stderr.count("\n") == 1, result.output
+        assert result.exit_code == 2 and stated in result.stderr and result.stderr.count("\n") == 1, result.output

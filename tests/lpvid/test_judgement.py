@@ -40,14 +40,14 @@ def test_the_same_form_serves_a_coarse_model_and_spoils_a_fine_one():
 
 def test_the_standard_error_is_that_of_repeated_draws():
     rng = np.random.default_rng(1)
-    means, told = [], []
+    means, described = [], []
     for _ in range(300):
         z = rng.normal(size=2000)
         for k in range(1, z.size):
             z[k] += 0.8 * z[k - 1]
         means.append(np.mean(z**2))
-        told.append(_standard_error([(z**2)[:, None]])[0])
-    assert np.mean(told) == pytest.approx(np.std(means), rel=0.2)
+        described.append(_standard_error([(z**2)[:, None]])[0])
+    assert np.mean(described) == pytest.approx(np.std(means), rel=0.2)
 
 
 def test_without_measured_outputs_or_motion_it_says_so():

@@ -151,13 +151,13 @@ def test_a_stream_goes_on_behind_its_last_part(stored: tuple[Chunks, Record], st
                                                tmp_path: Path) -> None:
     chunks, _ = stored
     whole = lpv.identify_stream(chunks, structure)
-    state, said = tmp_path / "state.npz", []
+    state, stated = tmp_path / "state.npz", []
     box = whole.model.box
     with pytest.raises(OSError, match="unplugged"):
         lpv.identify_stream(Broken(**vars(chunks)), structure, box=box, checkpoint=state)
     assert state.is_file()
-    again = lpv.identify_stream(chunks, structure, box=box, checkpoint=state, say=said.append)
-    assert said[0].startswith("going on behind") and not state.exists()
+    again = lpv.identify_stream(chunks, structure, box=box, checkpoint=state, report_progress=stated.append)
+    assert stated[0].startswith("going on behind") and not state.exists()
     np.testing.assert_allclose(again.parameters, whole.parameters, rtol=1e-11, atol=1e-11)
     assert (again.n_samples, again.notes) == (whole.n_samples, whole.notes)
     mine, other = (dict(f.model.metadata["training"]) for f in (again, whole))
@@ -172,9 +172,9 @@ def test_a_state_of_other_data_is_no_state(tmp_path: Path) -> None:
         lpv.identify_stream(Broken(**vars(chunks)), PLAIN, box=lpv.identify_stream(chunks, PLAIN).model.box,
                             checkpoint=state)
     other = replace(PLAIN, na=1)
-    said: list[str] = []
-    lpv.identify_stream(chunks, other, checkpoint=state, say=said.append)
-    assert not any(s.startswith("going on") for s in said)
+    stated: list[str] = []
+    lpv.identify_stream(chunks, other, checkpoint=state, report_progress=stated.append)
+    assert not any(s.startswith("going on") for s in stated)
     state.write_bytes(b"PK no state")
     lpv.identify_stream(chunks, PLAIN, checkpoint=state)
 
@@ -245,7 +245,7 @@ def test_the_commands_read_in_parts(tmp_path: Path) -> None:
     checked = run("validate", str(out / "model.json"), str(tmp_path / "other.parquet"), "--chunk", "700")
     assert checked["overall"]["free_run"]["esr"] == pytest.approx(parts["held_out"]["overall"]["free_run"]["esr"])
     assert run("inspect", str(tmp_path / "run.parquet"), "--chunk", "1000")["schema"] == "lpvid/audit/1"
-    for wrong, said in ((["--auto"], "--auto"), (["--structure", "oe"], "arx and recursive"), (["--hold-out", "1/3"],
+    for wrong, stated in ((["--auto"], "--auto"), (["--structure", "oe"], "arx and recursive"), (["--hold-out", "1/3"],
                         "--hold-out"), (["--shape", "tanh"], "cannot fit an input stage")):
         result = CliRunner().invoke(app, ["identify", str(tmp_path / "run.parquet"), *words, "--chunk", "700", *wrong])
-        assert result.exit_code == 2 and said in result.stderr, result.output
+        assert result.exit_code == 2 and stated in result.stderr, result.output

@@ -84,8 +84,8 @@ def test_other_dependences_on_the_current_are_certified_between_grid_points(basi
     (lpv.ARX(2, 2, 0, ("velocity", "displacement"), "force"), "one input"),
     (lpv.ARMAX(2, 2, 0, "velocity", "force"), "--structure arx or oe"),
 ])
-def test_structures_without_a_passive_model_are_refused(structure, said):
-    with pytest.raises(InputError, match=said):
+def test_structures_without_a_passive_model_are_refused(structure, stated):
+    with pytest.raises(InputError, match=stated):
         lpv.Passive(structure)
 
 

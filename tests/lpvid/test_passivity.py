@@ -20,7 +20,7 @@ def test_a_delayed_damper_is_active_from_its_analytic_frequency():
     given = margin.frequencies[margin.mask[0]]
     assert given.min() == pytest.approx(edge, abs=0.3) and given.max() == pytest.approx(3 * edge, abs=0.3)
     assert margin.damping.min() == pytest.approx(-500.0, rel=1e-4)
-    assert margin.active and "62.5 to 187 Hz" in margin.says(None) and margin.says(25.0) == ""
+    assert margin.active and "62.5 to 187 Hz" in margin.description(None) and margin.description(25.0) == ""
     found = lpv.certify_passivity(model)
     assert not found.verified and "it is active" in found.why
 

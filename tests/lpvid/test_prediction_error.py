@@ -18,7 +18,7 @@ from lpvid.identification.arx import ARX
 from lpvid.identification.box_jenkins import BoxJenkins
 from lpvid.identification.levenberg_marquardt import frozen_inside, frozen_radius, minimise, reduce
 from lpvid.identification.output_error import OutputError
-from lpvid.identification.pem_problem import Point, Problem
+from lpvid.identification.pem_problem import Point, PredictionErrorProblem
 from lpvid.identification.pem_starts import arma, autoregression, stable_polynomial
 from lpvid.model.input_stage import TanhStage
 from lpvid.model.noise_model import NoiseModel
@@ -35,7 +35,7 @@ def noise_records(rng: np.random.Generator, outputs: int, lengths: tuple[int, ..
 
 
 def problem_of(rng: np.random.Generator, kind: str, outputs: int = 1, lagged: bool = False, functions: int = 1,
-               stages: bool = False, **orders: int) -> tuple[Problem, Point]:
+               stages: bool = False, **orders: int) -> tuple[PredictionErrorProblem, Point]:
     """A problem at a random stable point far from its minimum, where nothing cancels."""
     records = noise_records(rng, outputs)
     names = tuple(f"y{i}" for i in range(outputs))
@@ -49,19 +49,19 @@ def problem_of(rng: np.random.Generator, kind: str, outputs: int = 1, lagged: bo
     noise = NoiseModel(kind, 0.2 * rng.normal(size=(nc, outputs, functions)) if nc else None,
                        0.2 * rng.normal(size=(nd, outputs)) if nd else None)
     model = first.layout.fill(first.model, theta).replace(noise=noise)
-    problem = Problem(records, first.structure, model, first.layout, noise, (stages, stages))
+    problem = PredictionErrorProblem(records, first.structure, model, first.layout, noise, (stages, stages))
     problem.weights = 1.0 + np.arange(outputs)
     point = problem.point(model)
     return problem, Point(point.shared, tuple(q + 0.3 * rng.normal(size=q.shape) for q in point.past))
 
 
-def weighted(problem: Problem, point: Point) -> np.ndarray:
+def weighted(problem: PredictionErrorProblem, point: Point) -> np.ndarray:
     residuals = problem.residuals(point)
     assert residuals is not None
     return np.concatenate([(e[problem.head:] * problem.weights).ravel() for e in residuals.errors])
 
 
-def finite_differences(problem: Problem, point: Point, step: float = 1e-6) -> np.ndarray:
+def finite_differences(problem: PredictionErrorProblem, point: Point, step: float = 1e-6) -> np.ndarray:
     """−∂e/∂(all pasts, shared), by central differences of the residuals."""
     columns = []
     for i, past in enumerate(point.past):

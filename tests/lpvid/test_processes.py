@@ -37,10 +37,16 @@ def test_a_budget_stops_what_runs_and_leaves_what_has_not_begun() -> None:
 
 
 def test_what_runs_is_reported_with_an_estimate() -> None:
-    said: list[tuple] = []
-    in_processes(time.sleep, [0.01, 0.02, 0.01], workers=1, costs=[1.0, 2.0, 1.0], say=lambda *told: said.append(told))
-    assert [t[:2] for t in said] == [(0, [0]), (1, [1]), (2, [2])]
-    assert said[0][2] is None and said[1][2] > said[2][2] > 0
+    stated: list[tuple] = []
+    in_processes(
+        time.sleep,
+        [0.01, 0.02, 0.01],
+        workers=1,
+        costs=[1.0, 2.0, 1.0],
+        report_progress=lambda *described: stated.append(described),
+    )
+    assert [t[:2] for t in stated] == [(0, [0]), (1, [1]), (2, [2])]
+    assert stated[0][2] is None and stated[1][2] > stated[2][2] > 0
 
 
 def test_records_go_there_and_back() -> None:

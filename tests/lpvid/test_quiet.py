@@ -11,7 +11,7 @@ import cvxpy
 import numpy as np
 import pytest
 
-from lpvid.lmi.program import Inequality, Program, largest_margin
+from lpvid.lmi.program import Program, ProgramInequality, largest_margin
 from lpvid.lmi.suppress_output import quiet
 
 CHATTER = """
@@ -54,12 +54,12 @@ def test_a_solver_is_not_heard(talkative, capfd):
     print("before")
     assert next(program.solve(solvers=("SCS",))).objective == pytest.approx(3.0, abs=1e-3)
     one = np.ones((1, 1, 1))
-    halves = [Inequality(np.zeros((1, 1)), one), Inequality(np.eye(1), -one)]
+    halves = [ProgramInequality(np.zeros((1, 1)), one), ProgramInequality(np.eye(1), -one)]
     assert next(largest_margin(halves, solvers=("SCS",))).margin == pytest.approx(0.5, abs=1e-3)
     print("after")
     ctypes.CDLL(None).fflush(None)
-    heard = capfd.readouterr()
-    assert heard.out.split() == ["before", "after"] and heard.err == ""
+    audited = capfd.readouterr()
+    assert audited.out.split() == ["before", "after"] and audited.err == ""
 
 
 def test_what_a_failure_says_is_heard(capfd):

@@ -220,8 +220,8 @@ def test_the_online_model_predicts(rng) -> None:
     (lambda: identify_stream(iter([]), FIRST), "known before the fit"),
     (lambda: identify_stream([], FIRST), "no usable samples"),
 ])
-def test_what_is_refused(make, said) -> None:
-    with pytest.raises(InputError, match=said):
+def test_what_is_refused(make, stated) -> None:
+    with pytest.raises(InputError, match=stated):
         make()
 
 
@@ -261,8 +261,8 @@ def test_a_stream_gives_the_batch_result(rng, name) -> None:
     assert stream.model.sample_time == pytest.approx(TS, rel=1e-12)
     assert stream.model.metadata["training"]["records"] == ["a", "b"]
     if name == "plain":
-        told = float(stream.notes[-1].split("one-step ESR ")[1])
-        assert told == pytest.approx(batch.training.overall.one_step.esr, rel=0.02)
+        described = float(stream.notes[-1].split("one-step ESR ")[1])
+        assert described == pytest.approx(batch.training.overall.one_step.esr, rel=0.02)
 
 
 def test_chunks_that_do_not_continue_each_other(rng) -> None:

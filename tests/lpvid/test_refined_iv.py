@@ -132,8 +132,8 @@ def test_coupled_outputs_are_refused(rng) -> None:
     ({"noise": "box-jenkins"}, "needs nc or nd"), ({"iterations": 0}, "at least 1"), ({"na": -1}, "na must be"),
     ({"tolerance": 0.0}, "tolerance must be positive"),
 ])
-def test_bad_arguments(arguments, said) -> None:
-    with pytest.raises(InputError, match=said):
+def test_bad_arguments(arguments, stated) -> None:
+    with pytest.raises(InputError, match=stated):
         RefinedIV(**{"input": "u", "output": "y", **arguments})
 
 

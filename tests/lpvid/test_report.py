@@ -18,9 +18,9 @@ from lpvid import plot
 from lpvid.analysis.bands import frequency_response
 from lpvid.analysis.frozen_responses import step_response
 from lpvid.auditing import audit
-from lpvid.plot.responses import Response
+from lpvid.plot.responses import FrozenResponse
 from lpvid.plot.style import figure_of, thinned
-from lpvid.report import Figure, Notes, Page, Paragraph, Section, Table, number, render
+from lpvid.report import Notes, Page, PageFigure, PageTable, Paragraph, Section, number, render
 from lpvid.report.bands import response_section, sureness
 from lpvid.report.figures import comparisons
 from lpvid.report.forms import form_gaps
@@ -104,7 +104,7 @@ def test_the_search_for_references_finds_them():
 
 def test_text_is_escaped():
     page = Page("<b>&", "a < b", sections=(Section("s", (Paragraph("<script>x</script>"), Notes(("<i>",)),
-                                                        Table(("<c>",), (("<d>",),)))),))
+                                                        PageTable(("<c>",), (("<d>",),)))),))
     html = render(page)
     assert "<script>" not in html and "&lt;script&gt;" in html and "&lt;d&gt;" in html
 
@@ -176,7 +176,7 @@ def test_the_bode_plot_follows_the_estimate():
     hertz = np.array([0.1, 1.0, 4.0])
     response = frequency_response(model, [], hertz)[:, 0]
     drawn = np.stack([response * 1e-9, response, response * 1e9 * np.exp(0.2j)])
-    size, phase, width = plot.bode(hertz, [Response("fixed", response, drawn)], ["u"], ["1"], "y")
+    size, phase, width = plot.bode(hertz, [FrozenResponse("fixed", response, drawn)], ["u"], ["1"], "y")
     expected = 2 / (1 - 0.5 * np.exp(-2j * np.pi * hertz * 0.1))
     assert size.lines[0].get_ydata() == pytest.approx(np.abs(expected), rel=1e-12)
     assert phase.lines[0].get_ydata() == pytest.approx(np.degrees(np.unwrap(np.angle(expected))), rel=1e-12)
@@ -279,23 +279,29 @@ def test_figures_are_drawn_on_the_callers_axes(found):
 
     c = comparisons(found.model, [record(2)], "held-out")
     hertz = np.array([0.1, 1.0])
-    response = Response("fixed", np.array([[1.0 + 0j], [0.5 - 0.5j]]))
+    response = FrozenResponse("fixed", np.array([[1.0 + 0j], [0.5 - 0.5j]]))
     margin = lpv.passivity_margin(found.model)
     drawings = {
-        "free_run": lambda ax: plot.free_run(c[0], ("current",), ax=ax), "overlay": lambda ax: plot.overlay(
-            [("a", c[0])], ax=ax), "loops": lambda ax: plot.loops(c, ("velocity", "displacement"), ax=ax),
+        "free_run": lambda ax: plot.free_run(c[0], ("current",), ax=ax),
+        "overlay": lambda ax: plot.overlay([("a", c[0])], ax=ax),
+        "loops": lambda ax: plot.loops(c, ("velocity", "displacement"), ax=ax),
         "residuals": lambda ax: plot.residuals(c, inputs=("velocity",), ax=ax),
         "channel_traces": lambda ax: plot.channel_traces(record(), ax=ax),
         "spectra": lambda ax: plot.spectra([record(), record(5)], ["force", "velocity", "current"], ax=ax),
-        "strokes": lambda ax: plot.strokes([("a", *(record()[n] for n in ("displacement", "velocity", "force")))],
-                                           ax=ax),
+        "strokes": lambda ax: plot.strokes(
+            [("a", *(record()[n] for n in ("displacement", "velocity", "force")))], ax=ax
+        ),
         "locus": lambda ax: plot.locus(lpv.pole_locus(found.model), ax=ax),
         "poles": lambda ax: plot.poles(np.array([0.5, -0.2]), ax=ax),
         "bode": lambda ax: plot.bode(hertz, [response], ["u"], ["1"], "y", ax=ax),
-        "steps": lambda ax: plot.steps(hertz, [Response("fixed", response.values.real)], ["u"], ["1"], "y", ax=ax),
+        "steps": lambda ax: plot.steps(
+            hertz, [FrozenResponse("fixed", response.values.real)], ["u"], ["1"], "y", ax=ax
+        ),
         "passivity": lambda ax: plot.passivity(margin, ax=ax),
-        "free_run_band": lambda ax: plot.free_run_band(c[0], lpv.free_run_band(
-            found.draw(np.random.default_rng(0), 20), record(2)), ax=ax)}
+        "free_run_band": lambda ax: plot.free_run_band(
+            c[0], lpv.free_run_band(found.draw(np.random.default_rng(0), 20), record(2)), ax=ax
+        ),
+    }
     assert {*drawings, "Comparison", "compare", "png", "svg", "show"} == set(plot.__all__)
     for name, draw in drawings.items():
         made = np.atleast_1d(np.asarray(draw(None), dtype=object)).ravel()
@@ -320,7 +326,7 @@ def test_figures_leave_no_global_state(found):
 
 
 def test_embedded_figure_is_svg():
-    figure = Figure.of(plot.poles(np.array([0.5])), "poles")
+    figure = PageFigure.of(plot.poles(np.array([0.5])), "poles")
     assert base64.b64decode(figure.source.split(",", 1)[1]).lstrip().startswith(b"<?xml")
 
 

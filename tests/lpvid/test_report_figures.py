@@ -18,10 +18,10 @@ from lpvid.report.synthesis import modes, verdict
 from lpvid.report.validation import validation_page
 from lpvid.simulation import Simulation
 from lpvid.synthesis import weights
+from lpvid.synthesis.attach_weights import weigh
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.output_feedback import OutputFeedback
 from lpvid.synthesis.synthesizing import synthesize
-from lpvid.synthesis.attach_weights import weigh
 
 RATE = 100.0
 
@@ -105,8 +105,8 @@ def test_no_channel_crosses_its_inverse_weight(designed):
 
 def test_the_verified_gain_is_in_the_verdict(designed):
     plant, found, _ = designed
-    said = verdict(found, plant)
-    assert f"{found.gamma_verified:.4g}" in said and "verified" in said and said.startswith("Solved")
+    stated = verdict(found, plant)
+    assert f"{found.gamma_verified:.4g}" in stated and "verified" in stated and stated.startswith("Solved")
 
 
 def test_modes_of_a_discrete_pair_are_those_of_the_continuous_one():
@@ -123,8 +123,8 @@ def test_every_record_is_drawn_or_said_to_be_left_out():
     few, many = (inspection_page(lpv.audit(rs), rs).sections[-1].items for rs in (records[:9], records))
     assert sum(i.kind == "traces" for i in few) == 9
     assert sum(i.kind == "traces" for i in many) == MOST_DRAWN
-    said = " ".join(i.text for i in many if i.kind == "paragraph")
-    assert f"r{MOST_DRAWN}" in said and f"r{MOST_DRAWN + 1}" in said and "Not drawn" in said
+    stated = " ".join(i.text for i in many if i.kind == "paragraph")
+    assert f"r{MOST_DRAWN}" in stated and f"r{MOST_DRAWN + 1}" in stated and "Not drawn" in stated
     spectrum = next(i for i in few if i.kind == "figure")
     assert "The first 6 of 9 records" in spectrum.caption
 

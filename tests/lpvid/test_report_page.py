@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from lpvid.cli.app import app
-from lpvid.report import Curve, Notes, Origin, Page, Panel, Paragraph, Section, Step, Table, Traces, render
+from lpvid.report import Curve, NextStep, Notes, Origin, Page, PageTable, Panel, Paragraph, Section, Traces, render
 from lpvid.report.glossary import TERMS, split_terms, term_of
 from lpvid.report.origin import Source, sources_of
 from lpvid.report.traces import LEVELS, extremes, pack, unpacked
@@ -45,12 +45,12 @@ def traces(n: int = 2000, caption: str = "A run.") -> Traces:
 
 
 def whole_page(*items, origin: Origin | None = None) -> Page:
-    table = Table(("record", "free-run ESR", "fit [%]"), (("run", "0.01", "90"), ("held-out", "0.02", "86")),
+    table = PageTable(("record", "free-run ESR", "fit [%]"), (("run", "0.01", "90"), ("held-out", "0.02", "86")),
                   "Free run, held-out.", (1, 2), ("good", "warn"))
     return Page("A page", "The free run has an ESR of 0.01 on held-out data.", "good", (("free-run ESR", "0.01"),),
                 ("Nothing was held out.",), (Section("Figures", (table,)), Section("Over time", items),
                                              Section("Figures", (Paragraph("Again."),))),
-                (Step("Try it elsewhere.", "lpvid validate OUT/model.json only.json NEW.csv"),), origin)
+                (NextStep("Try it elsewhere.", "lpvid validate OUT/model.json only.json NEW.csv"),), origin)
 
 
 # -- packing ----------------------------------------------------------------------------------------------------------
@@ -135,7 +135,7 @@ def test_contents_steps_origin_and_terms(tmp_path):
     assert ids == ["next", "figures", "over-time", "figures-2", "origin"]
     assert re.findall(r'<a href="#([^"]+)"', html) == ids
     assert "3 February 2031, 04:05 UTC" in html and html.index("3 February") < html.index("<section")
-    listed = render(Page("t", "v", "good", (), steps=(Step("Go.", "lpvid x --law passive,OUT/c.json,only.json"),),
+    listed = render(Page("t", "v", "good", (), steps=(NextStep("Go.", "lpvid x --law passive,OUT/c.json,only.json"),),
                          origin=origin))
     assert "<span>passive,res/c.json,deep/only.json</span>" in listed
     assert '<span>res/model.json</span>' in html  # OUT stands for the folder of the results
@@ -255,7 +255,7 @@ def test_a_long_record_is_written_quickly():
 @pytest.mark.skipif(axe_source() is None, reason="no axe-core here")
 @pytest.mark.parametrize("width", [1200, 500])
 def test_no_grave_findings_of_accessibility(width, tmp_path):
-    wide = Table(tuple(f"column {k}" for k in range(30)), (tuple(f"a value {k}" for k in range(30)),), "Wide.",
+    wide = PageTable(tuple(f"column {k}" for k in range(30)), (tuple(f"a value {k}" for k in range(30)),), "Wide.",
                  folded="All")
     origin = Origin("lpvid x", datetime(2031, 1, 1, tzinfo=UTC), (Source("a.csv", "0" * 12),), ("model.json",), "res")
     page = whole_page(traces(), wide, replace(wide, folded=""), Notes(("note",)), origin=origin)

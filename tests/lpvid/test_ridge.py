@@ -8,7 +8,7 @@ import pytest
 from lpvid.errors import InputError
 from lpvid.identification import identify
 from lpvid.identification.arx import ARX
-from lpvid.identification.ridge import Ridge, _Problem
+from lpvid.identification.ridge import Ridge, _RidgeProblem
 from lpvid.record import Record
 from lpvid.scheduling import Polynomial, Product, Scheduling, Spline
 
@@ -45,7 +45,7 @@ def test_criterion_is_the_restricted_likelihood_of_the_dense_gaussian_model(rng)
                           basis=arx.basis.bound(Scheduling.of(("p",), record.matrix(["p"]))))
     box = Scheduling.of(("p",), record.matrix(["p"]))
     factor = bound.factor([record], box)
-    problem = _Problem.of(factor, bound.places(), Ridge().matrix(bound.basis))
+    problem = _RidgeProblem.of(factor, bound.places(), Ridge().matrix(bound.basis))
     phi = bound.basis.evaluate(record.matrix(["p"]))[1:]
     y, u = record["y"], record["u"]
     x = np.hstack([-y[:-1, None] * phi, u[:-1, None] * phi])

@@ -49,8 +49,8 @@ def test_finds_the_true_structure(record, grid):
     assert len(found.table) == len(grid)
     assert "fewer parameters" in found.table[0].reason or "least" in found.table[0].reason
     assert len(repr(found).splitlines()) <= 12
-    told = json.loads(json.dumps(found.to_dict()))
-    assert told["table"][0]["free_run_fit_percent_cross_validated"] == pytest.approx(found.table[0].fit_percent)
+    described = json.loads(json.dumps(found.to_dict()))
+    assert described["table"][0]["free_run_fit_percent_cross_validated"] == pytest.approx(found.table[0].fit_percent)
     assert all(row.reason for row in found.table)
 
 

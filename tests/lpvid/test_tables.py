@@ -63,6 +63,6 @@ def test_several_are_numbered_and_records_keep_their_names():
     ({"t": [0.0, 1.0], "force": [[1.0], [2.0]]}, "one dimension"),
     ({"t": [0.0, 1.0], "force": [1.0]}, "differ in length"),
 ])
-def test_what_holds_no_columns_gets_one_line(wrong, says):
-    with pytest.raises(InputError, match=says):
+def test_what_holds_no_columns_gets_one_line(wrong, description):
+    with pytest.raises(InputError, match=description):
         lpv.audit(wrong)

@@ -48,8 +48,8 @@ def test_a_turned_sensor_is_named_and_a_useless_model_is_not(rng: np.random.Gene
     noise = 0.2 * rng.normal(size=2000)
     notes = validate(GAIN, a_record(u, -2 * u + noise)).notes
     expected = 100 * (1 - np.linalg.norm(noise) / np.linalg.norm(2 * u - noise - np.mean(2 * u - noise)))
-    said = next(n for n in notes if "--flip y" in n)
-    assert float(said.split("would be ")[1].split(" %")[0]) == pytest.approx(expected, abs=0.051)
+    stated = next(n for n in notes if "--flip y" in n)
+    assert float(stated.split("would be ")[1].split(" %")[0]) == pytest.approx(expected, abs=0.051)
     assert not any("--flip" in n for n in validate(GAIN, a_record(u, 2 * u + noise)).notes)
     assert not any("--flip" in n for n in validate(GAIN, a_record(u, rng.normal(size=2000))).notes)
 
@@ -244,7 +244,7 @@ def test_a_missing_lag_is_noticed(rng: np.random.Generator) -> None:
     tests = {t.name: t for t in short.residual_tests}
     assert not tests["independence"].passed
     assert tests["independence"].p_value < 1e-6
-    assert "depends on present or past inputs" in tests["independence"].says
+    assert "depends on present or past inputs" in tests["independence"].description
 
 
 def test_a_missing_direct_term_is_noticed(rng: np.random.Generator) -> None:
@@ -260,7 +260,7 @@ def test_an_exact_model_leaves_no_residual_to_test(rng: np.random.Generator) -> 
     u = rng.normal(size=2000)
     exact = identify(a_record(u, lfilter([0.0, 1.0], [1.0, -0.5], u)), ARX(na=1, nb=1, input="u", output="y")).training
     assert exact is not None
-    assert [t.says for t in exact.residual_tests] == ["the residual is zero"] * 4
+    assert [t.description for t in exact.residual_tests] == ["the residual is zero"] * 4
 
 
 def test_a_complete_model_passes(rng: np.random.Generator) -> None:

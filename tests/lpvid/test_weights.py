@@ -11,9 +11,9 @@ from lpvid.model.signals import Signal
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Polynomial, Scheduling
 from lpvid.synthesis import weights as w
+from lpvid.synthesis.attach_weights import weigh
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.joining import series
-from lpvid.synthesis.attach_weights import weigh
 
 FREQUENCIES = np.array([0.0, 0.01, 0.7, 3.0, 20.0, 300.0, 1e5]) * 1j
 RHO = Scheduling(("rho",), (0.1,), (0.99,), (2.0,), ("rad/s",))

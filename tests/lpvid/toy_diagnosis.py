@@ -14,7 +14,7 @@ from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
 from lpvid.diagnosis.noise import WHITE, Whitening
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import moves, saturated
 from lpvid.diagnosis.signals import Core, Signals
@@ -193,13 +193,13 @@ def record(rng: np.random.Generator, noise: str = "white", level: float = 0.3, n
                   sample_time=PERIOD, name="toy")
 
 
-def problem_of(*records: Record) -> tuple[Problem, Composition]:
+def problem_of(*records: Record) -> tuple[DiagnosisProblem, Composition]:
     """The problem that the engine poses before it knows the noise's colour."""
     signals = tuple(Bent().signals(r) for r in records)
-    return Problem(signals, Blocks.of(signals), WHITE), Composition(Bent())
+    return DiagnosisProblem(signals, Blocks.of(signals), WHITE), Composition(Bent())
 
 
-def whitened(*records: Record) -> tuple[Problem, Refit]:
+def whitened(*records: Record) -> tuple[DiagnosisProblem, Refit]:
     """Problem and baseline fit with the noise's colour found as the engine finds it."""
     problem, composition = problem_of(*records)
     first = refit(problem, composition, composition.neutral)

@@ -20,7 +20,7 @@ from quartercar.dampers.laws.bouc_wen import BoucWen
 from quartercar.rig import Aprbs, Chirp, Constant, Creep, Icps, Multisine, RigDamper, Road, Sensors, Stepped, Triangle
 from quartercar.rig.damper import Motion, low_passed, respond
 from quartercar.rig.sensors import measure
-from quartercar.rig.setup import Chain, Physics, Setup
+from quartercar.rig.setup import MeasurementChain, Physics, Setup
 from quartercar.rig.virtual import UNITS
 
 RATE, OVERSAMPLING, WARM = 512.0, 16, 0.5
@@ -82,7 +82,7 @@ class World:
     def run(self, hidden: tuple[tuple[str, float], ...] = ()) -> dict[str, np.ndarray]:
         """Noise-free channels at the output rate, and ``force_true``, the force before the chain's filter."""
         imposed = [_imposed(self.plan, name, size, self.scene) for name, size in hidden]
-        setup = Setup(self.damper.physics(), Chain())
+        setup = Setup(self.damper.physics(), MeasurementChain())
         for item in imposed:
             setup = item.setup(setup)
         setup = Setup(Physics(*map(float, setup.physics)), setup.chain)
@@ -98,7 +98,7 @@ class World:
             force = item.force(force, self.motion)
         return self._measured(force, setup.chain, imposed)
 
-    def _measured(self, force: np.ndarray, chain: Chain, imposed: list[Imposed]) -> dict[str, np.ndarray]:
+    def _measured(self, force: np.ndarray, chain: MeasurementChain, imposed: list[Imposed]) -> dict[str, np.ndarray]:
         """The chain without noise: causes in it, and the filters that all channels share."""
         rate = self.motion.rate
         x, v, i = self.motion.displacement, self.motion.velocity, self.motion.command

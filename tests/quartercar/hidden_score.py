@@ -16,7 +16,7 @@ from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence import engine as evidence
 from lpvid.diagnosis.noise import Whitening
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit
 from lpvid.diagnosis.steadiness import steadiness
 
@@ -64,7 +64,7 @@ def unsteady(made: Made, answer: Diagnosis) -> dict[str, float]:
     baseline = model.composition.baseline
     signals = tuple(baseline.signals(r) for r in made.records)
     whitening = Whitening(np.array(answer.noise["coefficients"]), float(answer.noise["level"]))
-    problem = Problem(signals, Blocks.of(signals, baseline.start), whitening)
+    problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start), whitening)
     errors = problem.stack(problem.errors(model.composition, model.vector))
     fit = Refit(problem, model.composition, model.vector, float(errors @ errors), errors, errors.size)
     inputs = [c for c in baseline.channels if c != baseline.output]
@@ -100,7 +100,7 @@ def imitators(row: Row) -> set[str]:
     return {name for name, apart in row["near"].items() if apart < limit}
 
 
-def said(row: Row) -> list[str]:
+def stated(row: Row) -> list[str]:
     """Causes named outright, without the filters that every channel of a full chain truly passes."""
     return [n for n in row["named"] if not (n == CHAIN and row["chain"] == "full")]
 
@@ -116,12 +116,12 @@ def right_first(row: Row) -> bool:
     if row["kind"] == "wrong-baseline":
         return row["causes"][0] in row["named"]
     hidden = {*row["causes"], *(SAME.get(n, n) for n in row["causes"])}
-    return bool(said(row)) and said(row)[0] in hidden
+    return bool(stated(row)) and stated(row)[0] in hidden
 
 
 def abstains(row: Row) -> bool:
     """Whether nothing is named outright."""
-    return not said(row)
+    return not stated(row)
 
 
 def exact(row: Row) -> bool:
@@ -133,7 +133,7 @@ def exact(row: Row) -> bool:
     alike = [set(group) for group in row["rivals"] if any({n, SAME.get(n)} == set(group) for n in group)]
     named = {*row["named"], *(SAME.get(n) for n in row["named"]), *(n for group in alike for n in group)}
     return (all(n in named for n in wanted(row)) and not wrong(row)
-            and len(said(row)) + len(alike) <= len(row["causes"]))
+            and len(stated(row)) + len(alike) <= len(row["causes"]))
 
 
 def contained(row: Row) -> bool:
@@ -205,13 +205,13 @@ def _lines() -> list[tuple[str, Callable[[Row], bool], Callable[[Row], bool], st
         for chain in ("clean", "full"):
             lines.append((f"false alarm, nothing hidden, {colour}, {chain}",
                           lambda r, c=colour, h=chain: r["kind"] == "nothing" and r["colour"] == c and r["chain"] == h,
-                          lambda r: bool(said(r)), "<= 5 %, none > 8 %"))
-    lines += [("false alarm, nothing hidden, all", lambda r: r["kind"] == "nothing", lambda r: bool(said(r)), ""),
+                          lambda r: bool(stated(r)), "<= 5 %, none > 8 %"))
+    lines += [("false alarm, nothing hidden, all", lambda r: r["kind"] == "nothing", lambda r: bool(stated(r)), ""),
               ("  rivals or names, nothing hidden, all", lambda r: r["kind"] == "nothing",
-               lambda r: bool(said(r) or r["rivals"]), ""),
+               lambda r: bool(stated(r) or r["rivals"]), ""),
               ("outside the catalogue: refused", foreign, abstains, ">= 90 %"),
               ("  misnamed, verdict 'explained'", foreign,
-               lambda r: bool(said(r)) and r["verdict"] == "explained", "<= 5 %"),
+               lambda r: bool(stated(r)) and r["verdict"] == "explained", "<= 5 %"),
               ("  imitated to 95 % by an entry: no other name",
                lambda r: r["kind"] == "outside" and not foreign(r), lambda r: not wrong(r), ""),
               ("cannot tell: said so", lambda r: r["kind"] == "one" and r["ambiguous"],

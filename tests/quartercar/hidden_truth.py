@@ -324,7 +324,7 @@ def oracle_gain(made: Made, catalogue: tuple[Effect, ...], named: object, seed: 
     """
     from lpvid.diagnosis.blocks import Blocks
     from lpvid.diagnosis.noise import WHITE
-    from lpvid.diagnosis.problem import Problem
+    from lpvid.diagnosis.problem import DiagnosisProblem
     from lpvid.diagnosis.refitting import refit
 
     further, force = made.further(seed)
@@ -333,7 +333,7 @@ def oracle_gain(made: Made, catalogue: tuple[Effect, ...], named: object, seed: 
     table = {e.name: e for e in catalogue}
     effects = tuple(table[n] for n, _ in made.hidden)
     signals = tuple(baseline.signals(r) for r in made.records)
-    problem = Problem(signals, Blocks.of(signals, baseline.start), WHITE)
+    problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start), WHITE)
     seen = baseline.signals(further)
 
     def squared(composition: Composition, vector: np.ndarray) -> float:

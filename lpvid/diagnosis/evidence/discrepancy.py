@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 
 COLUMNS = 80
 """random Fourier features; with twice as many no evidence changed by more than its own rounding (diagnosis_real)"""
@@ -41,7 +41,7 @@ class Discrepancy:
     force: float
 
     @classmethod
-    def of(cls, problem: Problem, baseline: Baseline) -> Discrepancy:
+    def of(cls, problem: DiagnosisProblem, baseline: Baseline) -> Discrepancy:
         """Functions of the velocity and what schedules the law together, and of every other input by itself.
 
         Additive: products of speed and position reproduce every loop of a periodic record (diagnosis_real).

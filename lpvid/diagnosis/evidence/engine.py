@@ -13,19 +13,19 @@ from lpvid._threads import single_thread
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis, VisitedSet, Weights
+from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis, SetProbabilities, VisitedSet
 from lpvid.diagnosis.effect import Effect, by_name
 from lpvid.diagnosis.engine import DiagnosisSettings
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy
 from lpvid.diagnosis.evidence.judging import judge, on_all_samples
-from lpvid.diagnosis.evidence.outcome import STORIES, Outcome
+from lpvid.diagnosis.evidence.outcome import STORIES, EvidenceOutcome
 from lpvid.diagnosis.evidence.scaling import Scales
-from lpvid.diagnosis.evidence.search import Search, posterior, probabilities
+from lpvid.diagnosis.evidence.search import SetSearch, posterior, probabilities
 from lpvid.diagnosis.evidence.thinning import for_search, thinned
 from lpvid.diagnosis.evidence.weighing import Data
 from lpvid.diagnosis.interrupted import BestSoFar, InterruptedSearch
 from lpvid.diagnosis.noise import WHITE, noise_level
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.remainder import predictable_share
 from lpvid.diagnosis.screening import screen
@@ -66,7 +66,7 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     """
     begun, settings = time.perf_counter(), settings or DiagnosisSettings()
 
-    def say(text: str) -> None:
+    def report_progress(text: str) -> None:
         give_back()
         if progress is not None:
             progress(text)
@@ -76,12 +76,12 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     by_name(tuple(catalogue))
     with single_thread():
         if settings.fit_baseline:
-            say(f"fitting {baseline.name}")
+            report_progress(f"fitting {baseline.name}")
             baseline = baseline.fit(records)
-        search, unusable = prepared(records, baseline, catalogue, say)
+        search, unusable = prepared(records, baseline, catalogue, report_progress)
         try:
             search.run(root_of(search.problem, baseline))
-            found = concluded(search, records, baseline, held_out, unusable, settings.seed, say)
+            found = concluded(search, records, baseline, held_out, unusable, settings.seed, report_progress)
         except KeyboardInterrupt as stop:
             if not search.visited:
                 raise
@@ -89,42 +89,42 @@ def diagnose(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     return replace(found, seconds=time.perf_counter() - begun)
 
 
-def concluded(search: Search, records: Sequence[Record], baseline: Baseline, held_out: Sequence[Record],
-              unusable: tuple[CannotTell, ...], seed: int, say: Callable[[str], None]) -> Diagnosis:
+def concluded(search: SetSearch, records: Sequence[Record], baseline: Baseline, held_out: Sequence[Record],
+              unusable: tuple[CannotTell, ...], seed: int, report_progress: Callable[[str], None]) -> Diagnosis:
     """What the visited sets say, measured on all samples."""
     problem, alone = search.problem, search.visited[frozenset()].fit
     screened = tuple(screen(problem, alone, search.look(search.visited[frozenset()]), np.random.default_rng(seed)))
-    judged = judge(search, say)
+    judged = judge(search, report_progress)
     share, spread = predictable_share(problem, problem.errors(judged.fit.composition, judged.fit.vector),
                                       search.channels)
     predictable = float(np.clip(share if share > 2 * spread else 0.0, 0.0, 1.0))
     if sum(r.n_samples for r in records) > sum(s.n_samples for s in problem.signals):
-        say("refitting the best set to all samples")
+        report_progress("refitting the best set to all samples")
         judged = on_all_samples(judged, problem_of(records, baseline))
     whole = judged.problem
     driving = [c for c in baseline.channels if c != baseline.output]
     level = noise_level(whole.signals, driving, whole.blocks.mask())
-    return Outcome(baseline, search, judged, screened, unusable, level, predictable, held_out).diagnosis()
+    return EvidenceOutcome(baseline, search, judged, screened, unusable, level, predictable, held_out).diagnosis()
 
 
-def best_of(search: Search) -> BestSoFar:
+def best_of(search: SetSearch) -> BestSoFar:
     """What a search has found by now."""
     sets = posterior(search)
     best, share = sets[0]
     nothing = sum(p for w, p in sets if not w.members)
-    weights = Weights({}, float(nothing), 0.0, "not looked at", tuple(
+    weights = SetProbabilities({}, float(nothing), 0.0, "not looked at", tuple(
         VisitedSet(tuple(e.name for e in w.effects), p, None) for w, p in sets[:STORIES]), probabilities(sets))
     return BestSoFar(best.fit.composition, best.fit.vector, share, weights)
 
 
 def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[Effect],
-             say: Callable[[str], None]) -> tuple[Search, tuple[CannotTell, ...]]:
+             report_progress: Callable[[str], None]) -> tuple[SetSearch, tuple[CannotTell, ...]]:
     """A search over the sets of causes that these records call for, and what they cannot be asked for."""
     thin, factor = thinned(records, baseline)
     if factor > 1:
-        say(f"searching on every {factor}th sample")
+        report_progress(f"searching on every {factor}th sample")
     signals = for_search(in_turn([baseline.signals(r) for r in thin]), baseline.static)
-    problem = Problem(signals, Blocks.of(signals, baseline.start), WHITE)
+    problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start), WHITE)
     usable, unusable = usable_of(catalogue, baseline, problem)
     scale = Scales.of(problem.signals).size
     looked_at = {e.name: np.array(e.spread_points(problem.signals, scale)).reshape(-1, len(e.parameters))
@@ -132,16 +132,16 @@ def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     data = Data(problem, Discrepancy.of(problem, baseline), looked_at, usable)
     channels = [c for c in problem.signals[0].channels if c != baseline.output
                 and all(s.has(c) for s in problem.signals)]
-    return Search(data, usable, channels, say), unusable
+    return SetSearch(data, usable, channels, report_progress), unusable
 
 
-def problem_of(records: Sequence[Record], baseline: Baseline) -> Problem:
+def problem_of(records: Sequence[Record], baseline: Baseline) -> DiagnosisProblem:
     """Records as what statistics are computed from, not whitened."""
     signals = in_turn([baseline.signals(r) for r in records])
-    return Problem(signals, Blocks.of(signals, baseline.start), WHITE)
+    return DiagnosisProblem(signals, Blocks.of(signals, baseline.start), WHITE)
 
 
-def root_of(problem: Problem, baseline: Baseline) -> Refit:
+def root_of(problem: DiagnosisProblem, baseline: Baseline) -> Refit:
     """The baseline alone, by its best start."""
     composition = Composition(baseline)
     begun = [baseline.vector, *baseline.starts(problem.signals)]
@@ -149,7 +149,7 @@ def root_of(problem: Problem, baseline: Baseline) -> Refit:
     return min(fits, key=lambda f: f.cost)
 
 
-def usable_of(catalogue: Sequence[Effect], baseline: Baseline, problem: Problem
+def usable_of(catalogue: Sequence[Effect], baseline: Baseline, problem: DiagnosisProblem
               ) -> tuple[tuple[Effect, ...], tuple[CannotTell, ...]]:
     """Candidates that these data can be asked for, and why not the others."""
     usable, unusable = [], []

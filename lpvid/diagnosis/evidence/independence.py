@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 
 WORTH = 25.0
 """α, independent samples that a structured error is worth, by calibration over blind cases of two rigs (diagnosis.md):
@@ -40,7 +40,7 @@ class Independence:
     floor: float
 
 
-def independent(problem: Problem, errors: Sequence[np.ndarray], worth: float = WORTH) -> Independence:
+def independent(problem: DiagnosisProblem, errors: Sequence[np.ndarray], worth: float = WORTH) -> Independence:
     """κ of an error: 1/κ = (1 − p) + p N/α.
 
     p is the share beyond the noise floor: what the error holds in the band where nothing moves, as white noise, which
@@ -66,7 +66,7 @@ def independent(problem: Problem, errors: Sequence[np.ndarray], worth: float = W
     return Independence(1 / max(white + (1 - white) * problem.n_samples / worth, 1.0), 1 - white, white * total)
 
 
-def _spectrum(problem: Problem, stacked: np.ndarray) -> tuple[np.ndarray, int]:
+def _spectrum(problem: DiagnosisProblem, stacked: np.ndarray) -> tuple[np.ndarray, int]:
     """Averaged power within the blocks over frequencies between none and half the rate, and segments averaged."""
     size = int(min(SEGMENT, np.bincount(problem.block).min()))
     window, total, count = np.hanning(size + 2)[1:-1], np.zeros(size // 2 + 1), 0

@@ -10,9 +10,9 @@ import numpy as np
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.deciding import Folds, out_of_fold
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.evidence.search import Search, posterior
+from lpvid.diagnosis.evidence.search import SetSearch, posterior
 from lpvid.diagnosis.evidence.weighing import Weighed
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import placed
 
@@ -82,7 +82,7 @@ class Member:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class JudgedSet:
     """The chosen set.
 
     Attributes
@@ -102,7 +102,7 @@ class Judged:
         Visited sets and their probabilities, those not borne out left out.
     """
 
-    problem: Problem
+    problem: DiagnosisProblem
     root: Refit
     fit: Refit
     won: float
@@ -113,7 +113,7 @@ class Judged:
     sets: list[tuple[Weighed, float]]
 
 
-def judge(search: Search, say: Callable[[str], None]) -> Judged:
+def judge(search: SetSearch, report_progress: Callable[[str], None]) -> JudgedSet:
     """The most probable set whose every member lowers the error out of fold, and its members.
 
     Parameters
@@ -140,7 +140,7 @@ def judge(search: Search, say: Callable[[str], None]) -> Judged:
         total = sum(p for _, p in sets)
         sets = [(w, p / total) for w, p in sets] if total > 0 else [(search.visited[frozenset()], 1.0)]
         best = story(sets)
-        say(f"held-out check of {', '.join(sorted(best.members)) or 'the baseline alone'}")
+        report_progress(f"held-out check of {', '.join(sorted(best.members)) or 'the baseline alone'}")
         fit = on_all(best.fit.composition, best.fit)
         after = folds_of(problem, fit)
         rests = [on_all(_less(fit.composition, e), fit) for e in best.effects]
@@ -152,11 +152,11 @@ def judge(search: Search, say: Callable[[str], None]) -> Judged:
     members = [_member(search, sets, best, fit, after, e, r) for e, r in zip(best.effects, rests, strict=True)]
     members.sort(key=lambda m: -m.change)
     kept = {m.effect.name for m in members}
-    return Judged(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members),
+    return JudgedSet(problem, root, fit, root.cost - fit.cost, folds_of(problem, root), after, tuple(members),
                   tuple((n, why) for n, why in dropped.items() if n not in kept), sets)
 
 
-def on_all_samples(judged: Judged, problem: Problem) -> Judged:
+def on_all_samples(judged: JudgedSet, problem: DiagnosisProblem) -> JudgedSet:
     """The same with errors and parameters by refits on all samples, where the search was on some."""
     root, fit = (refit(problem, f.composition, f.vector, rough=True) for f in (judged.root, judged.fit))
     places = {e.name: p for e, p in zip(fit.composition.effects, fit.composition.places, strict=True)}
@@ -165,7 +165,7 @@ def on_all_samples(judged: Judged, problem: Problem) -> Judged:
                    after=folds_of(problem, fit), members=members)
 
 
-def folds_of(problem: Problem, fit: Refit) -> Folds:
+def folds_of(problem: DiagnosisProblem, fit: Refit) -> Folds:
     """Errors out of fold, found once for a fit."""
     return fit.cached("out of fold", lambda: out_of_fold(problem, fit))
 
@@ -174,7 +174,7 @@ def _less(composition: Composition, effect: Effect) -> Composition:
     return Composition(composition.baseline, tuple(e for e in composition.effects if e is not effect))
 
 
-def _helps(problem: Problem, rest: Refit, after: Folds) -> bool:
+def _helps(problem: DiagnosisProblem, rest: Refit, after: Folds) -> bool:
     """Whether an effect lowers the error out of fold, by more than one standard error of the blocks' gains."""
     gains = problem.block_sums(folds_of(problem, rest).plain**2 - after.plain**2)
     return bool(gains.sum() > np.sqrt(gains @ gains))
@@ -201,7 +201,7 @@ def _form(effect: Effect, sets: Sequence[tuple[Weighed, float]]) -> float:
     return float(sum(p for w, p in sets if any(e.component == effect.component for e in w.effects)))
 
 
-def _member(search: Search, sets: Sequence[tuple[Weighed, float]], best: Weighed, fit: Refit, after: Folds,
+def _member(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weighed, fit: Refit, after: Folds,
             effect: Effect, rest: Refit) -> Member:
     problem = fit.problem
     gains = problem.block_sums(folds_of(problem, rest).plain**2 - after.plain**2)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
-from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Rejected, Rivals, VisitedSet, Weights
-from lpvid.diagnosis.evidence.judging import NAMED, Judged, Member
-from lpvid.diagnosis.evidence.search import MISSED, Search, probabilities
+from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Rejected, Rivals, SetProbabilities, VisitedSet
+from lpvid.diagnosis.evidence.judging import NAMED, JudgedSet, Member
+from lpvid.diagnosis.evidence.search import MISSED, SetSearch, probabilities
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.localise import Wrong, localise
 from lpvid.diagnosis.noise import NoiseLevel
@@ -24,10 +24,12 @@ SIGNIFICANT = 0.05
 """p-value of the largest block statistic over all candidates, above which nothing is named"""
 STORIES = 8
 """sets listed"""
+NO_GAIN = "with the set that it belongs to, the error on data that the fit has not seen is no smaller"
+"""why no member of the most probable set is named where the set predicts no better than the baseline"""
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class EvidenceOutcome:
     """What a diagnosis is written from.
 
     Attributes
@@ -45,8 +47,8 @@ class Outcome:
     """
 
     baseline: Baseline
-    search: Search
-    judged: Judged
+    search: SetSearch
+    judged: JudgedSet
     screened: tuple[Evidence, ...]
     unusable: tuple[CannotTell, ...]
     level: NoiseLevel
@@ -73,19 +75,23 @@ class Outcome:
     def diagnosis(self) -> Diagnosis:
         """All of it."""
         j, sets = self.judged, self.judged.sets
-        members = j.members if self.significant else ()
+        before = errors_of(j.problem, self.baseline, j.root, j.before, self.held_out)
+        found = j.members if self.significant else ()
+        extended = errors_of(j.problem, self.baseline, j.fit, j.after, self.held_out) if found else before
+        members = found if extended.esr_held_out < before.esr_held_out else ()
         objections = {m.effect.name: m.objection(self.left, self.of_law) for m in members}
         named = [m for m in members if objections[m.effect.name] is None and not m.rivals]
         contested = [m for m in members if objections[m.effect.name] is None and m.rivals]
         rejected = [Rejected(m.effect.name, why) for m in members if (why := objections[m.effect.name])]
+        rejected += [Rejected(m.effect.name, NO_GAIN) for m in found if not members]
         rejected += [Rejected(n, why) for n, why in j.dropped]
-        verdict, reason = self._verdict(named, contested, [m for m in members if objections[m.effect.name]])
+        verdict, reason = self._verdict(named, contested,
+                                        [m for m in found if not members or objections[m.effect.name]])
         final = j.fit if members else j.root
         wrong = localise(j.problem, j.problem.errors(j.root.composition, j.root.vector))
         rest = localise(j.problem, j.problem.errors(final.composition, final.vector))
         spread = np.sqrt(np.diag(covariance(j.problem, final)))
-        before = errors_of(j.problem, self.baseline, j.root, j.before, self.held_out)
-        after = errors_of(j.problem, self.baseline, final, j.after if members else j.before, self.held_out)
+        after = extended if members else before
         where = f"{len(self.held_out)} further record(s)" if self.held_out else \
             "alternating blocks, each judged by the fit to the others, in which it weighs a hundredth"
         in_set = {m.effect.name for m in members}
@@ -98,7 +104,7 @@ class Outcome:
             ExtendedModel.of(final, covariance(j.problem, final), self.baseline), self.baseline.output_unit, None,
             {e.effect.name: {"likelihood_ratio": e.likelihood_ratio, "p_value": e.p_value,
                              "smallest_detectable": e.smallest_detectable} for e in self.screened},
-            weights=Weights(self._families(), float(sum(p for w, p in sets if not w.members)), self.of_law,
+            weights=SetProbabilities(self._families(), float(sum(p for w, p in sets if not w.members)), self.of_law,
                             _place(rest), self._stories(after.esr_held_out), probabilities(j.sets)))
 
     # -- verdict -------------------------------------------------------------------------------------------------------
@@ -106,16 +112,16 @@ class Outcome:
                  ) -> tuple[str, str]:
         structure = f"what the inputs still predict is {self.of_law:.1%} of the output"
         if named:
-            told = ", ".join(f"{m.effect.name} ({m.probability:.2f})" for m in named)
+            described = ", ".join(f"{m.effect.name} ({m.probability:.2f})" for m in named)
             if self.of_law <= MISSED and not contested:
-                return "explained", f"{told}; {structure}, as much as a good law leaves"
+                return "explained", f"{described}; {structure}, as much as a good law leaves"
             rest = [f"{m.effect.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
-            return "partly-explained", "; ".join([told, *rest, structure])
+            return "partly-explained", "; ".join([described, *rest, structure])
         if contested:
-            told = "; ".join(f"{m.effect.name} ({m.probability:.2f}) or "
+            described = "; ".join(f"{m.effect.name} ({m.probability:.2f}) or "
                              f"{' or '.join(f'{n} ({p:.2f})' for n, p in m.rivals)}{self._of_family(m)}"
                              for m in contested)
-            return "cannot-tell", f"these data cannot keep apart {told}"
+            return "cannot-tell", f"these data cannot keep apart {described}"
         if others:
             return "unexplained", f"{', '.join(m.effect.name for m in others)} come nearest, and cannot be named; " \
                                   f"{structure}"
@@ -143,7 +149,7 @@ class Outcome:
         alone = (root.fit.cost - single.fit.cost) / thin if single is not None else 0.0
         place = j.fit.composition.places[j.fit.composition.effects.index(m.effect)]
         p_value = next((e.p_value for e in self.screened if e.effect.name == m.effect.name), 1.0)
-        return Cause(m.effect.name, m.effect.told(m.values), estimates(m.effect, m.values, spread[place]), p_value,
+        return Cause(m.effect.name, m.effect.described(m.values), estimates(m.effect, m.values, spread[place]), p_value,
                      -2 * m.evidence, float(alone), m.cost / max(j.won, 1e-300), m.gain, m.better,
                      m.change * self.search.data.discrepancy.force, m.probability, m.effect.family)
 
@@ -189,7 +195,7 @@ class Outcome:
         m = self.judged.sets[0][0].marginal(s.kept)
         white = s.kept > 0.5
         return {"name": "white-noise" if white else "coloured-noise", "order": 0, "level": float(np.sqrt(m.noise)),
-                "coefficients": [1.0], "from_repeats": self.level.says, "predictable_share": self.predictable,
+                "coefficients": [1.0], "from_repeats": self.level.description, "predictable_share": self.predictable,
                 "independent_samples": s.kept * s.problem.n_samples}
 
 

@@ -14,7 +14,7 @@ from lpvid.diagnosis.evidence.discrepancy import USUAL
 from lpvid.diagnosis.evidence.independence import WORTH, independent
 from lpvid.diagnosis.evidence.priors import inclusion
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
-from lpvid.diagnosis.problem import Problem, projector, without
+from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.refitting import Refit, descend, hopped_on
 from lpvid.diagnosis.screening import Direction, Move, directions, move, placed
 from lpvid.diagnosis.starting import starts
@@ -47,7 +47,7 @@ TOGETHER, RACED = 3, 2
 
 
 @dataclass
-class Search:
+class SetSearch:
     """Sets that were visited.
 
     Attributes
@@ -74,7 +74,7 @@ class Search:
     data: Data
     candidates: tuple[Effect, ...]
     channels: Sequence[str]
-    say: Callable[[str], None]
+    report_progress: Callable[[str], None]
     visited: dict[frozenset[str], Weighed] = field(default_factory=dict)
     moved: list[Move] = field(default_factory=list)
     enlarged: set[frozenset[str]] = field(default_factory=set)
@@ -83,7 +83,7 @@ class Search:
     worth: float = EAGER * WORTH
 
     @property
-    def problem(self) -> Problem:
+    def problem(self) -> DiagnosisProblem:
         """Of the data."""
         return self.data.problem
 
@@ -133,8 +133,10 @@ class Search:
         self.enlarged.add(w.members)
         best, share = posterior(self)[0]
         names, leader = (", ".join(sorted(x.members)) for x in (w, best))
-        self.say(f"looking beyond {names or 'the baseline alone'} (best so far: {leader or 'nothing'}, {share:.2f} of "
-                 f"{len(self.visited)} sets)")
+        self.report_progress(
+            f"looking beyond {names or 'the baseline alone'} (best so far: {leader or 'nothing'}, {share:.2f} of "
+            f"{len(self.visited)} sets)"
+        )
         found = self.look(w)
         chosen = [e for e in self._promising(w, found) if w.members | {e.name} not in self.visited]
         if not chosen:
@@ -220,7 +222,7 @@ class Search:
         names = {e.name: e for e in self.candidates}
         pairs = sorted({tuple(sorted((e.name, p))) for e in self.candidates for p in e.partners if p in names
                         and together((e, names[p]))})
-        self.say(f"{len(pairs)} linked pairs")
+        self.report_progress(f"{len(pairs)} linked pairs")
         basis = projector(root.fit.jacobian)
 
         def refitted(pair: tuple[str, ...]) -> Refit:
@@ -286,7 +288,7 @@ def _spread(points: np.ndarray, count: int) -> np.ndarray:
     return points[np.unique(np.linspace(0, len(points) - 1, count).round().astype(int))]
 
 
-def posterior(search: Search) -> list[tuple[Weighed, float]]:
+def posterior(search: SetSearch) -> list[tuple[Weighed, float]]:
     """Visited sets with their probability among these, most probable first."""
     every = list(search.visited.values())
     scores = np.array([search.score(w) for w in every])

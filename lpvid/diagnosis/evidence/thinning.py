@@ -12,7 +12,7 @@ from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import SHORTEST, START_UP
 from lpvid.diagnosis.evidence.discrepancy import USUAL
 from lpvid.diagnosis.evidence.scaling import Scales
-from lpvid.diagnosis.signals import Signals, Stretch, jumps
+from lpvid.diagnosis.signals import Signals, SignalStretch, jumps
 from lpvid.record import Record
 
 ENOUGH = 3000
@@ -103,7 +103,7 @@ def _cut_together(parts: Sequence[tuple[Signals, int, int]], spans: Sequence[tup
     firsts = np.cumsum([0, *(b - a for _, a, b in parts)])[:-1]
     found = Signals(head.sample_time, channels, np.concatenate([s.output[a:b] for s, a, b in parts]), "stretches",
                     (0.0, 1.0), stretches=tuple(
-                        Stretch(int(at), span, _cut(s, a) if a else None)
+                        SignalStretch(int(at), span, _cut(s, a) if a else None)
                         for at, span, (s, a, _) in zip(firsts, spans, parts, strict=True)))
     return replace(found, peers=(found,))
 

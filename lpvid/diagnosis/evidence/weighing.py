@@ -11,7 +11,7 @@ import numpy as np
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy, Marginal, marginal
 from lpvid.diagnosis.evidence.priors import SHAPE, inclusion, of_shape, of_strength, off_prior
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit
 
 ROOM = 10.0
@@ -36,7 +36,7 @@ class Data:
     candidates : tuple of Effect
     """
 
-    problem: Problem
+    problem: DiagnosisProblem
     discrepancy: Discrepancy
     looked_at: dict[str, np.ndarray]
     candidates: tuple[Effect, ...] = ()
@@ -69,7 +69,7 @@ class Weighed:
     def kinds(self) -> tuple[str, ...]:
         """Per effect the component that it is a special form of, as its numbers stand."""
         places = self.fit.composition.places
-        return tuple(kind_of(e, self.fit.vector[p], self.data.candidates)
+        return tuple(certificate_kind(e, self.fit.vector[p], self.data.candidates)
                      for e, p in zip(self.effects, places, strict=True))
 
     def holds(self, kind: str) -> bool:
@@ -159,7 +159,7 @@ def _log_determinant(matrix: np.ndarray, chosen: np.ndarray) -> float:
     return float(np.linalg.slogdet(part * np.outer(scale, scale))[1] - 2 * np.log(scale).sum())
 
 
-def kind_of(effect: Effect, values: np.ndarray, candidates: Sequence[Effect]) -> str:
+def certificate_kind(effect: Effect, values: np.ndarray, candidates: Sequence[Effect]) -> str:
     """Name of the candidate of which an effect is a form, as its numbers stand.
 
     Friction that breaks away, friction behind a spring and |v|^n sgn v of a small n are dry friction; air in oil is a
@@ -170,7 +170,7 @@ def kind_of(effect: Effect, values: np.ndarray, candidates: Sequence[Effect]) ->
     return simpler[0] if simpler else effect.component
 
 
-def change_by(problem: Problem, fit: Refit, effect: Effect) -> float:
+def change_by(problem: DiagnosisProblem, fit: Refit, effect: Effect) -> float:
     """Root mean square of what an effect of a fit changes in the output, the others in place."""
     place = fit.composition.places[fit.composition.effects.index(effect)]
     vector = fit.vector.copy()

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from lpvid.errors import InputError
 from lpvid.identification.selection.ceiling import Ceiling, noise_ceiling
 from lpvid.identification.selection.rounds import Round
-from lpvid.identification.selection.search import Search, fit_percent
+from lpvid.identification.selection.search import StructureSearch, fit_percent
 from lpvid.record import Record
 
 NEAR = 0.5
@@ -15,7 +15,7 @@ NEAR = 0.5
 itself is uncertain by where its truth is known (tests/lpvid/test_selection.py)."""
 
 
-def compete(search: Search, rounds: Iterable[Round], records: Sequence[Record]) -> list[str]:
+def compete(search: StructureSearch, rounds: Iterable[Round], records: Sequence[Record]) -> list[str]:
     """Try the rounds in turn; those marked as further only while the best is far below the ceiling.
 
     Parameters
@@ -31,7 +31,7 @@ def compete(search: Search, rounds: Iterable[Round], records: Sequence[Record]) 
     list of str
         How far the search went and why it ended.
     """
-    search.say("estimating the noise")
+    search.report_progress("estimating the noise")
     ceiling, tried = _ceiling(search, records), []
     for entry in rounds:
         if (entry.further and not far_below(search, ceiling)) or not entry.structures:
@@ -44,17 +44,17 @@ def compete(search: Search, rounds: Iterable[Round], records: Sequence[Record]) 
         unfinished = search.unfinished(entry.structures)
         if unfinished:
             search.left_out.append(f"{entry.name}: {unfinished} of {len(entry.structures)}")
-        search.say(f"round '{entry.name}' done after {search.seconds:.0f} s", line=True)
+        search.report_progress(f"round '{entry.name}' done after {search.seconds:.0f} s", line=True)
     return _conclusion(search, ceiling, any(entry.further for entry in tried))
 
 
-def far_below(search: Search, ceiling: Ceiling | None) -> bool:
+def far_below(search: StructureSearch, ceiling: Ceiling | None) -> bool:
     """Whether there may be something to gain: below the ceiling by more than `NEAR`, or no ceiling known."""
     best = search.best
     return best is not None and (ceiling is None or fit_percent(best[1]) < ceiling.fit_percent - NEAR)
 
 
-def _ceiling(search: Search, records: Sequence[Record]) -> Ceiling | None:
+def _ceiling(search: StructureSearch, records: Sequence[Record]) -> Ceiling | None:
     leader = search.leader()
     try:
         return None if leader is None else noise_ceiling(records, leader)
@@ -62,7 +62,7 @@ def _ceiling(search: Search, records: Sequence[Record]) -> Ceiling | None:
         return None
 
 
-def _conclusion(search: Search, ceiling: Ceiling | None, looked: bool) -> list[str]:
+def _conclusion(search: StructureSearch, ceiling: Ceiling | None, looked: bool) -> list[str]:
     best = search.best
     if best is None or ceiling is None or not far_below(search, ceiling):
         return []

@@ -68,7 +68,7 @@ def _words(basis: Basis) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class CandidateRow:
     """One candidate's figures; what was not computed is None.
 
     Attributes
@@ -147,7 +147,7 @@ class Selection(Shown):
     """
 
     best: Structure
-    table: tuple[Row, ...]
+    table: tuple[CandidateRow, ...]
     identification: Identification | None
     complete: bool = True
     folds: int = 5

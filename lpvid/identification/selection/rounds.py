@@ -12,7 +12,7 @@ from lpvid.identification.arx import ARX
 from lpvid.identification.output_error import OutputError
 from lpvid.identification.quasi_lpv import QuasiLPV
 from lpvid.identification.refined_iv import RefinedIV
-from lpvid.identification.selection.search import Search
+from lpvid.identification.selection.search import StructureSearch
 from lpvid.identification.state_space_error import StateSpaceError
 from lpvid.identification.structure import Structure
 from lpvid.identification.subspace import Subspace
@@ -59,7 +59,7 @@ class Round:
     further: bool = False
 
 
-def rounds(search: Search, damper: bool, scheduled: bool) -> Iterator[Round]:
+def rounds(search: StructureSearch, damper: bool, scheduled: bool) -> Iterator[Round]:
     """What to try after the screening, cheap before dear.
 
     Parameters
@@ -119,7 +119,7 @@ def _first(leader: ARX) -> tuple[Structure, ...]:
     return tuple(dict.fromkeys(hasty(output_error(s)) for s in orders))
 
 
-def _around(search: Search) -> tuple[Structure, ...]:
+def _around(search: StructureSearch) -> tuple[Structure, ...]:
     """Output-error structures that differ from the best of them by one lag, in one place."""
     best = search.simplest(OutputError)
     if not isinstance(best, OutputError):
@@ -139,7 +139,7 @@ def _subspaces(leader: ARX) -> tuple[Structure, ...]:
                      affine=leader.affine > 0),)
 
 
-def _refined(search: Search, leader: ARX) -> tuple[Structure, ...]:
+def _refined(search: StructureSearch, leader: ARX) -> tuple[Structure, ...]:
     """State space at the order of the best output error, and instruments at its orders, or the highest of the low ones.
 
     A search with instruments takes many times longer at high orders.
@@ -169,7 +169,7 @@ def _states(best: OutputError, order: int) -> StateSpaceError:
                            direct=0 in best.arx.delay, affine=best.affine > 0)
 
 
-def _more_states(search: Search) -> tuple[Structure, ...]:
+def _more_states(search: StructureSearch) -> tuple[Structure, ...]:
     """One state less and more than the best prediction-error estimate has."""
     best = search.simplest(StateSpaceError)
     if not isinstance(best, StateSpaceError) or best.order is None:
@@ -178,7 +178,7 @@ def _more_states(search: Search) -> tuple[Structure, ...]:
                  if 1 <= n <= _most_states(best))
 
 
-def _richer(search: Search, leader: ARX) -> tuple[Structure, ...]:
+def _richer(search: StructureSearch, leader: ARX) -> tuple[Structure, ...]:
     """More lags, affine terms of the other kind, lagged or not, a richer basis."""
     best = search.simplest(OutputError)
     if not isinstance(best, OutputError):

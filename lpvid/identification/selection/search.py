@@ -11,7 +11,7 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.identification.arx import ARX
 from lpvid.identification.selection.free_run import TIME_UP, Fold, Trial, cross_validate, spread, unstable_share
-from lpvid.identification.selection.result import Row, describe
+from lpvid.identification.selection.result import CandidateRow, describe
 from lpvid.identification.selection.screening import Refused, Screened, screen
 from lpvid.identification.structure import Structure
 from lpvid.record import Record
@@ -30,7 +30,7 @@ ROUND_DONE = "• "
 Progress = Callable[[int, int, str], None]
 
 
-class Search:
+class StructureSearch:
     """State of a search that may be interrupted at any time."""
 
     def __init__(self, records: Sequence[Record], parts: Sequence[Fold], limit: float, places: int,
@@ -40,7 +40,7 @@ class Search:
         self.unreached: set[int] = set()
         self.left_out: list[str] = []
         self.screened: list[Screened] = []
-        self.refused: list[Row] = []
+        self.refused: list[CandidateRow] = []
         self.direct: list[Structure] = []
         self.outside: dict[int, float] = {}
         self.trials: dict[int, Trial] = {}
@@ -54,7 +54,7 @@ class Search:
         if plain:
             for found in screen(self.records, plain, lambda text: self._tell(0, text)):
                 if isinstance(found, Refused):
-                    self.refused.append(Row(found.asked, reason=found.reason))
+                    self.refused.append(CandidateRow(found.asked, reason=found.reason))
                 else:
                     self.screened.append(found)
         self.screened.sort(key=lambda s: (s.bic, s.n_parameters))
@@ -135,7 +135,7 @@ class Search:
             self._tell(len(self.trials), f"cross-validating in free run {describe(self.screened[index].asked)}")
             self.trials[index] = cross_validate(self.screened[index].structure, self.parts, self.records)
 
-    def say(self, text: str, *, line: bool = False) -> None:
+    def report_progress(self, text: str, *, line: bool = False) -> None:
         """Progress in words; a line ends a round and may be kept."""
         self._tell(len(self.trials) + len(self.others), (ROUND_DONE if line else "") + text)
 
@@ -183,20 +183,20 @@ class Search:
         return chosen
 
     # -- verdict ------------------------------------------------------------------------------------------------
-    def ranked(self) -> list[tuple[Structure, Row]]:
+    def ranked(self) -> list[tuple[Structure, CandidateRow]]:
         """Structures in order of preference with their rows: the first is the choice."""
         tested = [(self.screened[i].asked, t, self._row(i)) for i, t in self.trials.items()]
-        tested += [(s, t, Row(s, t.n_parameters, outside=t.outside)) for s, t in self.others]
+        tested += [(s, t, CandidateRow(s, t.n_parameters, outside=t.outside)) for s, t in self.others]
         good = [(s, t, row) for s, t, row in tested if not t.failure]
         failed = [(s, replace(row, reason=t.failure)) for s, t, row in tested if t.failure]
         good.sort(key=lambda item: item[1].mean)
         return [*_one_standard_error(good), *failed, *self._untried(), *((r.structure, r) for r in self.refused)]
 
-    def _row(self, index: int, reason: str = "") -> Row:
+    def _row(self, index: int, reason: str = "") -> CandidateRow:
         s = self.screened[index]
-        return Row(s.asked, s.n_parameters, s.bic, s.aicc, s.one_step, self.outside.get(index), reason=reason)
+        return CandidateRow(s.asked, s.n_parameters, s.bic, s.aicc, s.one_step, self.outside.get(index), reason=reason)
 
-    def _untried(self) -> list[tuple[Structure, Row]]:
+    def _untried(self) -> list[tuple[Structure, CandidateRow]]:
         rows = []
         for i in range(len(self.screened)):
             if i in self.trials:
@@ -224,7 +224,7 @@ def _traits(structure: ARX) -> set[tuple]:
             ("stages", structure.stage, structure.schedule_filter)}
 
 
-def _one_standard_error(good: list[tuple[Structure, Trial, Row]]) -> list[tuple[Structure, Row]]:
+def _one_standard_error(good: list[tuple[Structure, Trial, CandidateRow]]) -> list[tuple[Structure, CandidateRow]]:
     """Rows with reasons; the simplest structure within one standard error of the least error comes first.
 
     The standard error is that of the difference from the least, fold by fold, and at most `TOLERATED` of the least:

@@ -18,7 +18,7 @@ from lpvid.identification.selection.competing import NEAR, compete
 from lpvid.identification.selection.free_run import make_folds, unstable_share
 from lpvid.identification.selection.result import Selection
 from lpvid.identification.selection.rounds import Round, in_full
-from lpvid.identification.selection.search import Progress, Search
+from lpvid.identification.selection.search import Progress, StructureSearch
 from lpvid.identification.structure import Structure
 from lpvid.record import Record
 
@@ -30,7 +30,7 @@ PLACES = 14
 
 def select(records: Record | Sequence[Record], candidates: Iterable[Structure], *, sample_rate: float | None = None,
            folds: int = 5, outside: float = 0.0, then: Callable[[ARX], Iterable[Structure]] | None = None,
-           rounds: Callable[[Search], Iterable[Round]] | None = None,
+           rounds: Callable[[StructureSearch], Iterable[Round]] | None = None,
            held_out: Record | Sequence[Record] | None = None, progress: Progress | None = None,
            budget: float | None = None) -> Selection:
     """Choose a structure by what it does in free run on training data it was not fitted to.
@@ -98,7 +98,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
         if len(sample) < len(pieces) or sample[0].n_samples < pieces[0].n_samples:
             notes.append(f"candidates compared on {sum(r.n_samples for r in sample)} of "
                          f"{sum(r.n_samples for r in pieces)} samples; the final fit uses all")
-        search = Search(sample, parts, outside, PLACES, progress, budget)
+        search = StructureSearch(sample, parts, outside, PLACES, progress, budget)
         complete = True
         try:
             search.screen(structures)
@@ -115,8 +115,14 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
         return _concluded(search, pieces, held_out, folds, complete, notes)
 
 
-def _concluded(search: Search, pieces: Sequence[Record], held_out: Record | Sequence[Record] | None, folds: int,
-               complete: bool, notes: list[str]) -> Selection:
+def _concluded(
+    search: StructureSearch,
+    pieces: Sequence[Record],
+    held_out: Record | Sequence[Record] | None,
+    folds: int,
+    complete: bool,
+    notes: list[str],
+) -> Selection:
     """The first in the ranking whose refit on all data keeps its poles inside and does not diverge.
 
     Its free run on all training data begins at measured samples, as every reported figure does; a structure that
@@ -169,13 +175,13 @@ def _concluded(search: Search, pieces: Sequence[Record], held_out: Record | Sequ
     return Selection(table[0].structure, tuple(table), final, complete, folds, tuple(notes), left_out)
 
 
-def _left_out(search: Search) -> tuple[str, ...]:
+def _left_out(search: StructureSearch) -> tuple[str, ...]:
     """What the budget did not allow, in the order in which it would have been tried."""
     first = [(len(search.unreached), "ARX of the short list"), (search.unfinished(search.direct), "other candidates")]
     return (*(f"{count} {name}" for count, name in first if count), *dict.fromkeys(search.left_out))
 
 
-def _refit(search: Search, structure: Structure, pieces: Sequence[Record]) -> tuple[Identification, str]:
+def _refit(search: StructureSearch, structure: Structure, pieces: Sequence[Record]) -> tuple[Identification, str]:
     """The estimate on all training data, and what is wrong with it; fitted stages are kept where a refit fails."""
     found = identify(pieces, structure)
     fault = _fault(search, found, pieces)
@@ -188,7 +194,7 @@ def _refit(search: Search, structure: Structure, pieces: Sequence[Record]) -> tu
     return found, fault
 
 
-def _fault(search: Search, found: Identification, pieces: Sequence[Record]) -> str:
+def _fault(search: StructureSearch, found: Identification, pieces: Sequence[Record]) -> str:
     share = unstable_share(found.model, pieces)
     if share > search.limit:
         return f"frozen pole outside at {100 * share:.2g} % of training samples"

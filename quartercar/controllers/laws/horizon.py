@@ -29,9 +29,9 @@ from quartercar.parameters import CarParameters
 from quartercar.vehicle.adjoint import coefficients_at, has_gradient
 from quartercar.vehicle.batch import lag_coil
 from quartercar.vehicle.filter_bank import filter_of
-from quartercar.vehicle.integrator import LinearPart, Stages
+from quartercar.vehicle.integrator import IntegratorStages, LinearPart
 from quartercar.vehicle.nonlinear import Coil
-from quartercar.vehicle.tanh_coefficients import law_form
+from quartercar.vehicle.tanh_coefficients import tanh_form
 
 CURRENTS = 65
 """at which coefficients are tabulated, linear in between: exact for coefficients affine in the current; those of the
@@ -41,7 +41,7 @@ SPEED = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class Weights:
+class CostWeights:
     """Of a cost, one entry per car: ρ_t, ρ_z, ρ_e [(m/s²)²/W] of the module."""
 
     tyre: np.ndarray
@@ -102,7 +102,7 @@ class Horizon:
                              mend="a coil with a highest current")
         part = LinearPart(parameters.sprung_mass, parameters.unsprung_mass, 0.0, parameters.spring_stiffness, 0.0,
                           parameters.tyre_stiffness, parameters.tyre_damping)
-        stages = Stages.ramp(part, sample_time)
+        stages = IntegratorStages.ramp(part, sample_time)
         car = np.zeros((4, 10))
         car[:, :4], car[:, 4:6] = stages.state[0], stages.road[0]
         car[:, 6], car[:, 7] = stages.force[0, 0, :, 0], stages.force[0, 1, :, 0]
@@ -117,7 +117,7 @@ class Horizon:
                    comfort_filter(sample_time), np.array([coil.lowest, coil.highest]), rest, parameters,
                    float(low[1] - low[0]) / (2 * SPEED))
 
-    def weights(self, given: Weights) -> tuple[np.ndarray, np.ndarray]:
+    def weights(self, given: CostWeights) -> tuple[np.ndarray, np.ndarray]:
         """(cars, 4) weights of `_horizon_kernels.predict`, (cars, 4 + nf, 4 + nf) cost of what the horizon leaves."""
         p = self.parameters
         rows = np.column_stack([np.ones(given.tyre.size), given.tyre / p.sprung_mass**2,
@@ -160,7 +160,7 @@ def coefficient_table(damper: Damper, currents: np.ndarray, rest: float) -> tupl
     law = found.law[:, 0].copy()
     law[:, 0] -= rest * found.a.sum(axis=1)
     table = np.concatenate([law, found.a, found.b.reshape(currents.size, -1)], axis=1)
-    own = Coil() if law_form(damper) is not None else lag_coil(filter_of(damper))
+    own = Coil() if tanh_form(damper) is not None else lag_coil(filter_of(damper))
     return table, np.array([found.a.shape[1], found.b.shape[1]]), own
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 from quartercar.controllers.contract import Controller, Law, Setting, Signals, Values
-from quartercar.controllers.laws.horizon import Horizon, Weights
+from quartercar.controllers.laws.horizon import CostWeights, Horizon
 from quartercar.dampers.parameter import Parameter
 from quartercar.vehicle.nonlinear import Coil
 
@@ -80,7 +80,7 @@ class Predictive(Controller):
                              mend=f"at least {FEWEST * setting.sample_time:.3g} s")
         coil = Coil(setting.coil.rise_time, setting.coil.fall_time, *setting.currents)
         model = Horizon.of(setting.parameters, setting.damper, coil, setting.sample_time, samples)
-        weights = Weights(values["tyre_weight"], values["stroke_weight"], np.full(setting.cars, self.given_weight))
+        weights = CostWeights(values["tyre_weight"], values["stroke_weight"], np.full(setting.cars, self.given_weight))
         return PredictiveLaw(model, model.weights(weights), self.rounds)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.errors import InputError
 from quartercar.controllers.contract import SIGNALS, Controller, Setting, start_together
 from quartercar.controllers.loop.inverse import Inverse, InverseSettings
-from quartercar.controllers.loop.observer import Observer, ObserverSettings
+from quartercar.controllers.loop.observer import KalmanObserver, ObserverSettings
 from quartercar.controllers.loop.sensing import SETS, MeasurementSet, Sensing
 from quartercar.vehicle.nonlinear import Coil
 
@@ -36,7 +36,7 @@ class ChainSettings:
     inverse: InverseSettings = field(default_factory=InverseSettings)
 
 
-class Chain:
+class ControllerChain:
     """Controllers of many cars on their way.
 
     Parameters
@@ -65,13 +65,15 @@ class Chain:
     def __init__(self, controllers: Sequence[Controller], setting: Setting, coil: Coil, settings: ChainSettings,
                  generators: Sequence[np.random.Generator], samples: int) -> None:
         self._sensing = Sensing(settings.sensors, setting.sample_time, generators, samples)
-        self._observer = None if settings.sensors.ideal else Observer(setting, settings.sensors, settings.observer)
-        told = {*ALWAYS, *settings.sensors.signals, *(ESTIMATED if self._observer else ())}
+        self._observer = (
+            None if settings.sensors.ideal else KalmanObserver(setting, settings.sensors, settings.observer)
+        )
+        described = {*ALWAYS, *settings.sensors.signals, *(ESTIMATED if self._observer else ())}
         for law in controllers:
-            missing = [n for n in law.reads if n not in told]
+            missing = [n for n in law.reads if n not in described]
             if missing:
                 raise InputError(f"{law.name} reads {', '.join(missing)}, which '{settings.sensors.name}' does not "
-                                 "tell", got=", ".join(n for n in SIGNALS if n in told and n not in ALWAYS),
+                                 "tell", got=", ".join(n for n in SIGNALS if n in described and n not in ALWAYS),
                                  mend="the measurement set 'stroke-body-wheel' or 'ideal'")
         self._inverse = Inverse(setting, coil, settings.inverse)
         self._law = start_together(controllers, setting)

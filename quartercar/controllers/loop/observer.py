@@ -45,7 +45,7 @@ class ObserverSettings:
         iso_roughness(self.road_class)
 
 
-class Observer:
+class KalmanObserver:
     """A Kalman filter in steady state, for many cars.
 
     ::

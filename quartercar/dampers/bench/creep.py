@@ -21,7 +21,7 @@ TWO_SPEEDS = 1.5
 
 
 @dataclass(frozen=True)
-class StaticForces:
+class CreepForces:
     """What a damper exerts when it creeps (seed 000, (7)-(9)).
 
     Attributes
@@ -68,7 +68,7 @@ class StaticForces:
             f"  gas stiffness{self.stiffness:8.4g} ± {self.stiffness_std:.2g} N/m"])
 
 
-def static_forces(records: Sequence[Record], law: PowerLawDamper | None = None, polarity: int = 1) -> StaticForces:
+def static_forces(records: Sequence[Record], law: PowerLawDamper | None = None, polarity: int = 1) -> CreepForces:
     """Friction and gas force from slow strokes in both directions.
 
     Seed 000 in the project's signs (tension positive, F_in = −F(v < 0), F_out = −F(v > 0))::
@@ -112,7 +112,7 @@ def static_forces(records: Sequence[Record], law: PowerLawDamper | None = None, 
     residual = target - design @ solution
     variance = float(residual @ residual) / max(target.size - solution.size, 1)
     std = np.sqrt(variance * np.diag(np.linalg.pinv(design.T @ design)))
-    return StaticForces(float(solution[0]), float(std[0]), float(solution[1]), float(std[1]), float(solution[2]),
+    return CreepForces(float(solution[0]), float(std[0]), float(solution[1]), float(std[1]), float(solution[2]),
                         float(std[2]), float(raw[0]), float(raw[0] - solution[0]) if source else None, source,
                         float(raw[1] + raw[0]), float(raw[1] - raw[0]), float(magnitudes.mean()))
 

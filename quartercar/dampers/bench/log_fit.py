@@ -10,7 +10,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 from quartercar.dampers.bench.static_characteristic import StaticCharacteristic
-from quartercar.dampers.fitting.coordinates import Coordinates
+from quartercar.dampers.fitting.coordinates import SearchCoordinates
 from quartercar.dampers.fitting.solver import Trial, levenberg_marquardt
 from quartercar.dampers.laws.network import LAMINAR, LEAK, LEAKS, QUADRATIC, SHARES, network_force, network_gradient
 from quartercar.dampers.parameter import Parameter
@@ -127,13 +127,13 @@ class LogFit:
         return network_force(np.asarray(speed, dtype=float), *self.theta[:3]) + self.theta[3]
 
 
-class _Problem:
+class _LogForceProblem:
     """ln F̂ − ln F over σ, as `levenberg_marquardt` wants it; a fixed friction is not searched."""
 
     def __init__(self, network: str, points: Points, friction: float | None) -> None:
         names = [n for n in NETWORKS[network] if friction is None or n != "friction"]
         self.free = [k for k, p in enumerate(PARAMETERS) if p.name in names]
-        self.coordinates = Coordinates([PARAMETERS[k] for k in self.free])
+        self.coordinates = SearchCoordinates([PARAMETERS[k] for k in self.free])
         self.points, self.friction = points, friction
 
     def trial(self, point: np.ndarray) -> Trial | None:
@@ -180,7 +180,7 @@ def fit_log_force(points: Points, network: str, start: np.ndarray | None = None,
     {'laminar_damping': 100000.0, 'quadratic_damping': 100000000.0, 'friction': 20.0}
     """
     _checks.one_of(network, tuple(NETWORKS), "network")
-    problem = _Problem(network, points, friction)
+    problem = _LogForceProblem(network, points, friction)
     starts = _starts(problem, points, network) if start is None else [np.asarray(start, dtype=float)[problem.free]]
     found = [f for s in starts if (f := levenberg_marquardt(problem, s, EVALUATIONS, TOLERANCE)) is not None]
     if not found:
@@ -190,7 +190,7 @@ def fit_log_force(points: Points, network: str, start: np.ndarray | None = None,
     return LogFit(network, best.theta, _covariance(problem, best, inside), best.cost, points.speed.size)
 
 
-def _starts(problem: _Problem, points: Points, network: str) -> list[np.ndarray]:
+def _starts(problem: _LogForceProblem, points: Points, network: str) -> list[np.ndarray]:
     """A grid of laminar shares, leaks and frictions, each scaled to the points; the best few."""
     top, least = float(points.speed.max()), float(points.force.min())
     names = NETWORKS[network]
@@ -213,7 +213,7 @@ def _starts(problem: _Problem, points: Points, network: str) -> list[np.ndarray]
     return [point for _, point in ranked[:POLISHED]]
 
 
-def _covariance(problem: _Problem, trial: Trial, inside: np.ndarray) -> np.ndarray:
+def _covariance(problem: _LogForceProblem, trial: Trial, inside: np.ndarray) -> np.ndarray:
     """s² (JᵀJ)⁻¹ over some of what is free."""
     jacobian = problem.jacobian(trial)[:, inside]
     size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-100)
@@ -227,7 +227,7 @@ def _covariance(problem: _Problem, trial: Trial, inside: np.ndarray) -> np.ndarr
 
 def upper_bound(points: Points, fit: LogFit, name: str) -> float:
     """One-sided 95 % bound on a parameter, also where the fit has it at zero."""
-    problem = _Problem(fit.network, points, None)
+    problem = _LogForceProblem(fit.network, points, None)
     trial = problem.trial(fit.theta[problem.free])
     assert trial is not None
     place = [p.name for p in PARAMETERS].index(name)

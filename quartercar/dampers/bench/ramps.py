@@ -74,8 +74,8 @@ class RampFit:
         lines = [f"Ramp fit: {self.force.size} points, relative residual {self.rms:.2%} rms"]
         for p in self.law.parameters:
             error = self.std[p.name]
-            said = "held: no power term in this direction" if error is None else f"± {error:.2g} {p.unit}"
-            lines.append(f"  {p.name:<26}{self.law.values[p.name]:10.5g} {said}")
+            stated = "held: no power term in this direction" if error is None else f"± {error:.2g} {p.unit}"
+            lines.append(f"  {p.name:<26}{self.law.values[p.name]:10.5g} {stated}")
         if not self.describes:
             lines.append("  it does not describe its own points: a law of another shape (quartercar fit --models all)")
         return "\n".join(lines)

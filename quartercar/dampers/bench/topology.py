@@ -28,7 +28,7 @@ KINDS: dict[str, type[NetworkDamper]] = {"series": SeriesNetwork, "parallel": Pa
 
 
 @dataclass(frozen=True)
-class Ratio:
+class LikelihoodRatio:
     """Likelihood ratio of two nested networks in log-force.
 
     Attributes
@@ -68,7 +68,7 @@ class NetworkChoice:
     verdict: str
     reason: str
     fits: dict[str, LogFit]
-    ratios: tuple[Ratio, ...]
+    ratios: tuple[LikelihoodRatio, ...]
     slopes: SlopeDiagnosis
     points: Points
     notes: tuple[str, ...] = ()
@@ -197,16 +197,16 @@ def _one_side(c: StaticCharacteristic, direction: int | None) -> tuple[StaticCha
     return odd, notes
 
 
-def _ratio(smaller: LogFit, larger: LogFit) -> Ratio:
+def _ratio(smaller: LogFit, larger: LogFit) -> LikelihoodRatio:
     from scipy.stats import f as fisher
 
     n, freedom = smaller.n_points, larger.n_points - len(NETWORKS[larger.network])
     share = max(smaller.rss / max(larger.rss, 1e-300), 1.0)
-    return Ratio(smaller.network, larger.network, n * float(np.log(share)),
+    return LikelihoodRatio(smaller.network, larger.network, n * float(np.log(share)),
                  0.5 * float(fisher.sf((share - 1.0) * freedom, 1, freedom)))
 
 
-def _decide(fits: dict[str, LogFit], ratios: dict[tuple[str, str], Ratio], points: Points) -> tuple[str, str]:
+def _decide(fits: dict[str, LogFit], ratios: dict[tuple[str, str], LikelihoodRatio], points: Points) -> tuple[str, str]:
     against = [ratios[p, "mixed"].p_value for p in ("series", "parallel")]
     if max(against) < LEVEL:
         return "mixed", f"neither series nor parallel alone explains the points, p {max(against):.1g}"

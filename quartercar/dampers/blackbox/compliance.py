@@ -104,10 +104,14 @@ class Compliance(SampledDamper):
         levels = (self.levels,) if self.levels else _levels(records) if self.current else (1,)
         lags = (self.lags,) if self.lags else LAGS
         widest, more = _chosen(records, lags, lambda n: self.structure(n, levels[0], moving, TASTE))
-        finest, said = _chosen(records, levels, lambda n: self.structure(widest, n, moving, TASTE))
+        finest, stated = _chosen(records, levels, lambda n: self.structure(widest, n, moving, TASTE))
         found = identify(records, self.structure(widest, finest, moving))
         chosen = self.replace(lags=widest, levels=finest)
-        return chosen, found, (*(f"velocity lags, {m}" for m in more), *(f"segments in the current, {m}" for m in said))
+        return (
+            chosen,
+            found,
+            (*(f"velocity lags, {m}" for m in more), *(f"segments in the current, {m}" for m in stated)),
+        )
 
     def to_lpv(self, sample_time: float) -> Any:
         raise InputError("no LPV form of 'compliance' of free scheduling",
@@ -183,10 +187,10 @@ class QuasiLpv(SampledDamper):
         open_ = [(n, t) for n, t in WIDTHS if self.lags in (None, n) and self.trial in (None, t)]
         widths = open_ or [(self.lags or 4, self.trial or 1)]
         prices = ODDNESS if self.oddness is None else (self.oddness,)
-        (lags, trial), said = _chosen(records, widths, lambda w: self.structure(w[0], w[1], prices[0], moving, TASTE))
+        (lags, trial), stated = _chosen(records, widths, lambda w: self.structure(w[0], w[1], prices[0], moving, TASTE))
         oddness, more = _chosen(records, prices, lambda o: self.structure(lags, trial, o, moving, TASTE))
         found = identify(records, self.structure(lags, trial, oddness, moving))
-        notes = (*(f"lags of velocity and of trial force, {m}" for m in said),
+        notes = (*(f"lags of velocity and of trial force, {m}" for m in stated),
                  *(f"price of an asymmetry in samples, {m}" for m in more))
         return self.replace(lags=lags, trial=trial, oddness=oddness), found, notes
 
@@ -213,8 +217,8 @@ def _chosen(records: Sequence[Record], candidates: Sequence[Any],
     if not np.isfinite(best[0]):
         raise InputError("no setting of this model runs on these data", why="every cross-validated fit fails",
                          mend="give longer records")
-    told = ", ".join(f"{c}: {esr:.4g}" for esr, c in tried)
-    return best[1], (f"cross-validated ESR on the training data {told}",)
+    described = ", ".join(f"{c}: {esr:.4g}" for esr, c in tried)
+    return best[1], (f"cross-validated ESR on the training data {described}",)
 
 
 def _few(records: Sequence[Record]) -> list[Record]:

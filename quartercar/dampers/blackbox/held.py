@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.errors import InputError
 from lpvid.identification.free_run_search import VectorLayout
-from lpvid.identification.layout import Layout
+from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.state_space_layout import StateSpaceLayout
 from lpvid.model.input_stage import InputStage
 from lpvid.model.quasi import SelfScheduled
@@ -25,7 +25,7 @@ SHAPES = {"tanh": ("v0", "slope"),
 MATRICES = ("A", "B", "state_offset", "C", "D", "output_offset")
 """What of a state space is a parameter: all but the observer's gain, which no free run reads."""
 Inner = LPVTransferFunction | LPVStateSpace | SelfScheduled
-Places = Layout | StateSpaceLayout | VectorLayout
+Places = ParameterLayout | StateSpaceLayout | VectorLayout
 
 
 class Held:
@@ -55,7 +55,7 @@ class Held:
         if len(model.outputs) != 1 or [s.name for s in model.outputs] != ["force"]:
             raise InputError("the model inside a damper gives one force", got=", ".join(s.name for s in model.outputs))
         if isinstance(model, LPVTransferFunction):
-            return cls(model, Layout(np.asarray(data["layout"], dtype=int).reshape(-1, 5)))
+            return cls(model, ParameterLayout(np.asarray(data["layout"], dtype=int).reshape(-1, 5)))
         if isinstance(model, LPVStateSpace):
             return cls(model, layout_of(model))
         if not isinstance(model, SelfScheduled):
@@ -100,21 +100,24 @@ class Held:
         """Every parameter with its unit; its default is the value that the fit gave it."""
         names = self.layout.names(self.model)  # type: ignore[arg-type]
         units = [_unit(n, self.model) for n in names]
-        says = ["of the model inside, over the normalised current" if self.model.box.names else "of the model inside"
-                ] * len(names)
+        description = [
+            "of the model inside, over the normalised current" if self.model.box.names else "of the model inside"
+        ] * len(names)
         current = (self.model.box.units[0] or "1") if self.model.box.names else "1"
         stage, lag = self.model.input_stage, self.model.scheduling_stage
         if stage is not None:
             chosen = [_shape_names(stage)[int(k)] for k in self._shape]
             names = (*names, *(f"shape_{n}" for n in chosen))
             units += [_shape_unit(n, current) for n in chosen]
-            says += ["of the shaped input"] * len(chosen)
+            description += ["of the shaped input"] * len(chosen)
         if lag is not None:
             chosen = _lag_names(lag)
             names = (*names, *(f"current_{n}" for n in chosen))
             units += ["s"] * len(chosen)
-            says += ["of the filter on the current"] * len(chosen)
-        return tuple(Parameter(n, u, s, float(v)) for n, u, s, v in zip(names, units, says, self.vector, strict=True))
+            description += ["of the filter on the current"] * len(chosen)
+        return tuple(
+            Parameter(n, u, s, float(v)) for n, u, s, v in zip(names, units, description, self.vector, strict=True)
+        )
 
     def spread(self, covariance: np.ndarray) -> np.ndarray:
         """(P, P) covariance from that of the coefficients; what is not known of shape and lag is NaN."""
@@ -132,7 +135,7 @@ def layout_of(model: Inner) -> Places:
                 for lag, output, source, m in np.argwhere(np.broadcast_to(np.any(array != 0, axis=3)[..., None],
                                                                           array.shape))]
         rows += [(2, lag, output, 0, m) for lag, output, m in np.ndindex(*model.c.shape)]
-        return Layout(np.array(rows, dtype=int).reshape(-1, 5))
+        return ParameterLayout(np.array(rows, dtype=int).reshape(-1, 5))
     if isinstance(model, LPVStateSpace):
         return StateSpaceLayout.full(model, MATRICES)
     return VectorLayout(model.vector.size)

@@ -128,9 +128,9 @@ def _with_roles(model: Any, label: str) -> dict[str, str]:
                          got=", ".join(map(str, model.outputs)), why="a damper gives one force",
                          mend="identify again with --output force alone")
     named: dict[str, str] = {}
-    said = model.metadata.get("roles", {})
+    stated = model.metadata.get("roles", {})
     for signal in model.inputs:
-        role = _motion(signal.name, signal.unit, said, label)
+        role = _motion(signal.name, signal.unit, stated, label)
         if role in named:
             raise InputError(f"{label} has two inputs for the {role}", got=f"{named[role]}, {signal.name}",
                              mend="identify again with one of them as --input")
@@ -141,7 +141,7 @@ def _with_roles(model: Any, label: str) -> dict[str, str]:
                          mend="identify again with --input velocity")
     _add_command(model, named, label)
     out = model.outputs[0]
-    if out.unit not in ("N", "") or (not out.unit and _role(out.name, said) != "force"):
+    if out.unit not in ("N", "") or (not out.unit and _role(out.name, stated) != "force"):
         raise InputError(f"{label} gives no force", got=f"'{out.name}' in {out.unit or 'no unit'}",
                          why="a damper's output is in N", mend="identify again with the force as --output, its unit in "
                          "the header")
@@ -149,17 +149,17 @@ def _with_roles(model: Any, label: str) -> dict[str, str]:
     return named
 
 
-def _role(name: str, said: Mapping[str, str]) -> str | None:
+def _role(name: str, stated: Mapping[str, str]) -> str | None:
     """The role under which a damper knows a signal: its own name, or the role that was given to its channel."""
     known = ("velocity", "displacement", "current", "force")
     if name in known:
         return name
-    channel = said.get(name, name)
-    return next((r for r in known if said.get(r) == channel), None)
+    channel = stated.get(name, name)
+    return next((r for r in known if stated.get(r) == channel), None)
 
 
-def _motion(name: str, unit: str, said: Mapping[str, str], label: str) -> str:
-    role = _role(name, said) or {"m/s": "velocity", "m": "displacement"}.get(unit)
+def _motion(name: str, unit: str, stated: Mapping[str, str], label: str) -> str:
+    role = _role(name, stated) or {"m/s": "velocity", "m": "displacement"}.get(unit)
     if role not in MOTIONS:
         raise InputError(f"{label} reads '{name}' [{unit or '1'}]",
                          why="a car moves a damper by its velocity and displacement alone",
@@ -189,5 +189,5 @@ def _add_command(model: Any, named: dict[str, str], label: str) -> None:
 
 def _channels(model: Any, named: Mapping[str, str]) -> dict[str, str]:
     """Role to channel of the files, as the training records had them."""
-    said = model.metadata.get("roles", {})
-    return {role: said.get(name, name) for role, name in named.items()}
+    stated = model.metadata.get("roles", {})
+    return {role: stated.get(name, name) for role, name in named.items()}

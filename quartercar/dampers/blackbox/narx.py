@@ -103,8 +103,8 @@ class Narx(SampledDamper):
         if self.method == "one-step":
             return self, identify(records, self.arx()), (*notes, "least squares of one step, as the source")
         if self.method == "recursive":
-            said = f"recursive least squares, forgetting {self.forgetting:g}"
-            return self, identify(records, Recursive(self.arx(), self.forgetting)), (*notes, said)
+            stated = f"recursive least squares, forgetting {self.forgetting:g}"
+            return self, identify(records, Recursive(self.arx(), self.forgetting)), (*notes, stated)
         found, more = by_simulation_error(records, self.arx())
         return self, found, (*notes, *more)
 

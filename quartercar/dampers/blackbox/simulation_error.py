@@ -9,7 +9,7 @@ import numpy as np
 from lpvid.errors import InputError, NumericalError
 from lpvid.identification import Identification, identify
 from lpvid.identification.arx import ARX
-from lpvid.identification.layout import Layout
+from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.output_error import OutputError
 from lpvid.identification.stage_fit import shorten
 from lpvid.model.transfer_function import LPVTransferFunction
@@ -81,7 +81,9 @@ def _drawn_in(found: Identification, records: Sequence[Record]) -> tuple[Identif
     return found.replace(model=_inputs_again(model, found.layout, records)), share  # type: ignore[arg-type]
 
 
-def _inputs_again(model: LPVTransferFunction, layout: Layout, records: Sequence[Record]) -> LPVTransferFunction:
+def _inputs_again(
+    model: LPVTransferFunction, layout: ParameterLayout, records: Sequence[Record]
+) -> LPVTransferFunction:
     """The model with b and c by least squares of its free run, which is linear in them."""
     theta = layout.read(model)
     free = np.flatnonzero(layout.table[:, 0] > 0)

@@ -191,16 +191,16 @@ def _effort(damper: Damper) -> tuple[int, int]:
 
 def _reason(error: Exception, name: str) -> str:
     """What stands in the way, without the model's name and without the mend."""
-    said = " ".join(str(error).split()).split(" Mend: ")[0].rstrip(".")
-    return said.removeprefix(f"{name} ").removeprefix(f"{name}: ")
+    stated = " ".join(str(error).split()).split(" Mend: ")[0].rstrip(".")
+    return stated.removeprefix(f"{name} ").removeprefix(f"{name}: ")
 
 
 def _constrained(suited: Sequence[Damper]) -> tuple[str, ...]:
     """Which models --passive constrains."""
     bound = [d.name for d in suited if isinstance(d, LpvArx)]
     free = [d.name for d in suited if not isinstance(d, LpvArx)]
-    said = f"passive: {', '.join(bound)} fitted under the constraint" if bound else "passive constrains lpv-arx only"
-    return (said + (f"; the laws of {', '.join(free)} are checked instead (flag not-passive)" if free else ""),)
+    stated = f"passive: {', '.join(bound)} fitted under the constraint" if bound else "passive constrains lpv-arx only"
+    return (stated + (f"; the laws of {', '.join(free)} are checked instead (flag not-passive)" if free else ""),)
 
 
 def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings,
@@ -208,13 +208,13 @@ def _fit_all(suited: Sequence[Damper], data: Prepared, settings: CompareSettings
     """Fits, failures, and whether the work came to its end."""
     jobs = [_job(d, data, settings) for d in suited]
 
-    def said(done: int, running: list[int], left: float | None) -> None:
+    def stated(done: int, running: list[int], left: float | None) -> None:
         names = ", ".join(suited[k].name for k in running)
         about = "" if left is None else f", about {left:.0f} s left"
         progress(f"fitting {names} ({done} of {len(suited)} done{about})")
 
     ended = in_processes(_fitted, jobs, workers=settings.workers, budget=settings.budget,
-                         costs=[_cost(d, r, s) for d, r, s in jobs], say=said)
+                         costs=[_cost(d, r, s) for d, r, s in jobs], report_progress=stated)
     fits: list[DamperFit] = []
     failed: list[tuple[str, str]] = []
     for damper, one in zip(suited, ended, strict=True):

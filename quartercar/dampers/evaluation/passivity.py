@@ -62,7 +62,7 @@ class Passivity:
     unit: str
 
     @property
-    def says(self) -> str:
+    def description(self) -> str:
         """Where it gives energy, in a sentence; empty where it never does."""
         if self.work_share < -ROUNDING or not np.isfinite(self.work_share):
             amplitude, frequency, current = self.work_at
@@ -83,15 +83,15 @@ class Passivity:
         dict
             Plain values by name.
         """
-        return {"passive": self.passive, "says": self.says, "least_power": self.power,
+        return {"passive": self.passive, "says": self.description, "least_power": self.power,
                 "least_power_at": list(self.power_at), "stored": self.stored, "speed": self.speed,
                 "least_work_share": self.work_share if np.isfinite(self.work_share) else None,
                 "least_work_at": list(self.work_at)}
 
     def __str__(self) -> str:
         if not self.passive:
-            return f"NOT passive: {self.says}"
-        return f"passive up to {self.speed:g} m/s" + (f" ({self.says}: stored energy)" if self.stored else "")
+            return f"NOT passive: {self.description}"
+        return f"passive up to {self.speed:g} m/s" + (f" ({self.description}: stored energy)" if self.stored else "")
 
 
 def check_passivity(damper: Damper, speed: float = 2.0) -> Passivity:

@@ -22,7 +22,7 @@ HALVES = (("v>0", 1, 0), ("v<=0", -1, 0))
 
 
 @dataclass(frozen=True)
-class FreeRun:
+class FreeRunScore:
     """Free-run error over some samples, pooled over records.
 
     Attributes
@@ -66,7 +66,7 @@ class FreeRun:
         return Figures("free-run", self.esr, self.fit_percent, self.rmse, "N", self.n_samples, self.diverged_at)
 
     @classmethod
-    def pooled(cls, runs: Sequence[FreeRun]) -> FreeRun:
+    def pooled(cls, runs: Sequence[FreeRunScore]) -> FreeRunScore:
         """Numerators and denominators summed."""
         return cls(sum(r.error for r in runs), sum(r.power for r in runs), sum(r.n_samples for r in runs),
                    next((r.diverged_at for r in runs if r.diverged_at is not None), None))
@@ -119,19 +119,19 @@ class Score:
         Share of the samples whose current lies outside the fitted range.
     """
 
-    total: FreeRun
-    records: tuple[tuple[str, FreeRun], ...]
+    total: FreeRunScore
+    records: tuple[tuple[str, FreeRunScore], ...]
     energy_error: float | None
     quadrants: tuple[Quadrant, ...]
     extrapolation_share: float
 
     @property
-    def experiments(self) -> tuple[tuple[str, FreeRun], ...]:
+    def experiments(self) -> tuple[tuple[str, FreeRunScore], ...]:
         """Replicates and pieces of records pooled, in order of appearance."""
-        groups: dict[str, list[FreeRun]] = {}
+        groups: dict[str, list[FreeRunScore]] = {}
         for name, run in self.records:
             groups.setdefault(experiment(name), []).append(run)
-        return tuple((name, FreeRun.pooled(runs)) for name, runs in groups.items())
+        return tuple((name, FreeRunScore.pooled(runs)) for name, runs in groups.items())
 
     def to_dict(self) -> dict:
         """Plain data for JSON.
@@ -187,7 +187,7 @@ def score(damper: Damper, records: Sequence[Record], first: int | None = None) -
         power = float(np.sum((force - force.mean()) ** 2)) if np.ptp(force) > 0 else 0.0
         diverged = run.diverged_at
         total = float(np.sum(error**2)) if diverged is None else float("inf")
-        runs.append((record.name, FreeRun(total, power, force.size, diverged)))
+        runs.append((record.name, FreeRunScore(total, power, force.size, diverged)))
         outside, samples = outside + run.extrapolation_share * record.n_samples, samples + record.n_samples
         period = record.sample_time or 0.0
         work.append(float(np.trapezoid(model * velocity, dx=period)))
@@ -198,7 +198,7 @@ def score(damper: Damper, records: Sequence[Record], first: int | None = None) -
     ratio = sum(work) / sum(taken) if sum(taken) else float("nan")
     quadrants = tuple(Quadrant(where, float(np.sqrt(s / n)) if n and np.isfinite(s) else None, int(n))
                       for where, (s, n) in squares.items())
-    return Score(FreeRun.pooled([r for _, r in runs]), tuple(runs), abs(ratio - 1) if np.isfinite(ratio) else None,
+    return Score(FreeRunScore.pooled([r for _, r in runs]), tuple(runs), abs(ratio - 1) if np.isfinite(ratio) else None,
                  quadrants, outside / max(samples, 1))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from quartercar.dampers.parameter import Parameter
 
 
-class Coordinates:
+class SearchCoordinates:
     """Parameters as a search sees them.
 
     Attributes

@@ -74,14 +74,14 @@ def fit(damper: Damper, records: Record | Sequence[Record], held_out: Record | S
         raise InputError("no records to fit to")
     kept = prepared(held_out, channels, damper.start, settings.sample_rate)
     _one_rate(training, kept)
-    damper, said, polarity_note = _placed(damper, training, kept, settings.polarity)
+    damper, stated, polarity_note = _placed(damper, training, kept, settings.polarity)
     found = damper.estimate(training, settings)
     found = replace(found, damper=remembering(found.damper, training))
     inside = score(found.damper, training)
     outside = score(found.damper, kept) if kept else None
     passivity = check_passivity(found.damper)
-    giving = () if passivity.passive else (f"not passive: {passivity.says}",)
-    flags = (*said, *giving, *_beyond(found.damper, outside))
+    giving = () if passivity.passive else (f"not passive: {passivity.description}",)
+    flags = (*stated, *giving, *_beyond(found.damper, outside))
     notes = (*polarity_note, *_constant(found.damper, training), *(n for r in (*training, *kept) for n in r.notes),
              *found.notes)
     return DamperFit(found, inside, outside, passivity, flags, tuple(dict.fromkeys(notes)),

@@ -9,8 +9,8 @@ import numpy as np
 
 from lpvid.errors import InputError
 from quartercar.dampers.drive import Drive
-from quartercar.dampers.fitting.coordinates import Coordinates
-from quartercar.dampers.fitting.problem import Problem
+from quartercar.dampers.fitting.coordinates import SearchCoordinates
+from quartercar.dampers.fitting.problem import DamperFitProblem
 from quartercar.dampers.fitting.settings import FitSettings
 from quartercar.dampers.fitting.solver import Trial, levenberg_marquardt
 from quartercar.dampers.laws.semi_active import SemiActiveDamper
@@ -36,7 +36,7 @@ def best_of(starts: Sequence[D], drives: Sequence[Drive], free: Sequence[str],
     settings : FitSettings
         Its evaluations and tolerance.
     """
-    parts = [Part(s, drives, free) for s in starts]
+    parts = [PartialResiduals(s, drives, free) for s in starts]
     begun = [(part, trial) for part in parts if (trial := part.trial(part.start())) is not None]
     if not begun:
         raise InputError(f"{starts[0].name}: the free run diverges from every start", got=f"{len(starts)} starts")
@@ -55,7 +55,7 @@ def best_of(starts: Sequence[D], drives: Sequence[Drive], free: Sequence[str],
 
 def unseen(damper: SemiActiveDamper, drives: Sequence[Drive], free: Sequence[str]) -> tuple[str, ...]:
     """Those of some parameters on which the force along these drives does not depend."""
-    part = Part(damper, drives, free)
+    part = PartialResiduals(damper, drives, free)
     now = part.trial(part.start())
     if now is None or not free:
         return ()
@@ -63,7 +63,7 @@ def unseen(damper: SemiActiveDamper, drives: Sequence[Drive], free: Sequence[str
     return tuple(n for n, s in zip(free, size, strict=True) if s == 0.0)
 
 
-class Part(Generic[D]):
+class PartialResiduals(Generic[D]):
     """Residuals of a damper of which only some parameters move.
 
     Attributes
@@ -73,11 +73,11 @@ class Part(Generic[D]):
     """
 
     def __init__(self, damper: D, drives: Sequence[Drive], free: Sequence[str]) -> None:
-        self.problem = Problem(damper, tuple(drives))
+        self.problem = DamperFitProblem(damper, tuple(drives))
         self.damper = damper
         self.base = damper.vector
         self.free = [list(damper.names).index(n) for n in free]
-        self.coordinates = Coordinates([damper.parameters[i] for i in self.free])
+        self.coordinates = SearchCoordinates([damper.parameters[i] for i in self.free])
 
     def start(self) -> np.ndarray:
         """Coordinates of the damper's own values."""

@@ -9,12 +9,12 @@ import numpy as np
 
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import LawDamper
-from quartercar.dampers.fitting.coordinates import Coordinates
+from quartercar.dampers.fitting.coordinates import SearchCoordinates
 from quartercar.dampers.fitting.solver import Trial, bounded_least_squares
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class DamperFitProblem:
     """Residuals F̂ − F of the free run, all records one after the other, each without its first `damper.start` samples.
 
     Attributes
@@ -65,9 +65,9 @@ class Full:
         Of all parameters.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: DamperFitProblem) -> None:
         self.problem = problem
-        self.coordinates = Coordinates(problem.damper.parameters)
+        self.coordinates = SearchCoordinates(problem.damper.parameters)
 
     def start(self, theta: np.ndarray) -> np.ndarray:
         """Coordinates of a vector of parameters."""
@@ -86,18 +86,18 @@ class Full:
         return self.problem.jacobian(trial.theta) * self.coordinates.slope(trial.theta)
 
 
-class Projected:
+class ProjectedFit:
     """Only the parameters that enter nonlinearly move; the others follow by bounded linear least squares.
 
     Golub & Pereyra (1973), SIAM J. Numer. Anal. 10(2), 413-432, with Kaufman's (1975) simplification of the derivative:
     J = P⊥ ∂F/∂β, where P⊥ projects off the columns of those linear parameters that are not at a bound.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: DamperFitProblem) -> None:
         names, parameters = problem.damper.names, problem.damper.parameters
         self.problem = problem
         self.linear = np.array([n in problem.damper.linear for n in names])
-        self.coordinates = Coordinates([p for p, lin in zip(parameters, self.linear, strict=True) if not lin])
+        self.coordinates = SearchCoordinates([p for p, lin in zip(parameters, self.linear, strict=True) if not lin])
         chosen = [p for p, lin in zip(parameters, self.linear, strict=True) if lin]
         self.lower, self.upper = np.array([p.lower for p in chosen]), np.array([p.upper for p in chosen])
         self.anchor = np.array([p.default for p in parameters])

@@ -11,13 +11,13 @@ from lpvid.errors import InputError, NumericalError
 from lpvid.validation.residuals import EXACT, residual_of
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import LawDamper
-from quartercar.dampers.fitting.coordinates import Coordinates
+from quartercar.dampers.fitting.coordinates import SearchCoordinates
 from quartercar.dampers.fitting.covariance import covariance_of
 from quartercar.dampers.fitting.estimate import Estimate, Starts
 from quartercar.dampers.fitting.identifiability import identifiability
-from quartercar.dampers.fitting.problem import Full, Problem, Projected
+from quartercar.dampers.fitting.problem import DamperFitProblem, Full, ProjectedFit
 from quartercar.dampers.fitting.settings import FitSettings
-from quartercar.dampers.fitting.solver import Found, levenberg_marquardt
+from quartercar.dampers.fitting.solver import DamperSearchEnd, levenberg_marquardt
 
 AGREEING = 1e-4
 """relative difference of two costs that counts as none."""
@@ -51,7 +51,7 @@ def estimate_law(damper: LawDamper, drives: Sequence[Drive], settings: FitSettin
     NumericalError
         The free run diverges from every start.
     """
-    problem = Problem(damper, tuple(drives))
+    problem = DamperFitProblem(damper, tuple(drives))
     if problem.measured.size <= len(damper.names):
         raise InputError(f"too few samples to fit {damper.name}",
                          got=f"{problem.measured.size} for {len(damper.names)} parameters", mend="a longer record")
@@ -71,11 +71,11 @@ def estimate_law(damper: LawDamper, drives: Sequence[Drive], settings: FitSettin
                     starts if len(damper.linear) < len(damper.names) else None, report.condition)
 
 
-def search(problem: Problem, settings: FitSettings) -> tuple[Found, Starts]:
+def search(problem: DamperFitProblem, settings: FitSettings) -> tuple[DamperSearchEnd, Starts]:
     """The best of many starts, and how many agree on it."""
     damper = problem.damper
     rng = np.random.default_rng(settings.seed)
-    short = Problem(damper, shortened(problem.drives, settings.tasting_samples))
+    short = DamperFitProblem(damper, shortened(problem.drives, settings.tasting_samples))
     given = [np.asarray(s, dtype=float) for s in damper.starts(problem.drives, settings.starts, rng)]
     starts = distinct([*given[: max(settings.starts - 1, 1)], damper.vector][: settings.starts])
     starts += scattered(damper, starts, settings.starts // 2 - len(starts), rng)
@@ -96,7 +96,7 @@ def scattered(damper: LawDamper, starts: Sequence[np.ndarray], count: int,
     """`count` further starts about the given ones: factors of about two where a parameter moves by its logarithm."""
     if len(damper.linear) == len(damper.names):
         return []
-    place = Coordinates(damper.parameters)
+    place = SearchCoordinates(damper.parameters)
     default = np.array([abs(p.default) for p in damper.parameters])
     out = []
     for k in range(max(count, 0)):
@@ -106,13 +106,15 @@ def scattered(damper: LawDamper, starts: Sequence[np.ndarray], count: int,
     return out
 
 
-def tasted(problem: Problem, starts: Sequence[np.ndarray], settings: FitSettings) -> list[tuple[float, np.ndarray]]:
+def tasted(
+    problem: DamperFitProblem, starts: Sequence[np.ndarray], settings: FitSettings
+) -> list[tuple[float, np.ndarray]]:
     """(cost, parameters) of each start by rising cost, after a few steps on shortened data.
 
     Those near the best are followed three times as far, so that starts which share a minimum are seen to. Starts that
     diverge are left out, unless all do.
     """
-    view = Projected(problem) if problem.damper.linear else Full(problem)
+    view = ProjectedFit(problem) if problem.damper.linear else Full(problem)
     ends = [levenberg_marquardt(view, view.start(s), settings.tasting_evaluations, COARSE) for s in starts]
     out = sorted(((e.trial.cost, e.trial.theta) for e in ends if e is not None), key=lambda t: t[0])
     for k, (cost, theta) in enumerate(out):
@@ -135,10 +137,10 @@ def _alike(ends: Sequence[tuple[float, np.ndarray]]) -> list[list[tuple[float, n
     return groups
 
 
-def polish(problem: Problem, theta: np.ndarray, settings: FitSettings) -> Found | None:
+def polish(problem: DamperFitProblem, theta: np.ndarray, settings: FitSettings) -> DamperSearchEnd | None:
     """Variable projection on all data where the model is partly linear, then all parameters together."""
     if problem.damper.linear:
-        view = Projected(problem)
+        view = ProjectedFit(problem)
         first = levenberg_marquardt(view, view.start(theta), settings.evaluations, settings.tolerance)
         if first is None:
             return None

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from quartercar.dampers.fitting.coordinates import Coordinates
+from quartercar.dampers.fitting.coordinates import SearchCoordinates
 
 MAX_DAMPING = 1e12
 ROUNDING = 1e-13
@@ -42,10 +42,10 @@ class Trial:
         return float(self.residual @ self.residual)
 
 
-class Residuals(Protocol):
+class SearchResiduals(Protocol):
     """What a search minimises."""
 
-    coordinates: Coordinates
+    coordinates: SearchCoordinates
 
     def trial(self, point: np.ndarray) -> Trial | None: ...
 
@@ -53,7 +53,7 @@ class Residuals(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class DamperSearchEnd:
     """Where a search ended.
 
     Attributes
@@ -107,7 +107,9 @@ def _active_sets(square: np.ndarray, right: np.ndarray, low: np.ndarray, high: n
         return lsq_linear(square, right, (low, high), method="bvls", tol=1e-14).x
 
 
-def levenberg_marquardt(problem: Residuals, start: np.ndarray, evaluations: int, tolerance: float) -> Found | None:
+def levenberg_marquardt(
+    problem: SearchResiduals, start: np.ndarray, evaluations: int, tolerance: float
+) -> DamperSearchEnd | None:
     """Least squares within bounds; None where the start itself diverges.
 
     Damping by the gain ratio (Nielsen 1999), columns scaled to their largest norm so far (Moré 1978). Each step
@@ -129,7 +131,7 @@ def levenberg_marquardt(problem: Residuals, start: np.ndarray, evaluations: int,
     if now is None:
         return None
     if not start.size:
-        return Found(now, used, True)
+        return DamperSearchEnd(now, used, True)
     triangle, gradient = _factor(problem.jacobian(now), now.residual)
     scale = _scale(triangle, np.zeros(start.size))
     damping, growth, small = 1e-3, 2.0, 0
@@ -137,22 +139,22 @@ def levenberg_marquardt(problem: Residuals, start: np.ndarray, evaluations: int,
         step = bounded_step(triangle, gradient, damping, scale, lower - now.point, upper - now.point)
         promised = -float(step @ (triangle.T @ (2 * gradient + triangle @ step)))
         if not promised > max(ROUNDING, 0.01 * tolerance) * now.cost:
-            return Found(now, used, True)
+            return DamperSearchEnd(now, used, True)
         moved, used = problem.trial(np.clip(now.point + step, lower, upper)), used + 1
         gain = -1.0 if moved is None else (now.cost - moved.cost) / promised
         if moved is not None and gain > 1e-4:
             small = small + 1 if now.cost - moved.cost < tolerance * now.cost else 0
             now = moved
             if small >= 2:
-                return Found(now, used, True)
+                return DamperSearchEnd(now, used, True)
             damping, growth = max(damping * max(1 / 3, 1 - (2 * min(gain, 1.0) - 1) ** 3), 1e-14), 2.0
             triangle, gradient = _factor(problem.jacobian(now), now.residual)
             scale = _scale(triangle, scale)
         else:
             damping, growth = damping * growth, growth * 2
             if damping > MAX_DAMPING or promised < tolerance * now.cost:
-                return Found(now, used, True)
-    return Found(now, used, False)
+                return DamperSearchEnd(now, used, True)
+    return DamperSearchEnd(now, used, False)
 
 
 def _factor(jacobian: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -31,7 +31,7 @@ D = TypeVar("D", bound=SemiActiveDamper)
 
 
 @dataclass(frozen=True)
-class Step:
+class SubProblem:
     """One sub-problem.
 
     Attributes
@@ -64,7 +64,7 @@ class Stepwise:
     """
 
     damper: SemiActiveDamper
-    steps: tuple[Step, ...]
+    steps: tuple[SubProblem, ...]
     notes: tuple[str, ...]
 
     def __str__(self) -> str:
@@ -175,7 +175,7 @@ def _identify(damper: SemiActiveDamper, drives: Sequence[Drive], names: Sequence
     kinds, steps, notes = sort_records(damper, drives), [], []
 
     def step(name: str, used: Sequence[int], found: tuple[str, ...], esr: float) -> None:
-        steps.append(Step(name, tuple(names[i] for i in used), found, esr))
+        steps.append(SubProblem(name, tuple(names[i] for i in used), found, esr))
 
     gas = tuple(damper.gas_values)
     known = gas_from_slow(damper, [drives[i] for i in kinds.slow])

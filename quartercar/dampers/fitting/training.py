@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypeVar
 
-from lpvid.training_fingerprint import heads, ranges, roles, usual_range
 from lpvid.record import Record
+from lpvid.training_fingerprint import heads, ranges, roles, usual_range
 from quartercar.dampers.contract import Damper
 
 D = TypeVar("D", bound=Damper)

@@ -81,9 +81,17 @@ class Controlled(Coefficient):
     def parameters(self) -> tuple[Parameter, ...]:
         p, places = self.prototype, PLACES[self.degree]
         where = {"": "", "_at_low": " at {:g}", "_at_high": " at {:g}", "_between": ", control value between"}
-        return tuple(Parameter(p.name + place, p.unit,
-                               p.says + where[place].format(self.span[0] if place == "_at_low" else self.span[1]),
-                               value, p.lower, p.upper) for place, value in zip(places, self.defaults, strict=True))
+        return tuple(
+            Parameter(
+                p.name + place,
+                p.unit,
+                p.description + where[place].format(self.span[0] if place == "_at_low" else self.span[1]),
+                value,
+                p.lower,
+                p.upper,
+            )
+            for place, value in zip(places, self.defaults, strict=True)
+        )
 
     def value(self, current: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """By de Casteljau's rule: no matrix of powers, which would take longer than the law itself."""

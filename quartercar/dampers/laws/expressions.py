@@ -19,7 +19,7 @@ Law = Callable[[Expr, Expr, Expr], Expr]
 
 def parameters(b: StepBuilder, damper: StaticDamper) -> dict[str, Expr]:
     """Every parameter of a damper as one of the program, under its own name."""
-    return {p.name: b.parameter(p.name, damper.values[p.name], p.unit, p.says) for p in damper.parameters}
+    return {p.name: b.parameter(p.name, damper.values[p.name], p.unit, p.description) for p in damper.parameters}
 
 
 def coefficient(c: Coefficient, named: dict[str, Expr]) -> Callable[[Expr], Expr]:

@@ -78,7 +78,7 @@ class ExtendedBoucWen(SemiActiveDamper):
 
     @property
     def row_parameters(self) -> tuple[Parameter, ...]:
-        return tuple(Parameter(f"{p.name}_{d}", p.unit, f"{p.says}, {d}",
+        return tuple(Parameter(f"{p.name}_{d}", p.unit, f"{p.description}, {d}",
                                p.default * (2 if d == "rebound" and p.name in ("damping", "yield_force") else 1),
                                p.lower, p.upper, p.log) for d in DIRECTIONS for p in ROW)
 

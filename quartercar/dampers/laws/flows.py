@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from lpvid.export.expression import Expr, Number, call, select
+from lpvid.export.expression import Expr, RealConstant, call, select
 from lpvid.export.step_builder import StepBuilder
 from quartercar.dampers.laws.bouc_wen import BoucWen
 from quartercar.dampers.laws.wang_kamath import WangKamath
@@ -12,8 +12,8 @@ from quartercar.dampers.laws.wang_kamath import WangKamath
 
 def bouc_wen_flow(b: StepBuilder, damper: BoucWen, x: Expr, v: Expr, i: Expr) -> Expr:
     """F = c_1 ẏ + k_1 x + F_g; see `BoucWen`."""
-    values = {p.name: b.parameter(p.name, damper.values[p.name], p.unit, p.says) for p in damper.parameters}
-    zero = Number(0.0)
+    values = {p.name: b.parameter(p.name, damper.values[p.name], p.unit, p.description) for p in damper.parameters}
+    zero = RealConstant(0.0)
     y, z = b.state("node", "m", "internal node y"), b.state("hysteresis", "", "hysteretic state z, saturated at 1")
     felt = None
     if damper.scheduled:
@@ -26,7 +26,7 @@ def bouc_wen_flow(b: StepBuilder, damper: BoucWen, x: Expr, v: Expr, i: Expr) ->
     spring = values["parallel_stiffness"] * (x - y) if damper.springs else zero
     rise = b.let("rise", (at("yield_force") * z + c0 * v + spring) / (c0 + c1))
     slip = b.let("slip", v - rise)
-    exponent = values.get("exponent", Number(damper.exponent))
+    exponent = values.get("exponent", RealConstant(damper.exponent))
     size = b.let("size", call("pow", call("fabs", z), exponent))
     sign = select(z > 0.0, 1.0, select(z < 0.0, -1.0, 0.0))
     shape = values["hysteresis_shape"]
@@ -41,15 +41,15 @@ def bouc_wen_flow(b: StepBuilder, damper: BoucWen, x: Expr, v: Expr, i: Expr) ->
 
 def wang_kamath_flow(b: StepBuilder, damper: WangKamath, v: Expr, i: Expr) -> Expr:
     """ẋ_1 = x_2, ẋ_2 = (v − w_2 x_2 − P(x_1))/w_1, F = F_s(1 + g i) x_1."""
-    values = [b.parameter(p.name, damper.values[p.name], p.unit, p.says) for p in damper.parameters]
+    values = [b.parameter(p.name, damper.values[p.name], p.unit, p.description) for p in damper.parameters]
     d = damper.degree
-    u = b.let("share", call("fmin", call("fmax", i / damper.current_scale, 0.0), 1.0)) if d else Number(0.0)
+    u = b.let("share", call("fmin", call("fmax", i / damper.current_scale, 0.0), 1.0)) if d else RealConstant(0.0)
 
     def coefficient(place: int) -> Expr:
         if not d:
             return values[place]
         rest = 1.0 - u
-        total: Expr = Number(0.0)
+        total: Expr = RealConstant(0.0)
         for m in range(d + 1):
             term: Expr = values[place * (d + 1) + m] * float(math.comb(d, m))
             for factor in (*[u] * m, *[rest] * (d - m)):

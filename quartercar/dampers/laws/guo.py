@@ -120,7 +120,7 @@ class Guo7(TanhLaw):
 
     @property
     def terms(self) -> Terms:
-        post = replace(RATIO, name="post_yield_ratio", says="critical ratio κ' of the post-yield term")
+        post = replace(RATIO, name="post_yield_ratio", description="critical ratio κ' of the post-yield term")
         return Terms(_per_current(self.current_unit), Controlled(SHARPNESS, (20.0,)),
                      Controlled(POST_YIELD, (1200.0,)), Controlled(RATIO, (3.0,)), Controlled(post, (1.0,)))
 
@@ -147,7 +147,7 @@ class Guo15(TanhLaw):
     @property
     def terms(self) -> Terms:
         span = self.currents
-        above = replace(RATIO, name="critical_speed", says="critical velocity V_0 by X_0 at the lowest current")
+        above = replace(RATIO, name="critical_speed", description="critical velocity V_0 by X_0 at the lowest current")
         below = Parameter("critical_stroke", "", "critical displacement X_0 by X_0 at the lowest current",
                           1.0, 0.05, 20.0)
         return Terms(Controlled(YIELD, (150.0, 800.0, 1200.0), span),

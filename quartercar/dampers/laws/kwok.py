@@ -74,9 +74,9 @@ class Kwok(StaticDamper):
     def functions(self) -> dict[str, Controlled]:
         """c, k, α, δ, f_0 as functions of the current."""
         span = settled_span(self.span, self.current_range)
-        return {name: Controlled(Parameter(name, unit, says, typical[1], lower),
+        return {name: Controlled(Parameter(name, unit, description, typical[1], lower),
                                  typical if self.degree else typical[1:], span)
-                for name, (unit, says, typical, lower) in TYPICAL.items()}
+                for name, (unit, description, typical, lower) in TYPICAL.items()}
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

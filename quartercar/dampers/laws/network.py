@@ -123,7 +123,7 @@ class NetworkDamper(StaticDamper):
     def parameters(self) -> tuple[Parameter, ...]:
         if not self.asymmetric:
             return (*self.network, *STATICS)
-        sided = [Parameter(f"{p.name}_{side}", p.unit, f"{p.says}, {side}", p.default, p.lower, p.upper)
+        sided = [Parameter(f"{p.name}_{side}", p.unit, f"{p.description}, {side}", p.default, p.lower, p.upper)
                  for side in SIDES for p in self.network]
         return (*sided, *STATICS)
 

@@ -107,7 +107,7 @@ class SemiActiveDamper(LawDamper):
     def _parameters(self) -> tuple[Parameter, ...]:
         if not self.nodes:
             return (*self.row_parameters, *self.gas_parameters)
-        table = [replace(p, name=f"{p.name}_{j + 1}", says=f"{p.says} at {self.at(j)}",
+        table = [replace(p, name=f"{p.name}_{j + 1}", description=f"{p.description} at {self.at(j)}",
                          default=p.default * (1 + j if p.name in self.growing else 1))
                  for j in range(len(self.nodes)) for p in self.row_parameters]
         return (*table, *self.gas_parameters, *self.current_lag.parameters)

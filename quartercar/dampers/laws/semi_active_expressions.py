@@ -53,9 +53,9 @@ class LaggedCurrent:
         with b.loop("place", depth, 1, down=True) as i:
             b.set(log[i], log[i - 1])
         b.set(log[0], command)
-        said = "compression rise, compression fall, rebound rise, rebound fall"
-        return cls(state, log, b.table("times", times, "s", f"time constants: {said}"),
-                   b.table("delays", delays, "s", f"delays: {said}"))
+        stated = "compression rise, compression fall, rebound rise, rebound fall"
+        return cls(state, log, b.table("times", times, "s", f"time constants: {stated}"),
+                   b.table("delays", delays, "s", f"delays: {stated}"))
 
     def delayed(self, b: StepBuilder, q: Expr) -> Expr:
         """Command at q ≤ 0 samples after this one, linear in between."""

@@ -61,9 +61,9 @@ def test_rig_writes_records(records):
 
 def test_rig_is_repeatable(records, tmp_path):
     (tmp_path / "plan.toml").write_text(PLAN)
-    told = json.loads(run("rig", tmp_path / "plan.toml", "--out", tmp_path / "again", "--json").stdout)
-    assert [r["name"] for r in told["records"]] == ["test-1-r0", "test-1-r1", "sine-r0"]
-    for r in told["records"]:
+    described = json.loads(run("rig", tmp_path / "plan.toml", "--out", tmp_path / "again", "--json").stdout)
+    assert [r["name"] for r in described["records"]] == ["test-1-r0", "test-1-r1", "sine-r0"]
+    for r in described["records"]:
         assert (tmp_path / "again" / r["file"]).read_bytes() == (records / r["file"]).read_bytes()
 
 
@@ -150,22 +150,22 @@ def test_demo_finds_what_the_rig_hides(short_demo):
     from quartercar.rig import Rig, RigDamper, effect
 
     folder, _ = short_demo
-    told = json.loads((folder / "demo.json").read_text())["diagnosis"]
-    assert told["named"] == [told["hidden"]]
-    rig = Rig(damper=RigDamper.static(), effects=(effect(told["hidden"], dict(HIDDEN)[told["hidden"]]),))
+    described = json.loads((folder / "demo.json").read_text())["diagnosis"]
+    assert described["named"] == [described["hidden"]]
+    rig = Rig(damper=RigDamper.static(), effects=(effect(described["hidden"], dict(HIDDEN)[described["hidden"]]),))
     record = rig.run(replace(EXPERIMENTS["test-3"], duration=DURATION), 0, 1)
     force = record["force"]
     error = force - lpv.simulate(lpv.load(folder / "extended_model.json"), record).output[:, 0]
-    esr = told["diagnosis"]["extended"]["esr"]["held_out"]
+    esr = described["diagnosis"]["extended"]["esr"]["held_out"]
     assert error @ error / np.sum((force - force.mean()) ** 2) == pytest.approx(esr, rel=1e-9)
 
 
 def test_demo_controller_keeps_its_promise(short_demo):
     """The gain that is told against the certificate's own; every law on both roads, and the controller as saved."""
     folder, _ = short_demo
-    told = json.loads((folder / "demo.json").read_text())
-    assert told["design"]["verdict"] in ("solved", "backed-off")
-    assert told["design"]["gamma_lower"] <= told["design"]["gamma_verified"]
+    described = json.loads((folder / "demo.json").read_text())
+    assert described["design"]["verdict"] in ("solved", "backed-off")
+    assert described["design"]["gamma_lower"] <= described["design"]["gamma_verified"]
     rides = json.loads((folder / "ride.json").read_text())
     assert {(r["controller"], r["road"].split(",")[0]) for r in rides["rides"]} >= {
         (name, road) for name in ("passive", "skyhook-linear", "sh-add", "lpv-hinf-identified")
@@ -176,16 +176,16 @@ def test_demo_controller_keeps_its_promise(short_demo):
 def test_demo_figures_are_those_of_the_model(short_demo):
     """The table of demo.json against free runs of the saved model, computed here from the definition of ESR."""
     folder, _ = short_demo
-    told = json.loads((folder / "demo.json").read_text())
+    described = json.loads((folder / "demo.json").read_text())
     model = lpv.load(folder / "model.json")
     record, *_ = lpv.read(folder / "test-1-r3.csv")
     run_ = lpv.simulate(model, record)
     y, model_y = record["force"][run_.start:], run_.output[run_.start:, 0]
     esr = np.sum((y - model_y) ** 2) / np.sum((y - y.mean()) ** 2)
-    row = next(e for e in told["experiments"] if e["name"] == "test-1")
+    row = next(e for e in described["experiments"] if e["name"] == "test-1")
     assert row["esr"] == pytest.approx(esr, rel=1e-6) and row["data"] == "held-out" and row["run"] == "free-run"
-    assert told["mean_esr"] == pytest.approx(np.mean([e["esr"] for e in told["experiments"]]), rel=1e-12)
-    assert len(told["experiments"]) == 8 and model.na == 4 and model.basis.degree == 1
+    assert described["mean_esr"] == pytest.approx(np.mean([e["esr"] for e in described["experiments"]]), rel=1e-12)
+    assert len(described["experiments"]) == 8 and model.na == 4 and model.basis.degree == 1
 
 
 def test_pooled_figures_add_squares():

@@ -132,9 +132,9 @@ BAD = {
 
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input_ends_with_one_line(name, tmp_path):
-    columns, said = BAD[name]
+    columns, stated = BAD[name]
     result = run(csv_of(tmp_path / "bad.csv", columns), "--out", tmp_path / "out", code=2)
-    assert result.stderr.startswith("error: ") and len(result.stderr.splitlines()) == 1 and said in result.stderr
+    assert result.stderr.startswith("error: ") and len(result.stderr.splitlines()) == 1 and stated in result.stderr
     assert not (tmp_path / "out").exists()
 
 

@@ -70,39 +70,39 @@ def written(files, tmp_path_factory) -> tuple[Path, str]:
 
 def test_it_names_the_cause_and_writes_its_files(written):
     out, shown = written
-    told = json.loads((out / "diagnosis.json").read_text())
+    described = json.loads((out / "diagnosis.json").read_text())
     assert {p.name for p in out.iterdir()} >= {"diagnosis.json", "extended_model.json", "extended_lpv.json",
                                                "report.html"}
-    assert told["schema"] == "lpvid/diagnosis/2" and told["verdict"] == "explained"
-    cause, = told["causes"]
+    assert described["schema"] == "lpvid/diagnosis/2" and described["verdict"] == "explained"
+    cause, = described["causes"]
     number = cause["parameters"][0]
     assert cause["name"] == "coulomb-friction" and abs(number["value"] - 30.0) < 4 * number["std"]  # half of 60 N
     assert shown.startswith("explained: coulomb-friction") and "LPV extension" in shown
-    assert told["extended"]["model"] == "extended_model.json" and told["complete"]
+    assert described["extended"]["model"] == "extended_model.json" and described["complete"]
     for key in ("baseline", "wrong", "causes", "rivals", "cannot_tell", "rejected", "extended"):
-        assert key in told
-    assert told["baseline"]["esr"]["held_out"] > told["extended"]["esr"]["held_out"] > 0
-    assert told["audit"]["findings"]
+        assert key in described
+    assert described["baseline"]["esr"]["held_out"] > described["extended"]["esr"]["held_out"] > 0
+    assert described["audit"]["findings"]
 
 
 def test_the_extended_model_gives_the_figures_that_the_diagnosis_claims(written, files, tmp_path):
     out, _ = written
-    told = json.loads((out / "diagnosis.json").read_text())
+    described = json.loads((out / "diagnosis.json").read_text())
     run("validate", out / "extended_model.json", files[1], "--out", tmp_path / "v")
     figures = json.loads((tmp_path / "v" / "validation.json").read_text())
     assert figures["data"] == "held-out"
-    assert figures["overall"]["free_run"]["esr"] == pytest.approx(told["extended"]["esr"]["held_out"], rel=1e-9)
+    assert figures["overall"]["free_run"]["esr"] == pytest.approx(described["extended"]["esr"]["held_out"], rel=1e-9)
     run("validate", out / "extended_lpv.json", files[1], "--out", tmp_path / "w")
     figures = json.loads((tmp_path / "w" / "validation.json").read_text())
-    assert figures["overall"]["free_run"]["esr"] == pytest.approx(told["extended_lpv"]["esr"]["after"], rel=1e-9)
-    assert told["extended_lpv"]["gain_percent"] > 15
+    assert figures["overall"]["free_run"]["esr"] == pytest.approx(described["extended_lpv"]["esr"]["after"], rel=1e-9)
+    assert described["extended_lpv"]["gain_percent"] > 15
 
 
 def test_the_extended_model_as_baseline_leaves_nothing(written, files):
     shown = run("diagnose", files[0], "--baseline", written[0] / "extended_model.json", "--json").stdout
-    told = json.loads(shown)
-    assert told["verdict"] == "nothing-to-explain" and not told["causes"]
-    assert told["baseline"]["name"] == "guo+coulomb-friction"
+    described = json.loads(shown)
+    assert described["verdict"] == "nothing-to-explain" and not described["causes"]
+    assert described["baseline"]["name"] == "guo+coulomb-friction"
 
 
 def test_the_report_opens_in_a_browser(written, tmp_path):
@@ -136,13 +136,28 @@ def test_given_parameters_and_other_names_of_channels(tmp_path):
     file = write_csv(other, tmp_path / "run.csv")
     given = tmp_path / "set.json"
     given.write_text(json.dumps({"model": "linear", "parameters": {"damping": "900 N*s/m"}}))
-    told = json.loads(run("diagnose", file, "--baseline", "linear", "--parameters", given, "--input", "v", "--output",
-                          "F", "--schedule", "i", "--json").stdout)
+    described = json.loads(
+        run(
+            "diagnose",
+            file,
+            "--baseline",
+            "linear",
+            "--parameters",
+            given,
+            "--input",
+            "v",
+            "--output",
+            "F",
+            "--schedule",
+            "i",
+            "--json",
+        ).stdout
+    )
     force, velocity = record["force"], record["velocity"]
     esr = np.sum((force - 900 * velocity) ** 2) / np.sum((force - force.mean()) ** 2)
-    assert told["baseline"]["esr_as_given"]["training"] == pytest.approx(esr, rel=1e-3)
-    assert told["baseline"]["esr"]["training"] < esr  # the search moves the slope; a line stays no yield law
-    assert told["baseline"]["esr"]["training"] > 0.05
+    assert described["baseline"]["esr_as_given"]["training"] == pytest.approx(esr, rel=1e-3)
+    assert described["baseline"]["esr"]["training"] < esr  # the search moves the slope; a line stays no yield law
+    assert described["baseline"]["esr"]["training"] > 0.05
 
 
 @pytest.mark.parametrize(("arguments", "said"), [
@@ -154,10 +169,10 @@ def test_given_parameters_and_other_names_of_channels(tmp_path):
     (["--baseline", "quarter-car"], "has no road"),
     (["--baseline", "guo", "--plan-experiment"], "add --out DIR"),
 ])
-def test_what_is_wrong_ends_in_one_line_and_nothing_is_written(files, tmp_path, arguments, said):
+def test_what_is_wrong_ends_in_one_line_and_nothing_is_written(files, tmp_path, arguments, stated):
     extra = [] if "--plan-experiment" in arguments else ["--out", tmp_path / "out"]
     result = run("diagnose", files[0], *arguments, *extra, code=2)
-    assert said in result.stderr and len(result.stderr.strip().splitlines()) == 1
+    assert stated in result.stderr and len(result.stderr.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
 
 
@@ -169,8 +184,10 @@ def test_an_interruption_keeps_what_is_known(files, tmp_path, monkeypatch):
 
     monkeypatch.setattr(engine, "diagnose", stopped)
     result = run("diagnose", files[0], "--baseline", "guo", "--out", tmp_path, code=130)
-    told = json.loads((tmp_path / "diagnosis.json").read_text())
-    assert not told["complete"] and not told["causes"] and told["wrong"] and "interrupted" in result.stderr
+    described = json.loads((tmp_path / "diagnosis.json").read_text())
+    assert (
+        not described["complete"] and not described["causes"] and described["wrong"] and "interrupted" in result.stderr
+    )
     assert (tmp_path / "report.html").exists()
 
 
@@ -236,9 +253,9 @@ def test_what_constant_currents_cannot_tell_the_proposed_experiment_tells():
     assert proposal is not None and "coil-lag" in proposal.names
     plan = parse_plan(proposal.text)
     measured = run_plan(replace(plan, rig=rig, experiments=(replace(plan.experiments[0], duration=15.0),)))
-    told = lpv.diagnose(measured, "guo", SOME)
-    assert [c.name for c in told.causes] == ["coil-lag"]
-    assert told.causes[0].parameters[0].value == pytest.approx(0.02, rel=0.02)
+    described = lpv.diagnose(measured, "guo", SOME)
+    assert [c.name for c in described.causes] == ["coil-lag"]
+    assert described.causes[0].parameters[0].value == pytest.approx(0.02, rel=0.02)
 
 
 @pytest.mark.slow
@@ -251,9 +268,9 @@ def test_rivals_under_a_sinusoidal_current_are_told_apart_by_the_proposed_experi
     proposal = plan_for(found)
     assert proposal is not None
     plan = parse_plan(proposal.text)
-    told = lpv.diagnose(run_plan(replace(plan, rig=rig)), "guo", SOME)
-    assert [c.name for c in told.causes] == ["coil-lag"] and not told.rivals
-    assert told.causes[0].parameters[0].value == pytest.approx(0.004, rel=0.05)
+    described = lpv.diagnose(run_plan(replace(plan, rig=rig)), "guo", SOME)
+    assert [c.name for c in described.causes] == ["coil-lag"] and not described.rivals
+    assert described.causes[0].parameters[0].value == pytest.approx(0.004, rel=0.05)
 
 
 def test_every_plan_can_be_run_and_is_for_a_cause_of_the_catalogue():

@@ -68,33 +68,33 @@ def test_it_writes_the_comparison_the_models_the_figures_and_a_report(written):
 def test_the_table_is_that_of_the_saved_models(written, files):
     """comparison.json against free runs of the models that were written, by the definition of ESR."""
     out, shown = written
-    told = json.loads((out / "comparison.json").read_text())
-    assert told["schema"] == "quartercar/comparison/1" and told["best"] == "guo"
-    assert shown.splitlines()[0] == told["verdict"]
+    described = json.loads((out / "comparison.json").read_text())
+    assert described["schema"] == "quartercar/comparison/1" and described["best"] == "guo"
+    assert shown.splitlines()[0] == described["verdict"]
     record, *_ = lpv.read(files[1])
-    for row in told["models"]:
+    for row in described["models"]:
         model = lpv.load(out / f"{row['name']}.json").simulate(record).output[:, 0]
-        force = record["force"][told["data"]["first_sample"]:]
-        esr = np.sum((force - model[told["data"]["first_sample"]:]) ** 2) / np.sum((force - force.mean()) ** 2)
+        force = record["force"][described["data"]["first_sample"]:]
+        esr = np.sum((force - model[described["data"]["first_sample"]:]) ** 2) / np.sum((force - force.mean()) ** 2)
         assert row["held_out"]["free_run"]["esr"] == pytest.approx(esr, rel=1e-6)
         assert row["held_out"]["free_run"]["n_samples"] == force.size
-    assert [m["held_out"]["free_run"]["esr"] for m in told["models"]] == sorted(
-        m["held_out"]["free_run"]["esr"] for m in told["models"])
+    assert [m["held_out"]["free_run"]["esr"] for m in described["models"]] == sorted(
+        m["held_out"]["free_run"]["esr"] for m in described["models"])
 
 
 def test_json_alone_on_standard_output(files):
     result = run(files[0], "--models", "linear", "--json")
-    told = json.loads(result.stdout)
-    assert result.stderr == "" and told["models"][0]["name"] == "linear"
-    assert any("the last third of every record" in n for n in told["notes"])
-    assert told["data"]["held_out"][0]["n_samples"] == 300  # 900 − floor(2·900/3)
+    described = json.loads(result.stdout)
+    assert result.stderr == "" and described["models"][0]["name"] == "linear"
+    assert any("the last third of every record" in n for n in described["notes"])
+    assert described["data"]["held_out"][0]["n_samples"] == 300  # 900 − floor(2·900/3)
 
 
 def test_hold_out_and_seed(files):
-    told = json.loads(run(files[0], "--models", "guo", "--hold-out", "1/4", "--json").stdout)
-    assert told["data"]["held_out"][0]["n_samples"] == 225
+    described = json.loads(run(files[0], "--models", "guo", "--hold-out", "1/4", "--json").stdout)
+    assert described["data"]["held_out"][0]["n_samples"] == 225
     again = json.loads(run(files[0], "--models", "guo", "--hold-out", "1/4", "--seed", 0, "--json").stdout)
-    assert again["models"][0]["parameters"] == told["models"][0]["parameters"]
+    assert again["models"][0]["parameters"] == described["models"][0]["parameters"]
 
 
 def test_channels_of_other_names(files, tmp_path):
@@ -137,18 +137,20 @@ def test_reversed_polarity_comes_first_and_flip_mends_it(files, tmp_path):
 
 def test_a_published_set_beside_the_fits(files, tmp_path):
     (tmp_path / "handbook.json").write_text(json.dumps({"model": "guo", "parameters": {}}))
-    told = json.loads(run(files[0], "--models", "linear", "--parameters", tmp_path / "handbook.json", "--json").stdout)
-    assert sorted(m["name"] for m in told["models"]) == ["guo (handbook)", "linear"]
+    described = json.loads(
+        run(files[0], "--models", "linear", "--parameters", tmp_path / "handbook.json", "--json").stdout
+    )
+    assert sorted(m["name"] for m in described["models"]) == ["guo (handbook)", "linear"]
     alone = json.loads(run(files[0], "--parameters", tmp_path / "handbook.json", "--json").stdout)
     assert [m["name"] for m in alone["models"]] == ["guo (handbook)"] and alone["models"][0]["fitted"] is False
 
 
 def test_a_model_file_is_run_again_as_it_was(files, written):
     out, _ = written
-    told = json.loads((out / "comparison.json").read_text())
+    described = json.loads((out / "comparison.json").read_text())
     again = json.loads(run(files[0], "--held-out", files[1], "--models", "linear", "--parameters", out / "guo.json",
                            "--json").stdout)
-    esr = {m["name"]: m["held_out"]["free_run"]["esr"] for m in told["models"]}
+    esr = {m["name"]: m["held_out"]["free_run"]["esr"] for m in described["models"]}
     assert again["models"][0]["name"] == "guo (as given)"
     assert again["models"][0]["held_out"]["free_run"]["esr"] == pytest.approx(esr["guo"], rel=1e-9)
 
@@ -209,10 +211,10 @@ def test_a_report_opens_in_a_browser(written):
 def test_real_random_data(shared_data):
     """The prototype MR damper at 3004.8 Hz: decimated, the voltage standing for the current."""
     file = shared_data / "mr_damper_random" / "estimation.csv"
-    told = json.loads(run(file, "--models", "linear,guo", "--json").stdout)
-    assert told["best"] == "guo" and told["data"]["sample_rate"] == pytest.approx(500.8, rel=1e-6)
-    assert told["models"][0]["held_out"]["free_run"]["esr"] < 0.13
-    assert any("decimated by 6" in n for n in told["notes"]) and any("voltage" in n for n in told["notes"])
+    described = json.loads(run(file, "--models", "linear,guo", "--json").stdout)
+    assert described["best"] == "guo" and described["data"]["sample_rate"] == pytest.approx(500.8, rel=1e-6)
+    assert described["models"][0]["held_out"]["free_run"]["esr"] < 0.13
+    assert any("decimated by 6" in n for n in described["notes"]) and any("voltage" in n for n in described["notes"])
 
 
 def test_published_parameters_on_real_data(shared_data, tmp_path):
@@ -222,8 +224,8 @@ def test_published_parameters_on_real_data(shared_data, tmp_path):
 
     file = shared_data / "mr_damper_random" / "estimation.csv"
     lpv.save(BoucWen.from_published(LORD, current_range=(0.0, 2.25)), tmp_path / "lord.json")
-    told = json.loads(run(file, "--parameters", tmp_path / "lord.json", "--sample-rate", 3004.8, "--json").stdout)
-    row, = told["models"]
+    described = json.loads(run(file, "--parameters", tmp_path / "lord.json", "--sample-rate", 3004.8, "--json").stdout)
+    row, = described["models"]
     assert row["name"] == "bouc-wen (lord)" and not row["fitted"]
     assert row["training"]["free_run"]["esr"] == pytest.approx(0.055, abs=0.006)
     assert "extrapolates" in row["flags"]  # the driver's command leaves 0 to 2.25 V now and then

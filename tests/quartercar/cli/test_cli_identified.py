@@ -65,18 +65,18 @@ def folder(tmp_path_factory) -> Path:
 
 
 def test_it_rides_with_its_own_unit_and_range_and_says_where_it_extrapolates(folder, tmp_path):
-    said = call("ride", folder / "ride.toml", "--out", tmp_path).stdout
-    told = json.loads((tmp_path / "ride.json").read_text())
+    stated = call("ride", folder / "ride.toml", "--out", tmp_path).stdout
+    described = json.loads((tmp_path / "ride.json").read_text())
     volts = run()["voltage"]
-    assert told["damper"] == "identified" and told["coil"]["unit"] == "V"
-    assert told["coil"]["lowest"] == pytest.approx(volts.min(), abs=0.02)
-    assert told["coil"]["highest"] == pytest.approx(volts.max(), abs=0.02)
-    assert told["sample_time"] == pytest.approx(1 / RATE)
-    shares = [r["extrapolation"] for r in told["rides"]]
+    assert described["damper"] == "identified" and described["coil"]["unit"] == "V"
+    assert described["coil"]["lowest"] == pytest.approx(volts.min(), abs=0.02)
+    assert described["coil"]["highest"] == pytest.approx(volts.max(), abs=0.02)
+    assert described["sample_time"] == pytest.approx(1 / RATE)
+    shares = [r["extrapolation"] for r in described["rides"]]
     assert all(s["current"] == 0 and 0 < s["speed"] < 1 for s in shares)
-    assert len(told["notes"]) == 1 and "speed leaves its training records" in told["notes"][0]
-    assert told["notes"][0] in said and "m/s" in told["notes"][0]
-    assert f"command {told['coil']['lowest']:g} to {told['coil']['highest']:g} V, loop at 500 Hz" in said
+    assert len(described["notes"]) == 1 and "speed leaves its training records" in described["notes"][0]
+    assert described["notes"][0] in stated and "m/s" in described["notes"][0]
+    assert f"command {described['coil']['lowest']:g} to {described['coil']['highest']:g} V, loop at 500 Hz" in stated
 
 
 def test_it_is_compared_as_it_is_with_fitted_dampers(folder, tmp_path):
@@ -88,13 +88,13 @@ def test_it_is_compared_as_it_is_with_fitted_dampers(folder, tmp_path):
 
 def test_a_diagnosis_starts_from_it_although_the_channel_has_another_name(folder, tmp_path):
     call("diagnose", folder / "run.csv", "--baseline", folder / "model.json", "--out", tmp_path, of=lpvid_app)
-    told = json.loads((tmp_path / "diagnosis.json").read_text())
-    assert told["baseline"]["esr_as_given"]["training"] < 0.01 and told["verdict"] != "explained"
+    described = json.loads((tmp_path / "diagnosis.json").read_text())
+    assert described["baseline"]["esr_as_given"]["training"] < 0.01 and described["verdict"] != "explained"
     if (tmp_path / "extended_model.json").exists():
         call("validate", tmp_path / "extended_model.json", folder / "run.csv", of=lpvid_app)
 
 
-REFUSED = {**{n: said for n, (_, said) in {**NO_DAMPERS, **CAR_REFUSES}.items() if n != "unstable"},
+REFUSED = {**{n: stated for n, (_, stated) in {**NO_DAMPERS, **CAR_REFUSES}.items() if n != "unstable"},
            "unstable": "a pole of modulus 1.3 at current 2 A", "slow": "runs at 20 Hz only",
            "controller": "holds a controller, no damper", "text": "is not a JSON file", "none": "no file"}
 
@@ -116,17 +116,28 @@ def test_a_controller_given_as_a_model_ends_with_one_line_and_a_mend(folder, tmp
 
 def test_results_and_folders_lead_to_the_model_beside_or_in_them(folder):
     (folder / "identification.json").write_text('{"schema": "lpvid/identification/1"}\n')
-    for given, said in (("identification.json", "holds results, no model"), (".", "got a folder")):
+    for given, stated in (("identification.json", "holds results, no model"), (".", "got a folder")):
         result = call("design", "--damper", folder / given, code=2).stderr
-        assert said in result and f"give '{folder / 'model.json'}'" in result
+        assert stated in result and f"give '{folder / 'model.json'}'" in result
 
 
 def test_a_damper_without_current_is_ridden_with_a_note(folder, tmp_path):
     lpv.save(linear(b=[[400.0]], a=[[-0.5]], scheduling=Scheduling((), (), ())),
              folder / "fixed.json")
-    said = call("ride", "--damper", folder / "fixed.json", "--controller", "passive", "--road", "bump@8", "--seeds", 1,
-                "--out", tmp_path).stdout
-    assert "does not depend on the command" in said and "--schedule current" in said
+    stated = call(
+        "ride",
+        "--damper",
+        folder / "fixed.json",
+        "--controller",
+        "passive",
+        "--road",
+        "bump@8",
+        "--seeds",
+        1,
+        "--out",
+        tmp_path,
+    ).stdout
+    assert "does not depend on the command" in stated and "--schedule current" in stated
 
 
 def test_a_table_is_no_model(folder):
@@ -146,20 +157,20 @@ def test_the_configuration_takes_it_too_and_names_itself_where_it_is_at_fault(fo
 def test_a_coil_that_reaches_an_unstable_current_is_refused(folder):
     lpv.save(linear(a=[[-0.5, -0.2]]), folder / "edge.json")  # poles 0.5 + 0.2 i: stable below 2.5 A, records to 2 A
     (folder / "coil.toml").write_text('damper = "edge.json"\n[coil]\nhighest = 3.0\n')
-    said = call("ride", folder / "coil.toml", code=2).stderr
-    assert "a pole of modulus 1.1 at current 3 A" in said and "coil.toml" in said
+    stated = call("ride", folder / "coil.toml", code=2).stderr
+    assert "a pole of modulus 1.1 at current 3 A" in stated and "coil.toml" in stated
 
 
 def test_a_damper_known_at_another_rate_than_the_loop_is_refused(folder):
     (folder / "known.toml").write_text('damper = "model.json"\nknown_damper = "quarter.json"\n')
-    said = call("ride", folder / "known.toml", code=2).stderr
-    assert "runs at 250 Hz only" in said and "a loop at 500 Hz" in said and "--sample-rate 500" in said
+    stated = call("ride", folder / "known.toml", code=2).stderr
+    assert "runs at 250 Hz only" in stated and "a loop at 500 Hz" in stated and "--sample-rate 500" in stated
 
 
 def test_negative_nominal_damping_names_currents_and_speeds(folder):
-    said = call("design", "--damper", folder / "active.json", code=2).stderr
-    assert "nominal damping of the 'identified' damper must be positive: got -" in said
-    assert "gives energy at 1.4 to 2 A between" in said and "--passive" in said
+    stated = call("design", "--damper", folder / "active.json", code=2).stderr
+    assert "nominal damping of the 'identified' damper must be positive: got -" in stated
+    assert "gives energy at 1.4 to 2 A between" in stated and "--passive" in stated
 
 
 def test_a_car_that_leaves_all_bounds_says_where_its_damper_gives_energy(folder):
@@ -194,10 +205,10 @@ def test_what_fit_writes_runs_in_lpvid_without_further_options(written, tmp_path
     file = fit / f"{name}.json"
     if not file.exists():
         pytest.skip(f"{name} does not suit these data")
-    told = json.loads(call("validate", file, data, "--json", of=lpvid_app).stdout)
+    described = json.loads(call("validate", file, data, "--json", of=lpvid_app).stdout)
     call("simulate", file, data, "--out", tmp_path, of=lpvid_app)
     again = json.loads((tmp_path / "simulation.json").read_text())
-    assert again["overall"]["esr"] == pytest.approx(told["overall"]["free_run"]["esr"])
+    assert again["overall"]["esr"] == pytest.approx(described["overall"]["free_run"]["esr"])
     damper, record = lpv.load(file), lpv.read(data)[0]
     table = lpv.read(tmp_path / "simulation.csv")[0]
     np.testing.assert_allclose(table["simulated"], damper.simulate(record).output[:, 0], rtol=0, atol=1e-6)
@@ -220,9 +231,9 @@ def test_the_chain_on_a_record_of_the_rig(tmp_path):
 def test_the_chain_on_a_measured_damper_with_a_random_voltage(shared_data, tmp_path):
     chain(tmp_path, [shared_data / "mr_damper_random" / "estimation.csv", "--role", "current=voltage", "--schedule",
                      "current", "--sample-rate", 500.8])
-    told = json.loads((tmp_path / "ride" / "ride.json").read_text())
-    assert told["coil"]["unit"] == "V" and 2.2 < told["coil"]["highest"] < 2.6
-    assert told["sample_time"] == pytest.approx(1 / 500.8)
+    described = json.loads((tmp_path / "ride" / "ride.json").read_text())
+    assert described["coil"]["unit"] == "V" and 2.2 < described["coil"]["highest"] < 2.6
+    assert described["sample_time"] == pytest.approx(1 / 500.8)
 
 
 def chain(folder: Path, identification: list) -> None:
@@ -230,8 +241,8 @@ def chain(folder: Path, identification: list) -> None:
     call("identify", *identification, "--out", folder / "m", of=lpvid_app)
     damper = folder / "m" / "model.json"
     call("design", "--damper", damper, "--out", folder / "design")
-    told = json.loads((folder / "design" / "synthesis.json").read_text())
-    assert told["gamma_verified"] <= told["gamma"]
+    described = json.loads((folder / "design" / "synthesis.json").read_text())
+    assert described["gamma_verified"] <= described["gamma"]
     call("ride", "--damper", damper, "--controller", folder / "design" / "controller.json", "--controller", "passive",
          "--road", "bump@8", "--seeds", 1, "--out", folder / "ride")
     rides = {r["controller"]: r["figures"] for r in json.loads((folder / "ride" / "ride.json").read_text())["rides"]}

@@ -55,16 +55,16 @@ def written(quick, tmp_path_factory) -> tuple[Path, str]:
 
 
 def test_it_writes_the_comparison_the_laws_the_figures_and_a_report(written):
-    out, said = written
+    out, stated = written
     assert {p.name for p in out.iterdir() if p.name[0] != "."} == {
         "ride.json", "report.html", "pareto.png", "time_1.png", "passive.json",
                                                "skyhook-linear.json", "mixed.json"}
-    told = json.loads((out / "ride.json").read_text())
-    assert told["schema"] == "quartercar/ride/1" and told["verdict"] in said
-    assert [r["controller"] for r in told["rides"]] == ["passive", "skyhook-linear", "mixed"]
-    assert told["tuned"]["mixed"]["evaluations"] == 4 and told["measurements"]["name"] == "stroke-body"
-    assert told["roads"] == [{"kind": "iso", "class": "C", "speed": 20.0, "duration": 1.0}]
-    row = told["rides"][1]
+    described = json.loads((out / "ride.json").read_text())
+    assert described["schema"] == "quartercar/ride/1" and described["verdict"] in stated
+    assert [r["controller"] for r in described["rides"]] == ["passive", "skyhook-linear", "mixed"]
+    assert described["tuned"]["mixed"]["evaluations"] == 4 and described["measurements"]["name"] == "stroke-body"
+    assert described["roads"] == [{"kind": "iso", "class": "C", "speed": 20.0, "duration": 1.0}]
+    row = described["rides"][1]
     assert 0.3 < row["figures"]["comfort"]["mean"] < 3 and row["passivity"]["storage"] == "unknown"
     assert 0 <= row["figures"]["negative_share"]["mean"] < 0.5
     page = (out / "report.html").read_text()
@@ -91,37 +91,50 @@ def test_laws_come_back_as_they_rode(written):
     out, _ = written
     law = lpv.load(out / "mixed.json")
     assert isinstance(law, Controller) and law.name == "sh-add"
-    told = json.loads((out / "ride.json").read_text())["controllers"]["mixed"]["parameters"]
-    assert {p["name"]: p["value"] for p in told} == dict(law.values)
+    described = json.loads((out / "ride.json").read_text())["controllers"]["mixed"]["parameters"]
+    assert {p["name"]: p["value"] for p in described} == dict(law.values)
 
 
 def test_a_law_from_a_file_and_json_alone(written):
     out, _ = written
     found = run("--controller", f"passive,{out / 'mixed.json'}", "--road", "bump@8", "--seeds", 1, "--json",
                 "--measurements", "ideal")
-    told = json.loads(found.stdout)
-    assert [r["controller"] for r in told["rides"]] == ["passive", "mixed"] and told["seeds"] == [0]
-    assert told["rides"][0]["figures"]["comfort"]["low"] is None
+    described = json.loads(found.stdout)
+    assert [r["controller"] for r in described["rides"]] == ["passive", "mixed"] and described["seeds"] == [0]
+    assert described["rides"][0]["figures"]["comfort"]["low"] is None
 
 
 def test_a_measured_road_and_a_damper_of_ones_own(tmp_path: Path):
     track = tmp_path / "track.csv"
     track.write_text("distance [m],height [mm]\n" + "\n".join(f"{0.1 * k},{10 * (k % 7)}" for k in range(120)) + "\n")
     damper = lpv.save(Guo(degree=1, span=(0.0, 2.5), current_range=(0.0, 2.5)), tmp_path / "guo.json")
-    told = json.loads(run("--road", f"{track}@5", "--damper", damper, "--car", "savaresi", "--seeds", 1, "--controller",
-                          "skyhook", "--json").stdout)
-    assert told["roads"][0] == {"kind": "measured", "track": "height", "length": pytest.approx(11.9), "speed": 5.0,
+    described = json.loads(
+        run(
+            "--road",
+            f"{track}@5",
+            "--damper",
+            damper,
+            "--car",
+            "savaresi",
+            "--seeds",
+            1,
+            "--controller",
+            "skyhook",
+            "--json",
+        ).stdout
+    )
+    assert described["roads"][0] == {"kind": "measured", "track": "height", "length": pytest.approx(11.9), "speed": 5.0,
                                 "laps": 3}
-    assert told["damper"] == "guo" and told["car"]["sprung_mass"] == SAVARESI.sprung_mass
-    assert told["coil"]["rise_time"] == 0.005 and told["sample_time"] == 0.002
+    assert described["damper"] == "guo" and described["car"]["sprung_mass"] == SAVARESI.sprung_mass
+    assert described["coil"]["rise_time"] == 0.005 and described["sample_time"] == 0.002
 
 
 @pytest.mark.slow
 def test_a_bound_stands_beside_the_laws(quick: Path, tmp_path: Path):
     found = run(quick, "--bound", "--bound-seeds", 1, "--out", tmp_path / "out")
     assert "clairvoyant bound over the nonlinear car" in found.stdout and "certified that no force" in found.stdout
-    told = json.loads((tmp_path / "out" / "ride.json").read_text())
-    nonlinear, linear = told["bounds"]
+    described = json.loads((tmp_path / "out" / "ride.json").read_text())
+    nonlinear, linear = described["bounds"]
     assert (nonlinear["car"], linear["car"]) == ("nonlinear", "linear") and nonlinear["seeds"] == [0]
     shares = nonlinear["shares"]
     assert list(shares) == ["passive", "skyhook-linear", "mixed"]
@@ -139,11 +152,16 @@ def test_a_rear_axle_with_the_road_of_the_front_one(quick: Path, tmp_path: Path)
     found = run(path, "--out", tmp_path / "out")
     assert "preview: wheelbase 2.7 m, front estimated by stroke-body-wheel" in found.stdout
     assert "mm rms off" in found.stdout
-    told = json.loads((tmp_path / "out" / "ride.json").read_text())
-    assert told["preview"] == {"wheelbase": 2.7, "time": None, "front": "estimated", "sensors": "stroke-body-wheel",
-                               "law": told["preview"]["law"]}
-    assert [r["controller"] for r in told["rides"]][-2:] == ["preview-lqr", "mpc"]
-    assert all(1e-4 < r["road_ahead_error"] < 3e-3 for r in told["rides"])
+    described = json.loads((tmp_path / "out" / "ride.json").read_text())
+    assert described["preview"] == {
+        "wheelbase": 2.7,
+        "time": None,
+        "front": "estimated",
+        "sensors": "stroke-body-wheel",
+        "law": described["preview"]["law"],
+    }
+    assert [r["controller"] for r in described["rides"]][-2:] == ["preview-lqr", "mpc"]
+    assert all(1e-4 < r["road_ahead_error"] < 3e-3 for r in described["rides"])
     law = lpv.load(tmp_path / "out" / "mpc.json")
     assert isinstance(law, Controller) and law.values["tyre_weight"] == 0.4
     blind = json.loads(run(path, "--preview", "none", "--json").stdout)
@@ -170,9 +188,11 @@ def test_the_belgian_block_road(shared_data: Path):
     file = shared_data / "belgian_block_road" / "profiles.csv"
     refused = CliRunner().invoke(app, ["ride", "--road", f"{file}@8", "--seeds", "2"])
     assert refused.exit_code == 2 and "3 tracks" in refused.stderr and "#" in refused.stderr
-    told = json.loads(run("--road", f"{file}#1@8", "--controller", "passive,sh-add", "--seeds", 2, "--json").stdout)
-    assert told["roads"][0]["laps"] == 4 and told["roads"][0]["length"] == pytest.approx(10.0, abs=0.1)
-    rows = {r["controller"]: r["figures"] for r in told["rides"]}
+    described = json.loads(
+        run("--road", f"{file}#1@8", "--controller", "passive,sh-add", "--seeds", 2, "--json").stdout
+    )
+    assert described["roads"][0]["laps"] == 4 and described["roads"][0]["length"] == pytest.approx(10.0, abs=0.1)
+    rows = {r["controller"]: r["figures"] for r in described["rides"]}
     assert rows["sh-add"]["comfort"]["mean"] < rows["passive"]["comfort"]["mean"]
 
 
@@ -243,8 +263,8 @@ def test_a_car_that_flies_apart_is_told_with_code_3(tmp_path: Path):
     track.write_text("distance [m],height [m]\n0,0\n1,0\n1.01,90000\n3,90000\n")
     out = tmp_path / "out"
     run("--road", f"{track}@5", "--seeds", 1, "--controller", "skyhook", "--out", out, code=3)
-    told = json.loads((out / "ride.json").read_text())
-    assert "all bounds" in told["verdict"] and told["rides"] == []
+    described = json.loads((out / "ride.json").read_text())
+    assert "all bounds" in described["verdict"] and described["rides"] == []
 
 
 def test_roads_in_words():

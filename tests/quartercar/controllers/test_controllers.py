@@ -45,7 +45,7 @@ def test_says_what_it_is_and_comes_back_from_a_file(name: str, tmp_path):
     assert law.name == name and law.title and law.source
     assert set(law.reads) <= set(SIGNALS) and law.demands in ("force", "current")
     for p in law.parameters:
-        assert np.isfinite([p.lower, p.upper]).all() and p.lower <= p.default <= p.upper and p.says
+        assert np.isfinite([p.lower, p.upper]).all() and p.lower <= p.default <= p.upper and p.description
     moved = law.with_vector([0.5 * (p.lower + p.upper) for p in law.parameters])
     back = load(save(moved, tmp_path / "law.json"))
     assert type(back) is type(law) and dict(back.values) == dict(moved.values)

@@ -18,7 +18,7 @@ from lpvid.scheduling import Polynomial, Scheduling
 from quartercar import dampers
 from quartercar.controllers.laws._horizon_kernels import back, predict
 from quartercar.controllers.laws._horizon_search_kernels import improve_all
-from quartercar.controllers.laws.horizon import Horizon, Weights, comfort_filter
+from quartercar.controllers.laws.horizon import CostWeights, Horizon, comfort_filter
 from quartercar.criteria import comfort_transition, comfort_weighting
 from quartercar.parameters import MEGANE
 from quartercar.rides.default_damper import identified_damper
@@ -36,14 +36,14 @@ def horizon(name: str = "lpv-arx") -> Horizon:
     return Horizon.of(MEGANE, damper(), coil, 1 / RATE, N)
 
 
-def weights(tyre: float = 0.3, stroke: float = 0.1, given: float = 0.5, cars: int = 1) -> Weights:
-    return Weights(*(np.full(cars, w) for w in (tyre, stroke, given)))
+def weights(tyre: float = 0.3, stroke: float = 0.1, given: float = 0.5, cars: int = 1) -> CostWeights:
+    return CostWeights(*(np.full(cars, w) for w in (tyre, stroke, given)))
 
 
 class Prediction:
     """The kernels on one car from rest."""
 
-    def __init__(self, model: Horizon, road: np.ndarray, given: Weights | None = None) -> None:
+    def __init__(self, model: Horizon, road: np.ndarray, given: CostWeights | None = None) -> None:
         n, nf = model.samples, len(model.shape) - 1
         rows, ends = model.weights(given or weights())
         hist = max(int(model.sizes.max()) - 1, 0)

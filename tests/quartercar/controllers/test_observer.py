@@ -9,7 +9,7 @@ from scipy.signal import lsim
 from lpvid.errors import InputError
 from quartercar import roads
 from quartercar.controllers.contract import Setting
-from quartercar.controllers.loop.observer import STATES, Observer, ObserverSettings
+from quartercar.controllers.loop.observer import STATES, KalmanObserver, ObserverSettings
 from quartercar.controllers.loop.sensing import BODY, SETS, STROKE, TRUE, MeasurementSet, Sensing, Sensor
 from quartercar.dampers import Linear
 from quartercar.parameters import MEGANE
@@ -64,7 +64,7 @@ def ridden(damping: float, n: int = 8000, seed: int = 2):
 
 def estimates(run, sensors: MeasurementSet, force_gain: float = 1.0, seed: int = 0,
               settings: ObserverSettings | None = None) -> dict[str, np.ndarray]:
-    observer = Observer(SETTING, sensors, settings)
+    observer = KalmanObserver(SETTING, sensors, settings)
     sensing = Sensing(sensors, STEP, [np.random.default_rng(seed)], run.n_samples)
     force = force_gain * run["damper_force"]
     out = []
@@ -81,7 +81,7 @@ def wrong_by(found: dict[str, np.ndarray], run, name: str) -> float:
 
 
 def test_its_error_dies_out_and_its_covariance_is_a_fixed_point():
-    observer = Observer(SETTING, SETS["stroke-body"])
+    observer = KalmanObserver(SETTING, SETS["stroke-body"])
     assert np.abs(observer.poles).max() < 1
     assert np.linalg.eigvalsh(observer.covariance).min() > -1e-12
 
@@ -104,7 +104,7 @@ def test_its_covariance_is_what_it_makes():
     sensors = MeasurementSet("plain", (Sensor("suspension_deflection", noise=STROKE.noise),
                                        Sensor("body_acceleration", noise=BODY.noise)))
     settings = ObserverSettings(force_error=1.0)
-    observer = Observer(SETTING, sensors, settings)
+    observer = KalmanObserver(SETTING, sensors, settings)
     errors = []
     for seed in range(3):
         run = ridden(1500.0, 10000, seed + 10)
@@ -127,7 +127,7 @@ def test_without_noise_and_error_it_is_the_car():
 @pytest.mark.parametrize("sensors", [(BODY,), (STROKE,)])
 def test_too_little_to_observe(sensors):
     with pytest.raises(InputError, match="deflection and an acceleration"):
-        Observer(SETTING, MeasurementSet("few", sensors))
+        KalmanObserver(SETTING, MeasurementSet("few", sensors))
 
 
 def test_settings_are_checked():

@@ -12,7 +12,7 @@ from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.dampers import CompareSettings, Linear, compare, prepare, read_parameters
 from quartercar.dampers.evaluation import comparison as module
-from quartercar.dampers.evaluation.scoring import FreeRun, experiment, score, stretches
+from quartercar.dampers.evaluation.scoring import FreeRunScore, experiment, score, stretches
 from quartercar.dampers.polarity import polarity_of
 
 RATE = 500.0
@@ -85,10 +85,10 @@ def test_figures_by_their_definitions(found):
     assert total.rmse == pytest.approx(np.sqrt(error / total.n_samples), rel=1e-12)
     assert total.fit_percent == pytest.approx(100 * (1 - np.sqrt(error / power)), rel=1e-12)
     assert row.held_out.energy_error == pytest.approx(abs(work / taken - 1), rel=1e-9)
-    told = {q.where: (q.rmse, q.n_samples) for q in row.held_out.quadrants}
+    described = {q.where: (q.rmse, q.n_samples) for q in row.held_out.quadrants}
     for a, first in enumerate(("v>0", "v<=0")):
         for b, second in enumerate(("x>0", "x<=0")):
-            rmse, n = told[f"{first},{second}"]
+            rmse, n = described[f"{first},{second}"]
             assert n == count[a, b] and rmse == pytest.approx(np.sqrt(quadrant[a, b] / n), rel=1e-9)
 
 
@@ -101,10 +101,10 @@ def test_replicates_are_pooled_by_experiment(found):
 
 
 def test_json_has_its_keys_and_only_plain_data(found):
-    told = json.loads(json.dumps(found.to_dict(), allow_nan=False))
-    assert told["schema"] == "quartercar/comparison/1" and told["best"] == "guo" and told["complete"]
-    assert [m["rank"] for m in told["models"]] == [1, 2, 3, 4]
-    first = told["models"][0]
+    described = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert described["schema"] == "quartercar/comparison/1" and described["best"] == "guo" and described["complete"]
+    assert [m["rank"] for m in described["models"]] == [1, 2, 3, 4]
+    first = described["models"][0]
     assert {"name", "title", "rank", "held_out", "training", "energy_error", "n_parameters", "flags", "parameters",
             "time_per_simulated_second"} <= set(first)
     assert {"esr", "fit_percent", "rmse", "sqrt_sse", "n_samples"} <= set(first["held_out"]["free_run"])
@@ -262,7 +262,7 @@ def test_a_wrong_unit_is_told_once_and_not_by_every_model():
 
 # -- figures and thinning ---------------------------------------------------------------------------------------------
 def test_a_diverged_run_has_no_figure():
-    run = FreeRun.pooled([FreeRun(1.0, 2.0, 10), FreeRun(float("inf"), 2.0, 10, 3)])
+    run = FreeRunScore.pooled([FreeRunScore(1.0, 2.0, 10), FreeRunScore(float("inf"), 2.0, 10, 3)])
     assert run.esr is None and run.rmse is None and run.sqrt_sse is None and run.n_samples == 20
     assert json.loads(json.dumps(run.to_dict(), allow_nan=False))["diverged_at"] == 3
 
@@ -279,9 +279,9 @@ def test_a_model_that_diverges_comes_last_with_null_figures():
     last = found.rows[-1]
     assert found.best.name == "power-law" and isinstance(last.damper, Exploding)
     assert "diverged" in last.flags and last.held_out.total.esr is None and last.held_out.total.diverged_at == 100
-    told = json.loads(json.dumps(found.to_dict(), allow_nan=False))["models"][1]
-    assert told["held_out"]["free_run"]["esr"] is None and told["held_out"]["energy_error"] is None
-    assert all(q["rmse"] is None for q in told["held_out"]["quadrants"])
+    described = json.loads(json.dumps(found.to_dict(), allow_nan=False))["models"][1]
+    assert described["held_out"]["free_run"]["esr"] is None and described["held_out"]["energy_error"] is None
+    assert all(q["rmse"] is None for q in described["held_out"]["quadrants"])
     alone = compare([guo_record()], [Exploding()])
     assert alone.to_dict()["best"] is None and "No model" in alone.verdict and "–" in str(alone)
 
@@ -290,8 +290,10 @@ def test_a_perfect_model_scores_zero():
     x, v, _ = motion(800, 8)
     record = Record({"displacement": x, "velocity": v, "force": 700 * v + 3000 * x}, sample_time=1 / RATE, units=UNITS)
     model = Linear(values={"damping": 700.0, "stiffness": 3000.0, "mass": 0.0, "offset": 0.0})
-    told = score(model, [record], 3)
-    assert told.total.esr == pytest.approx(0.0, abs=1e-24) and told.energy_error == pytest.approx(0.0, abs=1e-12)
+    described = score(model, [record], 3)
+    assert described.total.esr == pytest.approx(0.0, abs=1e-24) and described.energy_error == pytest.approx(
+        0.0, abs=1e-12
+    )
 
 
 def test_thinning_keeps_stretches_of_every_record_and_says_so():

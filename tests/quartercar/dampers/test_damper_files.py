@@ -194,9 +194,9 @@ def test_stability_of_dampers(fitted: dict[str, Damper], tmp_path: Path) -> None
     narx = lpv.save(fitted["narx-3"], tmp_path / "narx.json")
     result = CliRunner().invoke(app, ["stability", str(narx), "--json"])
     assert result.exit_code in (0, 3), result.output
-    said = json.loads(result.stdout)
+    stated = json.loads(result.stdout)
     poles = np.abs(fitted["narx-3"].to_lpv(1 / RATE).frozen_poles([])).max()
-    assert said["frozen"]["max_modulus"] == pytest.approx(poles)
+    assert stated["frozen"]["max_modulus"] == pytest.approx(poles)
     law = lpv.save(fit(Linear(), record()).damper, tmp_path / "law.json")
     refused = CliRunner().invoke(app, ["stability", str(law)])
     assert refused.exit_code == 2 and "no LPV form of 'linear'" in refused.output

@@ -17,8 +17,8 @@ from lpvid import InputError, NumericalError, Record
 from quartercar.dampers import DamperFit, FitSettings, Guo, Linear, Parameter, fit
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.evaluation.scoring import score
-from quartercar.dampers.fitting.coordinates import Coordinates
-from quartercar.dampers.fitting.problem import Full, Problem, Projected
+from quartercar.dampers.fitting.coordinates import SearchCoordinates
+from quartercar.dampers.fitting.problem import DamperFitProblem, Full, ProjectedFit
 from quartercar.dampers.fitting.searching import estimate_law
 from quartercar.dampers.fitting.solver import bounded_least_squares, bounded_step
 
@@ -79,7 +79,9 @@ def test_a_step_without_bounds_is_levenberg_marquardts(rng: np.random.Generator)
 
 
 def test_coordinates_there_and_back() -> None:
-    place = Coordinates([Parameter("a", "", "a", 2.0, 1e-3, 1e3, log=True), Parameter("b", "", "b", 0.0, -5.0, 5.0)])
+    place = SearchCoordinates(
+        [Parameter("a", "", "a", 2.0, 1e-3, 1e3, log=True), Parameter("b", "", "b", 0.0, -5.0, 5.0)]
+    )
     theta = np.array([7.0, -3.0])
     assert place.values(place.of(theta)) == pytest.approx(theta, rel=1e-15)
     assert place.values(np.array([place.upper[0], place.lower[1]])).tolist() == [1e3, -5.0]
@@ -90,8 +92,8 @@ def test_coordinates_there_and_back() -> None:
 def test_the_projected_derivative_has_the_gradient_of_the_projected_cost() -> None:
     """Kaufman's derivative leaves a term out that is orthogonal to the residual: its gradient is exact."""
     _, given = _tanh(30.0)
-    problem = Problem(Tanh(), (Tanh().drive(given, force=True),))
-    view, point = Projected(problem), np.array([np.log(4.0)])
+    problem = DamperFitProblem(Tanh(), (Tanh().drive(given, force=True),))
+    view, point = ProjectedFit(problem), np.array([np.log(4.0)])
     trial = view.trial(point)
     assert trial is not None
     ends = [view.trial(point + h) for h in (1e-5, -1e-5)]
@@ -105,7 +107,7 @@ def test_the_projected_derivative_has_the_gradient_of_the_projected_cost() -> No
 def test_projection_and_the_full_search_agree() -> None:
     _, given = _tanh(30.0)
     found = fit(Tanh(), given)
-    problem = Problem(Tanh(), (Tanh().drive(given, force=True),))
+    problem = DamperFitProblem(Tanh(), (Tanh().drive(given, force=True),))
     gradient = Full(problem).jacobian(Full(problem).trial(Full(problem).start(found.damper.vector))).T  # type: ignore[arg-type]
     residual = problem.model(found.damper.vector) - problem.measured
     size = np.linalg.norm(gradient, axis=1) * np.linalg.norm(residual)
@@ -276,8 +278,10 @@ def test_a_constant_that_the_printed_law_lacks_is_told() -> None:
     law = Guo(hysteresis=False)
     for sign in (1, -1):
         found = fit(law, record(v, sign * (force - 200)))
-        told = [n for n in found.notes if "offset=True adds one" in n]
-        assert len(told) == 1 and float(told[0].split("mean of ")[1].split()[0]) == pytest.approx(-200, rel=0.02)
+        described = [n for n in found.notes if "offset=True adds one" in n]
+        assert len(described) == 1 and float(described[0].split("mean of ")[1].split()[0]) == pytest.approx(
+            -200, rel=0.02
+        )
     for given, data in ((law, force), (law.replace(offset=True), force - 200)):
         assert not any("offset=True" in n for n in fit(given, record(v, data)).notes)
 
@@ -308,8 +312,8 @@ def test_it_prints_in_ten_lines_and_saves_as_json() -> None:
     (record(np.zeros(10), np.zeros(10)), "no segment long enough"),
     (Record({"velocity": np.ones(100)}, sample_time=0.01), "channel 'force'"),
 ])
-def test_records_that_cannot_be_fitted_are_refused_in_one_line(records, says: str) -> None:
-    with pytest.raises(InputError, match=says) as caught:
+def test_records_that_cannot_be_fitted_are_refused_in_one_line(records, description: str) -> None:
+    with pytest.raises(InputError, match=description) as caught:
         fit(Tanh(), records)
     assert len(str(caught.value).splitlines()) == 1
 

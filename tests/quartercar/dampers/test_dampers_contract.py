@@ -42,7 +42,7 @@ def test_registered_under_its_own_name(name: str) -> None:
     assert kind.title and kind.source
     damper = truth(name)
     assert len(set(damper.names)) == len(damper.names) > 0
-    assert all(p.says for p in damper.parameters)
+    assert all(p.description for p in damper.parameters)
     if name in LAWS:
         assert all(p.name.isidentifier() and p.name == p.name.lower() for p in damper.parameters)
     assert set(damper.reads) <= {"displacement", "velocity", "current"}

@@ -55,9 +55,9 @@ def test_what_the_printed_table_contradicts() -> None:
     assert beyond[0].printed_peak_speed == pytest.approx(1.385, abs=1e-3) and beyond[0].amplitude == 0.030
     assert max(r.peak_speed for r in table.rows) < RIG_SPEED
     text = "\n".join(table.contradictions())
-    for said in ("1.4% to 22.4%", "8.3%", "-5.67 J", "1.39 m/s", "N and mm/s", "-22% at 30 mm",
+    for stated in ("1.4% to 22.4%", "8.3%", "-5.67 J", "1.39 m/s", "N and mm/s", "-22% at 30 mm",
                  "refit rather than copy", "blind to gas force"):
-        assert said in text
+        assert stated in text
     assert "30 mm" in repr(table) and len(repr(table).splitlines()) <= 10
 
 
@@ -99,11 +99,11 @@ def test_damping_in_a_creep_run(rng: np.random.Generator) -> None:
     # equations.md 1.0.7: at 63 mm, 0.05 Hz damping is 17.5 N of the half difference, at 10 mm 2.8 N
     for speed, share in ((0.0198, 17.5), (0.00314, 2.8)):
         run = creep(0.02, speed, rng)
-        blind, told = static_forces([run]), static_forces([run], SHARP)
+        blind, described = static_forces([run]), static_forces([run], SHARP)
         assert blind.contamination is None and "upper bound" in repr(blind)
         assert blind.friction - 47.0 == pytest.approx(share, abs=0.35)
-        assert told.contamination == pytest.approx(share, abs=0.35)
-        assert told.friction == pytest.approx(47.0, abs=0.3)
+        assert described.contamination == pytest.approx(share, abs=0.35)
+        assert described.friction == pytest.approx(47.0, abs=0.3)
         # (7), (8): ½(F_in ∓ F_out), compression positive
         assert 0.5 * (blind.inward - blind.outward) == pytest.approx(blind.half_difference)
         damping = SHARP.damping_force(np.array([speed, -speed]))

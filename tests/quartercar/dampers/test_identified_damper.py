@@ -206,8 +206,8 @@ NO_DAMPERS = {
 
 @pytest.mark.parametrize("case", NO_DAMPERS)
 def test_what_is_no_damper_is_refused_with_one_line_and_a_mend(case, tmp_path):
-    make, said = NO_DAMPERS[case]
-    with pytest.raises(InputError, match=said) as caught:
+    make, stated = NO_DAMPERS[case]
+    with pytest.raises(InputError, match=stated) as caught:
         load_damper(lpv.save(make(), tmp_path / "model.json"))
     assert "Mend:" in str(caught.value) and "model.json" in str(caught.value)
 
@@ -221,8 +221,8 @@ CAR_REFUSES = {
 
 @pytest.mark.parametrize("case", CAR_REFUSES)
 def test_what_a_car_cannot_be_given_is_refused_with_one_line_and_a_mend(case, tmp_path):
-    make, said = CAR_REFUSES[case]
-    with pytest.raises(InputError, match=said) as caught:
+    make, stated = CAR_REFUSES[case]
+    with pytest.raises(InputError, match=stated) as caught:
         car_damper(lpv.save(make(), tmp_path / "model.json"))
     assert "Mend:" in str(caught.value)
 

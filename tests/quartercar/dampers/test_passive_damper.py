@@ -77,16 +77,16 @@ def test_stored_energy_stands_for_what_the_past_holds(passive):
 def test_a_comparison_constrains_what_it_can_and_names_the_rest(runs):
     found = compare(runs, ["linear", "lpv-arx"], settings=CompareSettings(passive=True))
     assert found["lpv-arx"].damper.passive
-    told = str(found)
-    assert "lpv-arx, what it costs: training free-run ESR" in told
-    assert "lpv-arx certified: passive" in told and "the laws of linear are checked instead" in told
+    described = str(found)
+    assert "lpv-arx, what it costs: training free-run ESR" in described
+    assert "lpv-arx certified: passive" in described and "the laws of linear are checked instead" in described
 
 
 def test_an_unconstrained_fit_of_an_active_force_says_so(runs):
     late = [Record({n: (np.roll(r[n], 2) if n == "force" else r[n]) for n in r.channels}, STEP, units=r.units,
                    name=r.name) for r in runs]
-    told = str(compare(late, ["lpv-arx"]))
-    assert "lpv-arx is NOT passive" in told and "--passive" in told
+    described = str(compare(late, ["lpv-arx"]))
+    assert "lpv-arx is NOT passive" in described and "--passive" in described
 
 
 def test_three_zones_cannot_be_passive():

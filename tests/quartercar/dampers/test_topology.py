@@ -219,8 +219,8 @@ def test_both_directions_are_folded_and_asymmetry_is_said(rng: np.random.Generat
     assert even.verdict == "series"
     assert "offset 4 " in even.notes[0] and not any("differ" in n for n in even.notes)
     uneven = two_sided(1.5, 0.0)
-    said = next(n for n in choose_network(uneven).notes if "extension and compression differ" in n)
-    assert 0.15 < float(said.split("differ by ")[1].split("%")[0]) / 100 < 0.45
+    stated = next(n for n in choose_network(uneven).notes if "extension and compression differ" in n)
+    assert 0.15 < float(stated.split("differ by ")[1].split("%")[0]) / 100 < 0.45
     back = choose_network(uneven, direction=-1)
     assert back.verdict == "series"
     assert back.best.theta[0] == pytest.approx(1.5 * choose_network(uneven, direction=1).best.theta[0], rel=1e-4)

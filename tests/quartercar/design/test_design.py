@@ -259,8 +259,8 @@ def test_template_and_schema_agree_with_the_reader() -> None:
     ({"weights": {"stroke": "5 N"}}, "wrong unit"), ({"law": "lqg"}, "law must be one of"),
     ({"measured": "everything"}, "measured must be one of"), ({"weights": {"stroke": -1.0}}, "stroke"),
     ({"lag": 0.0}, "lag must be positive"), ({"tune": -1}, "tune must be a whole number")])
-def test_configurations_at_fault(table: dict, says: str) -> None:
-    with pytest.raises(InputError, match=says):
+def test_configurations_at_fault(table: dict, description: str) -> None:
+    with pytest.raises(InputError, match=description):
         read_design(table)
 
 
@@ -276,10 +276,10 @@ def test_the_command_writes_a_controller_that_rides(folder: Path) -> None:
     out = folder / "out"
     run = CliRunner().invoke(app, ["design", "--json", "--out", str(out), str(folder / "design.toml")])
     assert run.exit_code == 0, run.output
-    told = json.loads(run.stdout)
-    assert told["verdict"] in ("solved", "backed-off") and told["law"]["parameters"][1]["value"] == 0.1
+    described = json.loads(run.stdout)
+    assert described["verdict"] in ("solved", "backed-off") and described["law"]["parameters"][1]["value"] == 0.1
     kept = json.loads((out / "synthesis.json").read_text())
-    assert kept["gamma_verified"] == told["gamma_verified"]
+    assert kept["gamma_verified"] == described["gamma_verified"]
     assert {p.name for p in out.iterdir() if p.name[0] != "."} == {
         "controller.json", "closed_loop.json", "certificate.json",
                                                "synthesis.json", "report.html", "weights.png",

@@ -102,10 +102,10 @@ def test_rows_are_what_the_model_then_adds(task: DamperTask) -> None:
     for _ in range(5):
         law.step(still)
     law._felt[:] = law._grid[4]
-    told = law._added_ahead(still["suspension_deflection"], still["suspension_velocity"])[0, 4]
+    described = law._added_ahead(still["suspension_deflection"], still["suspension_velocity"])[0, 4]
     law._own = None
     law.step({**still, "current": law._grid[4:5]})
-    np.testing.assert_allclose(law._drive[0, -1], told, rtol=1e-9)
+    np.testing.assert_allclose(law._drive[0, -1], described, rtol=1e-9)
 
 
 def test_another_rate_is_refused() -> None:
@@ -151,8 +151,8 @@ def test_the_plant_follows_from_damper_and_keys() -> None:
     ({"plant": "linear"}, "plant must be one of"),
     ({"plant": "identified", "law": "lpv-hinf"}, "belongs to the nominal"),
     ({"plant": "identified", "weights": {"relief": 0.5}}, "weight of lpv-hinf-identified")])
-def test_plants_at_fault(table: dict, says: str) -> None:
-    with pytest.raises(InputError, match=says):
+def test_plants_at_fault(table: dict, description: str) -> None:
+    with pytest.raises(InputError, match=description):
         read_design(table)
 
 
@@ -162,8 +162,8 @@ def test_the_command_designs_on_the_identified_plant(tmp_path: Path) -> None:
     out, runner = tmp_path / "out", CliRunner()
     run = runner.invoke(app, ["design", "--json", "--out", str(out), str(tmp_path / "design.toml")])
     assert run.exit_code == 0, run.output
-    told = json.loads(run.stdout)
-    assert told["law"]["kind"] == "lpv-hinf-identified" and told["between_grid"]
+    described = json.loads(run.stdout)
+    assert described["law"]["kind"] == "lpv-hinf-identified" and described["between_grid"]
     assert {"controller.json", "certificate.json", "report.html", "gains.png"} <= {p.name for p in out.iterdir()}
     assert "The plant" in (out / "report.html").read_text()
     run = runner.invoke(app, ["ride", "--json", "--damper", str(tmp_path / "arx.json"), "--seeds", "1", "--road",

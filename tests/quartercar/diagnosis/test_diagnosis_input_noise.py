@@ -12,9 +12,9 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.deciding import judge, out_of_fold
 from lpvid.diagnosis.input_noise import _quiet, gain_without_input_noise
 from lpvid.diagnosis.noise import WHITE, Whitening
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
-from lpvid.diagnosis.selection import Search
+from lpvid.diagnosis.selection import ForwardSelection
 from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.spectra import without_noise
 from quartercar.effects.hydraulics import ValveDynamics
@@ -26,7 +26,7 @@ NOISE = 0.004
 
 
 def fits(rng: np.random.Generator, valve: bool, velocity: np.ndarray | None = None, noise: float = NOISE
-         ) -> tuple[Problem, Refit, Refit]:
+         ) -> tuple[DiagnosisProblem, Refit, Refit]:
     """Guo's law with a valve's dynamics and without, fitted to a force whose valve lags or does not."""
     x, v = motion(PERIOD * np.arange(6000))
     v = v if velocity is None else velocity
@@ -38,16 +38,16 @@ def fits(rng: np.random.Generator, valve: bool, velocity: np.ndarray | None = No
         vector[with_valve.places[0]] = LAG
     force = with_valve.predict(clean, vector) + rng.standard_normal(v.size)
     recorded = Signals(PERIOD, {**clean.channels, "velocity": v + noise * rng.standard_normal(v.size)}, force)
-    problem = Problem((recorded,), Blocks.of((recorded,)), WHITE)
+    problem = DiagnosisProblem((recorded,), Blocks.of((recorded,)), WHITE)
     begun = with_valve.neutral
     begun[with_valve.places[0]] = LAG
     return problem, refit(problem, with_valve, begun), refit(problem, alone, alone.neutral)
 
 
-def objections(problem: Problem, fit: Refit) -> tuple[str, ...]:
+def objections(problem: DiagnosisProblem, fit: Refit) -> tuple[str, ...]:
     """What the gates say against the valve."""
     valve, = fit.composition.effects
-    search = Search(problem, fit, (valve,), np.random.default_rng(0), lambda text: None)
+    search = ForwardSelection(problem, fit, (valve,), np.random.default_rng(0), lambda text: None)
     return judge(search, valve, out_of_fold(problem, fit), ()).objections
 
 
@@ -55,7 +55,7 @@ def test_a_lag_that_only_takes_the_noise_away_is_told(rng: np.random.Generator) 
     problem, fit, rest = fits(rng, valve=False)
     assert rest.cost - fit.cost > 100 * fit.variance, "it wins by far all the same"
     assert gain_without_input_noise(problem, fit, rest) < 0.1
-    assert any("noise in the recorded motion" in said for said in objections(problem, fit))
+    assert any("noise in the recorded motion" in stated for stated in objections(problem, fit))
 
 
 def test_a_lag_of_the_motion_is_one(rng: np.random.Generator) -> None:
@@ -85,7 +85,7 @@ def test_a_filter_that_is_undone_by_much_stays_one(noise: float, rng: np.random.
     late = {c: lsim(system, m, t)[1] for c, m in (("displacement", x), ("velocity", v))}
     late = {c: m + noise * m.std() * rng.standard_normal(t.size) for c, m in late.items()}
     recorded = Signals(PERIOD, {**late, "current": current}, force + rng.standard_normal(t.size))
-    problem = Problem((recorded,), Blocks.of((recorded,)), Whitening(np.array([1.0, -0.95]), 1.0))
+    problem = DiagnosisProblem((recorded,), Blocks.of((recorded,)), Whitening(np.array([1.0, -0.95]), 1.0))
     filtered, alone = Composition(guo(), (OneSidedFilter(),)), Composition(guo())
     begun = filtered.neutral
     begun[filtered.places[0]] = period, 0.7071, 0.0

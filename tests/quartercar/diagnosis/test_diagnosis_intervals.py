@@ -13,9 +13,9 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.intervals import deviations, of_effect
 from lpvid.diagnosis.noise import WHITE
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import covariance, refit
-from lpvid.diagnosis.selection import Search
+from lpvid.diagnosis.selection import ForwardSelection
 from lpvid.diagnosis.signals import Signals
 from quartercar.effects.friction_gas import GasStiffness
 from quartercar.effects.shared_filter import SharedFilter
@@ -35,7 +35,7 @@ def filtered(x: np.ndarray) -> np.ndarray:
 
 
 def search_of(chain: Callable[[np.ndarray], np.ndarray], candidates: tuple[Effect, ...],
-              hold: int = 6000) -> Search:
+              hold: int = 6000) -> ForwardSelection:
     """Guo's law with a gas spring, recorded through a chain, and fitted without it; the current rests so long."""
     rng = np.random.default_rng(3)
     gas = GasStiffness()
@@ -49,13 +49,13 @@ def search_of(chain: Callable[[np.ndarray], np.ndarray], candidates: tuple[Effec
     force = chain(composition.predict(fine, vector))
     s = Signals(PERIOD, {c: chain(value) for c, value in fine.channels.items()},
                 force + rng.standard_normal(force.size))
-    problem = Problem((s,), Blocks.of((s,)), WHITE)
+    problem = DiagnosisProblem((s,), Blocks.of((s,)), WHITE)
     begun = vector.copy()
     begun[composition.places[0].start] = 0.7 * TRUE
-    return Search(problem, refit(problem, composition, begun), candidates, rng, lambda text: None)
+    return ForwardSelection(problem, refit(problem, composition, begun), candidates, rng, lambda text: None)
 
 
-def told(search: Search) -> tuple[float, float, float]:
+def described(search: ForwardSelection) -> tuple[float, float, float]:
     """Error of the stiffness, its standard error by the sensitivities alone, and the one that is told [N/m]."""
     place = search.fit.composition.places[0]
     statistical = float(np.sqrt(covariance(search.problem, search.fit)[place.start, place.start]))
@@ -64,22 +64,22 @@ def told(search: Search) -> tuple[float, float, float]:
 
 
 def test_behind_a_filter_the_interval_is_wide_enough() -> None:
-    error, statistical, sure = told(search_of(filtered, (SharedFilter(),)))
+    error, statistical, sure = described(search_of(filtered, (SharedFilter(),)))
     assert error > 3 * statistical, "the sensitivities alone are too sure of it"
     assert error < 2 * sure
 
 
 def test_edges_of_the_current_count_where_the_force_says_little() -> None:
     """Where they come thick and fast the filter is undone badly and fits no better; it is there all the same."""
-    error, statistical, sure = told(search_of(filtered, (SharedFilter(),), hold=30))
+    error, statistical, sure = described(search_of(filtered, (SharedFilter(),), hold=30))
     assert error > 3 * statistical and error < 2 * sure
 
 
 def test_without_one_it_stays_about_what_it_was() -> None:
-    error, statistical, sure = told(search_of(plain, (SharedFilter(),)))
+    error, statistical, sure = described(search_of(plain, (SharedFilter(),)))
     assert error < 3 * statistical and statistical <= sure < 1.6 * statistical
 
 
 def test_nothing_pulls_where_the_filter_is_no_candidate() -> None:
-    _, statistical, sure = told(search_of(filtered, ()))
+    _, statistical, sure = described(search_of(filtered, ()))
     assert sure == statistical

@@ -14,7 +14,7 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.engine import DiagnosisSettings, diagnose
 from lpvid.diagnosis.nameless import BEYOND, Nameless, static_in_place
 from lpvid.diagnosis.noise import WHITE
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.signals import Signals, in_turn
 from lpvid.record import Channel, Record
@@ -54,14 +54,14 @@ def behind_a_coil() -> np.ndarray:
     return lag.predict(s, vector) - guo().core(guo().vector)(s)
 
 
-def problem_of(hidden: np.ndarray, noise: np.ndarray, s: Signals | None = None) -> Problem:
+def problem_of(hidden: np.ndarray, noise: np.ndarray, s: Signals | None = None) -> DiagnosisProblem:
     """Guo's force, something hidden, and noise."""
     s = s or inputs()
     recorded, = in_turn([Signals(PERIOD, s.channels, guo().core(guo().vector)(s) + hidden + noise)])
-    return Problem((recorded,), Blocks.of((recorded,)), WHITE)
+    return DiagnosisProblem((recorded,), Blocks.of((recorded,)), WHITE)
 
 
-def fits(problem: Problem, *effects: Effect) -> list[Refit]:
+def fits(problem: DiagnosisProblem, *effects: Effect) -> list[Refit]:
     """Guo's law with all effects, and without each of them, and alone."""
     def fitted(chosen: tuple[Effect, ...]) -> Refit:
         composition = Composition(guo(), chosen)
@@ -152,9 +152,9 @@ def test_an_input_that_rests_or_all_but_rests_has_no_functions() -> None:
     s = inputs(3000)
     levels = [Signals(PERIOD, {**s.channels, "current": np.full(3000, i * (1 + 1e-8))}, s["velocity"])
               for i in (0.5, 1.0, 2.0)]
-    problem = Problem(tuple(levels), Blocks.of(levels), WHITE)
+    problem = DiagnosisProblem(tuple(levels), Blocks.of(levels), WHITE)
     assert len(Nameless(problem, INPUTS).families) == 6
-    assert len(Nameless(Problem(levels[:1] * 3, problem.blocks, problem.whitening), INPUTS).families) == 3
+    assert len(Nameless(DiagnosisProblem(levels[:1] * 3, problem.blocks, problem.whitening), INPUTS).families) == 3
     values = Nameless(problem, INPUTS)._functions(levels[0], ("current",))
     assert np.ptp(values, axis=0).max() == 0.0 and np.abs(values[0, :3]).min() > 1e-3
 

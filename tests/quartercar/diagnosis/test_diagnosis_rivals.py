@@ -11,10 +11,10 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.engine import DiagnosisSettings, diagnose
 from lpvid.diagnosis.noise import WHITE
-from lpvid.diagnosis.problem import Problem
+from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.rivals import DISTINCT, SEPARATED, _behind_a_filter, _of_motion, _without_chain, alternatives
-from lpvid.diagnosis.selection import Search
+from lpvid.diagnosis.selection import ForwardSelection
 from lpvid.diagnosis.signals import Signals
 from lpvid.diagnosis.spectra import low_passed
 from lpvid.record import Channel, Record
@@ -29,7 +29,7 @@ from quartercar.effects.structure import FixtureResonance
 def starts_of(rival: Effect, *beside: Effect) -> tuple[Composition, list[np.ndarray]]:
     """Starts of a rival in the place of a force delay, beside other effects of the set."""
     s = road_like(2, 2048)
-    problem = Problem((s,), Blocks.of((s,)), WHITE)
+    problem = DiagnosisProblem((s,), Blocks.of((s,)), WHITE)
     present, composition = Composition(guo(), (ForceDelay(), *beside)), Composition(guo(), (rival, *beside))
     vector = present.neutral
     for effect, place in zip(present.effects, present.places, strict=True):
@@ -62,11 +62,11 @@ def behind(candidates: tuple[Effect, ...], rival: Effect | None = None) -> tuple
     force = low_passed(guo().core(guo().vector)(whole), PERIOD / fine, 1 / (2 * np.pi * 80), np.sqrt(0.5))[::fine]
     channels = {"displacement": passed[0][::fine], "velocity": passed[1][::fine], "current": np.ones(force.size)}
     s = Signals(PERIOD, channels, 20.0 + force + np.random.default_rng(0).standard_normal(force.size))
-    problem = Problem((s,), Blocks.of((s,)), WHITE)
+    problem = DiagnosisProblem((s,), Blocks.of((s,)), WHITE)
     composition = Composition(guo(), (ForceOffset(),))
     fit = refit(problem, composition, composition.neutral)
     other = fit if rival is None else refit(problem, Composition(guo(), (rival,)), Composition(guo(), (rival,)).neutral)
-    search = Search(problem, fit, candidates, np.random.default_rng(0), print)
+    search = ForwardSelection(problem, fit, candidates, np.random.default_rng(0), print)
     return *_behind_a_filter(search, FAR, other), fit
 
 
@@ -106,7 +106,7 @@ def test_noise_of_the_motion_does_not_speak_against_the_filter_that_raises_it(no
     late = [c + noise * c.std() * rng.standard_normal(t.size) for c in passed]
     s = whole.replace(displacement=late[0], velocity=late[1])
     s = Signals(PERIOD, s.channels, guo().core(guo().vector)(whole) + 5.0 * rng.standard_normal(t.size))
-    problem, fits = Problem((s,), Blocks.of((s,)), WHITE), []
+    problem, fits = DiagnosisProblem((s,), Blocks.of((s,)), WHITE), []
     for effect, begun in ((DisplacementDelay(), (1.4 * lag, 0.2)), (OneSidedFilter(), (lag, 0.7, 0.0))):
         composition = Composition(guo(), (effect,))
         vector = composition.neutral
@@ -114,12 +114,12 @@ def test_noise_of_the_motion_does_not_speak_against_the_filter_that_raises_it(no
         fits.append(refit(problem, composition, vector))
     delay, filtered = fits
     assert (filtered.cost - delay.cost) / delay.variance > 300
-    assert _of_motion(Search(problem, delay, (), rng, print), filtered, 0.0, SEPARATED)[0] < most
+    assert _of_motion(ForwardSelection(problem, delay, (), rng, print), filtered, 0.0, SEPARATED)[0] < most
 
 
 @pytest.mark.parametrize(("levels", "told"), [((0.0, 0.4, 0.8, 1.2, 1.6, 2.0), {"coil-lag", "rise-fall-lag"}),
                                               ((0.0, 0.8, 1.2, 0.4, 2.0, 1.6), {"coil-lag"})])
-def test_edges_that_only_rise_do_not_tell_a_lag_from_one_that_falls_faster(levels: tuple[float, ...], told: set,
+def test_edges_that_only_rise_do_not_tell_a_lag_from_one_that_falls_faster(levels: tuple[float, ...], described: set,
                                                                            rng: np.random.Generator) -> None:
     x, v = motion(PERIOD * np.arange(6000))
     s = Signals(PERIOD, {"displacement": x, "velocity": v, "current": np.repeat(levels, 1000)}, np.zeros(6000))
@@ -130,12 +130,12 @@ def test_edges_that_only_rise_do_not_tell_a_lag_from_one_that_falls_faster(level
     units = {"displacement": "m", "velocity": "m/s", "current": "A"}
     record = Record({**{c: Channel(s[c], u) for c, u in units.items()}, "force": Channel(force, "N")}, PERIOD, name="r")
     found = diagnose([record], guo(), (CoilLag(), RiseFallLag()), settings=DiagnosisSettings(fit_baseline=False))
-    assert {name for group in found.rivals for name in group.names} | {c.name for c in found.causes} == told
-    assert found.verdict == ("explained" if len(told) == 1 else "cannot-tell")
+    assert {name for group in found.rivals for name in group.names} | {c.name for c in found.causes} == described
+    assert found.verdict == ("explained" if len(described) == 1 else "cannot-tell")
 
 
 @pytest.mark.parametrize(("stribeck_speed", "told"), [(0.2, False), (0.02, True)])
-def test_a_special_case_leaves_what_it_is_one_of_as_its_rival(stribeck_speed: float, told: bool,
+def test_a_special_case_leaves_what_it_is_one_of_as_its_rival(stribeck_speed: float, described: bool,
                                                               rng: np.random.Generator) -> None:
     """Friction that breaks away, named as dry friction: beyond these speeds it is the same, within it is contested."""
     x, v = motion(PERIOD * np.arange(6000))
@@ -144,15 +144,17 @@ def test_a_special_case_leaves_what_it_is_one_of_as_its_rival(stribeck_speed: fl
     vector = truth.neutral
     vector[truth.places[0]] = (60.0, stribeck_speed)
     s = Signals(PERIOD, s.channels, truth.predict(s, vector) + 5.0 * rng.standard_normal(6000))
-    problem, alone = Problem((s,), Blocks.of((s,)), WHITE), Composition(guo())
+    problem, alone = DiagnosisProblem((s,), Blocks.of((s,)), WHITE), Composition(guo())
     rest, dry = refit(problem, alone, alone.neutral), CoulombFriction()
     composition = Composition(guo(), (dry,))
     begun = composition.neutral
     begun[composition.places[0]] = dry.points((s,))[0]
-    search = Search(problem, refit(problem, composition, begun), (dry, StribeckFriction()), rng, lambda text: None)
+    search = ForwardSelection(
+        problem, refit(problem, composition, begun), (dry, StribeckFriction()), rng, lambda text: None
+    )
     found = {a.effect.name: a.apart for a in alternatives(search, dry, rest)}
-    assert ("stribeck-friction" in found) == told
-    assert not told or found["stribeck-friction"] <= 0
+    assert ("stribeck-friction" in found) == described
+    assert not described or found["stribeck-friction"] <= 0
 
 
 @pytest.mark.parametrize(("share", "rivals"), [(1.0, []), (0.7, ["valve-dynamics"])])
@@ -167,7 +169,7 @@ def test_a_valve_that_passes_all_gives_way_to_the_fixture_that_it_comes_to(share
     vector = true.neutral
     vector[true.places[0]] = (1 / (2 * np.pi * 40), 0.1) if share == 1.0 else (share, 40.0, 0.1)
     s = Signals(PERIOD, s.channels, true.predict(s, vector) + 5.0 * rng.standard_normal(6000))
-    problem, alone = Problem((s,), Blocks.of((s,)), WHITE), Composition(law)
+    problem, alone = DiagnosisProblem((s,), Blocks.of((s,)), WHITE), Composition(law)
     rest, fits = refit(problem, alone, alone.neutral), {}
     for effect, begun in ((valve, (share, 40.0, 0.1)), (fixture, (1 / (2 * np.pi * 40), 0.1))):
         composition = Composition(law, (effect,))
@@ -176,7 +178,7 @@ def test_a_valve_that_passes_all_gives_way_to_the_fixture_that_it_comes_to(share
         fits[effect.name] = refit(problem, composition, start)
     of_valve, of_fixture = (
         [(a.effect.name, a.apart) for a in
-         alternatives(Search(problem, fits[e.name], (valve, fixture), rng, lambda text: None), e, rest)]
+         alternatives(ForwardSelection(problem, fits[e.name], (valve, fixture), rng, lambda text: None), e, rest)]
         for e in (valve, fixture))
     assert [name for name, apart in of_fixture if apart < SEPARATED] == rivals
     assert [name for name, apart in of_valve if apart < -DISTINCT] == (["fixture-resonance"] if share == 1.0 else [])

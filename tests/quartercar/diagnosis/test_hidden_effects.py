@@ -139,7 +139,7 @@ def test_over_many_cases() -> None:
     rows = [hidden_score.case(first * 1000 + k, CATALOGUE) for k in range(40)]
     for k, row in enumerate(rows):
         row["id"] = first * 1000 + k
-    said = "\n".join(map(hidden_score.line, rows))
-    assert sum(bool(hidden_score.wrong(r)) for r in rows) <= 5, said
+    stated = "\n".join(map(hidden_score.line, rows))
+    assert sum(bool(hidden_score.wrong(r)) for r in rows) <= 5, stated
     clear = [r for r in rows if r["kind"] == "one" and r["separable"]]
-    assert sum(map(hidden_score.right_first, clear)) >= 0.7 * len(clear), said
+    assert sum(map(hidden_score.right_first, clear)) >= 0.7 * len(clear), stated

@@ -33,10 +33,10 @@ def built() -> tuple:
 @pytest.mark.parametrize("said", [answer(("coulomb-friction",)), answer(),
                                   answer(rivals=(("coulomb-friction", "stribeck-friction"),))])
 def test_what_is_separable_does_not_depend_on_the_answer(monkeypatch: pytest.MonkeyPatch, built: tuple,
-                                                         said: SimpleNamespace) -> None:
+                                                         stated: SimpleNamespace) -> None:
     truth = built[1]
     monkeypatch.setattr(hidden_score, "build", lambda *_, **__: built)
-    monkeypatch.setitem(hidden_score.ENGINES, "gates", lambda *_: said)
+    monkeypatch.setitem(hidden_score.ENGINES, "gates", lambda *_: stated)
     monkeypatch.setattr(hidden_score, "oracle_gain", lambda *_: (0.0, 1.0))
     row = hidden_score.case(31, FEW, **QUIET)
     assert row["separable"] == truth.separable

@@ -151,17 +151,17 @@ class TestAblation:
         asked = code.replace(commanded.COMMAND, "") + (
             "import lpvid.diagnosis.deciding as d, lpvid.diagnosis.selection as s\n"
             "print(s.BIC_GAIN, getattr(d, 'BIC_GAIN', 0.25))")
-        said = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True).stdout
-        assert said.split() == ["0.25", "0.25"]
+        stated = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True).stdout
+        assert stated.split() == ["0.25", "0.25"]
 
     def test_worth_is_counted_over_the_same_cases(self) -> None:
         def rows(*names: str) -> list[dict]:
             return [{"id": k, "outcome": "answered", "law": "herschel-bulkley", "kind": "single", "separable": True,
                      "near": {}, "verdict": "explained", "causes": ("coil-lag",), "named": [n] if n else []}
                     for k, n in enumerate(names)]
-        told = diagnosis_ablation.table(rows("coil-lag", "", "end-stop", "coil-lag"),
+        described = diagnosis_ablation.table(rows("coil-lag", "", "end-stop", "coil-lag"),
                                         {"KIN": rows("coil-lag", "coil-lag", "", "end-stop")})
-        assert told.splitlines()[-1] == "| KIN | 4 | +0.0 | +0.0 | 3 | 1 |"
+        assert described.splitlines()[-1] == "| KIN | 4 | +0.0 | +0.0 | 3 | 1 |"
 
 
 class TestPeers:

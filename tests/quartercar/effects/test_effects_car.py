@@ -87,7 +87,7 @@ def records(truth: Truth, seed: int, noise: float = 2e-5, actuated: bool = True)
     return made
 
 
-def told(made: list[Record], baseline: QuarterCarBaseline = NOMINAL) -> Diagnosis:
+def described(made: list[Record], baseline: QuarterCarBaseline = NOMINAL) -> Diagnosis:
     return diagnose(made, baseline, CAUSES, settings=DiagnosisSettings(fit_baseline=bool(baseline.free)))
 
 
@@ -107,7 +107,7 @@ HIDDEN = {
 @pytest.mark.slow
 def test_a_hidden_cause_is_named_with_its_parameter(name, output):
     truth, size = HIDDEN[name]
-    found = told(records(truth, 3), replace(NOMINAL, output=output))
+    found = described(records(truth, 3), replace(NOMINAL, output=output))
     assert (found.verdict, [c.name for c in found.causes]) == ("explained", [name]), found
     assert found.causes[0].parameters[0].value == pytest.approx(size, rel=0.1)
     assert found.after.esr_held_out < 0.2 * found.before.esr_held_out
@@ -118,7 +118,7 @@ def test_a_hidden_cause_is_named_with_its_parameter(name, output):
     (Truth(road_gain=-1.0), "channel-sign", "road"), (Truth(force_gain=-1.0), "channel-sign", "actuator")])
 @pytest.mark.slow
 def test_the_sensor_at_fault_is_named(truth, name, sensor):
-    found = told(records(truth, 5))
+    found = described(records(truth, 5))
     assert [c.name for c in found.causes] == [name]
     cause = found.causes[0]
     assert cause.description.endswith(sensor)
@@ -127,18 +127,18 @@ def test_the_sensor_at_fault_is_named(truth, name, sensor):
 
 
 def test_nothing_is_named_where_nothing_is_hidden():
-    assert told(records(Truth(), 7)).verdict == "nothing-to-explain"
+    assert described(records(Truth(), 7)).verdict == "nothing-to-explain"
 
 
 @pytest.mark.slow
 def test_two_causes_at_once_are_both_named():
-    found = told(records(Truth(friction=60.0).scaled(tyre_stiffness=0.8), 9))
+    found = described(records(Truth(friction=60.0).scaled(tyre_stiffness=0.8), 9))
     assert {c.name for c in found.causes} == {"strut-friction", "tyre-stiffness"}
 
 
 def test_with_the_other_parameters_free_payload_and_the_actuators_scale_are_one():
     """All six parameters times g and the force divided by g: the same motion, so that nobody can tell."""
-    found = told(records(Truth().scaled(sprung_mass=1.1), 11), QuarterCarBaseline(CAR, free=FREE))
+    found = described(records(Truth().scaled(sprung_mass=1.1), 11), QuarterCarBaseline(CAR, free=FREE))
     assert found.verdict == "cannot-tell"
     assert set(found.rivals[0].names) == {"payload", "sensor-scale"}
 
@@ -169,7 +169,7 @@ def test_geometry_knows_what_free_parameters_and_motion_alone_cannot_show():
 
 def test_without_an_actuator_a_payload_is_taken_for_the_car_itself():
     alone = QuarterCarBaseline(CAR, free=FREE, actuated=False)
-    found = told(records(Truth().scaled(sprung_mass=1.3), 13, actuated=False), alone)
+    found = described(records(Truth().scaled(sprung_mass=1.3), 13, actuated=False), alone)
     assert found.verdict == "nothing-to-explain"
     assert "actuator-delay" in {c.name for c in found.cannot_tell}
 

@@ -59,7 +59,7 @@ class TestDescription:
         names = [p.name for p in effect.parameters]
         assert len(set(names)) == len(names) and 1 <= effect.strengths <= len(names)
         for k, p in enumerate(effect.parameters):
-            assert p.says and units.to_si(np.ones(1), p.unit).known
+            assert p.description and units.to_si(np.ones(1), p.unit).known
             assert p.bounds[0] < p.bounds[1] and np.isfinite(p.bounds).all()
             if k < effect.strengths:
                 assert all(g != p.neutral for g in p.grid) or k > 0 or p.grid == (0.0,)

@@ -95,8 +95,8 @@ class TestMissingScheduling:
         values[0] = 0.45
         assert not effect.implausible(values)
         values[1] = 0.45  # both are largest at the beginning
-        (said,) = effect.implausible(values)
-        assert "by 90%" in said
+        (stated,) = effect.implausible(values)
+        assert "by 90%" in stated
 
     def test_what_the_law_holds_besides_is_modulated_with_it(self) -> None:
         """A turbulent loss is part of the force whose modulation nobody logged: (F_0 + c v|v|) m(t)."""

@@ -185,9 +185,9 @@ def test_a_loop_that_looks_ahead_says_so():
                                             (ReliefValve(), "force-map"), (LpvArx(), "fit it"),
                                             (Linear(values={"mass": 3.0}), "mass=0")])
 def test_a_damper_without_a_step_names_the_nearest(damper, nearest):
-    with pytest.raises(InputError, match=nearest) as said:
+    with pytest.raises(InputError, match=nearest) as stated:
         export(damper)
-    assert "\n" not in str(said.value)
+    assert "\n" not in str(stated.value)
 
 
 INVERSES = {None: None, "guo": Guo(degree=1, span=(0.0, 2.0)), "extended-bouc-wen": ExtendedBoucWen(nodes=(0.0, 2.0)),

@@ -13,7 +13,7 @@ from lpvid.export.exporting import written
 from lpvid.export.fmu import fmi2_content
 from quartercar.controllers import law_class
 from quartercar.controllers.contract import Setting
-from quartercar.controllers.loop.chain import Chain, ChainSettings
+from quartercar.controllers.loop.chain import ChainSettings, ControllerChain
 from quartercar.controllers.loop.sensing import SETS
 from quartercar.dampers.stepper import DamperStepper
 from quartercar.export import EXPORTER
@@ -125,7 +125,7 @@ def test_a_loop_law_fmu_commands_like_the_chain_of_a_ride(tmp_path):
     n = 300
     road = 0.03 * np.sin(2 * np.pi * 1.5 * np.arange(n) / 512) ** 2
     run = QuarterCar(MEGANE, damper).run(road, damper.clock, CURRENT)
-    chain = Chain([law], setting, coil, settings, [np.random.default_rng(1)], n)
+    chain = ControllerChain([law], setting, coil, settings, [np.random.default_rng(1)], n)
     slave = Slave(LoopLaw(law, setting, coil, settings), {}, tmp_path)
     commands, given = [], []
     sensing = chain._sensing

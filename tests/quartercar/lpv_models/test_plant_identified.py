@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import expm
 
 from lpvid.errors import InputError
-from lpvid.identification.layout import Layout
+from lpvid.identification.layout import ParameterLayout
 from lpvid.model.input_stage import TanhStage, ThreeZoneStage
 from lpvid.model.scheduling_stage import SchedulingLag
 from lpvid.model.signals import Signal
@@ -25,7 +25,7 @@ from quartercar.vehicle.linear import LinearCar
 from quartercar.vehicle.nonlinear import QuarterCar
 
 STEP = 1 / 512
-ONE = Layout(np.zeros((1, 5), dtype=int))
+ONE = ParameterLayout(np.zeros((1, 5), dtype=int))
 
 
 def damper(order: int = 2, slope: float = 0.0, affine: float = 0.0, lag: bool = True, **changes) -> LpvArx:

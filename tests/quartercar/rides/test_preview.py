@@ -14,7 +14,7 @@ from quartercar import controllers as laws
 from quartercar.controllers.contract import Setting
 from quartercar.controllers.laws.preview_lqr import PreviewLoop, preview_loop
 from quartercar.controllers.loop.chain import ChainSettings
-from quartercar.controllers.loop.observer import Observer, ObserverSettings
+from quartercar.controllers.loop.observer import KalmanObserver, ObserverSettings
 from quartercar.controllers.loop.road_estimate import RoadEstimator
 from quartercar.controllers.loop.sensing import SETS, MeasurementSet, Sensor
 from quartercar.parameters import MEGANE
@@ -128,7 +128,7 @@ def test_a_better_sensor_gives_a_better_road():
 def test_the_observer_of_the_rear_axle_knows_the_road_that_passed(rng):
     """With the road's rate as an input the tyre's deflection is estimated far better than from the sensors alone."""
     readings = SETS["stroke-body"]
-    blind, seeing = Observer(SETTING, readings), Observer(replace(SETTING, road_error=1e-3), readings)
+    blind, seeing = KalmanObserver(SETTING, readings), KalmanObserver(replace(SETTING, road_error=1e-3), readings)
     assert seeing.covariance[2, 2] < 0.2 * blind.covariance[2, 2]
     step, drive, road = seeing._step, seeing._drive, seeing._road
     x, errors = np.zeros(len(step)), []

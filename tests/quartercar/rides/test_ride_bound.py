@@ -13,7 +13,7 @@ from quartercar.criteria import judge
 from quartercar.dampers import Guo
 from quartercar.parameters import MEGANE
 from quartercar.rides.bound import BoundSettings, bound_rides
-from quartercar.rides.clairvoyant import HELD, Effort, Problem, best_currents, energy_limit, replay
+from quartercar.rides.clairvoyant import HELD, CurrentSequenceProblem, Effort, best_currents, energy_limit, replay
 from quartercar.rides.comparison import compare_rides
 from quartercar.rides.config import build_car
 from quartercar.rides.relaxation import relaxed_bound
@@ -94,9 +94,11 @@ def test_what_is_told_of_a_bound(bounds):
     assert nonlinear.best["objective"][1].run.n_samples == 2 < nonlinear.best["objective"][0].run.n_samples
 
 
-def problem(car: QuarterCar, road: RideRoad, objective: Objective, sample_time: float = 2e-3) -> Problem:
+def problem(car: QuarterCar, road: RideRoad, objective: Objective, sample_time: float = 2e-3) -> CurrentSequenceProblem:
     passive = drive(car, road, [Passive(values={"fixed_current": 0.0})], [0], None)[0]
-    return Problem(car, road, 0, sample_time, passive.figures, objective, {"given": energy_limit(passive.passivity)})
+    return CurrentSequenceProblem(
+        car, road, 0, sample_time, passive.figures, objective, {"given": energy_limit(passive.passivity)}
+    )
 
 
 def test_two_commands_against_all_of_them():

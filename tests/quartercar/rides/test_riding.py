@@ -287,9 +287,9 @@ def test_the_front_is_unbeaten(comparison):
 
 
 def test_a_comparison_says_what_it_found(comparison):
-    told = comparison.to_dict()
-    assert told["schema"] == "quartercar/ride/1" and len(told["rides"]) == 6
-    first = told["rides"][0]
+    described = comparison.to_dict()
+    assert described["schema"] == "quartercar/ride/1" and len(described["rides"]) == 6
+    first = described["rides"][0]
     assert first["figures"]["comfort"]["unit"] == "m/s^2" and first["passivity"]["holds"] is True
     assert comparison.verdict in str(comparison)
 

@@ -15,7 +15,7 @@ from lpvid.errors import InputError
 from quartercar.rig import CAUSES, EXPERIMENTS, Experiment, Motion, Rig, RigDamper, Sensors, effect, respond
 from quartercar.rig.damper import low_passed
 from quartercar.rig.patterns import Constant, Creep, Road, Sine, Triangle
-from quartercar.rig.setup import Chain, Setup
+from quartercar.rig.setup import MeasurementChain, Setup
 
 FINE = 8192.0
 NAMES = [cause.name for cause in CAUSES]
@@ -29,7 +29,7 @@ def sine_motion(amplitude, frequency, cycles, current=0.0, rate=FINE):
 
 
 def run(damper, motion, *effects):
-    setup = Setup(damper.physics(), Chain())
+    setup = Setup(damper.physics(), MeasurementChain())
     for item in effects:
         setup = item.apply(setup)
     return respond(Setup(setup.physics, setup.chain), motion)
@@ -184,7 +184,7 @@ def test_energy_is_dissipated():
     command = np.repeat(np.repeat(rng.uniform(0, 2.5, 600), 10), 16)
     motion = Motion.along(x, command, FINE)
     physics = rig.setup().physics._replace(gas_preload=0.0)  # gas as a plain spring: its energy is ½Kx²
-    out = respond(Setup(physics, Chain()), motion)
+    out = respond(Setup(physics, MeasurementChain()), motion)
     dx = np.diff(x)
     work = np.concatenate([[0.0], np.cumsum(0.5 * (out.force[1:] + out.force[:-1]) * dx)])
     stored = 0.5 * physics.compliance * out.series_force**2 + 0.5 * physics.gas_stiffness * x**2

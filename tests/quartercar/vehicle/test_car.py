@@ -324,12 +324,12 @@ def test_steps_from_the_rates_alone_agree_with_the_compiled_ones(name: str):
     x, v = 0.004 * np.sin(20 * t), 0.08 * np.cos(20 * t)
     forces = []
     for stepper in (ours, general):
-        told = [stepper.begin(x[0], v[0], 1.0)]
+        described = [stepper.begin(x[0], v[0], 1.0)]
         for k in range(1, t.size):
             stepper.approach(1.0)
-            told.append(stepper.trial(x[k], v[k]))
+            described.append(stepper.trial(x[k], v[k]))
             stepper.commit(x[k], v[k])
-        forces.append(np.array(told))
+        forces.append(np.array(described))
     np.testing.assert_allclose(forces[1], forces[0], atol=3e-3 * np.ptp(forces[0]))
 
 

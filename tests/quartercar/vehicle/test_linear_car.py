@@ -138,12 +138,12 @@ def test_the_identity_of_the_masses():
 def test_python_control_agrees():
     control = pytest.importorskip("control")
     for system in (LinearCar(BENCH).relative(), LinearCar(BENCH).absolute()):
-        told = system.to_control()
-        assert isinstance(told, control.StateSpace)
-        assert tuple(told.output_labels) == system.outputs and tuple(told.input_labels) == system.inputs
+        described = system.to_control()
+        assert isinstance(described, control.StateSpace)
+        assert tuple(described.output_labels) == system.outputs and tuple(described.input_labels) == system.inputs
         s = 7j
         wanted = system.C @ np.linalg.solve(s * np.eye(4) - system.A, system.B) + system.D
-        np.testing.assert_allclose(told(s), wanted, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(described(s), wanted, rtol=1e-9, atol=1e-12)
 
 
 def test_tyre_damping_lets_white_noise_through_to_the_tyre_force_only():
