@@ -20,6 +20,8 @@ from hypothesis import settings  # noqa: E402
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from lpvid.plot.style import Drawn
+
 settings.register_profile("steady", derandomize=True, deadline=None)
 settings.load_profile("steady")
 
@@ -58,9 +60,10 @@ def undrawn() -> Iterator[None]:
     """
     import lpvid.plot
     import lpvid.plot.export
+    from lpvid.plot.style import figure_of
 
-    def frame(figure: Figure) -> bytes:
-        width, height = 72 * figure.get_size_inches()
+    def frame(figure: Figure | Drawn) -> bytes:
+        width, height = 72 * figure_of(figure).get_size_inches()
         return f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}pt" height="{height:g}pt"/>'.encode("ascii")
 
     with pytest.MonkeyPatch.context() as patch:

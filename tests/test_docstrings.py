@@ -25,7 +25,7 @@ PACKAGES = ("lpvid", "quartercar")
 LIST = Path(__file__).with_name("docstrings_incomplete.txt")
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 DATA_CLASSES = ("NamedTuple", "TypedDict")
-INCOMPLETE = {"lpvid": 1635, "quartercar": 1238}
+INCOMPLETE = {"lpvid": 1454, "quartercar": 1039}
 """Names on the list when it began: the next figures may only be smaller."""
 
 

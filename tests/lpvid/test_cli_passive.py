@@ -58,7 +58,7 @@ def test_a_passive_model_says_nothing(tmp_path):
                                 "--shape", "tanh").output
 
 
-@pytest.mark.parametrize(("options", "said"), [
+@pytest.mark.parametrize(("options", "stated"), [
     (("--structure", "bj"), "--passive does not apply to --structure bj"),
     (("--nk", 1), "--nk 0"),
     (("--lagged", "--schedule", "current"), "--lagged"),

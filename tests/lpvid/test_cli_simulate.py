@@ -114,7 +114,7 @@ def test_a_run_that_diverges_has_empty_cells_and_says_where(folder, tmp_path):
     assert np.isfinite(simulated[:at]).all() and np.isnan(simulated[at:]).all()
 
 
-@pytest.mark.parametrize(("arguments", "said"), [
+@pytest.mark.parametrize(("arguments", "stated"), [
     (("model.json", "none.csv"), "there is no such file"),
     (("run0.csv", "run1.csv"), "is not a JSON file"),
     (("model.json", "run0.csv", "--sample-rate", "100"), "runs at its own rate"),

@@ -82,7 +82,7 @@ def test_a_bound_that_cannot_be_had_ends_with_three_and_its_mend(tmp_path):
     assert (out / "report.html").exists()
 
 
-@pytest.mark.parametrize(("change", "says"), [
+@pytest.mark.parametrize(("change", "description"), [
     (('controls = ["push"]', 'controls = ["pusch"]'), "no control 'pusch'"),
     (("[0, 2, -5]]", "[0, 2]]"), "rows of equal length"),
     (("C = [[1, 0, 0], [0, 0, 0], [0, 1, 0]]", "C = [[1, 0, 0], [0, 0, 0]]"), "must have shape (3, 3)"),

@@ -44,7 +44,7 @@ def test_a_model_that_diverges_is_last_and_one_that_lacks_a_channel_is_left_out(
     assert list(found.refused) == ["other"] and "pressure" in found.refused["other"]
 
 
-@pytest.mark.parametrize("models, says", [
+@pytest.mark.parametrize("models, description", [
     ({}, "no models"),
     ({"a": gain(1.0, "torque")}, "none of the 1 model"),
 ])

@@ -205,7 +205,7 @@ def test_the_extended_model_is_a_baseline_in_which_nothing_more_is_found(install
     assert np.array_equal(nested.predict(measured(5)), more.extended.predict(measured(5)))
 
 
-@pytest.mark.parametrize(("change", "said"), [
+@pytest.mark.parametrize(("change", "stated"), [
     (lambda d: d["effects"][0].update(name="gone"), "no installed catalogue has the effect 'gone'"),
     (lambda d: d["baseline"].update(name="gone"), "no baseline 'gone'"),
     (lambda d: d["effects"][0]["parameters"][0].update(name="other"), "other parameters here than in the file"),
@@ -291,7 +291,7 @@ def test_entry_points_may_give_a_factory_or_a_mapping_of_them(installed):
     assert [e.name for e in registry.catalogue(["more"])] == ["lone"]
 
 
-@pytest.mark.parametrize(("group", "value", "said"), [
+@pytest.mark.parametrize(("group", "value", "stated"), [
     ("lpvid.effects", ImportError("broken\nmodule"), "does not load; broken module"),
     ("lpvid.effects", (1, 2), "no tuple of effects"),
     ("lpvid.effects", (Added("dry", sign),), "two effects have one name"),

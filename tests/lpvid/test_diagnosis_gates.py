@@ -60,7 +60,7 @@ def drowned(seed: int) -> tuple[DiagnosisProblem, Folds, Folds, NoiseLevel, Nois
 
 
 class TestBothMetrics:
-    @pytest.mark.parametrize(("apart", "share", "certain", "says"), [
+    @pytest.mark.parametrize(("apart", "share", "certain", "description"), [
         (50.0, 0.0, 0.0, 50.0), (-50.0, 0.0, 0.0, -50.0),  # the error in the output's unit is silent
         (50.0, 0.4, 4.0, -20.0), (-50.0, -0.4, -4.0, 20.0),  # it surely says otherwise
         (50.0, -0.4, -4.0, 50.0), (-50.0, 0.4, 4.0, -50.0),  # it agrees
@@ -90,7 +90,7 @@ class TestBothMetrics:
             surer.append(surer_share(problem, before, after, level, white, 0.0)[0])
         assert np.std(plain) > 3 * np.std(surer) and np.mean(surer) == pytest.approx(1.0, abs=0.15)
 
-    @pytest.mark.parametrize(("level_of_both", "worse", "told"), [(1.0, 1.005, True), (1.0, 1.02, True),
+    @pytest.mark.parametrize(("level_of_both", "worse", "described"), [(1.0, 1.005, True), (1.0, 1.02, True),
                                                                   (5.0, 3.0, False)])
     def test_a_share_below_none_that_is_unsure_says_nothing(self, level_of_both: float, worse: float,
                                                             described: bool) -> None:

@@ -77,7 +77,7 @@ def test_other_dependences_on_the_current_are_certified_between_grid_points(basi
     assert np.isfinite(found.condition)
 
 
-@pytest.mark.parametrize(("structure", "said"), [
+@pytest.mark.parametrize(("structure", "stated"), [
     (lpv.ARX(2, 2, 1, "velocity", "force"), "nk=0"),
     (lpv.ARX(2, 2, 0, "velocity", "force", lagged=True), "lagged"),
     (lpv.ARX(2, 2, 0, "velocity", "force", BASIS, stage="three-zone"), "--shape tanh"),

@@ -205,7 +205,7 @@ def test_the_online_model_predicts(rng) -> None:
     np.testing.assert_allclose(running.model.frozen_poles([0.5]), [0.6], atol=1e-9)
 
 
-@pytest.mark.parametrize(("make", "said"), [
+@pytest.mark.parametrize(("make", "stated"), [
     (lambda: Recursive(FIRST, 0.0), "forgetting must lie above 0"),
     (lambda: Recursive(FIRST, 1.5), "forgetting must lie above 0"),
     (lambda: Recursive(ARX(stage="tanh")), "cannot fit a stage"),

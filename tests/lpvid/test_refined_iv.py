@@ -127,7 +127,7 @@ def test_coupled_outputs_are_refused(rng) -> None:
         identify(data, RefinedIV(1, 1, 1, ("u", "w"), ("y", "z"), Polynomial("p", 1)))
 
 
-@pytest.mark.parametrize(("arguments", "said"), [
+@pytest.mark.parametrize(("arguments", "stated"), [
     ({"noise": "white"}, "noise must be one of"), ({"nc": 1}, "no C and D"),
     ({"noise": "box-jenkins"}, "needs nc or nd"), ({"iterations": 0}, "at least 1"), ({"na": -1}, "na must be"),
     ({"tolerance": 0.0}, "tolerance must be positive"),

@@ -52,7 +52,7 @@ def test_several_are_numbered_and_records_keep_their_names():
     assert [r.name for r in as_records([columns(), named, columns()])] == ["data 1", "mine", "data 3"]
 
 
-@pytest.mark.parametrize("wrong, says", [
+@pytest.mark.parametrize("wrong, description", [
     (np.zeros((10, 2)), r"got ndarray.*Mend: wrap it in lpv\.Record"),
     ("run.csv", r"got str.*lpv\.read"),
     (Path("run.csv"), r"lpv\.read"),

@@ -160,7 +160,7 @@ def test_given_parameters_and_other_names_of_channels(tmp_path):
     assert described["baseline"]["esr"]["training"] > 0.05
 
 
-@pytest.mark.parametrize(("arguments", "said"), [
+@pytest.mark.parametrize(("arguments", "stated"), [
     (["--baseline", "gou"], "no baseline 'gou'"),
     (["--baseline", "guo", "--catalogue", "quartercr"], "no catalogue 'quartercr'"),
     (["--baseline", "missing.json"], "no file 'missing.json'"),

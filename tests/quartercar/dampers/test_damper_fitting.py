@@ -307,7 +307,7 @@ def test_it_prints_in_ten_lines_and_saves_as_json() -> None:
     assert isinstance(found, DamperFit) and quartercar.fit is fit
 
 
-@pytest.mark.parametrize(("records", "says"), [
+@pytest.mark.parametrize(("records", "description"), [
     ([], "no records"),
     (record(np.zeros(10), np.zeros(10)), "no segment long enough"),
     (Record({"velocity": np.ones(100)}, sample_time=0.01), "channel 'force'"),

@@ -254,7 +254,7 @@ def test_template_and_schema_agree_with_the_reader() -> None:
     assert json.loads(json.dumps(schema, allow_nan=False)) == schema
 
 
-@pytest.mark.parametrize("table, says", [
+@pytest.mark.parametrize("table, description", [
     ({"weihgts": {}}, "did you mean 'weights'"), ({"weights": {"tire_force": 1.0}}, "did you mean 'tyre_force'"),
     ({"weights": {"stroke": "5 N"}}, "wrong unit"), ({"law": "lqg"}, "law must be one of"),
     ({"measured": "everything"}, "measured must be one of"), ({"weights": {"stroke": -1.0}}, "stroke"),

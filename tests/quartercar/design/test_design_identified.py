@@ -147,7 +147,7 @@ def test_the_plant_follows_from_damper_and_keys() -> None:
         assert not isinstance(read_design(table).law, LpvHinfIdentified)
 
 
-@pytest.mark.parametrize("table, says", [
+@pytest.mark.parametrize("table, description", [
     ({"plant": "linear"}, "plant must be one of"),
     ({"plant": "identified", "law": "lpv-hinf"}, "belongs to the nominal"),
     ({"plant": "identified", "weights": {"relief": 0.5}}, "weight of lpv-hinf-identified")])

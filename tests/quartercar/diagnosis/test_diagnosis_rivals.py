@@ -117,7 +117,7 @@ def test_noise_of_the_motion_does_not_speak_against_the_filter_that_raises_it(no
     assert _of_motion(ForwardSelection(problem, delay, (), rng, print), filtered, 0.0, SEPARATED)[0] < most
 
 
-@pytest.mark.parametrize(("levels", "told"), [((0.0, 0.4, 0.8, 1.2, 1.6, 2.0), {"coil-lag", "rise-fall-lag"}),
+@pytest.mark.parametrize(("levels", "described"), [((0.0, 0.4, 0.8, 1.2, 1.6, 2.0), {"coil-lag", "rise-fall-lag"}),
                                               ((0.0, 0.8, 1.2, 0.4, 2.0, 1.6), {"coil-lag"})])
 def test_edges_that_only_rise_do_not_tell_a_lag_from_one_that_falls_faster(levels: tuple[float, ...], described: set,
                                                                            rng: np.random.Generator) -> None:
@@ -134,7 +134,7 @@ def test_edges_that_only_rise_do_not_tell_a_lag_from_one_that_falls_faster(level
     assert found.verdict == ("explained" if len(described) == 1 else "cannot-tell")
 
 
-@pytest.mark.parametrize(("stribeck_speed", "told"), [(0.2, False), (0.02, True)])
+@pytest.mark.parametrize(("stribeck_speed", "described"), [(0.2, False), (0.02, True)])
 def test_a_special_case_leaves_what_it_is_one_of_as_its_rival(stribeck_speed: float, described: bool,
                                                               rng: np.random.Generator) -> None:
     """Friction that breaks away, named as dry friction: beyond these speeds it is the same, within it is contested."""

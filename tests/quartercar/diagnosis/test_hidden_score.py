@@ -30,7 +30,7 @@ def built() -> tuple:
     return hidden_truth.build(31, FEW, **QUIET)
 
 
-@pytest.mark.parametrize("said", [answer(("coulomb-friction",)), answer(),
+@pytest.mark.parametrize("stated", [answer(("coulomb-friction",)), answer(),
                                   answer(rivals=(("coulomb-friction", "stribeck-friction"),))])
 def test_what_is_separable_does_not_depend_on_the_answer(monkeypatch: pytest.MonkeyPatch, built: tuple,
                                                          stated: SimpleNamespace) -> None:
