@@ -43,7 +43,8 @@ class Checkpoint:
         """Replace the state."""
         part = self.path.with_name(self.path.name + ".part.npz")
         part.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(part, **{META: np.array(json.dumps({**meta, "key": self.key}))}, **arrays)
+        content: dict[str, Any] = {META: np.array(json.dumps({**meta, "key": self.key})), **arrays}
+        np.savez(part, **content)
         part.replace(self.path)
 
     def remove(self) -> None:
