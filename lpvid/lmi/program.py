@@ -78,7 +78,7 @@ def largest_margin(
     --------
     >>> import numpy as np
     >>> one = np.ones((1, 1, 1))
-    >>> best = next(largest_margin([Inequality(np.zeros((1, 1)), one), Inequality(np.eye(1), -one)]))  # x, 1 − x ⪰ t
+    >>> best = next(largest_margin([ProgramInequality(np.zeros((1, 1)), one), ProgramInequality(np.eye(1), -one)]))
     >>> round(best.margin, 4)
     0.5
     """

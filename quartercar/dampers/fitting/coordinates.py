@@ -21,7 +21,7 @@ class SearchCoordinates:
 
     Examples
     --------
-    >>> place = Coordinates([Parameter("slope", "s/m", "A_3", 20.0, 0.1, 1000.0, log=True)])
+    >>> place = SearchCoordinates([Parameter("slope", "s/m", "A_3", 20.0, 0.1, 1000.0, log=True)])
     >>> place.values(place.of(np.array([20.0]))).round(9).tolist(), place.slope(np.array([20.0])).tolist()
     ([20.0], [20.0])
     """
