@@ -62,7 +62,7 @@ def diagnose() -> lpv.Diagnosis:
 def summary(found: lpv.Diagnosis) -> dict[str, Any]:
     """What the page shows."""
     rivals = [n for r in found.rivals for n in r.names]
-    numbers = [[f"{c.name}: {p.name}", f"{p.value:.3g} {p.unit} ± {p.std:.1g}"]
+    numbers = [[f"{c.name}: {p.name}", f"{p.value:.3g} {p.unit}" + ("" if p.std is None else f" ± {p.std:.1g}")]
                for c in found.causes for p in c.parameters]
     return {"verdict": found.verdict, "causes": [c.name for c in found.causes], "rivals": rivals, "numbers": numbers,
             "before": found.before.esr_held_out, "after": found.after and found.after.esr_held_out,

@@ -104,3 +104,10 @@ def test_beside_a_law_with_a_long_memory_the_records_begin_where_they_began():
     assert all(not s.stretches and np.array_equal(s.output, w.output[: s.n_samples])
                for s, w in zip(short, whole, strict=True))
     assert for_search(in_turn([moving(1000)]), static=False)[0].n_samples == 1000
+
+
+@pytest.mark.parametrize("static", [True, False])
+def test_a_fast_clock_leaves_the_blocks_that_are_needed(static):
+    """Two records of 10 s at 1 kHz: 3,000 samples would be three seconds, less than eight blocks."""
+    whole = in_turn([Signals(1e-3, s.channels, s.output) for s in (moving(10000), moving(10000, 1))])
+    assert Blocks.of(for_search(whole, static=static)).count >= 8

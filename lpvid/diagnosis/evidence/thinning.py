@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.blocks import FEWEST as FEWEST_BLOCKS
 from lpvid.diagnosis.blocks import SHORTEST, START_UP
 from lpvid.diagnosis.evidence.discrepancy import USUAL
 from lpvid.diagnosis.evidence.scaling import Scales
@@ -51,10 +52,14 @@ def thinned(records: Sequence[Record], baseline: Baseline) -> tuple[list[Record]
 
 
 def for_search(signals: Sequence[Signals], static: bool) -> tuple[Signals, ...]:
-    """What a search runs on: stretches beside a law of short memory, the first part of every record beside others."""
+    """What a search runs on: stretches beside a law of short memory, the first part of every record beside others.
+
+    Either holds the blocks without which nothing is judged, whatever the clock: a block of each record may be cut.
+    """
     if static:
         return stretched(signals)
-    share = min(ENOUGH / sum(s.n_samples for s in signals), 1.0)
+    least = ((FEWEST_BLOCKS + len(signals)) * SHORTEST + len(signals) * START_UP) / signals[0].sample_time
+    share = min(max(ENOUGH, least) / sum(s.n_samples for s in signals), 1.0)
     short = [replace(_cut(s, round(share * s.n_samples)), span=(s.span[0], s.span[0] + share * (s.span[1] - s.span[0]))
                      if s.span else None) for s in signals]
     return tuple(replace(s, peers=tuple(short)) for s in short) if share < 1 else tuple(signals)
