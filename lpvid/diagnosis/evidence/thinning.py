@@ -17,7 +17,7 @@ from lpvid.diagnosis.signals import Signals, SignalStretch, jumps
 from lpvid.record import Record
 
 ENOUGH = 3000
-"""samples for a search, whose time is in proportion. An error that is all structure is worth `independence.WORTH` = 60
+"""samples for a search, whose time is in proportion. An error that is all structure is worth `independence.WORTH` = 25
 of them; in white noise of 1 %, so many show a cause of .2 % (a log-likelihood ratio of 60)"""
 BAND = 0.8
 """share of half the sample rate that an anti-alias filter leaves"""
