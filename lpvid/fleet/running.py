@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 ROUNDS = 5
 """Fits of the fleet's model at most: each without the files that differed from the one before."""
+SCHEDULER_TIMEOUT = 20.0
+"""Seconds that a scheduler has to answer."""
 LOST = "lost"
 """Message of a step whose workers were killed more often than it may be tried again."""
 
@@ -269,7 +271,7 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
         raise InputError("a fleet needs Dask", mend="pip install 'lpvid[scale]'") from None
     if scheduler is not None:
         try:
-            client = Client(scheduler, timeout=20)
+            client = Client(scheduler, timeout=SCHEDULER_TIMEOUT)
         except (OSError, ValueError) as error:
             raise InputError(f"the scheduler at '{scheduler}' does not answer", why=str(error).splitlines()[0],
                              mend="start one with dask scheduler, or leave --scheduler out") from None

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import os
 import time
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers.importable import copied
 
-from lpvid import Record
+from lpvid import Record, _processes
 from lpvid._processes import Done, in_processes
 
 
@@ -29,10 +30,18 @@ def test_a_process_that_dies_takes_only_its_item_with_it() -> None:
     assert [d.value for d in found] == [1, None, 2, 3] and "died" in str(found[1].error)
 
 
-def test_a_budget_stops_what_runs_and_leaves_what_has_not_begun() -> None:
+def test_a_budget_stops_what_runs_and_leaves_what_has_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock passes the budget once the first item is done and the next two run."""
+    passed = [0.0]
+    monkeypatch.setattr(_processes, "time", SimpleNamespace(monotonic=lambda: time.monotonic() + passed[0]))
+
+    def look(done: int, running: list[int], left: float | None) -> None:
+        if done == 1 and running == [1, 2]:
+            passed[0] = 1000.0
+
     begun = time.monotonic()
-    found = in_processes(time.sleep, [0.0, 600.0, 600.0, 0.0], workers=2, budget=20.0)
-    assert time.monotonic() - begun < 120
+    found = in_processes(time.sleep, [0.0, 600.0, 600.0, 0.0], workers=2, budget=900.0, report_progress=look)
+    assert time.monotonic() - begun < 500
     assert [d.stopped for d in found] == ["", "budget", "budget", "budget"]
 
 
@@ -54,8 +63,3 @@ def test_records_go_there_and_back() -> None:
     back, frozen = in_processes(copied, [record, MappingProxyType({"a": 1})], workers=2)
     assert isinstance(back, Done) and isinstance(back.value, Record) and isinstance(frozen.value, MappingProxyType)
     np.testing.assert_array_equal(back.value["input"], record["u"])
-
-
-def copied(given: object) -> object:
-    """Importable by a worker, as this folder stands on its path."""
-    return given

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 import lpvid as lpv
 from lpvid.cli.app import app
 from lpvid.errors import InputError
-from lpvid.fleet import differing, plan_fleet, run_fleet
+from lpvid.fleet import differing, plan_fleet, run_fleet, running
 from lpvid.fleet.differing import (
     departure,
     differing_parameters,
@@ -200,7 +200,8 @@ def test_a_step_that_hangs_inside_a_worker_is_stopped(tmp_path: Path) -> None:
         _here("identify", job, "k", lambda: str(1 / 0), 60.0)
 
 
-def test_a_missing_scheduler_is_one_line() -> None:
+def test_a_missing_scheduler_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(running, "SCHEDULER_TIMEOUT", 1.0)  # the port refuses at once; the client tries on until then
     with pytest.raises(InputError, match="does not answer"), connected("tcp://127.0.0.1:9", None):
         pass
 
