@@ -118,7 +118,7 @@ def names(value: str | Sequence[str], name: str) -> tuple[str, ...]:
 
 
 def known_name(wanted: str, available: Sequence[str], what: str, mend: str = "", where: str = "") -> str:
-    """`wanted` if it is in `available`; otherwise an error that lists what there is (in `where`, if that is said)."""
+    """`wanted` if it is in `available`; otherwise an error that lists what there is (in `where`, if stated)."""
     if wanted not in available:
         hint = " Or ".join(part for part in (_near(wanted, available), mend) if part)
         known = f"there {'is' if len(available) == 1 else 'are'} {', '.join(available) or 'none'}"

@@ -10,7 +10,7 @@ import numpy as np
 from lpvid._compiling import copy_values, njit
 
 STATE_LIMIT = 1e100
-"""states beyond this have diverged, whatever the output says."""
+"""states beyond this have diverged, whatever the output."""
 
 
 @njit()

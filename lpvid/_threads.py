@@ -105,7 +105,7 @@ def _shared(function: Callable[[T], R], items: Sequence[T], workers: int) -> lis
 
 
 class found_once(Generic[R]):
-    """A property that is computed when it is first asked for, without a lock.
+    """A property that is computed when it is first requested, without a lock.
 
     `functools.cached_property` of Python 3.11 holds one lock per class while it computes: two threads whose properties
     ask for each other's wait for ever. Here both may compute, and the later one is kept.

@@ -10,7 +10,7 @@ class LpvError(Exception):
 
 
 class InputError(LpvError, ValueError):
-    """The input is at fault; one line says what, got, why and how to mend it (exit code 2).
+    """The input is at fault; one line states what, got, why and how to mend it (exit code 2).
 
     Parameters
     ----------
@@ -45,10 +45,10 @@ class InputError(LpvError, ValueError):
 
 
 class ExtrapolationWarning(UserWarning):
-    """A model or a controller is asked for something outside the range that it was fitted on, or designed for."""
+    """A model or a controller is evaluated outside the range that it was fitted on, or designed for."""
 
 
 class NumericalError(LpvError, ArithmeticError):
-    """A numerical outcome short of what the caller asked for (exit code 3)."""
+    """A numerical outcome short of what the caller requested (exit code 3)."""
 
     exit_code = 3

@@ -29,7 +29,7 @@ HORIZON = 200
 SEEN = 1e-12
 """eigenvalue of OᵀO/N, over the largest, below which a state has no response to speak of."""
 OVERFLOW = 1e9
-"""growth of a free response after which it says nothing about its start."""
+"""growth of a free response after which it gives no information on its start."""
 
 
 def estimate_state(model: LPVStateSpace, phi: np.ndarray, u: np.ndarray, y: np.ndarray, length: int, limit: float,

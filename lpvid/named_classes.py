@@ -24,7 +24,7 @@ class NamedClasses:
     group : str
         Entry-point group in which other packages name theirs, as ``name = "module:Class"``.
     own : sequence of (str, str, str)
-        Name, module and class of the package's own; imported when they are asked for.
+        Name, module and class of the package's own; imported when they are requested.
     base : str
         ``"module:Class"`` that all of them derive from.
 

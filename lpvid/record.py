@@ -73,7 +73,7 @@ class Record(Shown):
     start : float
         Time of the first sample [s] when `sample_time` is given.
     notes : tuple of str
-        What the reader or a conversion wants to have said about these data.
+        What the reader or a conversion notes on these data.
 
     Raises
     ------
@@ -304,7 +304,7 @@ class Record(Shown):
         return replace(self, roles={**self.roles, **roles}, **self._clock())
 
     def flip(self, name: str) -> Record:
-        """The same record with one channel's sign turned, and a note that says so.
+        """The same record with one channel's sign turned, and a note that states so.
 
         Parameters
         ----------

@@ -76,7 +76,7 @@ def simulate(model: Model | Adaptable, record: Record, initial: str | np.ndarray
     Parameters
     ----------
     model : LPVTransferFunction, LPVStateSpace, SelfScheduled or Adaptable
-        Discrete-time model, or what acts as one at the record's rate. A continuous state space (a closed loop, say)
+        Discrete-time model, or what acts as one at the record's rate. A continuous state space (such as a closed loop)
         runs along any uniform record, with inputs and scheduling linear between its samples
         (`lpvid.model.continuous_run`), from rest or from a given state.
     record : Record

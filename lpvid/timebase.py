@@ -1,4 +1,4 @@
-"""What a column of time stamps says: period, jitter, gaps, duplicates, backward steps."""
+"""What a column of time stamps states: period, jitter, gaps, duplicates, backward steps."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def analyse_time(time: np.ndarray) -> TimeBase:
 def _few_faults(time: np.ndarray, coarse: float, odd: int) -> bool:
     """True when all intervals are equal but for one to `FEW_FAULTS` gaps or duplicates.
 
-    Stamps printed to one whole period (100 Hz, two decimals) cannot tell one missing row from a clock that runs a
+    Stamps printed to one whole period (100 Hz, two decimals) cannot separate one missing row from a clock that runs a
     little slow; the missing row is the likelier, and the one that must not be passed over.
     """
     if not 0 < odd <= FEW_FAULTS:
@@ -132,7 +132,7 @@ def _print_resolution(time: np.ndarray) -> np.ndarray:
 
     Stamps stored in single precision have that precision's spacing.
 
-    A decade with fewer than eight stamps says too little and takes its neighbour's step; 0 where no step was found.
+    A decade with fewer than eight stamps is too short and takes its neighbour's step; 0 where no step was found.
     """
     magnitude = np.where(time != 0, np.floor(np.log10(np.maximum(np.abs(time), 1e-300))), -np.inf)
     resolution = np.full(time.size, np.nan)

@@ -23,7 +23,7 @@ CHUNK = 100_000
 
 
 def heads(records: Sequence[Record], output: str) -> list[list[float]]:
-    """First samples of each record's output, for ``metadata["training"]["heads"]``; still ones say nothing."""
+    """First samples of each record's output, for ``metadata["training"]["heads"]``; still ones give no information."""
     cuts = (r[output][:SAMPLES] for r in records[:RECORDS])
     return [[float(f"{x:.9g}") for x in cut] for cut in cuts if len(cut) == SAMPLES and np.ptp(cut) > 0]
 

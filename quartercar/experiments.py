@@ -1,6 +1,6 @@
-"""Experiments that tell causes apart, as plans that the virtual rig (or a real one) can run.
+"""Experiments that separate causes, as plans that the virtual rig (or a real one) can run.
 
-The table says of every cause which motion and which current make it visible and set it apart from its usual rivals.
+The table states of every cause which motion and which current make it visible and set it apart from its usual rivals.
 Neither the rig nor the effects know of it.
 """
 
@@ -22,7 +22,7 @@ class PlannedExperiment:
 
     Attributes
     ----------
-    name, says : str
+    name, description : str
     displacement, current : str
         Inline TOML tables, as in `quartercar rig --template`.
     duration : float
@@ -140,7 +140,7 @@ ON_THE_CAR: Mapping[str, str] = {
 """Causes in a car, which a rig that holds the damper alone cannot show, and what shows them on the car."""
 
 NO_PLAN: Mapping[str, str] = {
-    "sensor-scale": "no motion and no current tell the scale of a sensor from the size of what it drives: calibrate "
+    "sensor-scale": "neither motion nor current separates a sensor's scale from the size of what it drives: calibrate "
                     "the channel against a known displacement or current",
     "shared-filter": "every motion passes the same filters: record one run again with their corner frequency raised",
     "channel-sign": "a sensor turned round and a law turned round are one: move the rod by hand and read the sign, "
@@ -169,16 +169,16 @@ PAIRS: Mapping[frozenset[str], tuple[PlannedExperiment, ...] | str] = {frozenset
     (("asymmetry", "force-offset"), (SPEEDS, FULL_RANGE)),
     (("current-saturation", "scheduling-degree"), (FULL_RANGE,)),
     (("gas-preload", "force-offset"),
-     "at one gas pressure and one temperature no motion tells them apart: read the load cell with the rod "
+     "at one gas pressure and one temperature no motion separates them: read the load cell with the rod "
      "disconnected, or repeat the run warm or at another gas pressure; the offset stays"),
     (("series-compliance", "entrained-air"), (SWEEP, LARGE_SWEEP)),
 )}
-"""What tells two causes apart, or why no experiment on the rig can."""
+"""What separates two causes, or why no experiment on the rig can."""
 
 NOT_BY_FORCE: Mapping[str, str] = {
-    "series-compliance": "whether it is the oil or a bush, force and displacement at the ends cannot tell: a second "
+    "series-compliance": "whether it is the oil or a bush, force and displacement at the ends do not show: a second "
                          "displacement across the bush, or a run at another gas pressure, would",
-    "entrained-air": "whether it is air in the oil or a soft mount, force and displacement at the ends cannot tell: a "
+    "entrained-air": "whether it is air in the oil or a soft mount, force and displacement at the ends do not show: a "
                      "run at another gas pressure, or after bleeding, would",
 }
 """What remains open about a cause that is found, and the measurement that is missing."""
@@ -214,7 +214,7 @@ def plan_for(found: Diagnosis) -> ExperimentProposal | None:
 def _of_rivals(groups: list[tuple[str, ...]]) -> tuple[dict[PlannedExperiment, list[str]], list[str]]:
     """Parts that tell the members of each group apart, and what no part can tell.
 
-    The first of a group is the chosen one, which each of the others is to be told from.
+    The first of a group is the chosen one, which each of the others is to be separated from.
     """
     by_part: dict[PlannedExperiment, list[str]] = {}
     advice: list[str] = []

@@ -74,7 +74,7 @@ def write_commands(folder: Path) -> None:
         "Generated from the commands themselves; `COMMAND --help` prints the same.",
         "",
         "Exit codes: 0 done; 2 the input is at fault, one line names it, nothing is written; 3 a numerical outcome "
-        "short of what was asked, with the result written.",
+        "short of the request, with the result written.",
         "",
     ]
     for name, group in applications().items():

@@ -40,7 +40,7 @@ def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> S
     Quadratic first (V with one P), then P(p) of degree 1 to 3; the inequalities stand in `lpvid.lmi.certificate`.
     Whatever a solver proposes counts only after a re-check with numpy, on the whole box and not only on a grid.
 
-    A model with a scheduling filter is asked for any motion of the filter's output first, then for what the filter
+    A model with a scheduling filter is tried on any motion of the filter's output first, then on what the filter
     lets through, for its lag bounds the rate whatever the command does; the filter's own state decays and never leaves
     the range. Without a certificate, an admissible trajectory along which the model grows is searched for; that is
     sufficient for instability, and the lack of both leaves the question open.
@@ -239,7 +239,7 @@ def _decay(system: Autonomous, box: Scheduling, lyapunov: Lyapunov, frozen: floa
 
 
 def asked(box: Scheduling, rate: Rate, range: Range, keep: bool = False) -> Scheduling:
-    """The model's variables with the range and the rates asked for; `keep` leaves the box's own rates."""
+    """The model's variables with the range and the rates requested; `keep` leaves the box's own rates."""
     rates = _per_variable(box.rate if keep else rate, box.names, "rate")
     for name, bound in rates.items():
         if bound is not None and not _checks.real(bound, f"the rate of '{name}'") >= 0:

@@ -91,7 +91,7 @@ class CriticalLine:
     def __str__(self) -> str:
         line = self.line
         span = f"{line.label} from {line.low:.6g} to {line.text(line.high)}"
-        rows = [f"{'frozen-stable over' if self.stable else 'NOT frozen-stable everywhere over'} {span}"]
+        rows = [f"{'frozen-stable over' if self.stable else 'NOT frozen-stable at every point over'} {span}"]
         held = ", ".join(f"{x:.4g}" for x, d in zip(line.origin, line.direction, strict=True) if d == 0)
         if held:
             rows[0] += f", the other variables held at {held}"
@@ -193,7 +193,7 @@ def critical_scheduling(model: Model, variable: str | Sequence[str] | None = Non
     between neighbours, so that a solution missed by an ill-conditioned problem is found by bisection (and noted).
     Splines are taken piece by piece. A basis that is neither is searched on a grid, and ``exact`` is then False.
 
-    It says nothing about a scheduling variable that *moves*; see `certify_stability`.
+    It gives no information on a scheduling variable that *moves*; see `certify_stability`.
 
     Parameters
     ----------

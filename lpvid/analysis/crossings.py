@@ -155,7 +155,7 @@ def _stations(line: Line, found: list[Crossing], edges: set[float], window: tupl
 
 def _completed(counter: UnstablePoleCounter, line: Line, found: list[Crossing], edges: set[float],
                result: LineSearch) -> tuple[list[Crossing], int]:
-    """Add by bisection the crossings that the counts of unstable poles say are missing."""
+    """Add by bisection the crossings that the counts of unstable poles show to be missing."""
     added = 0
     for _ in range(8):
         stations = _stations(line, found, edges, result.window)

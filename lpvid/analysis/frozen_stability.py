@@ -15,7 +15,7 @@ from lpvid.analysis.frozen import CAVEAT, FrozenFamily, Model, family, stability
 class FrozenStability:
     """Whether the frozen model is stable over its box, and where it is closest to losing stability.
 
-    It says nothing about a scheduling variable that moves; see `certify_stability`.
+    It gives no information on a scheduling variable that moves; see `certify_stability`.
     """
 
     stable: bool

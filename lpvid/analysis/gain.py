@@ -204,7 +204,7 @@ def _judged(plant: Driven, worst: WorstCase, certificate: GainCertificate | None
 
 
 def rated(box: Scheduling, rate: Rate, range: Range) -> Scheduling:
-    """The box asked for: rates left out are the box's own, an infinite one is no bound."""
+    """The requested box: rates left out are the box's own, an infinite one is no bound."""
     def tamed(value: float | None) -> float | None:
         return None if value is None or value == math.inf else value
 

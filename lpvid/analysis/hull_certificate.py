@@ -73,7 +73,7 @@ class HullCertificate:
 
     @property
     def claim(self) -> str:
-        """What the certificate says, in words."""
+        """What the certificate states, in words."""
         return (f"gain from {', '.join(self.inputs)} to {', '.join(self.outputs)} at most {self.gamma:.6g} for every "
                 f"trajectory of {', '.join(self.names)} in a polytope of {len(self.vertices)} vertices, however fast")
 

@@ -32,7 +32,7 @@ def certify_passivity(model: LPVTransferFunction, rate: Rate = None, range: Rang
 
     The dissipation inequality stands in `lpvid.lmi.passive_form`: P(p) of rising degree, and a multiplier λ(p) for the
     sector of a tanh stage. Whatever a solver proposes counts only after a re-check with numpy, on the whole box where
-    the dependence is polynomial. Any motion of the scheduling is asked for first, then that which the model's own
+    the dependence is polynomial. Any motion of the scheduling is tried first, then that which the model's own
     scheduling filter lets through.
 
     Parameters
@@ -110,7 +110,7 @@ def certificate_of(model: LPVTransferFunction, storage: Storage, multiplier: np.
 
 def proven(model: LPVTransferFunction, program: PassiveProgram, iterate: Iterate, units: tuple[float, float]
            ) -> tuple[Storage, np.ndarray, Recheck]:
-    """The storage function and multiplier of a scaled program in the model's own units, and what numpy says of them.
+    """The storage function and multiplier of a scaled program in the model's own units, and their check by numpy.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a certificate of passivity holds, says and stores."""
+"""What a certificate of passivity holds, states and stores."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class PassivityCertificate:
 
     @property
     def claim(self) -> str:
-        """What the certificate says, in words."""
+        """What the certificate states, in words."""
         if not self.verified:
             return "no statement on the energy that the model can give"
         text = "passive: it gives back no more energy than is stored in it" + describe_box(self.box, self.kind)

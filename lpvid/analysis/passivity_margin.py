@@ -32,7 +32,7 @@ class PassivityMargin:
 
     where N is the describing function of the tanh stage: the power of a sine depends on the fundamental alone, so that
     this is exact. d is least at V → ∞ or at V → 0; `damping` is the smaller. Where it is negative the model gives
-    energy in every period; d ≥ 0 everywhere is necessary for passivity, and without a stage sufficient too (held p).
+    energy in every period; d(p) ≥ 0 is necessary for passivity at held p, and without a stage sufficient too.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class PassivityMargin:
         return f"gives energy at {where} (least damping {damping[row, column]:.4g}{unit} at {at}{size})"
 
     def statement(self) -> str:
-        """What an unconstrained model says of itself, unasked: within `BAND`, and beyond it; empty if passive."""
+        """What is reported of an unconstrained model: within `BAND`, and beyond it; empty if passive."""
         inside, everywhere = self.description(BAND), self.description(None)
         if not everywhere:
             return ""

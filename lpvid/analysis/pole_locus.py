@@ -45,7 +45,7 @@ class Meeting:
 class PoleLocus:
     """Frozen poles along one scheduling variable, one column for each branch.
 
-    It says nothing about a scheduling variable that moves; see `certify_stability`.
+    It gives no information on a scheduling variable that moves; see `certify_stability`.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ class Region(Protocol):
 def certify_region(system: LPVStateSpace, region: Region, *, range: Range = None) -> Bound:
     """Prove that the poles lie in a region for every held value of the scheduling, not only at points of a grid.
 
-    P(p) may follow p, for nothing moves; a constant P, tried first, says more. The inequality stands in
+    P(p) may follow p, for nothing moves; a constant P, tried first, states more. The inequality stands in
     `lpvid.lmi.bounds.RegionBound`.
 
     Parameters

@@ -276,7 +276,7 @@ class RobustCertificate:
 
     @property
     def claim(self) -> str:
-        """What the certificate says, in words."""
+        """What the certificate states, in words."""
         kinds = ", ".join(f"{type(b).__name__} {'/'.join(b.inputs)}" for b in self.blocks)
         text = (f"gain from {', '.join(self.inputs)} to {', '.join(self.outputs)} at most {self.gamma:.6g} for every "
                 f"{kinds}")

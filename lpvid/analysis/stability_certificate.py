@@ -1,4 +1,4 @@
-"""What a stability certificate holds, says and stores."""
+"""What a stability certificate holds, states and stores."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class StabilityCertificate:
         P(p) = Σ_k matrices[k] ψ_k(p), with ψ_k the functions of `basis`.
     basis : Polynomial
     box : Scheduling
-        Range and rate bounds [units per second] asked for; a variable read at several times has an entry for each.
+        Range and rate bounds [units per second] requested; a variable read at several times has an entry for each.
     sample_time : float or None
     model_hash : str
         sha256 of the coefficients, the basis and the sampling time it was made for.
@@ -87,7 +87,7 @@ class StabilityCertificate:
 
     @property
     def claim(self) -> str:
-        """What the certificate says, in words."""
+        """What the certificate states, in words."""
         if not self.verified:
             return "no statement about a moving scheduling variable"
         where = ", ".join(_interval(*row) for row in zip(self.box.names, self.box.lower, self.box.upper,

@@ -190,7 +190,7 @@ class PolytopicCertificate:
 
     @property
     def claim(self) -> str:
-        """What the certificate says, in words."""
+        """What the certificate states, in words."""
         return (f"with zero input the state decays for every motion in the hull of {len(self.vertices)} vertices, "
                 "however fast")
 
@@ -204,7 +204,7 @@ class PolytopicCertificate:
             return Recheck(False, False, margin, "V does not decrease between some vertices")
         if not self.margin <= margin * (1 + 1e-6) + 1e-12:
             return Recheck(False, True, margin, f"a margin of {self.margin:.3g} is claimed")
-        return Recheck(True, True, margin, "holds at every pair of vertices, and so everywhere in their hull")
+        return Recheck(True, True, margin, "holds at every pair of vertices, and so at every point in their hull")
 
     def to_dict(self) -> dict:
         """Plain data for JSON.

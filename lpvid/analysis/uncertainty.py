@@ -239,7 +239,7 @@ def _all_poles(drawn: list[Model], p: np.ndarray) -> np.ndarray:
 def _stable_between(model: Model, line: Line) -> bool | None:
     """Whether a model that is stable on a grid stays so in between: no pole on the boundary inside the box.
 
-    None where the guardian maps cannot tell.
+    None where the guardian maps cannot decide.
     """
     models = family(model)
     listed = pieces(models, model.box.names, line)

@@ -148,7 +148,7 @@ def _is_derivative(views: Sequence[View], slow: str, fast: str) -> bool:
 
 
 def coherent_inputs(views: Sequence[View], names: Sequence[str]) -> Iterator[Finding]:
-    """Inputs of a model that move together in all records, so that their shares in the output cannot be told apart."""
+    """Inputs of a model that move together in all records, so that their shares in the output cannot be separated."""
     motions = one_per_motion(views, names)
     apart = input_coherence(views, motions) if len(motions) > 1 else None
     found = None if apart is None or apart.separable else input_coherence(views, names)
@@ -161,9 +161,9 @@ def coherent_inputs(views: Sequence[View], names: Sequence[str]) -> Iterator[Fin
     yield Finding(
         "coherent-inputs", views[0].name if len(views) == 1 else "", names[worst], "warning",
         f"{100 * (1 - found.share[worst]):.4g} % of its power is explained by {others} in these records together: a "
-        f"model of these inputs cannot tell their shares apart (variance inflated {found.inflation[worst]:.3g} times); "
+        f"model of these inputs cannot separate their shares (variance inflated {found.inflation[worst]:.3g} times); "
         f"determined is the sum of their responses with {names[-1]} = H {names[0]}, "
         f"|H| = {abs(found.ratio):.3g}{unit}, phase {np.degrees(np.angle(found.ratio)):z.0f} deg at "
         f"{found.strongest:.3g} Hz",
         f"add a record in which {names[worst]} moves by itself, or identify one input at a time; figures on equally "
-        "coherent data say nothing about independent inputs", float(found.inflation[worst]))
+        "coherent data give no information on independent inputs", float(found.inflation[worst]))

@@ -14,7 +14,7 @@ SEVERITIES = ("fault", "warning", "note")
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing the audit has to say about the data.
+    """One finding of the audit about the data.
 
     Attributes
     ----------

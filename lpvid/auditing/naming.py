@@ -28,18 +28,18 @@ def nominal(view: View) -> Iterator[Finding]:
         real_frequency, real_amplitude, resolution = tone
         if amplitude and abs(1e3 * real_amplitude - amplitude) > 0.1 * amplitude:
             yield Finding("nominal-amplitude", view.name, motion, "warning",
-                          f"the name says {amplitude:g} mm, the sine has an amplitude of {1e3 * real_amplitude:.3g} mm",
+                          f"the name states {amplitude:g} mm, its amplitude is {1e3 * real_amplitude:.3g} mm",
                           "trust the channel; rename the record", 1e3 * real_amplitude)
         if frequency and abs(real_frequency - frequency) > max(0.05 * frequency, resolution):
             yield Finding("nominal-frequency", view.name, motion, "warning",
-                          f"the name says {frequency:g} Hz, the sine has {real_frequency:.4g} Hz",
+                          f"the name states {frequency:g} Hz, the sine has {real_frequency:.4g} Hz",
                           "trust the channel; rename the record", real_frequency)
     amps = [k for k, c in view.usable.items() if c.unit == "A"]
     if current is not None and len(amps) == 1 and view.finite(amps[0]).size:
         real = float(np.mean(view.finite(amps[0])))
         if not view.moves(amps[0]) and abs(real - current) > 0.02 + 0.05 * current:
             yield Finding("nominal-current", view.name, amps[0], "warning",
-                          f"the name says {current:g} A, the channel {real:.4g} A", "find out which is right", real)
+                          f"the name states {current:g} A, the channel {real:.4g} A", "find out which is right", real)
 
 
 def _tone(x: np.ndarray, period: float) -> tuple[float, float, float] | None:

@@ -22,7 +22,7 @@ HAIRS = (1e-4, 3e-4, 1e-3)
 FLAT = 0.75
 """share of the samples within four such widths that lie within one: ½ under a parabola, 1 on a flat top; between"""
 ENOUGH = 32
-"""samples within four widths from which the two are told apart: ½ has a standard error of .09"""
+"""samples within four widths from which the two differ: ½ has a standard error of .09"""
 PASSED = 1 / 3
 """share of the noise elsewhere that a flat top may hold: an amplifier at its end passes none, a force that has levelled
 off by itself has all of it"""

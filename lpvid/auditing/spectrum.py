@@ -11,7 +11,7 @@ from lpvid.auditing.view import View
 from lpvid.condition.bandwidth import SPARE, band, bandwidth
 
 _BROADBAND = 6.0
-"""signal over floor [dB] below which a flat floor cannot be told from a broadband signal."""
+"""signal over floor [dB] below which a flat floor cannot be separated from a broadband signal."""
 
 
 def noise(views: Sequence[View]) -> Iterator[Finding]:

@@ -32,10 +32,10 @@ def _version(value: bool) -> None:
 @app.callback()
 def _common(version: Annotated[bool, typer.Option("--version", "-v", callback=_version, is_eager=True,
                                                   help="Print the version and stop.")] = False) -> None:
-    """Identify LPV models from measured data, say how good and how stable they are, and what a simulation gets wrong.
+    """Identify LPV models from measured data, state how good and how stable they are, and what a simulation gets wrong.
 
-    Exit codes: 0 done; 2 the input is at fault (one line says what, nothing is written); 3 a numerical outcome short of
-    what was asked, with the result written.
+    Exit codes: 0 done; 2 the input is at fault (one line, nothing is written); 3 a numerical outcome short of
+    the request, with the result written.
     """
 
 

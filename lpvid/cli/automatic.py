@@ -27,7 +27,7 @@ class Choice:
     ----------
     selection : Selection
     ceiling : Ceiling or None
-        None where it cannot be told.
+        None where it cannot be determined.
     held_out_percent : float or None
         The ceiling [%] on the held-out data.
     why_not : str
@@ -85,7 +85,7 @@ def choose(request: Request, training: Sequence[Record], held_out: Sequence[Reco
     ----------
     request : Request
     training, held_out : sequence of Record
-        The held-out records have no say: only their figures are reported.
+        The held-out records are not used in it: only their figures are reported.
     say : callable
         Receives what is being done, with the best so far.
     budget : float, optional
@@ -116,7 +116,7 @@ def choose(request: Request, training: Sequence[Record], held_out: Sequence[Reco
     if found.identification is None:
         raise KeyboardInterrupt
     if not found.complete:
-        print("interrupted: what was ranked so far is kept; the result says that it is not complete", file=sys.stderr)
+        print("interrupted: what was ranked so far is kept; the result is marked incomplete", file=sys.stderr)
     report_progress("estimating the noise")
     try:
         ceiling, percent = _ceiling(request, found, training, held_out)

@@ -61,7 +61,7 @@ def compare(
 
 
 def _labels(files: list[str]) -> list[str]:
-    """Names of model files, short where that tells them apart: stems, else with their folders."""
+    """Names of model files, short where that separates them: stems, else with their folders."""
     stems = [Path(f).stem for f in files]
     folders = [f"{Path(f).parent.name}/{Path(f).stem}" for f in files]
     for names in (stems, folders):

@@ -117,7 +117,7 @@ def asked_rate(text: str | None) -> tuple[float | None, bool]:
 
 
 def working_rate(records: Sequence[Record], rate: float | None, raw: bool) -> tuple[float | None, tuple[str, ...]]:
-    """Rate to resample to [Hz] and what to say of it: as asked, the data's own, or decimated where they are too fast.
+    """Rate to resample to [Hz] and notes on it: as requested, the data's own, or decimated where they are too fast.
 
     One policy for every command that fits: `lpvid.condition.preparing.decimation`.
     """
@@ -250,5 +250,5 @@ def no_shared_files(training: Sequence[str], held_out: Sequence[str]) -> None:
     shared = [str(p) for p in find(held_out) if p.resolve() in seen]
     if shared:
         raise InputError("a file is both training and held-out data", got=", ".join(shared),
-                         why="figures on data that the fit has seen say little",
+                         why="figures on data of the fit show little",
                          mend="name it once, or use --hold-out 1/3")

@@ -33,7 +33,7 @@ def diagnose(
     catalogue: Annotated[list[str] | None, typer.Option("--catalogue", metavar="NAME", help="Catalogue of causes, e.g. "
                          "quartercar; repeat for several (all that are installed).")] = None,
     plan_experiment: Annotated[bool, typer.Option("--plan-experiment", help="Also write experiment.toml: what to "
-                               "measure so that what these data cannot tell is told.")] = False,
+                               "measure so that what these data cannot decide is measured.")] = False,
     input: options.Inputs = None,
     output: options.Outputs = None,
     schedule: options.Schedule = None,
@@ -47,7 +47,7 @@ def diagnose(
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:
-    """Find what a simulation gets wrong, name the cause or say why not, extend the model, measure the gain.
+    """Find what a simulation gets wrong, name the cause or state why not, extend the model, measure the gain.
 
     Writes diagnosis.json, extended_model.json (which validate and diagnose take as any other model), with a cause named
     extended_lpv.json (the same cause in an LPV model), and report.html.
@@ -82,7 +82,7 @@ def diagnose(
         lpv = _lpv_extension(found, question)
         described = _deliver(results, found, question, lpv, plan_experiment, report_progress)
     if not found.complete:
-        typer.echo("interrupted: no cause was judged; the result says where the baseline is wrong", err=True)
+        typer.echo("interrupted: no cause was judged; the result states where the baseline is wrong", err=True)
     conclude(results, _described(found, lpv), "\n".join([repr(found), *described]), json)
     if not found.complete:
         raise typer.Exit(INTERRUPTED)

@@ -147,7 +147,7 @@ def identify(
     --form adds state_space.json, --refit-form puts the form re-estimated there, and its figures into form.json.
 
     Without --schedule the model is time-invariant. A velocity that was not measured is derived from displacement.
-    Every figure says whether it is free-run or one-step, on training or on held-out data. With --chunk the data are
+    Every figure states whether it is free-run or one-step, on training or on held-out data. With --chunk the data are
     read in parts (arx, recursive); an interrupted run goes on behind its last part where --out names the same folder.
     """
     from lpvid.cli.data import asked_rate, numbers, read_parts, split_names, working_rate

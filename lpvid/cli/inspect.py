@@ -11,7 +11,7 @@ def inspect(data: options.Data, input: options.Inputs = None, output: options.Ou
             schedule: options.Schedule = None, role: options.Role = None, flip: options.Flip = None,
             sample_rate: options.SampleRate = None, chunk: options.Chunk = None,
             out: options.Out = None, json: options.Json = False) -> None:
-    """Say what is wrong with measured data and how to mend it; writes audit.json and report.html.
+    """State what is wrong with measured data and how to mend it; writes audit.json and report.html.
 
     Exits with 0 on anything that parses: what it finds are findings, not errors.
     """

@@ -29,7 +29,7 @@ STILL = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class ReportedIdentification:
-    """An identification with what the report says about it.
+    """An identification with what the report states about it.
 
     Attributes
     ----------

@@ -50,7 +50,7 @@ def damper_parts(record: Record, inputs: Sequence[str], outputs: Sequence[str], 
         if role is None or role in roles:
             raise InputError(f"--input {name}: the motion of a damper is a velocity or a displacement",
                              got=f"{unit or 'no unit'} in record '{record.name}'",
-                             mend="--role velocity=CHANNEL says which it is")
+                             mend="--role velocity=CHANNEL states which it is")
         roles[role] = record.resolve(name)
     for option, role, names in (("--output", "force", outputs), ("--schedule", "current", schedule)):
         if len(names) > 1:

@@ -30,7 +30,7 @@ ASKED: ContextVar[Invocation | None] = ContextVar("ASKED", default=None)
 P = ParamSpec("P")
 T = TypeVar("T")
 SHORTFALL = 3
-"""Exit code of a numerical outcome short of what was asked."""
+"""Exit code of a numerical outcome short of the request."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C, whether a partial result was kept or none."""
 PATIENCE = 3.0

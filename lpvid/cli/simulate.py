@@ -33,7 +33,7 @@ def simulate(model: options.ModelFile, data: options.Data, input: options.Inputs
 
     Columns: time, measured, simulated, residual, then what drives and schedules the model; one file per record where
     there are several. A run starts from the first measured samples; without a measured output it starts from zero. Data
-    of another rate are resampled to the model's, and it says so.
+    of another rate are resampled to the model's, and a note states so.
     """
     from lpvid.cli.data import read_clocked, split_names
     from lpvid.cli.parts import parts

@@ -71,7 +71,7 @@ def stability(model: options.ModelFile,
 
 def _studied(loaded: object, path: Path, motion: tuple[list[str] | None, list[str] | None], seed: int,
              asked: Questions, report_progress: Callable[[str], None]) -> tuple[Study, Callable[[], Page]]:
-    """What can be said of a model of any kind, and what makes its page."""
+    """What can be stated of a model of any kind, and what makes its page."""
     from lpvid.cli.data import rates
     from lpvid.errors import InputError
     from lpvid.model.adaptable import Adaptable

@@ -43,7 +43,7 @@ WITHOUT_FORMS = ("subspace", "pem-ss", "coprime", "quasi", "compliance")
 BUDGET = 300.0
 """time for the search of --auto [s]: the measured quarter car (15,000 samples, two inputs) took 217 s, busy."""
 LAGS = 4
-"""Output and input lags where none are asked for."""
+"""Output and input lags where none are requested."""
 
 
 @dataclass(frozen=True)
@@ -127,10 +127,10 @@ class Request:
         own = {f.name for f in fields(STRUCTURES.get(self.structure))}
         return tuple(option for name, options in FIELDS.items() if name in own for option in options)
 
-    # -- what was asked for -------------------------------------------------------------------------------------
+    # -- what was requested -------------------------------------------------------------------------------------
     @property
     def delay(self) -> int | tuple[int, ...] | None:
-        """First input lags that were asked for; 0 for a passive model, which has a direct term."""
+        """First input lags that were requested; 0 for a passive model, which has a direct term."""
         return self.given.get("nk", 0 if "passive" in self.given else None)
 
     @property
@@ -177,7 +177,7 @@ class Request:
 
     # -- the structure ------------------------------------------------------------------------------------------
     def build(self, delay: int | tuple[int, ...] | None, affine: int | None = None) -> Structure:
-        """The structure, with these first input lags and number of affine terms in place of those asked for."""
+        """The structure, with these first input lags and number of affine terms in place of those requested."""
         from dataclasses import replace
 
         arx = self.arx(delay)

@@ -33,7 +33,7 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
     """A controller by linear matrix inequalities, its closed loop verified.
 
     Writes controller.json, synthesis.json, closed_loop.json, certificate.json and report.html. Exits with 3 when there
-    is no controller, or only one with a promise relaxed; the result says why and what would mend it.
+    is no controller, or only one with a promise relaxed; the result states why and what would mend it.
     """
     from lpvid.synthesis.design_file import plant_schema
     from lpvid.synthesis.design_file import template as example
@@ -131,7 +131,7 @@ def _read(plant: Path, design: Path | None) -> tuple[GeneralizedPlant, Design, s
     table = read_toml(plant)
     asked = table.get("design") if design is None else read_toml(design)
     if asked is None:
-        raise InputError(f"{plant} says nothing about the design", mend="add --design DESIGN.toml, or a [design] table")
+        raise InputError(f"{plant} has no design", mend="add --design DESIGN.toml, or a [design] table")
     loaded = within(str(plant), lambda: plant_of(table, plant.parent, load))
     place = f"{plant} [design]" if design is None else str(design)
     settings = within(place, lambda: design_of(table_of(asked, "the design"), loaded))

@@ -23,8 +23,8 @@ def validate(model: options.ModelFile, data: options.Data, input: options.Inputs
              chunk: options.Chunk = None, out: options.Out = None, json: options.Json = False) -> None:
     """Compare a model with measurements, free run first; writes validation.json and report.html.
 
-    --input, --output and --schedule say which channels play the parts of the model's, in the model's order. Data of
-    another rate are resampled to the model's, and it says so.
+    --input, --output and --schedule state which channels play the parts of the model's, in the model's order. Data of
+    another rate are resampled to the model's, and a note states so.
     """
     from lpvid.cli.data import read_clocked, split_names
     from lpvid.cli.parts import parts

@@ -16,7 +16,7 @@ LONGEST = 200_000
 COMMANDS = ("A", "V", "K")
 """units of channels that do not count: commands, whose jumps fill any band, and temperatures"""
 SHORTEST = 64
-"""samples below which a record says nothing of its band"""
+"""samples below which a record gives no information on its band"""
 
 
 def band(values: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:

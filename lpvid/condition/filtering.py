@@ -40,7 +40,7 @@ def low_pass(record: Record, cutoff: float, *, order: int = 2, damping: float | 
     Returns
     -------
     Record
-        Missing samples stay missing: each finite run is filtered alone. A note says what was filtered and how.
+        Missing samples stay missing: each finite run is filtered alone. A note states what was filtered and how.
 
     Raises
     ------

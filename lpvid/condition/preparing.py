@@ -20,7 +20,7 @@ _LOSSES = ("cut into", "dropped", "record '", "sign of")
 
 
 def with_motion(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...]]:
-    """Records with a velocity, derived from displacement where it was not measured, and what to say of it.
+    """Records with a velocity, derived from displacement where it was not measured, and notes on it.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def with_motion(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...
 
 
 def with_current(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...]]:
-    """Records in which a voltage stands for the current where no record has one, and what to say of it."""
+    """Records in which a voltage stands for the current where no record has one, and notes on it."""
     if any(r.has("current") for r in records) or not all(r.has(STAND_IN) for r in records):
         return list(records), ()
     return [r.with_roles({"current": r.resolve(STAND_IN)}) for r in records], (
@@ -61,7 +61,7 @@ def common_rate(records: Sequence[Record]) -> float | None:
 
 
 def decimation(records: Sequence[Record]) -> tuple[float | None, tuple[str, ...]]:
-    """Rate to resample to [Hz] where all records share one that is too fast, and what to say of it.
+    """Rate to resample to [Hz] where all records share one that is too fast, and notes on it.
 
     By a whole number, to about `WANTED`, but never to less than `SPARE` times the bandwidth of what moves: an
     anti-alias filter would take away what the records were made to show.

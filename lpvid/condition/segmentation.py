@@ -41,7 +41,7 @@ def segments(records: Record | Sequence[Record], channels: str | Sequence[str], 
     Returns
     -------
     list of Record
-        Named ``stem``, or ``stem#1``, ``stem#2``, … where a record was cut; the notes say what was dropped and why.
+        Named ``stem``, or ``stem#1``, ``stem#2``, … where a record was cut; the notes state what was dropped and why.
 
     Raises
     ------

@@ -24,13 +24,13 @@ class Export:
     form : str
         "c", "fmu2", "fmu3", "modelica", "matlab", "control" or "csv".
     files : tuple of Path
-    says : str
+    description : str
         What was exported.
     checks : tuple of str
         What was compared with what, with its figures.
     notes : tuple of str
     passed : bool
-        Whether what was checked agreed; True where nothing could be checked, as `checks` then says.
+        Whether what was checked agreed; True where nothing could be checked, as `checks` then states.
     """
 
     form: str
@@ -56,7 +56,7 @@ class Content:
 
     Attributes
     ----------
-    form, says, checks, notes
+    form, description, checks, notes
         As in `Export`.
     files : mapping of str to bytes
     passed : bool

@@ -23,7 +23,7 @@ class Variable:
 
     Attributes
     ----------
-    name, says, unit : str
+    name, description, unit : str
     kind : {"input", "output", "state", "parameter", "rate"}
     start : float
     lower, upper : float

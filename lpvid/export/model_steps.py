@@ -70,7 +70,7 @@ def prepare(noun: Any, options: Options) -> Exportable:
 
 
 def _sampled(model: LPVStateSpace, options: Options) -> Exportable:
-    """A continuous state space discretised at the period that was asked for, with the error that this makes."""
+    """A continuous state space discretised at the period that was requested, with the error that this makes."""
     from lpvid.synthesis.discretising import discretise
 
     if options.sample_time is None:

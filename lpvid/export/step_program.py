@@ -20,7 +20,7 @@ class Quantity:
         An identifier of C, Python and MATLAB.
     unit : str
         SI; empty for a pure number.
-    says : str
+    description : str
         What it is.
     start : array
         Start of a state, value of a parameter, zero of an input; its shape is that of the quantity.
@@ -125,7 +125,7 @@ class StepProgram:
     ----------
     name : str
         An identifier.
-    says : str
+    description : str
         One line on what it computes.
     sample_time : float
         [s].

@@ -14,7 +14,7 @@ Columns = Mapping[str, tuple[np.ndarray, str]]
 
 
 def write_table(columns: Columns, path: str | Path) -> Path:
-    """Write columns of equal length to a file whose extension says how: ``.csv``, ``.parquet`` or ``.mat``.
+    """Write columns of equal length to a file whose extension states how: ``.csv``, ``.parquet`` or ``.mat``.
 
     A header is ``name [unit]``; in a mat file a struct ``units`` stands beside the variables. A number that is not
     finite is an empty cell, or NaN where the format has it.

@@ -50,7 +50,7 @@ def read(paths: str | Path | Iterable[str | Path], *, roles: Mapping[str, str] |
     Raises
     ------
     InputError
-        No such file, a format that is not known, or a file that cannot be read; one line says what and how to mend it.
+        No such file, a format that is not known, or a file that cannot be read; in one line.
 
     Examples
     --------
@@ -134,7 +134,7 @@ def natural(path: Path) -> list[tuple[int, int, str]]:
 
 
 def record_names(files: Iterable[Path]) -> list[str]:
-    """Stems of the files, with the extension and as many parent folders as it takes to tell them apart."""
+    """Stems of the files, with the extension and as many parent folders as it takes to separate them."""
     resolved = [path.resolve() for path in files]
     bare = [path.with_suffix("") for path in resolved]
     tails = [path if bare.count(stem) > 1 else stem for path, stem in zip(resolved, bare, strict=True)]

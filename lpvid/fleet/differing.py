@@ -191,7 +191,7 @@ def residual_level(own: Factor) -> float:
 def differing_residuals(levels: Mapping[str, float], fdr: float = 0.05) -> Differing:
     """Which files' own models leave more, or less, than the others' own models do.
 
-    A fault outside the model's structure (a dry friction, say) need not move its parameters, but the model cannot
+    A fault outside the model's structure (dry friction, for example) need not move its parameters, but the model cannot
     describe it. The logarithm of the level is taken as normal about the fleet's median, as in `differing`, and both
     tails count: a fault can also swallow what the structure fails to describe.
 

@@ -298,7 +298,7 @@ def _stage(client: Client, step: str, function: Callable[..., StepOutcome], jobs
         job = futures[future]
         try:
             found = future.result()
-        except Exception as error:  # whatever a worker met: the rest goes on, and this file says so
+        except Exception as error:  # whatever a worker met: the rest goes on, and this file states so
             stated = str(error).splitlines()[0] if str(error) else type(error).__name__
             found = keep(job, StepOutcome(step, "died", f"{LOST}: {stated}"[:300], 0.0, "died"))
         report_progress(f"{step}: {count} of {len(jobs)} files")

@@ -48,7 +48,7 @@ def identify(records: Record | Sequence[Record] | Chunks, structure: Structure, 
     ------
     InputError
         Missing or unusable channels, a scheduling variable that does not move, too few samples, parameters that
-        these data cannot tell apart.
+        these data cannot separate.
 
     Examples
     --------

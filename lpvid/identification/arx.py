@@ -263,7 +263,7 @@ class ARX(Structure):
         return factor.solve(self.ridge, list(names), self._spare(records))
 
     def _spare(self, records: Sequence[Record]) -> np.ndarray | None:
-        """Columns of inputs that move together: `separation` says what they leave open. None where it does not."""
+        """Columns of inputs that move together: `separation` states what they leave open. None where it does not."""
         from lpvid.identification.separation import coherence_of
 
         if len(self.input) < 2 or self.stage is not None or coherence_of(records, self.input) is None:

@@ -224,7 +224,7 @@ class RightCoprime(Structure):
         return np.concatenate([values[stem][0] for stem in stems])
 
     def _product(self, x: np.ndarray, y: np.ndarray, warm: LPVTransferFunction) -> np.ndarray:
-        """Coefficients of the product of two functions, as well as the basis can say it over the box."""
+        """Coefficients of the product of two functions, as well as the basis can express it over the box."""
         phi = self.basis.evaluate(warm.box.grid(7))
         return np.linalg.lstsq(phi, (phi @ x) * (phi @ y), rcond=1e-10)[0]
 

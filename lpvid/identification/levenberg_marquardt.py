@@ -12,7 +12,7 @@ from lpvid.model.transfer_function import LPVTransferFunction
 
 MAX_DAMPING = 1e12
 ROUNDING = 1e-14
-"""a fall of the cost by less than this share cannot be told from rounding."""
+"""a fall of the cost by less than this share cannot be separated from rounding."""
 FROZEN_POINTS = 1000
 """trajectory points at which a trial step's frozen poles are checked."""
 LONGEST_STEP = 1.0

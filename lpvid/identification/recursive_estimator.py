@@ -247,7 +247,7 @@ class RecursiveEstimator:
         return np.array(self._trail).reshape(-1, self._theta.size)
 
     def settle(self) -> None:
-        """Take the parameters from few or badly conditioned samples too; refused where these cannot tell them apart."""
+        """Take the parameters from few or badly conditioned samples too; refused where these cannot separate them."""
         if self._ready:
             return
         k = self.stream.size

@@ -19,7 +19,7 @@ SUPER_CHUNK = 32768
 CHUNK = 1024
 """rows folded into R at once."""
 SINGULAR = 1e-13
-"""smallest over largest singular value, with unit columns, below which parameters cannot be told apart."""
+"""smallest over largest singular value, with unit columns, below which parameters cannot be separated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class Factor:
                 return self._least_norm(scale, singular)
             weight = np.abs(vt[-1])
             mixed = [names[int(i)] for i in np.argsort(-weight)[:4] if weight[i] > 0.05 * weight.max()]
-            raise InputError("these data cannot tell some parameters apart",
+            raise InputError("these data cannot separate some parameters",
                              got=f"a dependence among {', '.join(mixed)}",
                              why="their regressors are linearly dependent", mend=_apart(mixed))
         if ridge:

@@ -68,7 +68,7 @@ class Identification(Shown):
 
     @property
     def noise(self) -> NoiseModel | None:
-        """The noise model of a transfer function; a state space says it by its observer gain."""
+        """The noise model of a transfer function; a state space states it by its observer gain."""
         return self.model.noise if isinstance(self.model, LPVTransferFunction) else None
 
     @property

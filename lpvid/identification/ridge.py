@@ -186,7 +186,7 @@ class _RidgeProblem:
         values = np.array([self.criterion(s) for s in STRENGTHS])
         best = int(np.argmin(values))
         if not np.isfinite(values[best]):
-            raise InputError("these data cannot tell the unpenalised parameters apart",
+            raise InputError("these data cannot separate the unpenalised parameters",
                              mend='lower the orders, or use the penalty "size"')
         if not 0 < best < len(STRENGTHS) - 1 or not np.all(np.isfinite(values[best - 1: best + 2])):
             return float(STRENGTHS[best])

@@ -11,7 +11,7 @@ from lpvid.identification.regression import CHUNK, Factor, RegressionData, rows_
 from lpvid.record import Record
 
 BLOCKS = 100
-"""fewest blocks for which the spread of block sums says anything."""
+"""fewest blocks for which the spread of block sums states anything."""
 BLOCKS_PER_PARAMETER = 5
 """fewest blocks for each parameter."""
 SHORTEST = 10

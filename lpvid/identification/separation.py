@@ -145,7 +145,7 @@ class Split:
     weight, variance : (d,) arrays
         w, and the variance of β.
     open : (d,) array
-        How far the prior decides, e/(p + e): 1 where the data say nothing.
+        How far the prior decides, e/(p + e): 1 where the data give no information.
     """
 
     places: np.ndarray

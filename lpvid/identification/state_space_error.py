@@ -66,7 +66,7 @@ class StateSpaceError(Structure):
     every record's initial state is estimated with it. A search first keeps the frozen poles along the training
     trajectory in the unit circle; one that is free to leave it is taken up only where it lowers the mean square error
     by more than 5 %, since such models may diverge on the next record. Ends of nearly the same error from different
-    starts are told apart by refitting on the head of every record and running freely over the rest.
+    starts are separated by refitting on the head of every record and running freely over the rest.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ class StateSpaceError(Structure):
                     yield "least squares on the shifted form", self._own(
                         self._shifted(records, first.order // len(self.output), ridge), records, box)
                 except InputError:
-                    continue  # these data cannot tell its parameters apart: penalise, or go without
+                    continue  # these data cannot separate its parameters: penalise, or go without
                 return
 
     def _shifted(self, records: Sequence[Record], lags: int, ridge: float) -> LPVStateSpace:

@@ -40,7 +40,7 @@ def static_basis(basis: Basis) -> Basis:
 
 
 def number_of_parameters(letters: int, order: int, inputs: int, outputs: int, *, direct: bool, affine: bool) -> int:
-    """Entries of A, B and C, and of D and the offsets where they are asked for."""
+    """Entries of A, B and C, and of D and the offsets where they are requested."""
     linear = order * (order + inputs + outputs) + (inputs * outputs if direct else 0)
     return letters * (linear + (order + outputs if affine else 0))
 

@@ -187,9 +187,9 @@ class Subspace(Structure):
 
     # -- the order ----------------------------------------------------------------------------------------------
     def _order(self, records: Sequence[Record], singular: np.ndarray, known: Sequence[int]) -> tuple[int, str]:
-        """The order, and how it was found: asked for, by the free run out of fold, or by the singular values."""
+        """The order, and how it was found: requested, by the free run out of fold, or by the singular values."""
         if self.order:
-            return self.order, "as asked"
+            return self.order, "as requested"
         if len(known) < 2:
             return max(known, default=1), "the only one that these data can carry"
         errors = free_run_errors(self, records, known)

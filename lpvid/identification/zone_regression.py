@@ -31,7 +31,7 @@ class ZoneRegression:
     lines : (L, 3, 2) nested tuple of float
         Slope and intercept in zones I, II and III (3.14).
     stage : ZoneLines
-        v_high of first degree (3.16), slopes and intercepts of the degree asked for (3.19)-(3.20).
+        v_high of first degree (3.16), slopes and intercepts of the degree requested (3.19)-(3.20).
     """
 
     levels: tuple[float, ...]

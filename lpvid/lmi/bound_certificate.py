@@ -63,7 +63,7 @@ class BoundCertificate:
 
     @property
     def claim(self) -> str:
-        """What the certificate says, in words."""
+        """What the certificate states, in words."""
         where, signals = describe_box(self.box, self.kind), f"{', '.join(self.inputs)} to {', '.join(self.outputs)}"
         if self.quantity == "h2-norm":
             text = f"H2 norm from {signals} at most {self.level:.6g}{where}"

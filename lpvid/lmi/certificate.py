@@ -216,7 +216,7 @@ def recheck(system: Autonomous, lyapunov: Lyapunov, box: Scheduling, exponent: f
     budget = budget or max(4_000_000 // (system.order**2 + 8), 2_000)
     positive = _positive_everywhere(problem, scale, budget)
     if positive.holds is False:
-        return Recheck(False, False, positive.bound, "P(p) is not positive definite everywhere in the box")
+        return Recheck(False, False, positive.bound, "P(p) is not positive definite at every point of the box")
     z, tau = problem.degrees()
     cells = list(itertools.product(*(itertools.pairwise(problem.edges(i)) for i in range(len(box.names)))))
     total = len(cells) * math.prod(d + 1 for d in z + tau)

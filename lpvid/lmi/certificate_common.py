@@ -58,7 +58,7 @@ def misfit(certificate: Stored, system: Driven, model: LPVStateSpace) -> str:
 
 
 def reproduced(certificate: Stored, kind: str, found: Recheck) -> Recheck:
-    """The re-check, as long as it is no weaker than what the certificate says of itself."""
+    """The re-check, as long as it is no weaker than what the certificate states of itself."""
     if not found.holds:
         return found
     if certificate.kind != kind:

@@ -137,7 +137,7 @@ class GainCertificate:
 
     @property
     def claim(self) -> str:
-        """What the certificate says, in words."""
+        """What the certificate states, in words."""
         text = f"gain from {', '.join(self.inputs)} to {', '.join(self.outputs)} at most {self.gamma:.6g}"
         text += describe_box(self.box, self.kind)
         return text + ("" if self.between_grid else "; shown at the points of a grid only, not proven between them")

@@ -34,7 +34,7 @@ ROUGHLY = {"CLARABEL": {"tol_gap_abs": 1e-4, "tol_gap_rel": 1e-2, "tol_feas": 1e
 
 @dataclass(frozen=True, eq=False)
 class StorageProposal:
-    """Matrices of a storage function in the model's own coordinates, the gain they should prove, and who says so."""
+    """Matrices of a storage function in the model's own coordinates, the gain they should prove, and its source."""
 
     matrices: np.ndarray
     gamma: float

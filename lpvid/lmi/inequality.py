@@ -197,7 +197,7 @@ def recheck_inequality(problem: LyapunovInequality, *, budget: int | None = None
     budget = budget or max(4_000_000 // (len(scale) ** 2 + 8), 2_000)
     positive = _positive(storage, root, budget) if n else Positivity(True, 1.0, 0)
     if positive.holds is False:
-        return Recheck(False, False, positive.bound, "P(p) is not positive definite everywhere in the box")
+        return Recheck(False, False, positive.bound, "P(p) is not positive definite at every point of the box")
     if positive.holds:
         points, moves = storage.axes(problem.system.readings, problem.power)
         waves = any(a.frequency for a in (*points, *moves))

@@ -110,7 +110,7 @@ def _constraint(cp, inequality: ProgramInequality, x, t):
 
 @dataclass(frozen=True, eq=False)
 class SolverAnswer:
-    """A solver's answer: x of shape (K,), the objective there, who gave it and what it said of it."""
+    """A solver's answer: x of shape (K,), the objective there, its solver and the solver's status."""
 
     x: np.ndarray
     objective: float

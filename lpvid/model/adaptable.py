@@ -12,7 +12,7 @@ Acting = LPVTransferFunction | LPVStateSpace | SelfScheduled
 
 
 class Adaptable(ABC):
-    """A law of another package (a physical model in continuous time, say) that simulation and validation can run.
+    """A law of another package (such as a physical model in continuous time) that simulation and validation can run.
 
     What `lpvid.load` gives back may be one; `simulate`, `predict` and `validate` ask it for its model.
     """

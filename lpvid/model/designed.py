@@ -11,7 +11,7 @@ from lpvid.errors import ExtrapolationWarning
 from lpvid.model.state_space import LPVStateSpace
 
 KEY = "designed"
-"""Entry of a model's metadata that says what it was designed as."""
+"""Entry of a model's metadata that states what it was designed as."""
 
 
 def designed(model: LPVStateSpace, role: str) -> LPVStateSpace:
@@ -25,7 +25,7 @@ def role_of(model: Any) -> str:
 
 
 def warn_outside(model: Any, p: np.ndarray, record: str, stacklevel: int = 3) -> None:
-    """Say which scheduling variables leave the box that a model was designed for, how far, and for how long.
+    """State which scheduling variables leave the box that a model was designed for, how far, and for how long.
 
     Warns
     -----

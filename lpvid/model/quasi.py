@@ -284,7 +284,7 @@ class QuasiLPVModel(SelfScheduled):
                                    self.inputs, self.outputs, scheduling_stage=self.scheduling_stage)
 
     def output_bound(self, amplitude: float | np.ndarray, p: np.ndarray | None = None) -> float:
-        """What |y| never exceeds for inputs within `amplitude`, whatever their course; inf where this cannot tell.
+        """What |y| never exceeds for inputs within `amplitude`, whatever their course; inf where this cannot decide.
 
         With s_i the largest |a_i| over the clamped range and f the largest forcing Σ|b||u| + |c| there, |y| ≤
         max(past, f/(1 − Σ s_i)) for Σ s_i < 1. Hat functions are a convex mixture, so their maxima stand at the knots.

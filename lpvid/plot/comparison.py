@@ -61,7 +61,7 @@ class Comparison:
 
     @property
     def origin(self) -> str:
-        """What a legend calls the data: measured, or virtual where the record says that it was simulated."""
+        """What a legend calls the data: measured, or virtual where the record states that it was simulated."""
         return "virtual" if any(n.startswith("synthetic") for n in self.record.notes) else "measured"
 
     @property

@@ -1,4 +1,4 @@
-"""One look for all figures: a palette that colour-blind readers can tell apart, thin axes, labels with units."""
+"""One look for all figures: a palette that colour-blind readers can separate, thin axes, labels with units."""
 
 from __future__ import annotations
 

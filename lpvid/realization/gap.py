@@ -142,7 +142,7 @@ def measure_gap(realization: Realization, records: Sequence[Record], label: str 
     realization : Realization
     records : sequence of Record
     label : str
-        What the records are to the model: "training", "held-out", or "" (not said).
+        What the records are to the model: "training", "held-out", or "" (not stated).
 
     Returns
     -------

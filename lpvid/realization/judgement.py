@@ -43,7 +43,7 @@ class Judgement:
     form : (n_outputs,) tuple of float
         The form's own pooled ESR; inf where it diverges.
     label : str
-        "training", "held-out", or "" where the caller did not say.
+        "training", "held-out", or "" where the caller gave none.
     """
 
     own: tuple[float, ...]

@@ -102,7 +102,7 @@ class Realization:
             With the model's inputs and scheduling. Where they hold the measured outputs too, ``.verdict`` weighs the
             gap against the model's own error (`Judgement`).
         label : str
-            "training" or "held-out", as the figures are to say.
+            "training" or "held-out", as the figures are labelled.
 
         Returns
         -------
@@ -113,7 +113,7 @@ class Realization:
         return measure_gap(self, as_records(records), label)
 
     def to_dict(self) -> dict:
-        """Plain data for JSON: the state-space model; its metadata say how it was made.
+        """Plain data for JSON: the state-space model; its metadata state how it was made.
 
         Returns
         -------

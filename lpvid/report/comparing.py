@@ -17,7 +17,7 @@ from lpvid.simulation import Model
 from lpvid.validation.comparing import ModelComparison
 
 DRAWN = 5
-"""Models that are drawn over each other, the best ones: more curves than colours that can be told apart."""
+"""Models that are drawn over each other, the best ones: more curves than colours that can be separated."""
 
 
 def compare_page(found: ModelComparison, records: Sequence[Record],

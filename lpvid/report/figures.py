@@ -97,7 +97,7 @@ def tests_table(found: Validation) -> PageTable | None:
                   probability(t.p_value).removeprefix("p = ").removeprefix("p "), t.description)
                  for t in found.residual_tests)
     marks: tuple[Mark, ...] = tuple("good" if t.passed else "warn" for t in found.residual_tests)
-    return PageTable(("test", "outcome", "statistic", "p-value", "what it says"), rows,
+    return PageTable(("test", "outcome", "statistic", "p-value", "what it states"), rows,
                  f"Tests on the one-step residuals, {found.label}.", (2, 3), marks)
 
 

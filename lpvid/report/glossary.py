@@ -20,7 +20,7 @@ TERMS: Mapping[str, str] = {
     "one step ahead": "prediction one sample ahead, from measured past outputs: easier than a free run, and no "
                       "simulation",
     "held-out": "data that the fit has not seen: figures on them show what the model is worth elsewhere",
-    "training": "data that the model was fitted to: figures on them say little about other data",
+    "training": "data that the model was fitted to: figures on them give little information on other data",
     "cross-validated": "judged on stretches that each fit has not seen, in turn",
     "residual": "what a prediction one sample ahead leaves of the measured output",
     "residuals": "what predictions one sample ahead leave of the measured output",

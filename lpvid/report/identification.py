@@ -28,7 +28,7 @@ MOST_PARAMETERS = 200
 TOGETHER = ("inputs move together", "the held-out inputs move together")
 """how remarks on inputs begin that are a caveat of every figure."""
 LEAK = "the held-out figures test less than they seem to"
-"""How a note ends that says the held-out excitation has been seen in training."""
+"""How a note ends that states the held-out excitation has been seen in training."""
 
 
 def identification_page(found: Identification, shown: Sequence[Comparison], gaps: Sequence[FormGap],
@@ -45,7 +45,7 @@ def identification_page(found: Identification, shown: Sequence[Comparison], gaps
     audit : Audit
         Of the data.
     more : sequence of Section
-        What else there is to say, e.g. bands.
+        Further sections, e.g. bands.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def _steps(found: Identification, best: Validation) -> tuple[NextStep, ...]:
     if found.held_out is None:
         steps.append(
             NextStep(
-                "Keep data out of the fit: only then do the figures say what the model is worth elsewhere. "
+                "Keep data out of the fit: only then do the figures show what the model is worth elsewhere. "
                 "Add --hold-out 1/3, or name other files with --held-out."
             )
         )
@@ -114,7 +114,7 @@ def _facts(found: Identification, best: Validation) -> tuple[tuple[str, str], ..
 def _caveats(found: Identification) -> tuple[str, ...]:
     lines = []
     if found.held_out is None:
-        lines.append("All figures are on training data: nothing was held out, so they say little about other data.")
+        lines.append("All figures are on training data: nothing was held out. They show little of other data.")
     lines += [f"{n[:1].upper()}{n[1:]}." for n in found.notes if n.endswith(LEAK) or n.startswith(TOGETHER)]
     judged = found.held_out or found.training
     if judged is not None and any(not t.passed and t.name == "whiteness" for t in judged.residual_tests):

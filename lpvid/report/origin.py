@@ -88,7 +88,7 @@ def sources_of(paths: Iterable[Path]) -> tuple[Source, ...]:
 
 
 def shown_names(sources: Sequence[Source]) -> list[tuple[str, str]]:
-    """(name, digest), with as much of the path as tells the files apart."""
+    """(name, digest), with as much of the path as separates the files."""
     paths = [Path(s.name) for s in sources]
     names = [p.name for p in paths]
     short = [name if names.count(name) == 1 else str(Path(*p.parts[-2:])) for name, p in zip(names, paths, strict=True)]

@@ -127,7 +127,7 @@ def number(value: float | None, digits: int = 4, unit: str = "") -> str:
     --------
     >>> number(0.0123456), number(None), number(float("nan")), number(1234567.0), number(3.0, unit="A")
     ('0.01235', '–', '–', '1.235e+06', '3 A')
-    >>> number(99.7, 2)  # a power of ten that hides no more digits than asked for is written out
+    >>> number(99.7, 2)  # a power of ten that hides no more digits than requested is written out
     '100'
     """
     if value is None or not math.isfinite(value):

@@ -19,7 +19,7 @@ VELOCITY, FORCE = "m/s", "N"
 def energy_statement(model: Any) -> PassivityMargin | None:
     """Damping in steady motion of a model from a velocity to a force; None for every other model.
 
-    A model whose metadata say that its polarity is reversed is judged with the sign of its force turned.
+    A model whose metadata state that its polarity is reversed is judged with the sign of its force turned.
     """
     if not isinstance(model, LPVTransferFunction) or len(model.inputs) != 1 or model.n_outputs != 1:
         return None

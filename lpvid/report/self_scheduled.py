@@ -22,12 +22,12 @@ PASSIVE = ("a rising damper law in series with a positive stiffness: the element
 
 @dataclass(frozen=True, eq=False)
 class SelfScheduledStudy:
-    """What the stability report says about a model that schedules itself.
+    """What the stability report states about a model that schedules itself.
 
     Attributes
     ----------
     model : SelfScheduled
-        With the range asked for as its box.
+        With the range requested as its box.
     embedded : StabilityStudy or None
         Of the LPV model in which the model's own scheduling variable moves freely; None where the model is bounded by
         construction.
@@ -115,7 +115,7 @@ def study_self_scheduled(model: SelfScheduled, *, rate: float | Mapping[str, flo
     Parameters
     ----------
     model : QuasiLPVModel or ComplianceModel
-    rate, range, seed, say
+    rate, range, seed, report_progress
         As for `study_stability`; they concern the measured scheduling variables, the model's own is free.
 
     Returns
@@ -174,7 +174,7 @@ def _bounded_inputs(model: SelfScheduled) -> tuple:
 
 
 def _bounds(model: SelfScheduled) -> tuple[tuple[float, float], ...]:
-    """What the output never exceeds for inputs within the amplitudes; those that cannot be told are left out."""
+    """What the output never exceeds for inputs within the amplitudes; those that cannot be determined are left out."""
     found = []
     for amplitude in AMPLITUDES:
         if isinstance(model, ComplianceModel):

@@ -38,17 +38,17 @@ DRAWS = 300
 """Models drawn from the parameter covariance."""
 MOST_LOCI = 4
 WARNING = ("Frozen stability holds every scheduling value still. It does not cover a moving scheduling variable, "
-           "unless a certificate says so.")
+           "unless a certificate states so.")
 
 
 @dataclass(frozen=True, eq=False)
 class StabilityStudy(Shown):
-    """Everything the stability report says about one model.
+    """Everything the stability report states about one model.
 
     Attributes
     ----------
     model : LPVTransferFunction or LPVStateSpace
-        With the range asked for as its box.
+        With the range requested as its box.
     frozen : FrozenStability
     certificate : StabilityCertificate
     probability : StabilityProbability or None
@@ -236,7 +236,7 @@ def _steps(study: StabilityStudy, name: str) -> tuple[NextStep, ...]:
             steps.append(NextStep("See how far it reaches: the largest range and the largest rate.",
                               f"lpvid stability {name} --largest-range --largest-rate --out reach"))
         return tuple(steps)
-    return (NextStep("Say how fast the scheduling moves: a bounded rate is easier to certify.",
+    return (NextStep("State how fast the scheduling moves: a bounded rate is easier to certify.",
                  f"lpvid stability {name} --rate RATE --out bounded"),
             NextStep("Or ask for the largest range that is certified.",
                  f"lpvid stability {name} --largest-range --out reach"))
@@ -282,7 +282,7 @@ def _certificate(study: StabilityStudy) -> list[Item]:
     rows = [("verdict", c.verdict), ("claim", c.claim), ("kind", c.kind), ("rate of change allowed", speeds or "–"),
             ("margin", number(c.margin)), ("proven between grid points", "yes" if c.between_grid else "no"),
             ("guaranteed decay", "–" if not c.time_constant else f"exp(−t/{number(c.time_constant, 4, 's')})")]
-    items: list[Item] = [PageTable((), tuple(rows), "Re-checked with numpy alone, whatever the solver said.")]
+    items: list[Item] = [PageTable((), tuple(rows), "Re-checked with numpy alone, whatever the solver's status.")]
     if c.divergence is not None:
         items.append(Paragraph(f"Counterexample: the model {c.divergence}.", strong=True))
     return items

@@ -1,4 +1,4 @@
-"""How far a stability statement reaches: the parts of the stability report that are made when asked for."""
+"""How far a stability statement reaches: the parts of the stability report that are made when requested."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def reach(model: Model, certificate: StabilityCertificate, rate: Rate, asked: Qu
     Parameters
     ----------
     model : LPVTransferFunction or LPVStateSpace
-        With the range asked for as its box.
+        With the range requested as its box.
     certificate : StabilityCertificate
     rate
         As for `certify_stability`.

@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 LEVELS = 65534
-"""Steps of a panel's range that a 16-bit code tells apart; one code more stands for a missing sample."""
+"""Steps of a panel's range that a 16-bit code separates; one code more stands for a missing sample."""
 MISSING = -32768
 UNEVEN = 0.01
 """Share of a period by which the samples of an even clock may be off: below what a screen shows."""

@@ -87,7 +87,7 @@ def _steps(found: Validation, name: str) -> tuple[NextStep, ...]:
         steps.append(NextStep(f"Look at '{worst.name}' first: is it the data, or the model?",
                           f"lpvid inspect FILE-OF-{worst.name} --out audit"))
     if grade(found.overall.free_run.esr) != "good":
-        steps.append(NextStep("Let the diagnosis say what the model lacks.", f"lpvid diagnose DATA --baseline {name} "
+        steps.append(NextStep("Let the diagnosis find what the model lacks.", f"lpvid diagnose DATA --baseline {name} "
                           "--out diagnosis"))
     steps.append(NextStep("Set it beside other models on the same records.", f"lpvid compare {name} OTHER.json DATA "
                       "--out compared"))

@@ -19,11 +19,11 @@ class BasisFamily(ABC):
 
     @abstractmethod
     def joined(self, a: Basis, b: Basis) -> tuple[Basis, np.ndarray, np.ndarray] | None:
-        """A basis that spans both and the maps into it; None where the family cannot say."""
+        """A basis that spans both and the maps into it; None where the family has none."""
 
     @abstractmethod
     def multiplied(self, a: Basis, b: Basis) -> tuple[Basis, np.ndarray] | None:
-        """A basis that spans all products, and their (M_a, M_b, M) coefficients; None where it cannot say."""
+        """A basis that spans all products, and their (M_a, M_b, M) coefficients; None where it has none."""
 
 
 class PolynomialFamily(BasisFamily):

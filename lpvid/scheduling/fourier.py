@@ -18,7 +18,7 @@ class Fourier(Basis):
     """1, cos kωz, sin kωz for k = 1 … harmonics, with ω = 2π/period and z = p − origin.
 
     It is no polynomial in p: between the points of a grid Bernstein coefficients alone decide nothing
-    (`certify_stability` refuses it, `l2_gain` and `decay_rate` interpolate). `overshoot` says what samples of a full
+    (`certify_stability` refuses it, `l2_gain` and `decay_rate` interpolate). `overshoot` states what samples of a full
     period promise.
 
     Parameters
@@ -110,13 +110,13 @@ class Fourier(Basis):
 
         For T = Σ c_k φ_k of degree d = `harmonics` and N > 2d equidistant points over one full period,
         max |T| ≤ max_samples |T| / cos(πd/N) (M. Riesz: next to a maximum M, |T| ≥ M cos dθ). The same holds for the
-        spectral norm of a matrix of such sums, and, for its eigenvalues between m and M on the samples, everywhere
+        spectral norm of a matrix of such sums, and, for its eigenvalues between m and M on the samples, at every point
         λ_max ≤ (M + m)/2 + (M − m)/2 / cos(πd/N). An expression of products has the summed degree.
 
         Raises
         ------
         InputError
-            N ≤ 2d: the samples say nothing.
+            N ≤ 2d: the samples give no information.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""What a plant must have before any controller is looked for, checked at frozen points and said by its signals."""
+"""What a plant must have before any controller is looked for, checked at frozen points and stated by its signals."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def refuse_dead_signals(plant: GeneralizedPlant, at: PlantMatrices) -> None:
     for j, name in enumerate(plant.controls):
         if not push[:, :, j].any():
             raise InputError(f"the control '{name}' has no effect on any state or performance signal",
-                             got="zero authority everywhere in the scheduling box",
+                             got="zero authority at every point in the scheduling box",
                              mend=f"remove '{name}' from the controls, or connect it")
         if _turns_over(push[:, :, j]) or _turns_over(at.B2[:, shown, j]):
             raise InputError(f"the control '{name}' acts in opposite directions within the scheduling box",

@@ -1,7 +1,7 @@
 """What a design's own storage function, in two blocks, proves of its closed loop: gains and variances, by numpy alone.
 
 Both inequalities are affine in the loop's matrices, or convex, for one storage function: corners of the box suffice
-for a loop that is affine in each variable. For others the box is looked at on a grid, and the figure says so.
+for a loop that is affine in each variable. For others the box is looked at on a grid, and the figure states so.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def gain_figure(channel: str, loop: LPVStateSpace, promised: float, storage: Loo
 def variance_figure(channel: str, loop: LPVStateSpace, promised: float, storage: LoopStorage) -> Figure | None:
     """The bound of the H2 norm, rms of z while w is white noise of unit intensity, at every instant of any trajectory.
 
-    With Q = P⁻¹ and the least s for which AQ + QAᵀ + BBᵀ/s ≼ 0 (or AQAᵀ − Q + BBᵀ/s ≼ 0) everywhere, sQ bounds the
+    With Q = P⁻¹ and the least s for which AQ + QAᵀ + BBᵀ/s ≼ 0 (or AQAᵀ − Q + BBᵀ/s ≼ 0) at every point, sQ bounds the
     covariance of the states: ν² = s·max trace(CQCᵀ), in discrete time with trace(DDᵀ).
     """
     (a, b, c, d), _ = _corners(loop)

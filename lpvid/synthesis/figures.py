@@ -32,7 +32,7 @@ class Figure:
     channel : str
         From what to what.
     promised : float
-        What the matrix inequalities said.
+        What the matrix inequalities gave.
     verified : float
         Bound of the closed loop with the controller as returned; infinite where none was found.
     lower : float or None
@@ -119,7 +119,7 @@ def stays_inside(regions: Sequence[Region], loop: LPVStateSpace) -> tuple[bool, 
     notes = []
     for region in regions:
         found = certify_region(loop, region)
-        where = "everywhere in the box" if found.between_grid else f"at {len(points)} points, not proven between them"
+        where = "in the whole box" if found.between_grid else f"at {len(points)} points, not proven between them"
         notes.append(f"frozen poles lie in {region!r} {where}")
     return True, tuple(notes)
 

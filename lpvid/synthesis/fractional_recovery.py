@@ -47,7 +47,7 @@ def by_feedback(plant: FractionalPlant, gamma: float, scaling: np.ndarray) -> Fr
 
 
 def _still(plant: FractionalPlant, gamma: float, scaling: np.ndarray) -> GeneralizedPlant:
-    """The time-invariant plant, w and z in units in which the gain asked for is one."""
+    """The time-invariant plant, w and z in units in which the gain requested is one."""
     n, r, (nw, nu, nz, ny) = plant.order, sum(plant.repetitions), plant.outer
     tall, wide = np.cumsum([0, n, r, r, nz, ny, r]), np.cumsum([0, n, r, r, nw, nu, r])
     whole = np.zeros((tall[-1], wide[-1]))

@@ -23,7 +23,7 @@ def obstacle(plant: GeneralizedPlant, problem: ProjectedInequalities) -> tuple[s
     """Verdict, why and mend for a plant on which no solver found a bound at all.
 
     A bound exists as soon as both sides can be stabilised: X ≻ 0 with Nᵀ(He(AX) − Ẋ)N ≺ 0, N spanning the null space
-    of B2ᵀ, and the same for the measurements. That one side cannot is only said where a dual matrix shows it.
+    of B2ᵀ, and the same for the measurements. That one side cannot is only stated where a dual matrix shows it.
     """
     scheduled = ", ".join(plant.box.names)
     moves = problem.controls.moves or problem.measurements.moves

@@ -33,7 +33,7 @@ from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_program import SignalCoordinates
 
 MOST = 1.03
-"""times the promise up to which the controller's own storage function is asked for a proof: writing the rational
+"""times the promise up to which the controller's own storage function is tried for a proof: writing the rational
 controller down as a polynomial costs a little"""
 
 

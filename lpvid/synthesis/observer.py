@@ -38,7 +38,7 @@ class Observer:
     Parameters
     ----------
     criteria : HInfinity, H2 or a sequence of them
-        Bounds from w to the error of the performance signals; empty where only regions are asked for.
+        Bounds from w to the error of the performance signals; empty where only regions are requested.
     regions : Region or sequence of Region
         Where the frozen poles of the error must lie.
     lyapunov : Basis, optional

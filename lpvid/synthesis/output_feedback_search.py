@@ -35,7 +35,7 @@ NOISE = (10.0, 1.0, 1e-1, 1e-2, 1e-3, 1e-4)
 """noise, and effort, added for moderate gains where nothing else limits them: shares of what the sensors show."""
 NOTHING = 1e-8
 """Share of the plant's size, a solver's accuracy, below which a least bound counts as zero. Only infinite gains come
-close to that; what is then asked for is the least bound with the least of `NOISE` in every measurement and control."""
+close to that; what is then requested is the least bound with the least of `NOISE` in every measurement and control."""
 MISSED = 1e-3
 """share by which another route's least bound must be below that of the inequalities to take its place"""
 MORE, AT_ONCE, APART = 30, 6, 0.15
@@ -193,7 +193,7 @@ def _least(
 
 def _target(problem: FeedbackProblem, projected: ProjectedInequalities, best: MatrixPair, clock: Clock
             ) -> tuple[float, tuple[str, ...]]:
-    """The bound that is asked for, and a remark where that is not the least."""
+    """The bound that is requested, and a remark where that is not the least."""
     if best.gamma > NOTHING * _size(projected.plant):
         return best.gamma, ()
     noisy = least_bound(replace(projected, plant=restrained(projected.plant, NOISE[-1])), clock,

@@ -144,7 +144,7 @@ def _exponents(key: str, names: tuple[str, ...]) -> tuple[int, ...]:
 
 
 def _box(value: object, known: Scheduling | None) -> Scheduling:
-    """The scheduling variables of a table; those of a model keep what the table does not say."""
+    """The scheduling variables of a table; those of a model keep what the table leaves out."""
     tables = {name: table_of(entry, f"scheduling.{name}") for name, entry in table_of(value, "scheduling").items()}
     names = tuple(tables) if known is None else known.names
     rows = []
@@ -187,7 +187,7 @@ def _weighed(plant: GeneralizedPlant, table: Mapping[str, Any]) -> GeneralizedPl
             inputs[name] = weight
         else:
             outputs[_checks.known_name(name, [*names_in, *names_out], "signal to weigh",
-                                       "say of which signal a new one is made: of = \"…\"")] = weight
+                                       "name the signal that a new one is made of: of = \"…\"")] = weight
     return weigh(plant, inputs, outputs) if table else plant
 
 

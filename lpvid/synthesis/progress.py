@@ -70,7 +70,7 @@ def watched(report_progress: Say | None) -> Iterator[Watch]:
 
 
 def stage(text: str) -> None:
-    """Say what is being done now, where somebody follows.
+    """State what is being done now, where progress is shown.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def remember(found: Synthesis) -> Synthesis:
 
 
 def interrupted(found: Synthesis, watch: Watch) -> Synthesis:
-    """A synthesis that says that it is the best so far.
+    """A synthesis that states that it is the best so far.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ class Rounds:
         Parameters
         ----------
         detail : str
-            What is to be said of the round besides its number.
+            What is reported of the round besides its number.
         """
         spent = time.monotonic() - self._begun
         left = f", at most {(self.most - self._done) * spent / self._done:.0f} s more" if self._done else ""

@@ -150,7 +150,7 @@ def from_grid(systems: Mapping[Any, System] | str | Path, box: Scheduling | None
 
 
 class _Asked:
-    """A function's systems as rows of one length, each asked for once."""
+    """A function's systems as rows of one length, each requested once."""
 
     def __init__(self, function: Callable[..., Any] | None, variables: int, model: _Asked | None = None,
                  rows: Callable[[np.ndarray], np.ndarray] | None = None) -> None:

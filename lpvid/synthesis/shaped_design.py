@@ -233,7 +233,7 @@ def _beside(problem: ShapedProblem, shaped: Shaped, figures: Sequence[Figure]) -
 
 
 def _infimum(problem: ShapedProblem, shaped: Shaped) -> float | None:
-    """The least gain that the inequalities admit, where nothing else was asked for."""
+    """The least gain that the inequalities admit, where nothing else was requested."""
     only = problem.criteria[0] if len(problem.criteria) == 1 else None
     return shaped.lowest[0] if isinstance(only, HInfinity) and only.bound is None else None
 
@@ -242,7 +242,7 @@ def _proven(criterion: Criterion, problem: ShapedProblem, shaped: Shaped, loop: 
             most: float) -> Figure | None:
     """The promise of a gain, by the design's own storage function; None where that does not prove it on the box.
 
-    A bound that was asked for is kept to the last digit, or left to the analysis.
+    A bound that was requested is kept to the last digit, or left to the analysis.
     """
     blocks = problem.blocks_of(shaped)
     if blocks is not None:

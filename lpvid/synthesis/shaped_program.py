@@ -16,7 +16,7 @@ from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.shaped_loop import ShapedLoop
 
 PATIENT = ("CLARABEL", "MOSEK", "SDPA", "CVXOPT")
-"""Interior-point methods; a first-order one takes minutes to say that it finds nothing."""
+"""Interior-point methods; a first-order one takes minutes to find nothing."""
 
 
 NOTHING = 1e-6

@@ -37,7 +37,7 @@ def synthesize(plant: GeneralizedPlant, design: Design, *, progress: Callable[[s
     -------
     Synthesis
         Interrupted (Ctrl-C), a search that has a bound writes its controller down; where one was verified before, that
-        is returned. A note says so.
+        is returned. A note states so.
 
     Raises
     ------

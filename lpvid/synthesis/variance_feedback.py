@@ -63,7 +63,7 @@ class VarianceFeedback:
     points: np.ndarray
 
     def answers(self, back_off: float) -> Iterator[tuple[Preconditioned, Shaped]]:
-        """Answers `back_off` above the least level, or at the level that is asked for, with their coordinates.
+        """Answers `back_off` above the least level, or at the level that is requested, with their coordinates.
 
         The best conditioned comes first.
 

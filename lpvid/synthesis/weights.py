@@ -1,7 +1,7 @@
-"""Weights: small systems that say at which frequencies a signal matters, and how they are attached to a plant.
+"""Weights: small systems that state at which frequencies a signal matters, and how they are attached to a plant.
 
 An H-infinity design makes every weighted gain from a disturbance to a performance signal smaller than γ. A weight of 5
-on a performance signal asks for a fifth of the gain there; a weight on a disturbance says how large it is.
+on a performance signal asks for a fifth of the gain there; a weight on a disturbance states how large it is.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ def independence_remark(model: Any, records: Sequence[Record], label: str) -> st
     Parameters
     ----------
     model : LPVTransferFunction, LPVStateSpace or SelfScheduled
-        Its metadata say whether its inputs moved together in training (`lpvid.identification.separation`).
+        Its metadata state whether its inputs moved together in training (`lpvid.identification.separation`).
     records : sequence of Record
     label : str
         What these data are to the model, e.g. "held-out".
@@ -26,7 +26,7 @@ def independence_remark(model: Any, records: Sequence[Record], label: str) -> st
     Returns
     -------
     str or None
-        None for a model whose inputs were independent in training, or records too short to say.
+        None for a model whose inputs were independent in training, or records too short for it.
     """
     if "coherent_inputs" not in model.metadata:
         return None

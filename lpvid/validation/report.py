@@ -36,7 +36,7 @@ OTHER_LAGS = (5, 100)
 
 @dataclass(frozen=True, eq=False)
 class Validation(Shown):
-    """Figures of a model on a data set; `label` says whether the model has seen these data.
+    """Figures of a model on a data set; `label` states whether the model has seen these data.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Validation(Shown):
     regimes : tuple of Regime
         Where the free run is wrong.
     k_steps : tuple of Figures
-        Pooled figures of the prediction horizons asked for.
+        Pooled figures of the prediction horizons requested.
     notes : tuple of str
     """
 
@@ -181,7 +181,7 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record] | Chun
              label: str = "held-out", horizons: Sequence[int] = ()) -> Validation:
     """Figures of a model on measured records, free-run, one-step and at any further prediction horizons.
 
-    Raw data of another rate are resampled (anti-aliased) to the model's rate, and a note says so.
+    Raw data of another rate are resampled (anti-aliased) to the model's rate, and a note states so.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record] | Chun
         Only the model's own rate [Hz] is accepted; it is used in any case.
     label : str
         "held-out" or "training": what these data are to the model. Data that begin like a training record are
-        labelled as what they are, whatever is said here.
+        labelled as what they are, whatever is given here.
     horizons : sequence of int
         Further prediction horizons [samples].
 

@@ -12,7 +12,7 @@ LEVEL = 0.01
 EXACT = 1e-11
 """residual over output below which a model is exact, and its residual nothing but rounding."""
 RESOLVED = 1e-2
-"""directions of the lagged inputs with less than this share of the largest variance say nothing reliable."""
+"""directions of the lagged inputs with less than this share of the largest variance give no reliable information."""
 
 
 Instrument = tuple[np.ndarray | None, np.ndarray | None]
@@ -23,7 +23,7 @@ Instrument = tuple[np.ndarray | None, np.ndarray | None]
 class ResidualTest:
     """A test on the one-step residuals.
 
-    A small p-value says that the residual still holds something the model could have used.
+    A small p-value states that the residual still holds something the model could have used.
     """
 
     name: str

@@ -97,7 +97,7 @@ def car_baseline(records: Sequence[Record], parameters: Any = None) -> Baseline:
 
 
 class _Baselines(Mapping[str, Factory]):
-    """Every damper model that is known when it is asked for, and the car."""
+    """Every damper model that is known when it is requested, and the car."""
 
     def __getitem__(self, name: str) -> Factory:
         if name == "quarter-car":

@@ -19,7 +19,7 @@ ROLES = ("road", "unsprung", "sprung", "actuator")
 UNITS = {"spring_stiffness": "N/m", "damping": "N*s/m", "sprung_mass": "kg", "unsprung_mass": "kg",
          "tyre_stiffness": "N/m", "tyre_damping": "N*s/m"}
 FREE = ("spring_stiffness", "damping", "unsprung_mass", "tyre_stiffness", "tyre_damping")
-"""what a fit moves; the sprung mass is the scale of all the others, which motions alone cannot tell"""
+"""what a fit moves; the sprung mass is the scale of all the others, which motions alone do not determine"""
 MASS_REACH, STIFFNESS_REACH, DAMPING_REACH = 4.0, 10.0, 10.0
 """how far a fit may move from the given car: factors either way for masses and stiffnesses; for the dampings a multiple
 of the critical one, 2√(km)"""
@@ -39,7 +39,7 @@ class QuarterCarBaseline(Baseline):
     """A quarter car simulated from the measured road and actuator force.
 
     Motions are the same for a car whose masses, stiffnesses and dampings are all twice as large; only an actuator's
-    force, which is a suspect itself, sets the scale. The sprung mass is therefore held unless it is asked for, the
+    force, which is a suspect itself, sets the scale. The sprung mass is therefore held unless it is requested, the
     others stay within physical reach of the given car, and a fit holds what the records do not determine.
 
     Attributes

@@ -193,7 +193,7 @@ def _switching(runs: Sequence[RecordPiece]) -> tuple[list[SwitchingSteps], tuple
 
 
 def _simulated(data: RecordPieces, damper: Damper | None) -> tuple[dict[int, np.ndarray], tuple[str, ...]]:
-    """The model's free run along every run it can follow, in tension positive, and what to say of it."""
+    """The model's free run along every run it can follow, in tension positive, and notes on it."""
     if damper is None:
         return {}, ()
     import warnings

@@ -11,9 +11,9 @@ LEAST = 6
 SHRINK = 0.7
 """factor from one trial window to the next: the standard error grows by a fifth at each"""
 CURVED = 2.0
-"""standard errors above which a cubic term says that a window is too wide"""
+"""standard errors above which a cubic term states that a window is too wide"""
 APART = 3.0
-"""standard errors above which a difference from a smaller window says so: about ten of these are looked at"""
+"""standard errors above which a difference from a smaller window states so: about ten of these are looked at"""
 ENOUGH = 24
 """samples from which a smaller window's standard error is good to 15 %, so that it can speak against a larger one"""
 

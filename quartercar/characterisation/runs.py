@@ -18,7 +18,7 @@ from quartercar.dampers.preparing import SHORTEST
 NOISE = 8.0
 """standard deviations that noise spans from end to end: 4 to either side, exceeded once in 16,000 samples"""
 LONGEST = 1.0
-"""stroke [m] above which a displacement is probably in another unit than its header says"""
+"""stroke [m] above which a displacement is probably in another unit than its header states"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,8 +31,8 @@ def _common(version: Annotated[bool, typer.Option("--version", "-v", callback=_v
                                                   help="Print the version and stop.")] = False) -> None:
     """Dampers and quarter cars: a virtual test rig, damper models fitted and compared, and the road to stability.
 
-    Exit codes: 0 done; 2 the input is at fault (one line says what, nothing is written); 3 a numerical outcome short of
-    what was asked, with the result written.
+    Exit codes: 0 done; 2 the input is at fault (one line, nothing is written); 3 a numerical outcome short of
+    the request, with the result written.
     """
 
 

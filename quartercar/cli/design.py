@@ -71,7 +71,7 @@ def design(
 
 
 def _table(car: str | None, damper: Path | None, config: Path | None) -> dict[str, str]:
-    """What the options say of the car, as a CONFIG would."""
+    """What the options give of the car, as a CONFIG would."""
     given = {k: str(v) for k, v in (("car", car), ("damper", damper)) if v is not None}
     if given and config is not None:
         raise InputError("--car and --damper belong to a design without CONFIG", mend="write them into the "
@@ -81,7 +81,7 @@ def _table(car: str | None, damper: Path | None, config: Path | None) -> dict[st
 
 def _tuned(chosen: DesignConfig, budget: int,
            report_progress: Callable[[str], None]) -> LpvHinf | LpvHinfClipped | LpvHinfIdentified:
-    """The law, tuned where that was asked for."""
+    """The law, tuned where that was requested."""
     if not budget:
         return chosen.law
     from quartercar.rides.tuning import Trial, tune

@@ -77,7 +77,7 @@ def fit(
         found = found.with_notes(notes)
         _deliver(results, found, report_progress)
     if not found.complete:
-        typer.echo("interrupted: the models that were done are kept; the result says that it is not complete", err=True)
+        typer.echo("interrupted: the models that were done are kept; the result is marked incomplete", err=True)
     conclude(results, found.to_dict(), str(found), json)
     if not found.complete:
         raise typer.Exit(INTERRUPTED)

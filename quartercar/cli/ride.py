@@ -115,7 +115,7 @@ def _chosen(config: Path | None, car: str | None, damper: Path | None, road: lis
 
 
 def _with_preview(chosen: RideConfig, text: str, free: bool) -> RideConfig:
-    """With the road ahead; where no laws are asked for, also those that make use of it."""
+    """With the road ahead; where no laws are requested, also those that make use of it."""
     from dataclasses import replace
 
     from quartercar.rides.config import given_laws, laws_with_preview
@@ -127,7 +127,7 @@ def _with_preview(chosen: RideConfig, text: str, free: bool) -> RideConfig:
 
 
 def _tuned(chosen: RideConfig, report_progress: Callable[[str], None]) -> tuple[dict, dict[str, Tuned]]:
-    """The laws, tuned where that was asked for."""
+    """The laws, tuned where that was requested."""
     from quartercar.rides.tuning import Trial, tune
 
     if not chosen.tune:
@@ -160,7 +160,7 @@ def _check_preview(chosen: RideConfig) -> None:
 
 
 def _bounds(chosen: RideConfig, found: RideComparison, report_progress: Callable[[str], None]) -> tuple[Bound, ...]:
-    """What the damper could have reached, where that was asked for."""
+    """What the damper could have reached, where that was requested."""
     if not chosen.bound:
         return ()
     from quartercar.rides.bound import BoundSettings, bound_rides

@@ -169,7 +169,7 @@ class Controller(ABC):
         values = {n: p.checked(self.values.get(n, p.default)) for n, p in known.items()}
         object.__setattr__(self, "values", MappingProxyType(values))
 
-    # -- what a law says of itself -----------------------------------------------------------------------------------
+    # -- what a law describes -----------------------------------------------------------------------------------
     @abstractmethod
     def check_settings(self) -> None:
         """Refuse settings that make no law; called before the parameters are read."""

@@ -6,4 +6,4 @@ from lpvid.export.serialise import Kind
 from quartercar.controllers import CONTROLLERS, LAWS
 
 KIND = Kind("controller", 1, LAWS, "quartercar", CONTROLLERS)
-"""``quartercar/controller/1``: every law of `quartercar.controllers.LAWS`, told apart by its name."""
+"""``quartercar/controller/1``: every law of `quartercar.controllers.LAWS`, chosen by its name."""

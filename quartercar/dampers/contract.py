@@ -104,7 +104,7 @@ class Damper(Adaptable, Shown):
                 raise InputError("current_range runs from low to high", got=f"{low:g} to {high:g}")
             set_(self, "current_range", (low, high))
 
-    # -- what a model says of itself ---------------------------------------------------------------------------------
+    # -- what a model describes ---------------------------------------------------------------------------------
     @abstractmethod
     def check_settings(self) -> None:
         """Refuse settings (orders, tables, degrees) that make no model; called before the parameters are read."""

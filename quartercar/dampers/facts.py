@@ -1,4 +1,4 @@
-"""Facts: what a set of records offers to a damper model, so that each kind can say whether and how it fits."""
+"""Facts: what a set of records offers to a damper model, so that each kind can state whether and how it fits."""
 
 from __future__ import annotations
 

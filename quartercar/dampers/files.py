@@ -6,4 +6,4 @@ from lpvid.export.serialise import Kind
 from quartercar.dampers import DAMPERS, STORED
 
 KIND = Kind("damper", 1, STORED, "quartercar", DAMPERS)
-"""``quartercar/damper/1``: every kind of `quartercar.dampers.STORED`, told apart by its name."""
+"""``quartercar/damper/1``: every kind of `quartercar.dampers.STORED`, chosen by its name."""

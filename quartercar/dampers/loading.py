@@ -60,7 +60,7 @@ def load_damper(path: str | Path, like: Damper | None = None) -> Damper:
 
 
 def _has_schema(path: Path) -> bool:
-    """Whether a JSON object says what it holds; a file that cannot be read is left to the reader that says why."""
+    """Whether a JSON object states what it holds; a file that cannot be read is left to the reader that states why."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):

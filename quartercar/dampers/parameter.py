@@ -20,7 +20,7 @@ class Parameter:
         As in files and on the command line, e.g. ``"viscous_damping"``.
     unit : str
         SI, e.g. ``"N*s/m"``; empty for a pure number.
-    says : str
+    description : str
         What it is, in a few words, with the paper's symbol.
     default : float
         A typical value, in SI.

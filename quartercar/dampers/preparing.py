@@ -116,7 +116,7 @@ def _with_roles(records: Sequence[Record]) -> tuple[list[Record], tuple[str, ...
 
 
 def _need_signals(training: Sequence[Record]) -> None:
-    """Refuse training data in which nothing moves: no law can be told from them."""
+    """Refuse training data in which nothing moves: no law can be separated from them."""
     for role in ("velocity", "force"):
         ends = [(float(r[role].min()), float(r[role].max())) for r in training]
         low, high = min(a for a, _ in ends), max(b for _, b in ends)
@@ -126,12 +126,12 @@ def _need_signals(training: Sequence[Record]) -> None:
 
 
 def sense_of(records: Sequence[Record]) -> tuple[int, tuple[str, ...]]:
-    """The sense in which the force is measured, the same in all records, and what to say of it."""
+    """The sense in which the force is measured, the same in all records, and notes on it."""
     sense = common_polarity(records)
     if sense < 0:
         return -1, ("reversed polarity: the force opposes the velocity in these records (mean F·v < 0). Parameters are "
                     "those of the damper, tension positive; simulated forces have the sign of the records. "
                     "--flip force turns the records",)
     if sense == 0:
-        return 1, ("the polarity cannot be told: mean F·v is too close to zero; taken as tension positive",)
+        return 1, ("the polarity cannot be determined: mean F·v is too close to zero; taken as tension positive",)
     return 1, ()

@@ -70,7 +70,7 @@ def read_parameters(path: str | Path, like: Damper | None = None) -> Damper:
 
 
 def model_of(path: str | Path) -> str | None:
-    """Name of the model that a parameter set belongs to; None for a file of `lpvid.save`, which says all by itself."""
+    """Name of the model that a parameter set belongs to; None for a file of `lpvid.save`, which holds its own."""
     name = _object(Path(path)).get("model")
     return name if isinstance(name, str) else None
 

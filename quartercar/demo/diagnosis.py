@@ -46,7 +46,7 @@ class HiddenCause:
         """One sentence."""
         if self.named != (self.hidden,):
             stated = ", ".join(self.named) or self.found.verdict
-            return f"The rig hid {self.hidden} from Guo's law; the diagnosis says {stated}."
+            return f"The rig hid {self.hidden} from Guo's law; the diagnosis states {stated}."
         return (f"The rig hid {self.hidden} from Guo's law; the diagnosis names it, and the extended model removes "
                 f"{self.found.gain_percent:.1f} % of the squared free-run error on a record it has not seen.")
 

@@ -36,7 +36,7 @@ class ExperimentFigures:
 
     Attributes
     ----------
-    name, says : str
+    name, description : str
     esr : float or None
         Pooled over the records: numerators and denominators summed, each record about its own mean.
     rmse : float or None

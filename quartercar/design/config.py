@@ -1,4 +1,4 @@
-"""CONFIG files of `quartercar design`: a TOML text that says which car, damper, law, measurements and weights."""
+"""CONFIG files of `quartercar design`: a TOML text that states which car, damper, law, measurements and weights."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class DesignConfig:
 
 
 def load_design(path: str | Path, plant: str | None = None) -> DesignConfig:
-    """Read a CONFIG file; a damper file is found beside it. `plant` counts before what the file says.
+    """Read a CONFIG file; a damper file is found beside it. `plant` counts before what the file states.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def read_design(table: Mapping[str, Any], folder: Path = Path()) -> DesignConfig
 
 
 def _plant(table: Mapping[str, Any], car: QuarterCar, weights: Mapping[str, Any]) -> str:
-    """The plant that a table says, or that its damper and its other keys allow."""
+    """The plant that a table states, or that its damper and its other keys allow."""
     if "plant" in table:
         return _checks.one_of(str(table["plant"]), PLANTS, "plant")
     own = {p.name for p in LpvHinf().parameters} - {p.name for p in LpvHinfIdentified().parameters}
@@ -162,7 +162,7 @@ def design_template() -> str:
              "plant = \"identified\"        # the damper's own dynamics in the plant; nominal: c_nom alone",
              "lag = \"4 ms\"                # from demand to force: the coil",
              "tune = 0                    # evaluations by which the weights are tuned; 0: as given", "",
-             "[weights]                   # each says what counts as much as 1 m/s^2 of the body"]
+             "[weights]                   # each states what counts as much as 1 m/s^2 of the body"]
     lines += [_weight(p, law.values[p.name]) for p in law.parameters]
     lines += ["", "# With plant = \"nominal\", before [weights]:",
               "# law = \"lpv-hinf\"          # the damper's limits inside the design; lpv-hinf-clipped: outside",

@@ -54,7 +54,7 @@ def design_page(found: Design | IdentifiedDesign, figures: Sequence[Drawn], ride
     asked = PageTable(("weight", "value", "unit", "meaning"),
                   tuple((p.name, number(law.values[p.name]), p.unit or "1", p.description) for p in law.parameters),
                   "Each level counts as much as 1 m/s² of the body's acceleration in the comfort band.", (1,))
-    sections = [Section("What was asked for", (asked, drawn["weights"]))]
+    sections = [Section("What was requested", (asked, drawn["weights"]))]
     if found.plant_rows:
         sections.append(
             Section(

@@ -141,7 +141,7 @@ def is_sharp(s: Signals) -> bool:
 def at_once(currents: Sequence[np.ndarray], edges: Sequence[Edges]) -> bool:
     """Whether jumps between levels show no trace of a filter, the noise of the sensor aside.
 
-    One that lags misses its level at the first sample, and one that overshoots misses it by as much everywhere: by the
+    One that lags misses its level at the first sample, and one that overshoots misses it by as much throughout: by the
     share s of the jump that fits all of them, r = s j + noise, those set aside that chance does not send astray so far.
 
     Examples

@@ -189,7 +189,7 @@ class CurrentEffect(GridEffect):
     stage: ClassVar[str] = "current"
     needs: ClassVar[tuple[str, ...]] = ("current",)
     between_two: ClassVar[str] = ""
-    """why it cannot be told where the current takes two levels only; empty where it can"""
+    """why it cannot be determined where the current takes two levels only; empty where it can"""
 
     of_changes: ClassVar[bool] = True
     """whether it shows only where the current changes within a record"""

@@ -93,7 +93,7 @@ class InnerFriction(ParallelForce):
 
     Of a load path ``motion → spring → (law ∥ friction)`` the element's own speed w = v − (1/k) dF/dt turns the
     friction, not the measured one: after a reversal the force crosses from one side to the other along the spring.
-    With nothing in series it is the friction of `CoulombFriction` without a deflection, and not asked for. How fast it
+    With nothing in series it is the friction of `CoulombFriction` without a deflection, and not tried. How fast it
     turns round with the speed is its own number: lip seals and guides slide on oil, over a tenth of the speeds.
     """
 

@@ -19,7 +19,7 @@ UNIT_SPEED = 0.1
 DRY = 0.02
 """share of the top speed up to which the force of a law counts as dry friction"""
 DRY_EXPONENT = 0.3
-"""exponent below which a power of the speed doubles over a decade at most, which no record tells from friction: the
+"""exponent below which a power of the speed doubles over a decade at most, which no record separates from friction: the
 lower end of what is plausible of a restriction"""
 ALL_OF_IT = 0.05
 """by how much the share that passes a valve may differ from 1 and be all of it"""

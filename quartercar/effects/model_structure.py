@@ -88,7 +88,7 @@ class MissingScheduling(Effect):
         return [sign * 0.03 * np.eye(MODES + 2)[k] for k in range(SCANNED) for sign in (1.0, -1.0)]
 
     def implausible(self, values: np.ndarray) -> list[str]:
-        """Modes that each are plausible may add up to a force that stops or turns round: then position, say, acts."""
+        """Modes that each are plausible may add up to a force that stops or turns round: then position acts."""
         largest = float(np.abs(slow_modes(np.linspace(0.0, 1.0, 20 * MODES)) @ values).max())
         if largest <= LARGEST:
             return super().implausible(values)

@@ -116,7 +116,7 @@ class InSeries(Linearised):
         return np.where(corners(s).sharp, CORNER, parts), law.jumps | sudden
 
     def march(self, s: Signals, rigid: np.ndarray, law: Law, trace: np.ndarray) -> np.ndarray:
-        """(n,) force; `trace`, as long as the march has stages or empty, is filled as the kernel says."""
+        """(n,) force; `trace`, as long as the march has stages or empty, is filled by the kernel."""
         from quartercar.effects import _series_kernels as kernels
 
         velocity = np.ascontiguousarray(s["velocity"], dtype=float)

@@ -23,7 +23,7 @@ smaller is noise, or as good as straight"""
 RANK = 1e-5
 """share of a law's size, growing with the speed, that its combination of few speeds may miss"""
 NONE, HUGE = 1e-200, 1e100
-"""squared size of a law below which it is zero everywhere; size from which on it is no law"""
+"""squared size of a law below which it is zero at every point; size from which on it is no law"""
 SAME = 1e-9
 """agreement of a core with itself on samples out of their order, by which it is known to have no memory"""
 PROBE = 0.02
@@ -176,7 +176,7 @@ def few(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         rest[k] = 0.0
         parts.append(along)
     weights = np.column_stack(parts)
-    if not largest > NONE:  # a law that is zero everywhere is one, too
+    if not largest > NONE:  # a law that is zero at every point is one, too
         return np.array(picks), np.zeros_like(weights)
     lower, shapes = weights[picks], weights
     for k in range(len(picks) - 1, -1, -1):  # shapes @ lower = weights; few columns, for which BLAS starts threads

@@ -34,7 +34,7 @@ def near(own: InSeries, others: Sequence[Core]) -> list[Core]:
 
 @dataclass(frozen=True, eq=False)
 class SeriesRuns:
-    """A simulation in series and others that differ little from it, along the signals that were last asked for.
+    """A simulation in series and others that differ little from it, along the signals of the last evaluation.
 
     With δ_law the change of the core at the same speed and position, δD that of the deflection under the same force::
 

@@ -19,7 +19,7 @@ from quartercar.effects.measurement import ChainEffect
 class SharedFilter(ChainEffect):
     """All channels have passed the same low-pass, which does not commute with a law that bends (sheet 1.4.10).
 
-    The edges of a current that jumps between levels are put where the filter's own step response says that they were
+    The edges of a current that jumps between levels are put where the filter's own step response shows them
     (`current_edges`); around those between levels that do not last the simulation stays as it is. Where no edge shows
     the trace of a filter the cause is refused.
     """

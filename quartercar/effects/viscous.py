@@ -54,7 +54,7 @@ def static_share(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Shares:
-    """Slopes in either direction, and the static share, of a core at signals, each worked out when it is asked for.
+    """Slopes in either direction, and the static share, of a core at signals, each worked out when it is read.
 
     Attributes
     ----------

@@ -32,7 +32,7 @@ class LoopLaw:
         Of one car: period, car, damper model behind the inverse, limits of the current.
     coil : Coil
     settings : ChainSettings
-        Its sensors say which readings there are; their bandwidth, noise and resolution only set the observer.
+        Its sensors state which readings there are; their bandwidth, noise and resolution only set the observer.
     """
 
     controller: Controller

@@ -47,7 +47,7 @@ class IdentifiedDamper(Embedding):
     force the car's spring carries. Control is lost at r = 0. Equation sheet 4.3 (E9), 5.6 for the forms.
 
     The box of r and ρ_v is that of recorded runs (`around`) and has to be watched at run time. What is not exact: the
-    force is held over a sample, where the nonlinear car lets it rise linearly (`replay` against a run says how much);
+    force is held over a sample, where the nonlinear car lets it rise linearly (`replay` against a run shows how much);
     and forms other than the augmented one change the damper when the current moves (`realization.gap`).
 
     Attributes

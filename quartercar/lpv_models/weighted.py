@@ -35,7 +35,7 @@ class SuspensionWeights:
     """How large each signal may be: every weight is one over a level, over a band of frequencies.
 
     A design makes the worst gain from road and noise to all weighted signals small: a signal with half the level counts
-    twice. Levels matter by their ratios; `docs/design_weights.md` says what each one does and how to choose it.
+    twice. Levels matter by their ratios; `docs/design_weights.md` states what each one does and how to choose it.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class SuspensionWeights:
     demand : float
         Force beside the nominal damping, at all frequencies [N].
     relief : float
-        Share of comfort, road holding and room that is still asked for where the damper can give nothing of the demand.
+        Share of comfort, road holding and room that is still demanded where the damper can give nothing of the demand.
     comfort_low, comfort_high, wheel_low, wheel_high : float
         Bands [Hz].
     road : float
@@ -136,7 +136,7 @@ class WeightedCar:
         u ──> lag ────> │  share) │ ─> … ─────────────────────> 1/level ────> effort         }
                         └─────────┘ ─> sensors (+ noise) ────> y
 
-    Where the system is scheduled on ``given_share`` (`LimitedForce`), comfort, road holding and room are asked for with
+    Where the system is scheduled on ``given_share`` (`LimitedForce`), comfort, road holding and room are weighted with
     the factor relief + (1 − relief) ρ.
 
     Attributes

@@ -50,7 +50,7 @@ CLOUD = 2500
 def ranking(found: Comparison) -> Figure:
     """Free-run ESR of every model on a logarithmic axis: held-out as a dot, training as a hollow mark.
 
-    A logarithmic axis has no zero, so that the length of a bar would say nothing: the place of a dot does.
+    A logarithmic axis has no zero, so that the length of a bar would give no information: the place of a dot does.
     """
     rows = [r for r in found.rows if r.held_out.total.esr is not None]
     lost = [r for r in found.rows if r.held_out.total.esr is None]

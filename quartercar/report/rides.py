@@ -99,7 +99,7 @@ def ride_page(found: RideComparison, figures: Sequence[Drawn], tuned: Mapping[st
 
 
 def _winners(found: RideComparison) -> PageTable:
-    """Road by road and criterion by criterion: the best law, its figure, and who cannot be told from it."""
+    """Road by road and criterion by criterion: the best law, its figure, and who cannot be separated from it."""
     rows = []
     for road in found.roads:
         reference = found.row(found.reference, road)
@@ -239,7 +239,7 @@ def _energy(found: RideComparison) -> tuple[Item, ...]:
                   number(max(x.passivity.returned for x in r.rides), 3)) for r in found.rows)
     known = all(r.passive is not None for r in found.rows)
     text = ("Delivered energy less stored energy, gas and spring, never fell below the initial storage where the "
-            "column says yes." if known else
+            "column has yes." if known else
             "Energy that the damper's model gave back came from what it stored (compliance) or from errors of the "
             "model; the last columns bound both.")
     return (Paragraph(text), PageTable(("road", "law", "taken [J]", "passive", "F·v < 0", "energy in them [J]",

@@ -36,7 +36,7 @@ def rig_page(plan: Plan, audit: Audit, records: Sequence[Record]) -> Page:
                 Section("Damper and sensors", (_numbers(plan),)), *page.sections)
     return replace(page, title="Virtual rig", verdict=verdict, sections=sections, steps=_STEPS,
                    facts=(*page.facts, ("effects on", str(len(on))), ("seed", str(plan.seed))),
-                   caveats=("These records are simulated: they test methods, and say nothing of any real damper.",
+                   caveats=("These records are simulated: they test methods, not a real damper.",
                             *page.caveats))
 
 

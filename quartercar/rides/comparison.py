@@ -196,7 +196,7 @@ class RideComparison(Shown):
 
     @property
     def verdict(self) -> str:
-        """A sentence or two per road: most comfortable, best on the road, who cannot be told from them, the front."""
+        """A sentence or two per road: most comfortable, best on the road, laws as good within the spread, the front."""
         stated = []
         for road in self.roads:
             (soft, near), (firm, close) = (self.leaders(road, axis) for axis in AXES[:2])

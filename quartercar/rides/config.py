@@ -1,4 +1,4 @@
-"""CONFIG files of `quartercar ride`: a TOML text that says which car, damper, roads, sensors and laws."""
+"""CONFIG files of `quartercar ride`: a TOML text that states which car, damper, roads, sensors and laws."""
 
 from __future__ import annotations
 

@@ -241,7 +241,7 @@ def _given_energy(damper: Damper | None, currents: tuple[float, float]) -> str:
             f". Of the '{damper.name}' damper: {stated}. Mend: fit or identify it again with --passive, or with more "
             "records at these currents and speeds"
         )
-    return (f". The '{damper.name}' damper takes energy at every current that is held. Mend: `lpvid stability` says "
+    return (f". The '{damper.name}' damper takes energy at every current that is held. Mend: `lpvid stability` states "
             "whether it is stable while the current moves; else another structure, or --passive")
 
 

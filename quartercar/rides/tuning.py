@@ -238,7 +238,7 @@ def tune(law: Controller, trial: Trial, budget: int = 64, seed: int = 0,
 
 
 class _ParameterScale:
-    """Parameters of a law on [0, 1], logarithmic where they say so."""
+    """Parameters of a law on [0, 1], logarithmic where marked."""
 
     def __init__(self, law: Controller) -> None:
         self._log = np.array([p.log for p in law.parameters], dtype=bool)

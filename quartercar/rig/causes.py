@@ -1,7 +1,7 @@
 """Causes that the rig can be given by name: each sets numbers of the damper or of the chain, and nothing else.
 
 `CAUSES` is the one table. A cause of strength 0 leaves the rig exactly as it was; strength 1 is the size that its
-parameters say. Section numbers in `source` are those of the project's equation sheet.
+parameters give. Section numbers in `source` are those of the project's equation sheet.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""PLAN files: a TOML text that says which damper, which sensors, which causes and which experiments."""
+"""PLAN files: a TOML text that states which damper, which sensors, which causes and which experiments."""
 
 from __future__ import annotations
 

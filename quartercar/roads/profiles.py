@@ -285,7 +285,7 @@ def measured(path: str | Path, track: int | str | None = None) -> Track:
     heights = [name for name in record.channels if name != "distance"]
     if track is None and len(heights) > 1:
         raise InputError(f"{path} holds {len(heights)} tracks", got=", ".join(heights),
-                         mend=f"say which: --road {Path(path).name}#{heights[0]}@SPEED, or track = \"{heights[0]}\" in "
+                         mend=f"name one: --road {Path(path).name}#{heights[0]}@SPEED, or track = \"{heights[0]}\" in "
                          "CONFIG")
     if isinstance(track := 0 if track is None else track, int):
         if not 0 <= track < len(heights):

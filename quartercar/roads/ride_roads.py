@@ -13,7 +13,7 @@ from lpvid.errors import InputError
 from quartercar import roads
 
 SHORTEST = 5.0
-"""for which a measured track is driven where nothing else is said [s]"""
+"""for which a measured track is driven by default [s]"""
 LEAD = 1.0
 """time before a bump that is left out of the figures [s]"""
 

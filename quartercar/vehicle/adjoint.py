@@ -28,7 +28,7 @@ def has_gradient(damper: Damper | None) -> bool:
 
 
 def refuse_without_gradient(damper: Damper | None) -> None:
-    """InputError for a damper that an `AdjointCar` cannot carry, which says what can."""
+    """InputError for a damper that an `AdjointCar` cannot carry, which states what can."""
     if not has_gradient(damper):
         raise InputError("no bound is available for this damper", got="none" if damper is None else damper.name,
                          why="the gradient of its ride by the current is not built",

@@ -51,7 +51,7 @@ class StateSpace:
                                   outputs=list(self.outputs))
 
     def select(self, inputs: tuple[str, ...] | None = None, outputs: tuple[str, ...] | None = None) -> StateSpace:
-        """The same with some of its inputs and outputs, in the order asked for."""
+        """The same with some of its inputs and outputs, in the order requested."""
         inputs, outputs = inputs or self.inputs, outputs or self.outputs
         columns = [self.inputs.index(_checks.known_name(n, self.inputs, "input")) for n in inputs]
         rows = [self.outputs.index(_checks.known_name(n, self.outputs, "output")) for n in outputs]

@@ -31,7 +31,7 @@ def auto(records: Record | Sequence[Record], input: str | Sequence[str], output:
     force (`QuasiLPV`). Everything else gets the full range of affine terms. Output error at several orders, subspace,
     prediction-error state space and refined instruments then compete with the best of the grid, and while the best is
     more than half a point below what the noise leaves possible, richer structures do (`rounds`). All are compared by
-    their free run on blocks of the training data that they were not fitted to: the held-out data have no say.
+    their free run on blocks of the training data that they were not fitted to: the held-out data are not used.
 
     Parameters
     ----------

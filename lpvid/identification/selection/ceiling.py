@@ -28,7 +28,7 @@ MOST_COLUMNS = 400
 
 @dataclass(frozen=True, eq=False)
 class Ceiling:
-    """The free-run fit of a perfect model, as far as the noise can be told.
+    """The free-run fit of a perfect model, as far as the noise can be determined.
 
     Attributes
     ----------

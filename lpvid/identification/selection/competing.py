@@ -22,7 +22,7 @@ def compete(search: StructureSearch, rounds: Iterable[Round], records: Sequence[
     ----------
     search : Search
     rounds : iterable of Round
-        Asked for one at a time, so that each may build on the trials before it.
+        Requested one at a time, so that each may build on the trials before it.
     records : sequence of Record
         All training data, for the ceiling.
 

@@ -69,7 +69,7 @@ def spread(values: np.ndarray) -> float:
 
 
 def make_folds(records: Sequence[Record], count: int, start: int, channel: str) -> tuple[list[Fold], list[str]]:
-    """Blocks for cross-validation, and what to say about them.
+    """Blocks for cross-validation, and notes on them.
 
     Where the excitation repeats and a stretch of its pattern is long enough to run on, folds hold out stretches of the
     pattern; otherwise consecutive blocks.

@@ -133,7 +133,7 @@ class Selection(Shown):
     Attributes
     ----------
     best : Structure
-        As it was among the candidates: stages by name where they were asked for by name.
+        As it was among the candidates: stages by name where they were requested by name.
     table : tuple of Row
         Cross-validated candidates by free-run error, then the others by BIC, then those refused.
     identification : Identification or None

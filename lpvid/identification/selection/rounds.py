@@ -20,7 +20,7 @@ from lpvid.scheduling import Polynomial, Spline
 
 LOW_ORDERS = (1, 2, 3, 4)
 """orders at which the output error starts beside those of the best ARX: least squares needs more lags than the system
-has poles wherever the noise is on the output, so that its best order says little of the output error's."""
+has poles wherever the noise is on the output, so that its best order gives little information on the output error's."""
 MOST_LAGS = 10
 """highest order tried."""
 STEPS = ((0, 0, 1), (0, 0, -1), (-1, -1, 0), (1, 1, 0), (0, -1, 0), (0, 1, 0))

@@ -22,7 +22,7 @@ PILOT_ORDER = 4
 
 @dataclass(frozen=True, eq=False)
 class Screened:
-    """A candidate with what one least squares on the common rows says of it.
+    """A candidate with what one least squares on the common rows states of it.
 
     Attributes
     ----------

@@ -38,7 +38,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
     ARX candidates are screened by BIC and AICc from nested QR factors, on the same equations. Those on a short list
     (both criteria, and every trait at least once where it may be) whose frozen poles stay inside the unit circle along
     the training trajectory go to blocked cross-validation in free run, then the neighbours of the best. The simplest
-    within one standard error wins. Other structures go to cross-validation directly. Stages asked for by name are
+    within one standard error wins. Other structures go to cross-validation directly. Stages requested by name are
     fitted once for every basis and held while orders are compared; the choice is refitted with them.
 
     Parameters
@@ -60,7 +60,7 @@ def select(records: Record | Sequence[Record], candidates: Iterable[Structure], 
         Further structures round by round, given the search with all its trials. Rounds that are marked as further are
         entered only while the fit is more than half a point below what the noise leaves possible.
     held_out : Record or sequence of Record, optional
-        Data that have no say in the choice; the final model's figures on them are reported.
+        Data that are not used in the choice; the final model's figures on them are reported.
     progress : callable, optional
         Called with steps done, steps in sight, and what is being done.
     budget : float, optional

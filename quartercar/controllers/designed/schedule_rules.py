@@ -118,7 +118,7 @@ class Yield(Rule):
 class SaturationRatio(Rule):
     """ρ = attained/demanded of the last sample, between `lowest` and 1: sat(u)/u (equation sheet, E2).
 
-    1 while nothing is asked for; below zero (a damper that cannot even have the sign) it counts as `lowest`.
+    1 while nothing is demanded; below zero (a damper that cannot even have the sign) it counts as `lowest`.
 
     Attributes
     ----------
@@ -225,7 +225,7 @@ class GivenShare(Rule):
 
 
 def share(asked: np.ndarray, given: np.ndarray, lowest: np.ndarray | float) -> np.ndarray:
-    """(cars,) given/asked within [lowest, 1]; 1 where next to nothing is asked for.
+    """(cars,) given/asked within [lowest, 1]; 1 where next to nothing is demanded.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ class PreviewQuadratic(Controller):
         K   = (r' + Bᵀ P B)⁻¹ (Bᵀ P A + Sᵀ)               P of the discrete Riccati equation
         K_j = (r' + Bᵀ P B)⁻¹ Bᵀ ((A − B K)ᵀ)^j P E,  j = 0 … P − 1   w(k+j) the road's rate over sample k+j
 
-    The gains do not depend on the speed: it says how many samples ahead the front axle sees, and so how many terms the
+    The gains do not depend on the speed: it gives how many samples ahead the front axle sees, and so how many terms the
     sum has. The register is a chain of delays before a stable loop: the loop is stable for every course of the speed.
     """
 

@@ -1,4 +1,4 @@
-"""Characteristic lines: what a series of steady sine tests says of force over speed."""
+"""Characteristic lines: what a series of steady sine tests shows of force over speed."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ CREEPING = WindowSettings(reaction_time=0.05, centre=0.8, unsettled=0.05, drift=
 BINS = 8
 """means taken along a slope"""
 TWO_SPEEDS = 1.5
-"""ratio of creep speeds from which friction and damping can be told apart"""
+"""ratio of creep speeds from which friction and damping can be separated"""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def static_forces(records: Sequence[Record], law: PowerLawDamper | None = None, 
 
     as one regression of all slopes on sign v, 1 and x. A creep of 20 mm/s is not free of damping (17.5 N of the seed's
     47 N): with a `law` its damping force is subtracted; without one, runs at speeds `TWO_SPEEDS` apart show the share
-    that is proportional to speed, per direction; else the friction is an upper bound and says so. Damping that differs
+    that is proportional to speed, per direction; else the friction is marked an upper bound. Damping that differs
     between the directions is in F_g too.
 
     Parameters

@@ -11,7 +11,7 @@ from quartercar.dampers.bench.log_fit import NETWORKS, LogFit, Points, fit_log_f
 
 @dataclass(frozen=True, eq=False)
 class FrictionProfile:
-    """Profile likelihood of the friction: what the points say of F_c once everything else has been adapted to it.
+    """Profile likelihood of the friction: what the points show of F_c once everything else has been adapted to it.
 
     Attributes
     ----------

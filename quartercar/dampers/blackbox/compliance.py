@@ -90,7 +90,7 @@ class Compliance(SampledDamper):
         return cls(current=facts.current_varies, displacement=facts.has_displacement, **facts.common)
 
     def structure(self, lags: int, levels: int, moving: bool, iterations: int = 80) -> Structure:
-        """The structure in lpvid's words; `moving` says whether the current ever moves within a record."""
+        """The structure in lpvid's words; `moving` states whether the current ever moves within a record."""
         from lpvid.identification.compliance import Compliance as Structure
 
         lag = "rise-fall-delay" if self.current and moving else None
@@ -172,7 +172,7 @@ class QuasiLpv(SampledDamper):
         return cls(degree=1 if facts.current_varies else 0, **facts.common)
 
     def structure(self, lags: int, trial: int, oddness: float, moving: bool, iterations: int = 80) -> QuasiStructure:
-        """The structure in lpvid's words; `moving` says whether the current ever moves within a record."""
+        """The structure in lpvid's words; `moving` states whether the current ever moves within a record."""
         from lpvid.identification.quasi_lpv import QuasiLPV as QuasiStructure
 
         external = Polynomial(("current",), self.degree) if self.degree else Polynomial()

@@ -76,7 +76,7 @@ class LpvArx(SampledDamper):
         return self.at_clock(sample_time)
 
     def arx(self, moving: bool) -> ARX:
-        """The structure in lpvid's words; `moving` says whether the current ever moves within a record."""
+        """The structure in lpvid's words; `moving` states whether the current ever moves within a record."""
         from lpvid.identification.arx import ARX
 
         basis = Polynomial(("current",), self.degree) if self.degree else Polynomial()

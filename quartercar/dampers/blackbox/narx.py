@@ -40,7 +40,7 @@ class Narx(SampledDamper):
     displacement : bool
         Whether x is read; without it the map is that of velocity alone.
     constant : bool
-        A constant force besides, which the source does not have: without one no gas force can be told.
+        A constant force besides, which the source does not have: without one no gas force can be determined.
     first_lag : int
         First lag of motion; 0 lets force follow motion within the sample.
     forgetting : float

@@ -42,7 +42,7 @@ class SampledDamper(Damper):
 
     stored: Mapping[str, Any] | None = None
 
-    # -- what a kind says of itself ----------------------------------------------------------------------------------
+    # -- what a kind describes ----------------------------------------------------------------------------------
     @abstractmethod
     def check_orders(self) -> None:
         """Refuse settings that make no model."""
@@ -54,7 +54,7 @@ class SampledDamper(Damper):
 
     @abstractmethod
     def identified(self, records: Sequence[Record]) -> tuple[Self, Identification, tuple[str, ...]]:
-        """Identify from records in the damper's own sense: the settings as chosen, the estimate, what to say of it."""
+        """Identify from records in the damper's own sense: the settings as chosen, the estimate, notes on it."""
 
     # -- the model ---------------------------------------------------------------------------------------------------
     def check_settings(self) -> None:

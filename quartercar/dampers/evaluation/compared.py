@@ -56,7 +56,7 @@ class Compared:
 
     @property
     def name(self) -> str:
-        """As on the command line; a model compared as given says so."""
+        """As on the command line; a model compared as given states so."""
         return self.damper.name + self._given
 
     @property

@@ -45,7 +45,7 @@ class CompareSettings:
         Resample to this rate [Hz] first.
     quick_work, slow_work : int
         Samples times parameters above which training data are thinned, for models without states and with: stretches
-        spread evenly over all records are kept, and a note says so.
+        spread evenly over all records are kept, and a note states so.
     sampled_samples : int
         Samples above which they are thinned for models identified from samples, such as NARX and LPV.
     thorough : bool
@@ -98,7 +98,7 @@ def compare(records: Sequence[Record], models: str | Sequence[str | Damper] = "a
     Returns
     -------
     Comparison
-        When interrupted, of the models that were done by then, and it says so.
+        When interrupted, of the models that were done by then, and a note states so.
 
     Raises
     ------
@@ -265,7 +265,7 @@ def _cost(damper: Damper, records: Sequence[Record], effort: FitSettings) -> flo
 
 
 def _affordable(damper: Damper, settings: CompareSettings) -> int:
-    """Training samples that a fit may see: told from the model's size, not from a clock, so that fits repeat."""
+    """Training samples that a fit may see: by the model's size, not by a clock, so that fits repeat."""
     if not isinstance(damper, LawDamper):
         return settings.sampled_samples
     count = max(len(damper.parameters), 1)

@@ -139,7 +139,7 @@ def _placed(damper: Damper, training: Sequence[Record], kept: Sequence[Record],
         notes = ("force is measured against the velocity (mean F·v < 0): the parameters are the damper's own, and its "
                  "simulation gives the force as measured; --flip force turns the records",)
     elif sense > 0 and damper.polarity < 0:
-        flags = ("polarity -1 was asked for, but mean F·v of the records is positive",)
+        flags = ("polarity -1 was requested, but mean F·v of the records is positive",)
     elif sense == 0:
         notes = (f"the records do not decide the polarity of the force; {damper.polarity:+d} is assumed",)
     if "current" in damper.reads:

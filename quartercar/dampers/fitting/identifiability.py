@@ -22,7 +22,7 @@ NAMED = 0.3
 
 @dataclass(frozen=True)
 class Identifiability:
-    """What the data say of each direction in parameter space.
+    """What the data determine of each direction in parameter space.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""DamperFit: a fitted damper, how well it runs freely, and what the data say of its parameters."""
+"""DamperFit: a fitted damper, how well it runs freely, and what the data determine of its parameters."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from quartercar.dampers.fitting.coordinates import SearchCoordinates
 
 MAX_DAMPING = 1e12
 ROUNDING = 1e-13
-"""a promised decrease below this share of the cost cannot be told from rounding."""
+"""a promised decrease below this share of the cost cannot be separated from rounding."""
 
 
 @dataclass(frozen=True, eq=False)

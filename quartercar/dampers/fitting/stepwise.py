@@ -105,7 +105,7 @@ def identify_stepwise(damper: SemiActiveDamper, records: Sequence[Record],
     3. Delays and time constants from records in which the current moves.
 
     A kind of record that is missing is made up for by a joint fit: gas with the first row, rows without a record of
-    their own together with the lag; `notes` says so. The result is a good start for `fit`, which moves everything.
+    their own together with the lag; `notes` states so. The result is a good start for `fit`, which moves everything.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ def _identify(damper: SemiActiveDamper, drives: Sequence[Drive], names: Sequence
 def gas_from_slow(damper: SemiActiveDamper, drives: Sequence[Drive]) -> tuple[dict[str, float], float] | None:
     """Gas parameters halfway between slow extension and slow compression, and the ESR; None where that fails.
 
-    Friction that differs between the directions cannot be told from preload here: half the difference goes there.
+    Friction that differs between the directions cannot be separated from preload here: half the difference goes there.
     """
     if not drives:
         return None

@@ -173,7 +173,7 @@ class Quotient(Coefficient):
                                 (-ratio * self.denominator.gradient(current, below) / d)[:, 1:]])
 
     def constant(self, value: float) -> dict[str, float]:
-        # at N = κD the two move c alike, so that a search could not tell them apart: the quotient starts tilted
+        # at N = κD the two move c alike, so that a search could not separate them: the quotient starts tilted
         tilts = np.linspace(1.0, 0.8, self.denominator.degree + 1)[1:]
         rest = zip(self.denominator.parameters[1:], tilts, strict=True)
         return {**self.numerator.constant(value), **{p.name: float(t) for p, t in rest}}

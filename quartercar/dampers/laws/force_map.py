@@ -35,7 +35,7 @@ class ForceMap(SemiActiveDamper):
 
     The table is bilinear between its knots (velocity) and nodes (current); beyond the ends it keeps its slope in
     velocity and its value in current. At v_d = 0 it is zero for every current, so that the force at rest is the gas
-    spring's alone; a table with a free entry there could not be told from x_0.
+    spring's alone; a table with a free entry there could not be separated from x_0.
 
     Attributes
     ----------

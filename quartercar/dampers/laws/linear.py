@@ -104,4 +104,4 @@ class Linear(LawDamper):
 
     def to_lpv(self, sample_time: float):
         raise InputError("no LPV form of 'linear'", why="it is linear and time-invariant, with an improper mass term",
-                         mend="none is needed: no memory, no poles; quartercar fit says whether it is passive")
+                         mend="none is needed: no memory, no poles; quartercar fit states whether it is passive")

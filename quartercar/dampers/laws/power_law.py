@@ -177,7 +177,7 @@ class PowerLawDamper(StaticDamper):
     def to_lpv(self, sample_time: float) -> Any:
         raise InputError(f"no LPV form of '{self.name}'",
                          why="it has no memory and no scheduling: its slope is a function of the velocity itself",
-                         mend="none is needed: no memory, no poles; quartercar fit says whether it is passive")
+                         mend="none is needed: no memory, no poles; quartercar fit states whether it is passive")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

@@ -54,7 +54,7 @@ class LagDamper(DynamicDamper):
     parameters; what turns them into pascals, metres and kilograms are settings, known from the drawing. Of the settings
     the force feels only two numbers, γ X_CRIT and 4 C_D (X_CRIT/d_V) sin 2α, which shape discharge and jet force.
 
-    A closed poppet lets nothing pass, which is what 𝒟 says; the routes are parallel, so that a poppet that still closes
+    A closed poppet lets nothing pass, as 𝒟 expresses; the routes are parallel, so that a poppet that still closes
     while the other opens is no exception. The friction enters with the sign that resists. The inertia of the piston,
     below 1 % in the paper, is left out. √ is regularised as Δp/(Δp² + δ²)^{1/4}.
 

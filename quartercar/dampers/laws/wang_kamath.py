@@ -43,7 +43,7 @@ class WangKamath(DynamicDamper):
     - `growing`: one law scaled by 1 + g i, so that w_1, w_2, w_3 fall as its inverse, w_4 and w_5 as its inverse third
       and fifth powers. One parameter, and it interpolates between currents.
     - `degree` 1 or 2: every w_j a polynomial in the current, in Bernstein form on [0, `current_scale`], so that
-      coefficients above zero keep w_1, w_2 and w_5 above zero in between. `_0`, `_1`, `_2` tell them apart, the first
+      coefficients above zero keep w_1, w_2 and w_5 above zero in between. `_0`, `_1`, `_2` separate them, the first
       and the last being the values at both ends, which also serve beyond them. Between currents of the fit it can be
       far off: w_4 and w_5 fall by decades over the range, which no such polynomial follows.
 
@@ -77,7 +77,7 @@ class WangKamath(DynamicDamper):
             raise InputError("degree of the Wang-Kamath coefficients is 0, 1 or 2", got=self.degree)
         if self.growing and self.degree:
             raise InputError("a Wang-Kamath model depends on the current by growth or by polynomials, not by both",
-                             got=f"growing with degree {self.degree}", why="two currents cannot tell them apart")
+                             got=f"growing with degree {self.degree}", why="two currents cannot separate them")
         _checks.positive(self.force_scale, "force_scale", "N")
         _checks.positive(self.current_scale, "current_scale")
 

@@ -114,7 +114,7 @@ def test_faults_are_one_line_and_write_nothing(tmp_path, change, description):
 def test_missing_and_broken_files(tmp_path):
     assert "cannot read" in run("synthesize", tmp_path / "none.toml").stderr
     assert "is not TOML" in run("synthesize", written(tmp_path, "a = [")).stderr
-    assert "says nothing about the design" in run("synthesize", written(tmp_path, SCHERER)).stderr
+    assert "has no design" in run("synthesize", written(tmp_path, SCHERER)).stderr
     assert "needs a plant" in run("synthesize").stderr
     assert run("verify", tmp_path / "none.json").exit_code == 2
 

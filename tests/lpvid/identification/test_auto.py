@@ -168,4 +168,4 @@ def test_subspace_finds_an_order_that_runs_freely(seed: int) -> None:
 
 def test_subspace_on_a_record_too_short_for_folds_takes_the_gap() -> None:
     found = lpv.identify(third_order(0).slice(0, 60), lpv.Subspace(input="u", output="y", past=6))
-    assert any("from the largest gap" in n or "as asked" in n for n in found.notes)
+    assert any("from the largest gap" in n or "as requested" in n for n in found.notes)

@@ -227,7 +227,7 @@ def test_what_is_refused(make, stated) -> None:
 
 def test_undetermined_parameters_are_refused(rng) -> None:
     data = system(rng, 100)
-    with pytest.raises(InputError, match="cannot tell some parameters apart"):
+    with pytest.raises(InputError, match="cannot separate some parameters"):
         identify(data.with_channel("v", 2 * data["u"]), Recursive(ARX(1, 1, 1, ("u", "v"), "y", Polynomial("p", 1))))
     with pytest.raises(InputError, match="cannot determine"):
         identify(data.slice(0, 5), Recursive(FIRST))
