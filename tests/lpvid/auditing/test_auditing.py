@@ -373,6 +373,7 @@ def test_fixed_voltage_mr_damper(shared_data: Path) -> None:
     assert _names(found, "fault", "warning") == {"reversed-polarity"}
 
 
+@pytest.mark.slow
 def test_mr_damper_sines(shared_data: Path) -> None:
     found = audit(read(shared_data / "mr_damper_sines"))
     assert {f.record[:6] for f in found.of("nominal-amplitude")} == {"2mm5Hz"}

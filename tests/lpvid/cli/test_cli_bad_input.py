@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 import lpvid as lpv
 from lpvid.cli.app import app
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 N, RATE = 400, 200.0
 T = np.arange(N) / RATE
 V = 0.1 * np.sin(2 * np.pi * 1.7 * T) + 0.05 * np.sin(2 * np.pi * 9.1 * T + 1) + 0.02 * np.sin(2 * np.pi * 23 * T)

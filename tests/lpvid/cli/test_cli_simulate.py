@@ -15,6 +15,7 @@ from lpvid.export.tables import write_table
 from lpvid.record import Record
 from lpvid.scheduling import Polynomial
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 RATE = 200.0
 
 

@@ -16,6 +16,7 @@ from lpvid.synthesis.design_file import DESIGNS, design_of, design_schema, plant
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.plant_file import plant_of
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 SCHERER = """
 name = "example 7 of Scherer, Gahinet & Chilali 1997"
 inputs = ["noise", "push [N]"]

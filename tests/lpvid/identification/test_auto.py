@@ -89,6 +89,7 @@ def test_the_time_is_bounded_and_something_is_returned() -> None:
     assert found.to_dict()["left_out"] == list(found.left_out)
 
 
+@pytest.mark.slow
 def test_the_order_of_the_search_is_that_of_any_budget() -> None:
     """Oracle: the search without a budget. What one that ends sooner has tried is the beginning of it."""
     def tried(budget: float | None) -> tuple[list[str], lpv.Selection]:

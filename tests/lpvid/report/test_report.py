@@ -346,6 +346,7 @@ window.addEventListener('load', () => {
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium here")
+@pytest.mark.slow
 def test_a_browser_shows_them(pages, tmp_path):
     """Four reports in one browser run each: figures loaded, headings there, nothing fetched, no script error."""
     for command in COMMANDS:

@@ -137,7 +137,9 @@ def test_certified_steps_never_raise_the_bound(sample_time):
     assert bound < 0.999 * descent.proven(np.array([[[0.3]]])).gamma
 
 
-@pytest.mark.parametrize(("rate", "lyapunov", "sample_time"), [(None, None, None), (0.5, 1, None), (0.5, None, 0.1)])
+@pytest.mark.parametrize(("rate", "lyapunov", "sample_time"), [
+    (None, None, None), pytest.param(0.5, 1, None, marks=pytest.mark.slow),
+    pytest.param(0.5, None, 0.1, marks=pytest.mark.slow)])
 def test_moving_scheduling_is_certified(rate, lyapunov, sample_time):
     given = spring(rate, sample_time)
     basis = None if lyapunov is None else lpv.Polynomial("k", lyapunov)

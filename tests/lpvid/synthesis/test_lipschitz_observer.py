@@ -20,6 +20,7 @@ def arm(constant=None):
     return lpv.GeneralizedPlant(system, ["torque"], ["sensor"])
 
 
+@pytest.mark.slow
 def test_estimate_keeps_its_bound_along_a_run():
     """φ = 2 sin, k sweeping: plant and observer integrated together; ‖speed error‖ ≤ γ ‖(push, noise)‖."""
     found = lpv.LipschitzObserver("phi", "angle", 2.0).solve(arm())

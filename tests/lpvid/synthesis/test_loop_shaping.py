@@ -68,6 +68,7 @@ def test_margin_holds_over_the_box():
             assert np.linalg.eigvals(closed).real.max() < 0
 
 
+@pytest.mark.slow
 def test_design_of_another_structure():
     found = lpv.loop_shaping(system([[0, 1.0], [0, 0]], [[0.0], [1]], [[1.0, 0]]),
                              design=lpv.FixedStructure(lpv.LowOrder(1), starts=3))

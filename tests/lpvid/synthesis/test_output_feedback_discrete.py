@@ -88,6 +88,7 @@ def test_slow_scheduling_is_worth_a_moving_matrix():
     assert any("constant X and Y keep" in note and f"{constant.gamma_verified:.4g}"[:5] in note for note in slow.notes)
 
 
+@pytest.mark.slow
 def test_the_least_gain_rises_with_the_rate_up_to_that_of_jumps():
     """Frozen ≤ slow ≤ fast ≤ jumps ≤ constant matrices, whose inequalities are a special case."""
     moving = [lpv.synthesize(_spring(rate), _design()).infimum for rate in (0.0, 1.0, None)]
@@ -105,6 +106,7 @@ def test_both_is_the_better_of_the_two():
     assert result.gamma_verified == pytest.approx(min(one), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_without_feedthrough():
     result = lpv.synthesize(_spring(0.5), _design(strictly_proper=True))
     free = lpv.synthesize(_spring(0.5), _design())
@@ -112,7 +114,7 @@ def test_without_feedthrough():
     assert free.infimum <= result.infimum * (1 + 1e-6)
 
 
-@pytest.mark.parametrize("varying", ["controls", "measurements"])
+@pytest.mark.parametrize("varying", [pytest.param("controls", marks=pytest.mark.slow), "measurements"])
 def test_a_path_from_control_to_sensor_costs_the_feedthrough_alone(varying):
     """The controller is put around D22, so that the loop is the same; it is closed and certified with D22 in it."""
     without = lpv.synthesize(_spring(0.5), _design(varying, strictly_proper=True))
@@ -122,6 +124,7 @@ def test_a_path_from_control_to_sensor_costs_the_feedthrough_alone(varying):
     assert lpv.verify(within.certificate, within.closed_loop).holds
 
 
+@pytest.mark.slow
 def test_constants_where_matrices_that_move_fail_or_do_worse():
     constant = lpv.synthesize(_spring(), lpv.OutputFeedback())
     failed = lpv.synthesize(_spring(0.1), lpv.OutputFeedback(lpv.Polynomial("p", 1), points=2, bound=0.01))
@@ -153,6 +156,7 @@ def test_gains_over_an_angle_stay_a_fourier_series():
     assert isinstance(steep, lpv.Spline)
 
 
+@pytest.mark.slow
 def test_from_a_plant_file_to_a_certificate_that_verifies(tmp_path):
     (tmp_path / "plant.toml").write_text("""
         inputs = ["push", "noise", "force"]

@@ -78,6 +78,7 @@ def test_wu_1996_with_both_varying_knows_the_rate():
         assert 0.0 < _simulated_gain(result, path, disturbance, 20.0) <= result.gamma_verified
 
 
+@pytest.mark.slow
 def test_wu_1996_without_rate_bound_has_no_answer():
     """A constant Lyapunov function is infeasible (Wu et al. 1996)."""
     result = lpv.synthesize(wu(None), lpv.OutputFeedback())
@@ -116,6 +117,7 @@ def test_polytopic_certificate_is_rechecked_between_the_vertices(tmp_path):
     assert not lpv.verify(result.certificate, other.closed_loop).holds
 
 
+@pytest.mark.slow
 def test_slower_scheduling_costs_less():
     """γ(rate) rises from the frozen optimum to the quadratic one."""
     basis = lpv.Polynomial("p", 2)
@@ -176,6 +178,7 @@ def test_a_gridded_plant_is_designed_at_its_own_grid():
     assert result.infimum == pytest.approx(smooth.infimum, rel=1e-3) and result.between_grid
 
 
+@pytest.mark.slow
 def test_discrete_polytopic():
     """Every pair of vertices in turn, as fast as the clock: the worst periodic path stays below the bound."""
     h = 0.1

@@ -90,6 +90,7 @@ def _by_hamiltonians(p, start):
     return gamma
 
 
+@pytest.mark.slow
 def test_a_solvers_failure_is_not_called_infeasible(monkeypatch):
     """Without an answer of any solver, and without a proof, the verdict is "numerical"."""
     from lpvid.lmi.program import Program
@@ -180,6 +181,7 @@ def test_two_disks_by_an_h2_criterion():
     assert 1.5454 * (1 - 1e-3) <= max(frozen) <= found.h2_verified  # the optimum of the worst corner alone: 1.5454
 
 
+@pytest.mark.slow
 def test_an_exact_measurement_does_not_cost_a_fast_pole():
     """The plant's fastest pole is at 1.1e4 rad/s; without noise in y2 the controller had one at 1.6e8."""
     found = lpv.synthesize(missile(), lpv.OutputFeedback())
@@ -188,7 +190,7 @@ def test_an_exact_measurement_does_not_cost_a_fast_pole():
     assert fastest < 1e7
 
 
-@pytest.mark.parametrize("make", [missile, two_disks])
+@pytest.mark.parametrize("make", [pytest.param(missile, marks=pytest.mark.slow), two_disks])
 def test_one_gain_criterion_is_solved_as_output_feedback_solves_it(make):
     """Where rounding costs the storage function its proof as one matrix, its two blocks still hold."""
     one, other = (lpv.synthesize(make(), d) for d in (lpv.OutputFeedback(), lpv.MultiObjective(back_off=1.01)))

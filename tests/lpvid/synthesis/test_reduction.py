@@ -86,6 +86,7 @@ def test_the_gramians_hold_at_every_point_of_the_grid(sample_time):
         assert np.linalg.eigvalsh(rest)[-1] <= 1e-9 * np.linalg.norm(p)
 
 
+@pytest.mark.slow
 def test_the_bound_holds_on_random_trajectories():
     system = stable(9, 4, 0.02)
     small = reduce_order(system, 2)

@@ -57,6 +57,7 @@ def test_two_variables_and_python_control_systems():
         assert abs(system.frozen(p)[2][0, 0] - np.sin(p[1])) < 6e-3
 
 
+@pytest.mark.slow
 def test_the_promise_holds_for_the_function_and_not_for_its_table_alone():
     """1/p on nine evenly spaced points: between the first two the table is off by a fifth."""
     grid = lpv.from_grid({p: _matrices(p) for p in np.linspace(0.1, 2.0, 9)}, tolerance=0.03, **SIGNALS)

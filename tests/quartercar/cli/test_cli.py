@@ -125,6 +125,7 @@ def short_demo(tmp_path_factory) -> tuple[Path, str]:
     return folder, result.stdout
 
 
+@pytest.mark.slow
 def test_demo_writes_everything(short_demo):
     folder, _ = short_demo
     assert {p.name for p in folder.iterdir() if p.name[0] != "."} == {
@@ -132,6 +133,7 @@ def test_demo_writes_everything(short_demo):
         "experiments.png", "locus.png", "test-1-r3.csv", "extended_model.json", "controller.json", "ride.json"}
 
 
+@pytest.mark.slow
 def test_demo_tells_every_stage(short_demo):
     _, shown = short_demo
     for heading in ("1 Virtual rig", "2 Audit", "3 LPV-ARX", "4 Every experiment", "5 State-space", "6 Stability",
@@ -142,6 +144,7 @@ def test_demo_tells_every_stage(short_demo):
         assert name in shown
 
 
+@pytest.mark.slow
 def test_demo_finds_what_the_rig_hides(short_demo):
     """What the rig hid against what was named; the gain against the saved model on the rig's own record."""
     from dataclasses import replace
@@ -160,6 +163,7 @@ def test_demo_finds_what_the_rig_hides(short_demo):
     assert error @ error / np.sum((force - force.mean()) ** 2) == pytest.approx(esr, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_demo_controller_keeps_its_promise(short_demo):
     """The gain that is told against the certificate's own; every law on both roads, and the controller as saved."""
     folder, _ = short_demo
@@ -173,6 +177,7 @@ def test_demo_controller_keeps_its_promise(short_demo):
     assert lpv.load(folder / "controller.json").to_dict() == rides["controllers"]["lpv-hinf-identified"]
 
 
+@pytest.mark.slow
 def test_demo_figures_are_those_of_the_model(short_demo):
     """The table of demo.json against free runs of the saved model, computed here from the definition of ESR."""
     folder, _ = short_demo
@@ -202,6 +207,7 @@ def test_pooled_figures_add_squares():
     assert demo._pooled([*rows, row(None, 10, None)]) == (None, None)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_demo_report_is_self_contained(short_demo):
     folder, _ = short_demo
     html = (folder / "report.html").read_text()

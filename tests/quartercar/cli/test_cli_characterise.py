@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 import lpvid as lpv
 from quartercar.cli.app import app
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 RATE = 400.0
 GROUPS = {
     "mr_damper_sines": (), "mr_damper_random": (), "mr_damper_fixed_voltage": (), "labcontrol_0V": (),

@@ -98,6 +98,7 @@ def test_the_extended_model_gives_the_figures_that_the_diagnosis_claims(written,
     assert described["extended_lpv"]["gain_percent"] > 15
 
 
+@pytest.mark.slow
 def test_the_extended_model_as_baseline_leaves_nothing(written, files):
     shown = run("diagnose", files[0], "--baseline", written[0] / "extended_model.json", "--json").stdout
     described = json.loads(shown)

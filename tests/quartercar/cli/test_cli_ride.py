@@ -145,6 +145,7 @@ def test_a_bound_stands_beside_the_laws(quick: Path, tmp_path: Path):
     assert "What the damper could have reached" in page
 
 
+@pytest.mark.slow
 def test_a_rear_axle_with_the_road_of_the_front_one(quick: Path, tmp_path: Path):
     text = quick.read_text() + '[[controllers]]\nlaw = "preview-lqr"\n[[controllers]]\nlaw = "mpc"\ntyre_weight = 0.4\n'
     path = tmp_path / "preview.toml"
@@ -183,6 +184,7 @@ def test_a_bound_of_a_damper_without_gradient_is_refused_before_anything_runs(tm
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_the_belgian_block_road(shared_data: Path):
     """A measured track of 10 m, there and back: the stones are far rougher than ISO C."""
     file = shared_data / "belgian_block_road" / "profiles.csv"

@@ -156,6 +156,7 @@ def test_plants_at_fault(table: dict, description: str) -> None:
         read_design(table)
 
 
+@pytest.mark.slow
 def test_the_command_designs_on_the_identified_plant(tmp_path: Path) -> None:
     lpv.save(damper(2), tmp_path / "arx.json")
     (tmp_path / "design.toml").write_text('damper = "arx.json"\n')

@@ -133,7 +133,7 @@ def test_a_form_that_misses_something_of_the_current_is_no_memory_of_it(rng: np.
         assert static_in_place(problem, fit, without_play, ("current",)) == alike
 
 
-@pytest.mark.parametrize("pole", [0.0, 0.95])
+@pytest.mark.parametrize("pole", [0.0, pytest.param(0.95, marks=pytest.mark.slow)])
 def test_noise_is_not_explained(pole: float) -> None:
     """Coloured as well, whose colour the whitening here does not know."""
     seen = []
@@ -174,6 +174,7 @@ def test_nothing_is_named_whose_work_they_do_as_well(rng: np.random.Generator) -
     assert found.stand_ins == ("gas-stiffness",) and [r.name for r in found.rejected] == ["gas-stiffness"]
 
 
+@pytest.mark.slow
 def test_the_others_are_not_credited_with_what_a_stand_in_explains(rng: np.random.Generator) -> None:
     found = diagnosed(behind_a_coil() + dragged(inputs()["displacement"], 0.12), rng, GasStiffness(), CoilLag())
     assert found.verdict == "unexplained" and found.explained_share is not None and found.explained_share[0] < 0.9

@@ -71,7 +71,9 @@ def answer(seed: int, **fixed: object) -> dict:
     return row
 
 
-@pytest.mark.parametrize("cause", ["coulomb-friction", "coil-lag", "fixture-inertia", "asymmetry"])
+@pytest.mark.parametrize("cause", [
+    "coulomb-friction", "coil-lag",
+    *(pytest.param(n, marks=pytest.mark.slow) for n in ("fixture-inertia", "asymmetry"))])
 def test_a_clear_cause_is_named_and_measured(cause: str) -> None:
     row = answer(11, kind="one", causes=(cause,), ratio=10.0 if cause == "coil-lag" else 30.0)
     assert row["separable"], row
@@ -80,13 +82,14 @@ def test_a_clear_cause_is_named_and_measured(cause: str) -> None:
     assert row["held_out_gain"] > 0.85 * row["oracle_gain"] > 0
 
 
-@pytest.mark.parametrize("colour", hidden.COLOURS)
+@pytest.mark.parametrize("colour", [
+    c if c == "white" else pytest.param(c, marks=pytest.mark.slow) for c in hidden.COLOURS])
 def test_nothing_hidden_accuses_nothing(colour: str) -> None:
     row = answer(21, kind="nothing", colour=colour)
     assert not row["named"], hidden_score.line(row)
 
 
-@pytest.mark.parametrize("cause", ["cogging", "beating-by-velocity"])
+@pytest.mark.parametrize("cause", [pytest.param("cogging", marks=pytest.mark.slow), "beating-by-velocity"])
 def test_a_cause_outside_the_catalogue_is_not_explained_away(cause: str) -> None:
     row = answer(31, kind="outside", causes=(cause,), ratio=30.0)
     assert row["verdict"] != "explained", hidden_score.line(row)

@@ -126,6 +126,7 @@ def test_the_sensor_at_fault_is_named(truth, name, sensor):
     assert f"channel {sensor}" in str(found)
 
 
+@pytest.mark.slow
 def test_nothing_is_named_where_nothing_is_hidden():
     assert described(records(Truth(), 7)).verdict == "nothing-to-explain"
 
@@ -136,6 +137,7 @@ def test_two_causes_at_once_are_both_named():
     assert {c.name for c in found.causes} == {"strut-friction", "tyre-stiffness"}
 
 
+@pytest.mark.slow
 def test_with_the_other_parameters_free_payload_and_the_actuators_scale_are_one():
     """All six parameters times g and the force divided by g: the same motion, so that nobody can tell."""
     found = described(records(Truth().scaled(sprung_mass=1.1), 11), QuarterCarBaseline(CAR, free=FREE))

@@ -115,6 +115,7 @@ def passive() -> LpvArx:
     return LpvArx(order=1, stored=Held(model.replace(b=np.repeat(model.b[:1], 2, axis=0)), ONE).to_dict())
 
 
+@pytest.mark.slow
 def test_a_passive_damper_in_a_passive_car_loses_energy_by_itself() -> None:
     # positive real at every ρ_v on a grid; one storage function for all of them is found by the design, whose bound
     # without control is that of this plant
@@ -132,6 +133,7 @@ def test_a_passive_damper_in_a_passive_car_loses_energy_by_itself() -> None:
         assert np.linalg.eigvalsh(p @ a + a.T @ p).max() < 0
 
 
+@pytest.mark.slow
 def test_reduction_drops_what_the_car_does_not_move(reduced: EmbeddedDamper) -> None:
     assert (reduced.full_order, reduced.order) == (4, 2)
     assert 0 < reduced.reduction_error <= 0.3 * 30.0  # the model's own error is 30 N
@@ -154,6 +156,7 @@ def _active(model: LPVTransferFunction) -> LpvArx:
     return LpvArx(order=2, stored=Held(model.replace(b=-model.b), ONE).to_dict())
 
 
+@pytest.mark.slow
 def test_what_cannot_be_embedded() -> None:
     with pytest.raises(InputError, match="needs an identified transfer function"):
         FrozenDamper.of(Guo6(), 0.0)

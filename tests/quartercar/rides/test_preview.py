@@ -113,6 +113,7 @@ def test_the_register_is_the_kalman_filter_of_the_car_with_its_past():
     assert np.all(np.diff(found.error) <= 0)
 
 
+@pytest.mark.slow
 def test_a_better_sensor_gives_a_better_road():
     """The wheel's accelerometer halves the error of the estimate at least; SH-ADD rides as it does without preview."""
     car, road = build_car(), IsoRoad("C", 20.0, 2.0)

@@ -94,6 +94,7 @@ def test_same_seed_same_ride_whatever_else_is_ridden():
     assert many[2].controller.name == "passive"
 
 
+@pytest.mark.slow
 def test_noise_changes_the_ride_and_nothing_else():
     quiet = RideSettings(ChainSettings(sensors=SETS["stroke-body"].quiet()))
     loud, calm = (ride(car(), SHORT, Skyhook(), 1, s) for s in (None, quiet))

@@ -375,6 +375,7 @@ def test_unknown_models_and_empty_lists():
         compare([], "linear")
 
 
+@pytest.mark.slow
 def test_the_comparison_does_not_depend_on_the_number_of_processes() -> None:
     t = np.arange(2500) / 500
     v = 0.1 * np.sin(12 * t) + 0.05 * np.sin(31 * t)
