@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
 import json
-from collections.abc import Callable
+import pkgutil
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -11,6 +14,8 @@ import numpy as np
 import pytest
 
 import lpvid as lpv
+import lpvid.identification
+from lpvid.identification.sparsity import SparseARX
 from lpvid.identification.structure import Structure
 
 BASIS = lpv.Polynomial("p", degree=1)
@@ -26,9 +31,13 @@ MAKERS: dict[str, Callable[[], Structure]] = {
     "subspace": lambda: lpv.Subspace(order=2, **SIGNALS),
     "pem-ss": lambda: lpv.StateSpaceError(order=2, **SIGNALS),
     "coprime": lambda: lpv.RightCoprime(na=2, nb=2, **SIGNALS),
+    "sparse": lambda: SparseARX(lpv.ARX(na=2, nb=2, **SIGNALS)),
+    "canonical": lambda: lpv.CanonicalForm(transfer_function()),
     "quasi": lambda: lpv.QuasiLPV(na=1, nb=2, input="u", output="y", basis=lpv.Spline("y", segments=4, order=1)),
     "compliance": lambda: lpv.Compliance(input="u", output="y"),
 }
+ELSEWHERE = {"Passive": "tests/lpvid/identification/test_passive_identification.py"}
+"""what needs a plant of its own: a passive one"""
 LINEAR = tuple(n for n in MAKERS if n not in ("quasi", "compliance"))
 
 
@@ -43,6 +52,12 @@ def plant(seed: int = 0, n: int = 1200, unit: float = 1.0, noise: float = 0.02) 
                 + 0.2 * u[k - 2])
     y = y + noise * rng.normal(size=n)
     return lpv.Record({"u": unit * u, "p": unit * p, "y": unit * y}, sample_time=0.01, name="plant")
+
+
+@cache
+def transfer_function() -> lpv.LPVTransferFunction:
+    """What a canonical form starts from."""
+    return lpv.identify(plant(), MAKERS["arx"]()).model
 
 
 @cache
@@ -119,3 +134,16 @@ class TestContract:
 
     def test_it_prints_itself_in_a_few_lines(self, name: str) -> None:
         assert 3 <= len(repr(fitted(name)).splitlines()) <= 12
+
+
+def kinds(above: type) -> Iterator[type]:
+    for kind in above.__subclasses__():
+        yield kind
+        yield from kinds(kind)
+
+
+def test_every_structure_of_the_package_is_in_this_suite() -> None:
+    for module in pkgutil.iter_modules(lpvid.identification.__path__, "lpvid.identification."):
+        importlib.import_module(module.name)
+    own = {k.__name__ for k in kinds(Structure) if k.__module__.startswith("lpvid.") and not inspect.isabstract(k)}
+    assert own == {type(make()).__name__ for make in MAKERS.values()} | set(ELSEWHERE)
