@@ -65,7 +65,7 @@ def in_processes(function: Callable[[T], R], items: Sequence[T], *, workers: int
         Wall time [s] after which what still runs is stopped, and what has not begun is left.
     costs : sequence of float, optional
         What each item is expected to take, in any unit, for the estimate of the time that is left.
-    say : callable
+    report_progress : callable
         Receives how many are done, which are running, and the estimated seconds left (None while nothing is done).
 
     Returns

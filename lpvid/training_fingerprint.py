@@ -28,7 +28,7 @@ def heads(records: Sequence[Record], output: str) -> list[list[float]]:
     return [[float(f"{x:.9g}") for x in cut] for cut in cuts if len(cut) == SAMPLES and np.ptp(cut) > 0]
 
 
-def familiar(metadata: Mapping, records: Sequence[Record], output: str) -> list[str]:
+def seen_records(metadata: Mapping, records: Sequence[Record], output: str) -> list[str]:
     """Names of the records that begin with the samples of a training record, turned round or not.
 
     Parameters

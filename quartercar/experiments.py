@@ -202,7 +202,8 @@ def plan_for(found: Diagnosis) -> ExperimentProposal | None:
         return ExperimentProposal("", "", (), tuple(dict.fromkeys(advice))) if advice else None
     served = tuple(dict.fromkeys(n for p in parts for n in by_part[p]))
     described = [g for g in groups if set(g) & set(served)]
-    purpose = f"tell {'; '.join(' from '.join(g) for g in described)}" if described else f"reveal {', '.join(served)}"
+    pairs = "; ".join(" from ".join(g) for g in described)
+    purpose = f"separate {pairs}" if described else f"reveal {', '.join(served)}"
     head = [f"# To {purpose}.", "# Run on the virtual rig by `quartercar rig experiment.toml --out DIR`; on a real rig "
             "impose the same motion and current.", *(f"# {a}" for a in dict.fromkeys(advice)), "seed = 1", ""]
     text = "\n".join(head) + "\n\n".join(p.toml(tuple(by_part[p])) for p in parts) + "\n"
@@ -212,7 +213,7 @@ def plan_for(found: Diagnosis) -> ExperimentProposal | None:
 
 
 def _of_rivals(groups: list[tuple[str, ...]]) -> tuple[dict[PlannedExperiment, list[str]], list[str]]:
-    """Parts that tell the members of each group apart, and what no part can tell.
+    """Parts that separate the members of each group, and what no part can separate.
 
     The first of a group is the chosen one, which each of the others is to be separated from.
     """

@@ -56,7 +56,7 @@ def rng() -> np.random.Generator:
 def undrawn() -> Iterator[None]:
     """Reports with their figures made but not drawn: half of what a command takes that writes one.
 
-    For modules that ask what a command answers. How reports look is asked where they are drawn: `test_report*.py`.
+    For modules about the answers of commands. The look of reports is tested where they are drawn: `test_report*.py`.
     """
     import lpvid.plot
     import lpvid.plot.export

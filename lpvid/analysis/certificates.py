@@ -75,7 +75,7 @@ def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> S
     >>> certify_stability(model).verdict
     'certified'
     """
-    scheduling = asked(model.box, rate, range)
+    scheduling = requested_box(model.box, rate, range)
     found = certificate_for(model, scheduling)
     if found is not None:
         return found
@@ -238,7 +238,7 @@ def _decay(system: Autonomous, box: Scheduling, lyapunov: Lyapunov, frozen: floa
     return low
 
 
-def asked(box: Scheduling, rate: Rate, range: Range, keep: bool = False) -> Scheduling:
+def requested_box(box: Scheduling, rate: Rate, range: Range, keep: bool = False) -> Scheduling:
     """The model's variables with the range and the rates requested; `keep` leaves the box's own rates."""
     rates = _per_variable(box.rate if keep else rate, box.names, "rate")
     for name, bound in rates.items():

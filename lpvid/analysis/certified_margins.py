@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid import _checks
-from lpvid.analysis.certificates import Range, Rate, asked, certificate_for
+from lpvid.analysis.certificates import Range, Rate, certificate_for, requested_box
 from lpvid.analysis.frozen import Model
 from lpvid.analysis.stability_certificate import StabilityCertificate
 from lpvid.analysis.uncertainty import StabilityProbability, share_of
@@ -30,7 +30,7 @@ PATIENCE = 4_000
 
 @dataclass(frozen=True, eq=False)
 class LargestRange:
-    """The widest box, scaled from the one asked about, on which stability was certified.
+    """The widest box, scaled from the one requested, on which stability was certified.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def largest_range(model: Model, rate: Rate = None, range: Range = None, *, towar
     (True, 'frozen')
     """
     _checks.one_of(towards, ("centre", "upper", "lower"), "towards")
-    start = asked(model.box, rate, range)
+    start = requested_box(model.box, rate, range)
     if not np.any(start.half_width > 0):
         raise InputError("a largest range needs a scheduling variable that moves", got="none")
     best: dict[float, StabilityCertificate] = {}
@@ -185,7 +185,7 @@ def largest_rate(model: Model, range: Range = None) -> LargestRate:
     -------
     LargestRate
     """
-    box = asked(model.box, None, range)
+    box = requested_box(model.box, None, range)
     found = certificate_for(model, box)
     if found is not None and found.between_grid:
         return LargestRate((math.inf,) * len(box.names), box.names, box.units, found)

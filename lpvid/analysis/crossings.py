@@ -55,7 +55,7 @@ class LineSearch:
 
 
 class UnstablePoleCounter:
-    """Counts unstable poles along a line; −1 where a pole is too close to the boundary to tell."""
+    """Counts unstable poles along a line; −1 where a pole is too close to the boundary to decide."""
 
     def __init__(self, models: FrozenFamily, line: Line, always: list[tuple[float, float, tuple[str, ...]]]) -> None:
         self.models, self.line, self.always = models, line, always

@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from lpvid.analysis.certificates import Range, Rate, asked
+from lpvid.analysis.certificates import Range, Rate, requested_box
 from lpvid.analysis.frozen_norms import largest_frozen_norm
 from lpvid.analysis.gain_bounds import GainBounds, usable, worst_pole
 from lpvid.analysis.worst_case import WorstCase, worst_trajectory
@@ -212,7 +212,7 @@ def rated(box: Scheduling, rate: Rate, range: Range) -> Scheduling:
         rate = {name: tamed(value) for name, value in rate.items()}
     elif isinstance(rate, Sequence):
         rate = [tamed(value) for value in rate]
-    return asked(box, None if rate == math.inf else rate, range, keep=rate is None)
+    return requested_box(box, None if rate == math.inf else rate, range, keep=rate is None)
 
 
 def _certificate(data: Mapping) -> GainCertificate:

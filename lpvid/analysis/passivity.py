@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lpvid.analysis.certificates import Range, Rate, asked, behind_filter
+from lpvid.analysis.certificates import Range, Rate, behind_filter, requested_box
 from lpvid.analysis.passivity_certificate import PassivityCertificate, reading_box, recheck_passivity
 from lpvid.analysis.passivity_margin import passivity_margin
 from lpvid.errors import InputError
@@ -71,7 +71,7 @@ def certify_passivity(model: LPVTransferFunction, rate: Rate = None, range: Rang
     """
     if not isinstance(model, LPVTransferFunction):
         raise InputError("a passivity certificate needs an LPV transfer function", got=type(model).__name__)
-    scheduling = asked(model.box, rate, range)
+    scheduling = requested_box(model.box, rate, range)
     fault = obstacle(model) or _hopeless(model, scheduling)
     if fault:
         return _none(model, scheduling, fault)

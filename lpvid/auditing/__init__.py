@@ -42,7 +42,7 @@ def audit(records: Record | Sequence[Record] | Chunks, *, scheduling: Sequence[s
     scheduling : sequence of str, optional
         Names or roles of the scheduling variables; by default every channel in A, V or K and every pure number.
     inputs : sequence of str
-        Names or roles of a model's inputs; of several it is asked whether they move apart from each other.
+        Names or roles of a model's inputs; of several it is checked whether they move apart from each other.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Inputs that move together: what a model of several inputs can tell of each."""
+"""Inputs that move together: what a model of several inputs can determine of each."""
 
 from __future__ import annotations
 

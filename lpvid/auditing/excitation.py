@@ -11,7 +11,7 @@ from lpvid.auditing.view import View, resting_levels
 from lpvid.condition import repetition_period
 
 _MOTION = 0.05
-"""span [s] over which a scheduling variable is asked whether it moved."""
+"""span [s] over which the movement of a scheduling variable is judged."""
 
 
 def scheduling(views: Sequence[View]) -> Iterator[Finding]:
@@ -60,7 +60,7 @@ def _moving(having: Sequence[View], name: str, unit: str, low: float, high: floa
     evidence = f"{low:.4g} … {high:.4g} {unit}".rstrip() + f", {kind}"
     evidence += (f", up to {max(rates):.3g} {unit}/s with its noise, moves by over 2 % of its range within "
                  f"{1e3 * _MOTION:g} ms for {share:.0f} % of the time" if total else
-                 "; no steady stretch long enough to tell how fast it moves")
+                 "; no steady stretch long enough to measure how fast it moves")
     mend = "two levels carry no more than a first-degree polynomial" if levels == 2 else ""
     return Finding("scheduling-excitation", lone, name, "note", evidence, mend, high - low)
 

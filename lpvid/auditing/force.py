@@ -10,7 +10,7 @@ from lpvid.auditing.findings import Finding
 from lpvid.auditing.view import View
 
 BLOCKS = 20
-"""means from which the standard error of the mean power is told"""
+"""means from which the standard error of the mean power is estimated"""
 
 
 def dissipation(view: View) -> tuple[float, float, float] | None:
@@ -118,7 +118,7 @@ def offset(view: View) -> Iterator[Finding]:
         yield Finding("force-offset", view.name, view.force, "note",
                       f"mean force at zero velocity {level:.4g} ± {error:.2g} N, {100 * abs(level) / rms:.3g} % of the "
                       "force's rms: gas preload, weight or a zero error",
-                      "a static reading of the load cell tells which", level)
+                      "a static reading of the load cell shows which", level)
 
 
 def drift(view: View) -> Iterator[Finding]:

@@ -12,7 +12,7 @@ from lpvid.auditing.motion import relation
 from lpvid.auditing.view import View
 
 APART = 0.02
-"""difference of the gain between two motion channels that counts; on clean records it is told to a thousandth"""
+"""difference of the gain between two motion channels that counts; on clean records it is known to a thousandth"""
 ALIKE = 0.02
 """by how much two motions may differ, in size and frequency, and be the same"""
 CHANGED = 0.1

@@ -80,7 +80,7 @@ def audit_stream(chunks: Iterable[Record], *, scheduling: Sequence[str] | None =
         E.g. ``read_chunks("hours.parquet")``.
     scheduling, inputs : sequences of str
         As for `audit`.
-    say : callable
+    report_progress : callable
         Receives progress.
 
     Returns

@@ -86,7 +86,7 @@ def choose(request: Request, training: Sequence[Record], held_out: Sequence[Reco
     request : Request
     training, held_out : sequence of Record
         The held-out records are not used in it: only their figures are reported.
-    say : callable
+    report_progress : callable
         Receives what is being done, with the best so far.
     budget : float, optional
         Processor time for the search [s].

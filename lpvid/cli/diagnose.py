@@ -134,7 +134,7 @@ def _described(found: Diagnosis, lpv: LpvExtension | None) -> dict[str, Any]:
 
 def _deliver(results: Results, found: Diagnosis, question: Question, lpv: LpvExtension | None, plan: bool,
              report_progress: Callable[[str], None]) -> Sequence[str]:
-    """Queue the files; what to tell of the LPV model and of the experiment."""
+    """Queue the files; the lines on the LPV model and on the experiment."""
     described = [] if lpv is None else [f"  {lpv}"]
     if not results.kept:
         return described
@@ -157,9 +157,9 @@ def _deliver(results: Results, found: Diagnosis, question: Question, lpv: LpvExt
             "virtual rig"
         )
     elif plan:
-        described.append("  no experiment is needed, or none is known: nothing was left open that one could tell")
+        described.append("  no experiment is needed, or none is known: no open question has one")
     advice = () if proposal is None else proposal.advice
-    described += [f"  not told by any run of the rig: {a}" for a in advice]
+    described += [f"  not shown by any run of the rig: {a}" for a in advice]
     words = (
         () if proposal is None else (*([f"{PLAN} holds the plan: {proposal.description}"] if planned else []), *advice)
     )

@@ -112,7 +112,7 @@ def identify_fleet(request: Request, data: Sequence[str], roles: Sequence[str] |
         Address; None for a cluster on this machine.
     results : Results
         Its folder keeps the state in fleet/.
-    say : callable
+    report_progress : callable
         Receives progress.
 
     Returns

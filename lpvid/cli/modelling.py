@@ -167,8 +167,8 @@ def fit(request: Request, training: Sequence[Record], held_out: Sequence[Record]
         What the fit sees, and what it does not.
     everything : sequence of Record
         The raw records, for the audit.
-    say : callable
-        Told what is being done.
+    report_progress : callable
+        Receives what is being done.
 
     Returns
     -------

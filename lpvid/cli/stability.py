@@ -52,8 +52,8 @@ def stability(model: options.ModelFile,
     results = Results(out)
     loaded = load(model)
     with working("looking for a certificate") as report_progress, solver_output_suppressed():
-        asked = Questions(largest_range, largest_rate, gain, draws)
-        found, render = _studied(loaded, model, (rate, range), seed, asked, report_progress)
+        questions = Questions(largest_range, largest_rate, gain, draws)
+        found, render = _studied(loaded, model, (rate, range), seed, questions, report_progress)
         data = {**found.to_dict(), "model": str(model)}
         if results.kept:
             report_progress("drawing")
@@ -70,7 +70,7 @@ def stability(model: options.ModelFile,
 
 
 def _studied(loaded: object, path: Path, motion: tuple[list[str] | None, list[str] | None], seed: int,
-             asked: Questions, report_progress: Callable[[str], None]) -> tuple[Study, Callable[[], Page]]:
+             questions: Questions, report_progress: Callable[[str], None]) -> tuple[Study, Callable[[], Page]]:
     """What can be stated of a model of any kind, and what makes its page."""
     from lpvid.cli.data import rates
     from lpvid.errors import InputError
@@ -90,14 +90,15 @@ def _studied(loaded: object, path: Path, motion: tuple[list[str] | None, list[st
                          mend="give a transfer function, a state-space model, or a model that schedules itself")
     speeds, ranges = rates(motion[0], loaded.box.names), _ranges(motion[1], loaded.box.names)
     if isinstance(loaded, SelfScheduled):
-        if asked != type(asked)():
+        if questions != type(questions)():
             raise InputError(f"'{path}' holds a model that schedules itself",
                              got="--largest-range, --largest-rate, --draws or --gain",
                              why="its scheduling follows from its own output, within a range that is fixed",
                              mend="leave these options out")
         own = study_self_scheduled(loaded, rate=speeds, range=ranges, seed=seed, report_progress=report_progress)
         return own, lambda: self_scheduled_page(own, path.name)
-    found = study_stability(loaded, rate=speeds, range=ranges, seed=seed, asked=asked, report_progress=report_progress)
+    found = study_stability(loaded, rate=speeds, range=ranges, seed=seed, questions=questions,
+                            report_progress=report_progress)
     return found, lambda: stability_page(found, path.name)
 
 

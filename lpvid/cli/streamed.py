@@ -52,7 +52,7 @@ def fit_parts(request: Request, chunks: Chunks, held_out: Chunks | None, refused
         Options that need whole records, by name; those that were given are refused.
     folder : Path or None
         Where the state goes, from which an interrupted estimate goes on.
-    say : callable
+    report_progress : callable
         Receives progress.
 
     Returns

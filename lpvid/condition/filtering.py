@@ -1,4 +1,4 @@
-"""Low-pass filters, causal or without phase; all channels alike unless told otherwise."""
+"""Low-pass filters, causal or without phase; all channels alike by default."""
 
 from __future__ import annotations
 

@@ -137,7 +137,7 @@ def run_fleet(plan: FleetPlan, *, scheduler: str | None = None, workers: int | N
         Address of a running Dask scheduler whose workers see the same files; left out, a cluster on this machine.
     workers : int, optional
         Processes of that local cluster; left out, one for each core.
-    say : callable
+    report_progress : callable
         Receives progress.
 
     Returns

@@ -53,7 +53,7 @@ class VariableForgetting:
 class CovarianceReset:
     """Set P back to ``to · diag(1/mean square of each regressor)`` when its mean variance leaves its bounds.
 
-    Variances are in unit-column scaling: 1 is what one sample of typical size tells about a lone parameter. Grown
+    Variances are in unit-column scaling: 1 is the information of one sample of typical size on a lone parameter. Grown
     `above` times its least value: old knowledge has been forgotten without new excitation (wind-up), and the next
     sample would throw the parameters about. Fallen below `below`: the recursion is asleep.
 

@@ -168,7 +168,7 @@ def package(
 ) -> Identification:
     """The Identification of a search's end, with covariance and metadata.
 
-    `select` (model's parameters, searched parameters) tells which searched parameter stands for each of the model's.
+    `select` (model's parameters, searched parameters) gives the searched parameter of each of the model's.
     """
     size = model.vector.size
     spread, variance = covariance(problem, found)

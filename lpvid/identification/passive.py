@@ -216,10 +216,10 @@ def _offset(model: LPVTransferFunction) -> float:
     return float(c.sum() / (1 + a[:, 0, 0].sum()))
 
 
-def _stage_notes(model: LPVTransferFunction, asked: ARX) -> list[str]:
+def _stage_notes(model: LPVTransferFunction, given: ARX) -> list[str]:
     stated = []
-    for noun, stage, name in (("input stage", model.input_stage, asked.stage),
-                              ("scheduling filter", model.scheduling_stage, asked.schedule_filter)):
+    for noun, stage, name in (("input stage", model.input_stage, given.stage),
+                              ("scheduling filter", model.scheduling_stage, given.schedule_filter)):
         if stage is not None and isinstance(name, str):
             values = ", ".join(f"{k} {v:.4g}" for k, v in stage.to_dict().items() if isinstance(v, float))
             stated.append(f"{noun} {name} fitted along with the passive model: {values}")

@@ -243,8 +243,8 @@ class PassiveSearch:
         reached : Reached
         most : int
             Steps.
-        say : callable
-            Told of every step.
+        report_progress : callable
+            Receives every step.
         descend : bool
             Whether a step must lower the error; not so on the way to more room.
         """

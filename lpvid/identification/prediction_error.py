@@ -234,11 +234,11 @@ class PredictionError(Structure):
             f"followed); mean square {begun} (least squares) -> {found.size:.6g}; stopped: {search.why}"
         ]
         model = problem.model_at(search.point.shared)
-        for noun, stage, asked in (("input stage", model.input_stage, self.stage),
+        for noun, stage, given in (("input stage", model.input_stage, self.stage),
                                    ("scheduling filter", model.scheduling_stage, self.schedule_filter)):
-            if stage is not None and isinstance(asked, str):
+            if stage is not None and isinstance(given, str):
                 values = ", ".join(f"{k} {v:.4g}" for k, v in stage.to_dict().items() if isinstance(v, float))
-                notes.append(f"{noun} {asked} fitted along with the model: {values}")
+                notes.append(f"{noun} {given} fitted along with the model: {values}")
         if problem.n_past:
             what = "past innovations" if problem.noise.kind == "armax" else "past outputs"
             values = ", ".join(f"{v:.4g}" for v in search.point.past[0].ravel()[:4])

@@ -46,13 +46,13 @@ def identify_stream(chunks: Iterable[Record], structure: ARX | Recursive, *, box
     checkpoint : path, optional
         File that keeps the state after every chunk. Where it holds that of the same structure and data, the work goes
         on behind the last chunk; it is removed at the end.
-    say : callable
+    report_progress : callable
         Receives progress.
 
     Returns
     -------
     Identification
-        Without training figures, which `identify` gives for `Chunks`. The notes tell the one-step ESR.
+        Without training figures, which `identify` gives for `Chunks`. The notes give the one-step ESR.
 
     Raises
     ------

@@ -68,7 +68,7 @@ def largest_margin(
         They must bound t from above.
     solvers : sequence of str
         Tried in this order, where installed. Take the first candidate that passes the check; the next solver is only
-        started when the generator is asked again.
+        started when the generator is advanced.
 
     Yields
     ------
@@ -157,7 +157,7 @@ class Program:
 
     def solve(self, values: Mapping[str, float] | None = None, *, solvers: Sequence[str] = SOLVERS,
               settings: Mapping[str, Mapping[str, Any]] | None = None) -> Iterator[SolverAnswer]:
-        """Answers of one solver after the other; the next is only started when the generator is asked again.
+        """Answers of one solver after the other; the next is only started when the generator is advanced.
 
         Parameters
         ----------

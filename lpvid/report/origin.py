@@ -11,7 +11,7 @@ from pathlib import Path
 DIGITS = 12
 """Hexadecimal digits of SHA-256 that a report shows: two of a thousand files share them once in 10⁸ reports."""
 CHUNK = 1 << 20
-SAYS = {"model.json": "the model, for lpvid validate, simulate, stability, export and quartercar design, ride",
+DESCRIPTIONS = {"model.json": "the model, for lpvid validate, simulate, stability, export and quartercar design, ride",
         "identification.json": "all figures, parameters and remarks",
         "selection.json": "the whole ranking of structures", "state_space.json": "the model as a state space",
         "form.json": "figures of the re-estimated form", "validation.json": "all figures", "audit.json": "all findings",
@@ -69,7 +69,7 @@ class Origin:
 
     def listed(self) -> list[tuple[str, str]]:
         """Files with what they hold."""
-        return [(name, SAYS.get(name, "")) for name in self.files]
+        return [(name, DESCRIPTIONS.get(name, "")) for name in self.files]
 
 
 def sources_of(paths: Iterable[Path]) -> tuple[Source, ...]:

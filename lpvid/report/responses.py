@@ -41,7 +41,7 @@ def frozen_figures(model: Linear, drawn: Sequence[Linear], places: Sequence[np.n
     drawn : sequence of models
         From the covariance of its parameters; empty where that is not known.
     places : sequence of (n_scheduling,) arrays
-    said : sequence of str
+    stated : sequence of str
         The places in words.
     longest : int
         Samples of the longest record: below its frequency nothing is drawn.

@@ -56,7 +56,7 @@ class StabilityStudy(Shown):
     loci : tuple of (PoleLocus, PoleBand or None)
         One for each scheduling variable, at most four.
     reach : Reach
-        How far the statement reaches, as far as that was asked.
+        How far the statement reaches, as far as that was requested.
     """
 
     model: Model
@@ -68,7 +68,7 @@ class StabilityStudy(Shown):
 
     @property
     def certified(self) -> bool:
-        """Frozen-stable, and proven for the moving scheduling variable asked about."""
+        """Frozen-stable, and proven for the moving scheduling variable in question."""
         return self.frozen.stable and self.certificate.verified
 
     @property
@@ -135,7 +135,7 @@ class StabilityStudy(Shown):
 
 
 def study_stability(model: Model, *, rate: Rate = None, range: Mapping[str, tuple[float, float]] | None = None,
-                    seed: int = 0, asked: Questions | None = None,
+                    seed: int = 0, questions: Questions | None = None,
                     report_progress: Callable[[str], None] = lambda text: None) -> StabilityStudy:
     """Frozen stability, critical values, probability and certificate of one model.
 
@@ -148,10 +148,10 @@ def study_stability(model: Model, *, rate: Rate = None, range: Mapping[str, tupl
         Range of each scheduling variable, instead of the model's box.
     seed : int
         Seed of the draws from the parameter covariance.
-    asked : Questions, optional
+    questions : Questions, optional
         What else to look for.
-    say : callable
-        Told what is being done.
+    report_progress : callable
+        Receives what is being done.
 
     Returns
     -------
@@ -165,7 +165,7 @@ def study_stability(model: Model, *, rate: Rate = None, range: Mapping[str, tupl
     drawn = _drawn(ranged, seed)
     report_progress("poles of models drawn from the parameters' covariance")
     probability = stability_probability(drawn) if drawn else None
-    further = reach(ranged, certificate, rate, asked, seed, report_progress) if asked is not None else NOTHING
+    further = reach(ranged, certificate, rate, questions, seed, report_progress) if questions is not None else NOTHING
     return StabilityStudy(ranged, frozen, certificate, probability, loci(ranged, drawn), further)
 
 

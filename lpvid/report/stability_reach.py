@@ -39,7 +39,7 @@ class Questions:
 
 @dataclass(frozen=True, eq=False)
 class StabilityAnswers:
-    """Answers to `Questions`; None where nothing was asked, or cannot be answered (see `notes`)."""
+    """Answers to `Questions`; None where there was no question, or no answer (see `notes`)."""
 
     largest_range: LargestRange | None = None
     largest_rate: LargestRate | None = None
@@ -86,7 +86,7 @@ class StabilityAnswers:
 
 
 NOTHING = StabilityAnswers()
-"""Nothing was asked."""
+"""No question."""
 
 
 def share_in_words(draws: StabilityProbability) -> str:
@@ -95,9 +95,9 @@ def share_in_words(draws: StabilityProbability) -> str:
             f"({draws.level:.0%} interval {percent(draws.interval[0], 4)} … {percent(draws.interval[1], 4)})")
 
 
-def reach(model: Model, certificate: StabilityCertificate, rate: Rate, asked: Questions, seed: int,
+def reach(model: Model, certificate: StabilityCertificate, rate: Rate, questions: Questions, seed: int,
           report_progress: Callable[[str], None]) -> StabilityAnswers:
-    """Answer what was asked about one model and its certificate.
+    """Answers to the questions about one model and its certificate.
 
     Parameters
     ----------
@@ -106,30 +106,30 @@ def reach(model: Model, certificate: StabilityCertificate, rate: Rate, asked: Qu
     certificate : StabilityCertificate
     rate
         As for `certify_stability`.
-    asked : Questions
+    questions : Questions
     seed : int
         Of the draws.
-    say : callable
-        Told what is being done.
+    report_progress : callable
+        Receives what is being done.
     """
     notes: list[str] = []
     moves = any(up > low for low, up in zip(model.box.lower, model.box.upper, strict=True))
-    if (asked.range or asked.rate) and not moves:
+    if (questions.range or questions.rate) and not moves:
         notes.append("no scheduling variable moves: there is no largest range or rate")
     wide = speed = None
-    if asked.range and moves:
+    if questions.range and moves:
         report_progress("the largest certified range")
         wide = largest_range(model, rate)
-    if asked.rate and moves:
+    if questions.rate and moves:
         report_progress("the largest certified rate")
         speed = largest_rate(model)
     share = None
-    if asked.draws:
+    if questions.draws:
         report_progress("the certificate for drawn models")
-        share, why = _share(model, certificate, asked.draws, seed)
+        share, why = _share(model, certificate, questions.draws, seed)
         notes += [why] if why else []
     gain = None
-    if asked.gain:
+    if questions.gain:
         report_progress("the induced gain")
         gain = _gain(model, rate)
     return StabilityAnswers(wide, speed, share, gain, tuple(notes))

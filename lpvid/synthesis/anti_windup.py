@@ -1,4 +1,4 @@
-"""Anti-windup: what the controller's states are told of the difference between wanted and given controls."""
+"""Anti-windup: feedback of the difference between wanted and given controls to the controller's states."""
 
 from __future__ import annotations
 

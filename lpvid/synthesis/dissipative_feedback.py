@@ -159,7 +159,7 @@ def _left_alone(plant: GeneralizedPlant, at: PlantMatrices, points: np.ndarray) 
     worst = int(np.argmax(margins))
     if margins[worst] < 0:
         return None
-    where = ", ".join(f"{n} = {v:.4g}" for n, v in zip(plant.box.names, points[worst], strict=True)) or "everywhere"
+    where = ", ".join(f"{n} = {v:.4g}" for n, v in zip(plant.box.names, points[worst], strict=True)) or "all of the box"
     return Synthesis("unstabilisable", why=f"at {where} a mode of the plant grows by {margins[worst]:.3g} 1/s where "
                      "none of the control is given", mend="a plant that is stable by itself, or StateFeedback for a "
                      "control that is always given", method=_method(points))

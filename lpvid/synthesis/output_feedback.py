@@ -38,7 +38,7 @@ class OutputFeedback:
     lyapunov : Basis, optional
         Functions of X(p) and Y(p); in continuous time their variables need rate bounds. Left out, constants.
     varying : {"both", "controls", "measurements"}
-        Which of X (what the controls can do) and Y (what the measurements can tell) depends on p. With "both" the
+        Which of X (what the controls can do) and Y (what the measurements can observe) depends on p. With "both" the
         controller reads the rates too, as further scheduling variables ``<name>_rate``. In discrete time one of them
         moves and the controller reads p alone; "both" tries either, and keeps the lower bound.
     rate : float, sequence or mapping of name to float, optional

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from lpvid.synthesis.result import Synthesis
 
-Say = Callable[[str], None]
+Report = Callable[[str], None]
 INTERRUPTED = "interrupted after"
 """how the first note of a synthesis begins that Ctrl-C ended"""
 
@@ -24,7 +24,7 @@ class Watch:
 
     Parameters
     ----------
-    say : callable or None
+    report_progress : callable or None
         Takes what is being done now.
     best : Synthesis or None
         Of lowest verified gain so far.
@@ -34,7 +34,7 @@ class Watch:
         The search was interrupted once: what was found so far is written down.
     """
 
-    report_progress: Say | None = None
+    report_progress: Report | None = None
     best: Synthesis | None = None
     started: float = field(default_factory=time.monotonic)
     stopped: bool = False
@@ -44,12 +44,12 @@ _WATCH: ContextVar[Watch | None] = ContextVar("lpvid_synthesis_watch", default=N
 
 
 @contextmanager
-def watched(report_progress: Say | None) -> Iterator[Watch]:
+def watched(report_progress: Report | None) -> Iterator[Watch]:
     """Follow what runs inside; a synthesis within a synthesis belongs to the outer one.
 
     Parameters
     ----------
-    say : callable or None
+    report_progress : callable or None
         Takes a line on what is being done.
 
     Yields

@@ -55,8 +55,8 @@ def least_bound(
 ) -> MatrixPair | None:
     """The pair of least γ, in coordinates that follow the answers until the bound settles; None if no solver answers.
 
-    Those of a `known` pair, of the same problem at fewer points, come first. `hopeless` is asked once, where the first
-    attempt fails: whether that there is no answer can be shown.
+    Those of a `known` pair, of the same problem at fewer points, come first. `hopeless` is evaluated once, where the
+    first attempt fails: whether it can be shown that there is no answer.
 
     Every solver but the first is a fallback for one that gives no plausible answer: no bound can be had that the
     Riccati equations refuse at a frozen point. Where all of them fail, bounds above the largest frozen optimum are

@@ -1,4 +1,4 @@
-"""The two projected inequalities of output feedback: what the controls can do, and what the measurements can tell.
+"""The two projected inequalities of output feedback: what the controls can do, and what the measurements can observe.
 
 With X for the controls and Y for the measurements (Apkarian & Gahinet 1995; equations sheet 5.4, Route A; with slopes:
 Wu 1995), at every point p and every corner ṗ of the rate bounds,

@@ -54,7 +54,7 @@ class Reduction:
 
     def __str__(self) -> str:
         names = self.model.box.names
-        where = ", ".join(f"{n} = {v:.4g}" for n, v in zip(names, self.at, strict=True)) or "everywhere"
+        where = ", ".join(f"{n} = {v:.4g}" for n, v in zip(names, self.at, strict=True)) or "all of the box"
         bound = ("no bound (averaged gramians)" if self.bound is None else
                  f"bound 2Σσ = {self.bound:.4g} " + ("on the whole box" if self.between_grid else
                                                      f"for the grid's {self.points} points only"))

@@ -160,7 +160,7 @@ def second_order(gain: float, zero: tuple[float, float], pole: tuple[float, floa
 def scheduled_performance(bandwidth: str, box: Scheduling, peak: float = 2.0, floor: float = 1e-3) -> LPVStateSpace:
     """`performance` whose bandwidth ρ [rad/s] is a scheduling variable: A = −ρε, B = ρ(M − ε), C = D = 1/M.
 
-    What is asked of the loop moves with ρ: fast where the plant allows it, slow elsewhere.
+    The requirement on the loop moves with ρ: fast where the plant allows it, slow elsewhere.
 
     Parameters
     ----------

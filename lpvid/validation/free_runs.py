@@ -15,7 +15,7 @@ from lpvid.model.adaptable import Adaptable
 from lpvid.model.hull import outside_share
 from lpvid.record import Record
 from lpvid.simulation import Model, Simulation, simulate
-from lpvid.training_fingerprint import familiar, recalled
+from lpvid.training_fingerprint import recalled, seen_records
 from lpvid.validation.figures import Figures, Pool
 from lpvid.validation.opposite import opposite_remark
 from lpvid.validation.report import acting_model, along
@@ -152,7 +152,7 @@ def free_runs(model: Model | Adaptable, records: Record | Sequence[Record],
         runs.append(FreeRun(piece, run, figures, share, _columns(acting, piece, run, measured)))
     label = "not measured"
     if measured:
-        seen = familiar(acting.metadata, pieces, acting.outputs[0].name)
+        seen = seen_records(acting.metadata, pieces, acting.outputs[0].name)
         label = "held-out" if not seen else "training" if len(seen) == len(pieces) else "partly training"
     overall = pool.total("free-run") if measured else None
     turned = None if overall is None else opposite_remark(acting, pieces, overall)

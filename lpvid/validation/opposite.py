@@ -12,13 +12,13 @@ from lpvid.validation.figures import Figures, Pool
 def opposite_remark(model: Model, pieces: Sequence[Record], found: Figures) -> str | None:
     """What to try where a sensor's sign may have changed since training.
 
-    Asked only where the free run is worse than the output's mean (ESR above 1); stated only where the run of the turned
+    Only where the free run is worse than the output's mean (ESR above 1); stated only where the run of the turned
     output, from its own first samples, is better than its mean.
 
     Parameters
     ----------
     model : LPVTransferFunction, LPVStateSpace or SelfScheduled
-        With one output; others are not asked.
+        With one output; others are passed over.
     pieces : sequence of Record
         Uniform, at the model's rate.
     found : Figures

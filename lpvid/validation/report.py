@@ -23,7 +23,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.record import Record
 from lpvid.simulation import Model, predict, simulate
-from lpvid.training_fingerprint import familiar, recalled
+from lpvid.training_fingerprint import recalled, seen_records
 from lpvid.validation.coherent import independence_remark
 from lpvid.validation.figures import FigurePair, Figures, Pool, RecordFigures
 from lpvid.validation.opposite import opposite_remark
@@ -218,7 +218,7 @@ def validate(model: Model | Adaptable, records: Record | Sequence[Record] | Chun
         used = (*(s.name for s in (*acts.inputs, *acts.outputs)), *acts.box.names)
         return validate_stream(acts, records.only(used), label=label)
     model, pieces, notes = along(model, records, sample_rate)
-    seen = familiar(model.metadata, pieces, model.outputs[0].name)
+    seen = seen_records(model.metadata, pieces, model.outputs[0].name)
     if seen and label == "held-out":
         label = "training" if len(seen) == len(pieces) else "partly training"
         notes += (f"not held-out: {', '.join(seen[:4])} begins with samples that the model was fitted to",)

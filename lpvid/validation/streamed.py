@@ -13,7 +13,7 @@ from lpvid.errors import InputError
 from lpvid.model.hull import outside_share
 from lpvid.record import Record
 from lpvid.simulation import Model
-from lpvid.training_fingerprint import SAMPLES, familiar
+from lpvid.training_fingerprint import SAMPLES, seen_records
 from lpvid.validation.figures import FigurePair, Figures, RecordFigures, figures_of
 from lpvid.validation.lag_sums import LagSums
 from lpvid.validation.report import OTHER_LAGS, Validation
@@ -111,7 +111,7 @@ def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "hel
         At the model's rate, e.g. ``read_chunks("hours.parquet")``.
     label : str
         As for `validate`.
-    say : callable
+    report_progress : callable
         Receives progress.
 
     Returns
@@ -149,7 +149,7 @@ def validate_stream(model: Model, chunks: Iterable[Record], *, label: str = "hel
                 runs.cut()
                 tests.close()
                 found.append((piece.name, 0, _Sums(), _Sums(), 0.0))
-                familiar_to += familiar(model.metadata, [piece.slice(0, SAMPLES)], names[0])
+                familiar_to += seen_records(model.metadata, [piece.slice(0, SAMPLES)], names[0])
             name, length, free, one, share = found[-1]
             beyond = outside_share(model, piece.matrix(list(model.box.names))) * piece.n_samples
             found[-1] = (name, length + piece.n_samples, free, one, share + beyond)

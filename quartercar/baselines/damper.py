@@ -117,7 +117,7 @@ def _made(s: Signals) -> Drive:
 def _rate(s: Signals) -> np.ndarray | None:
     """Rate of change of the velocity, where it is not that of these samples: a mass is moved by the record's motion.
 
-    Of speeds at which a law is only asked it is the record's, so that with its mass, too, the law is one of the speed;
+    At speeds that are only evaluated it is the record's, so that with its mass, too, the law is one of the speed;
     between the samples it is straight.
     """
     if s.coarse is not None:

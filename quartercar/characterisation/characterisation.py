@@ -132,7 +132,7 @@ def characterise(
     damper : Damper, optional
         A model to draw beside the measurement: its free run goes through the same estimators.
     tolerance : Tolerance, optional
-    say : callable, optional
+    report_progress : callable, optional
         Is given what is being done.
 
     Returns

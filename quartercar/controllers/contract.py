@@ -48,7 +48,7 @@ DEADBAND = 5e-3
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What a law is told before it starts.
+    """What a law is given before it starts.
 
     Attributes
     ----------

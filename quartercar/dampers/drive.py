@@ -33,7 +33,7 @@ class Drive:
         Measured force, positive in tension [N].
     rate : (n,) array or None
         Rate of change of the velocity, where it is known of the record and these are other speeds, at which a law is
-        only asked [m/s²].
+        only evaluated [m/s²].
     """
 
     sample_time: float

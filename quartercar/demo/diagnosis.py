@@ -94,8 +94,8 @@ def hide_and_find(seed: int = 0, report_progress: Callable[[str], None] = lambda
     ----------
     seed : int
         Of the rig, and of what it hides.
-    say : callable
-        Told what is being done.
+    report_progress : callable
+        Receives what is being done.
     """
     from lpvid.diagnosis.asking import answer, pose
     from quartercar.rig import EXPERIMENTS, Rig, RigDamper, effect

@@ -79,8 +79,8 @@ def design_and_ride(model: LPVTransferFunction, seed: int = 0,
         As identified: the car's damper, and that of the plant.
     seed : int
         Of roads and noise.
-    say : callable
-        Told what is being done.
+    report_progress : callable
+        Receives what is being done.
     """
     from quartercar.controllers import law_class
     from quartercar.controllers.designed.lpv_hinf_identified import LpvHinfIdentified

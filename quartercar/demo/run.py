@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 TARGET = 0.04
 """Mean ESR over the eight experiments that Díaz Salas (2011) claims for this model class."""
 CURRENT_RATE = 125.0
-"""Fastest change of current asked of the certificate first [A/s]: full range in 20 ms."""
+"""Fastest change of current that the certificate is tried with first [A/s]: full range in 20 ms."""
 
 
 @dataclass(frozen=True)
@@ -340,8 +340,8 @@ def run_demo(seed: int = 0, report_progress: Callable[[str], None] = lambda text
     ----------
     seed : int
         Seed of the rig.
-    say : callable
-        Told what is being done.
+    report_progress : callable
+        Receives what is being done.
     tell : callable
         Given each stage's name and result as it is ready.
 

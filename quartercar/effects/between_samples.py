@@ -1,4 +1,4 @@
-"""Between samples: a law without memory asked on a faster clock than that of the record, for what bends it there."""
+"""Between samples: a law without memory on a faster clock than that of the record, for what bends it there."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from quartercar.effects.electrical import clocked
 from quartercar.effects.splines import spread
 
 FAST, FINEST, MOST = 2000.0, 8, 80_000
-"""rate at which a law without memory is asked [1/s]: what it makes of a motion goes beyond half the sample rate, where
+"""rate of evaluation of a law without memory [1/s]: what it makes of a motion goes beyond half the sample rate, where
 a filter would have taken it away; the most samples that are put between two for that; and samples in all, beyond which
-a law is asked less often, down to the record's own: it would cost minutes and gigabytes"""
+a law is evaluated less often, down to the record's own: it would cost minutes and gigabytes"""
 
 
 def times_as_fast(baseline: Baseline, s: Signals) -> int:
-    """How many times as fast as the record a law is asked; 1 for one with a memory, whose steps are its own."""
+    """How many times as fast as the record a law is evaluated; 1 for one with a memory, whose steps are its own."""
     most = int(np.clip(MOST // s.n_samples, 1, FINEST))
     return int(np.clip(np.ceil(FAST * s.sample_time), 1, most)) if baseline.static else 1
 

@@ -14,7 +14,7 @@ from quartercar.effects.series import in_series
 
 
 class SeriesElement(GridEffect):
-    """An element that carries the force of the law and gives way: v = w + dD(F)/dt, F = law(w) (equation sheet 9.3)."""
+    """An element in series that carries the force of the law: v = w + dD(F)/dt, F = law(w) (equation sheet 9.3)."""
 
     family: ClassVar[str] = "compliance"
     stage: ClassVar[str] = "series"

@@ -1,4 +1,4 @@
-"""Corners: where the velocity bends between two samples, told by it and by the displacement together."""
+"""Corners: where the velocity bends between two samples, found from it and from the displacement together."""
 
 from __future__ import annotations
 

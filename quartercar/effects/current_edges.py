@@ -20,7 +20,7 @@ TURNS, EARLIER, ASTRAY = 3, 2, 1.6
 """samples that one jump may rest at the turn of its overshoot; the most by which it may begin before it is seen; and
 the way that it may go, to and fro, in jumps"""
 LASTS, LEAST, RIPPLE = 6, 2, 0.1
-"""samples after a jump and before the next by which a level is told, the least of them, and the share of the jump by
+"""samples after a jump and before the next that measure a level, the least of them, and the share of the jump by
 which it may change meanwhile"""
 MISSED, CERTAIN = 0.01, 3.0
 """share of a jump by which the first sample after it misses the level where a filter has been at work, and standard
@@ -130,7 +130,7 @@ def _levels(current: np.ndarray, start: np.ndarray, end: np.ndarray, size: np.nd
 
 
 def is_sharp(s: Signals) -> bool:
-    """Whether the current's jumps show no trace of a filter; all records of a diagnosis tell it together, once."""
+    """Whether the current's jumps show no trace of a filter; judged once, over all records of a diagnosis."""
     def find(_: np.ndarray) -> bool:
         found = [(p["current"], e) for p in s.as_recorded("current") if (e := edges_of(p)) is not None]
         return at_once(*zip(*found, strict=True)) if found else True

@@ -20,7 +20,7 @@ NO_BEND = "every law passes through both, bent or not"
 REST = 0.05
 """ripple, as a share of the largest current, below which a current without memory counts as resting"""
 PLACED = 0.05
-"""part of a sample to which the edges that a filter has made round tell a jump"""
+"""part of a sample to which the edges that a filter has made round show a jump"""
 ALIKE = 0.15
 """correlation of neighbouring increments from which on edges take more than one sample, as behind a filter"""
 
@@ -66,7 +66,7 @@ def held(s: Signals) -> bool:
 
 
 def in_proportion(s: Signals, to: Signals) -> Signals:
-    """The same signals, whose current is in proportion to another one: what is told of its steps does not change."""
+    """The same signals, whose current is in proportion to another one: what is known of its steps does not change."""
     if s.has("current"):
         s.facts["current", "is held"], s.facts["current", "is clocked"] = held(to), clocked(to)
         s.facts["current", "is sharp"] = is_sharp(to)
@@ -76,7 +76,7 @@ def in_proportion(s: Signals, to: Signals) -> Signals:
 def clocked(s: Signals) -> bool:
     """Whether a held current jumps at samples: all times between its jumps are multiples of some samples.
 
-    Told by all records together, as `is_sharp`. One that keeps a clock of its own jumps anywhere between two samples,
+    Judged over all records together, as `is_sharp`. One with a clock of its own jumps anywhere between two samples,
     half-way on average.
 
     Examples
@@ -174,7 +174,7 @@ def lagged(s: Signals, rise: float, fall: float, between: bool = False) -> np.nd
 def _jump_error(signals: Sequence[Signals]) -> float:
     """Standard error of a lag because a current jumps somewhere between two samples [s].
 
-    Anywhere, if it is held; behind a filter its edges tell where.
+    Anywhere, if it is held; behind a filter its edges show where.
     """
     if any(held(s) for s in signals):
         return signals[0].sample_time / np.sqrt(12)

@@ -166,7 +166,7 @@ class ModelOrder(GridEffect):
 
 
 class ColouredNoise(Effect):
-    """Noise with memory: a verdict on what is left, told by the whitening filter, never composed."""
+    """Noise with memory: a verdict on the residual by its whitening filter, never composed."""
 
     name: ClassVar[str] = "coloured-noise"
     title: ClassVar[str] = "noise with memory on the force"
@@ -184,7 +184,7 @@ class ColouredNoise(Effect):
         return []
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return "noise is told by the colour of what is left"
+        return "noise is judged by the colour of the residual"
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         return core

@@ -84,7 +84,7 @@ class InSeries(Linearised):
         rigid = self.core(s)
         if not np.isfinite(rigid).all():
             return rigid
-        if s.coarse is not None:  # a march on the faster clock would cost as many times more, and tell little
+        if s.coarse is not None:  # a march on the faster clock would cost as many times more, and show little
             return rigid + s.refined(self(s.coarse) - self.core(s.coarse))
         return self.march(s, rigid, self.law(s, rigid), NO_TRACE)
 

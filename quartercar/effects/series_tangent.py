@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 RUNS = 4
 """signals of which the changes are kept: an effect around the series may read it along several"""
 PROBED, FASTER = 32, 3.0
-"""stages at which a core is asked whether it depends on other stages, and how much faster those others are"""
+"""stages at which a core's dependence on other stages is tested, and how much faster those others are"""
 AT_ONCE = 16384
-"""stages that a core is asked at once, so that its intermediate results stay in the processor's cache"""
+"""stages that a core is evaluated at together, so that its intermediate results stay in the processor's cache"""
 
 
 def near(own: InSeries, others: Sequence[Core]) -> list[Core]:

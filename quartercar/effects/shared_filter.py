@@ -84,7 +84,7 @@ class SharedFilter(ChainEffect):
 def _before(s: Signals, t: float, zeta: float, finer: int, edges: Edges | None, sharp: bool) -> Signals:
     """Signals before a filter that all channels have passed, `finer` times as fast.
 
-    The current's edges are made sharp only for a law that can be asked between the samples.
+    The current's edges are made sharp only for a law that can be evaluated between the samples.
     """
     factors = (2 * zeta * t, t**2)
     channels = {c: before_filter(s, c, factors, finer) for c in s.channels if c != "current" or edges is None}

@@ -15,7 +15,7 @@ from quartercar.effects.between_samples import between, times_as_fast
 from quartercar.effects.electrical import SEEN_AFTER, clocked
 
 DEPTH = 1e-3
-"""depth at which the stiffness of a progressive stop is told [m]"""
+"""depth at which the stiffness of a progressive stop is stated [m]"""
 LINEAR = 1.05
 """exponent up to which a stop is linear"""
 NOWHERE = 0.1 * DEPTH
@@ -103,7 +103,7 @@ class FixtureInertia(GridEffect):
 class FixtureResonance(GridEffect):
     """The fixture swings: the force passes a second-order low-pass on its way to the load cell (sheet 3.19).
 
-    A law without memory is asked between the samples too: a resonance near half the sample rate rings by the moment at
+    A law without memory is run between the samples too: a resonance near half the sample rate rings by the moment at
     which the force turns, which lies between two of them.
     """
 

@@ -49,7 +49,7 @@ Parts = tuple[np.ndarray, ...]
 def heated(cold: Callable[[Signals], Parts], warm: Callable[[Parts, np.ndarray], np.ndarray], cooling: float) -> Core:
     """A core that the heat of its own work changes.
 
-    Where a law is only asked, at other speeds than the record's, the heat is what the record has left until then.
+    Where a law is only evaluated, at other speeds than the record's, the heat is what the record has left until then.
 
     Parameters
     ----------

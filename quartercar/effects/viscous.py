@@ -112,7 +112,7 @@ class _Shares:
 
 
 def _kept(s: Signals, record: Signals, core: Core) -> _Shares:
-    """The shares of signals, kept while a law is asked at one speed after the other."""
+    """The shares of signals, kept while a law is evaluated at one speed after the other."""
     rest = [s[r] for r in s.channels if r != "velocity"]
     kept: OrderedDict = record.cached("shares of the force", OrderedDict)
     key = (core, s.n_samples, *map(id, rest))
@@ -147,7 +147,7 @@ def speed_quantiles(signals: Sequence[Signals], shares: Sequence[float]) -> list
 
 
 def _top(s: Signals) -> float:
-    """Of the record, where a law is only asked at these signals."""
+    """Of the record, where a law is only evaluated at these signals."""
     return (s.record or s).fact("velocity", "fast", lambda v: float(np.quantile(np.abs(v), TOP))) or 1e-6
 
 

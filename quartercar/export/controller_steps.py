@@ -195,7 +195,7 @@ def rule_value(b: StepBuilder, rule: Rule, seen: Seen) -> Expr:
 
 
 def _share(b: StepBuilder, asked: Expr, given: Expr, lowest: float, small: float) -> Expr:
-    """given/asked within [lowest, 1]; 1 where next to nothing is demanded."""
+    """given/demanded within [lowest, 1]; 1 where next to nothing is demanded."""
     wanted, out = b.let("asked", asked), b.let("share", 1.0)
     with b.when(call("fabs", wanted) > small):
         b.set(out, clipped(given / wanted, lowest, 1.0))

@@ -20,7 +20,7 @@ STATES = ("suspension_deflection", "body_velocity", "tyre_deflection", "wheel_ve
 SPEED = np.array([0.0, 1.0, 0.0, -1.0])
 """v_d = SPEED @ x."""
 PROBE = 0.3
-"""speed at which the sense of a damper's force is asked [m/s]."""
+"""speed at which the sense of a damper's force is evaluated [m/s]."""
 
 Row = tuple[np.ndarray, np.ndarray]
 """Force over (states, inputs beside the road)."""

@@ -111,7 +111,7 @@ class IdentifiedDamper(Embedding):
 
     @cached_property
     def realization(self) -> Realization:
-        """State space of the damper; its `gap` tells what the form costs while the current moves."""
+        """State space of the damper; its `gap` measures what the form costs while the current moves."""
         return realize(self.model, self.form)
 
     @property

@@ -22,7 +22,7 @@ from quartercar.vehicle.result import CarRun
 class VariableDamping(Embedding):
     """ẋ = (A_0 + c A_c) x + B_w ż_r, A_c = B_F [0 1 0 −1], c ∈ [c_min, c_max] (E6).
 
-    Bilinear with c as the control; as an LPV system it has none and tells what the car does whatever its damper does,
+    Bilinear with c as the control; as an LPV system it has none and describes the car whatever its damper does,
     at a bounded rate of c or at any. Along a run c = F_d/v_d, so that the force must vanish with the velocity: no
     hysteresis.
 

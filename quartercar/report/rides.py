@@ -175,7 +175,7 @@ def _caveats(found: RideComparison) -> tuple[str, ...]:
     if bad:
         lines.append(f"The damper gave energy it never had under {', '.join(bad)}.")
     if any(r.passive is None for r in found.rows):
-        lines.append("No storage function of this damper model is known: passivity is told by the share of samples "
+        lines.append("No storage function of this damper model is known: passivity is judged by the share of samples "
                      "with F·v < 0 and their energy.")
     return tuple(lines)
 

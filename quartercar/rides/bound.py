@@ -213,8 +213,8 @@ def bound_rides(car: QuarterCar, roads: Sequence[RideRoad], found: RideCompariso
     settings : RideSettings, optional
         As of the comparison.
     how : BoundSettings, optional
-    say : callable
-        Told what is being done.
+    report_progress : callable
+        Receives what is being done.
 
     Returns
     -------

@@ -214,8 +214,8 @@ def best_currents(problem: CurrentSequenceProblem, starts: Mapping[str, np.ndarr
     starts : mapping of str to (n,) array
         Commands to start from, by name.
     effort : Effort, optional
-    say : callable
-        Told what is being done.
+    report_progress : callable
+        Receives what is being done.
 
     Returns
     -------

@@ -285,8 +285,8 @@ def compare_rides(car: QuarterCar, roads: Sequence[RideRoad], controllers: Mappi
     settings : RideSettings, optional
     reference : str, optional
         Law that differences are taken from; ``"sh-add"`` where there is one, else the first.
-    say : callable
-        Told what is being done.
+    report_progress : callable
+        Receives what is being done.
 
     Returns
     -------

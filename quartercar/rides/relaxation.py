@@ -74,8 +74,8 @@ def relaxed_bound(problem: CurrentSequenceProblem, best: BestCurrents, iteration
         distance of its force from that line.
     iterations : int
         Of L-BFGS-B.
-    say : callable
-        Told what is being done.
+    report_progress : callable
+        Receives what is being done.
 
     Returns
     -------

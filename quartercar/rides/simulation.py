@@ -76,7 +76,7 @@ class RideSettings:
         return found
 
     def setting(self, car: QuarterCar, cars: int) -> Setting:
-        """What the laws of so many cars are told."""
+        """What the laws of so many cars are given."""
         return Setting(self.period(car), cars, self.parameters or car.parameters, self.model or car.damper,
                        (car.coil.lowest, car.coil.highest), car.coil)
 
@@ -246,7 +246,7 @@ def _given_energy(damper: Damper | None, currents: tuple[float, float]) -> str:
 
 
 def extrapolation(run: CarRun) -> dict[str, float]:
-    """Share of a run's samples at which its damper was asked what its training records never held.
+    """Share of a run's samples at which its damper was evaluated outside its training records.
 
     A hundredth of the range, `Damper.slack` for the current, still counts as inside.
 

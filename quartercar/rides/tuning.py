@@ -203,8 +203,8 @@ def tune(law: Controller, trial: Trial, budget: int = 64, seed: int = 0,
         Of the points.
     references : mapping, optional
         `Trial.references`, where they are known already.
-    say : callable
-        Told what is being done.
+    report_progress : callable
+        Receives what is being done.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What integrator and measurement chain are told: plain numbers, neutral unless a damper or a cause sets them."""
+"""What integrator and measurement chain are set to: plain numbers, neutral unless a damper or a cause sets them."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from quartercar.dampers.loading import load_damper
 from quartercar.parameters import CarParameters
 
 PROBES = np.array([0.05, 0.1, 0.2, 0.3])
-"""speeds at which the sense of a force is asked; a law that is active at some of them still has a sense [m/s]"""
+"""speeds at which the sense of a force is evaluated; a law that is active at some of them still has a sense [m/s]"""
 
 
 def car_damper(path: str | Path) -> Damper:

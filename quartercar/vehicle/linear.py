@@ -156,7 +156,7 @@ class LinearCar:
 
         With M = m_s + m_us: acceleration² = (M k²/c + c k_t)/(2 m_s²), deflection² = M/(2c), deflection rate² =
         k_t/(2c); the others from the stationary moments of 4.1, solved by hand. A tyre with damping passes white noise
-        on: `lyapunov_norms` then tells which norms exist.
+        on: `lyapunov_norms` then gives the norms that exist.
 
         Raises
         ------

@@ -80,7 +80,7 @@ def ride_passivity(run: CarRun, currents: tuple[float, float] = (0.0, 2.5)) -> R
     ----------
     run : CarRun
     currents : (float, float)
-        Range over which a law is asked whether it has a storage function.
+        Range over which a law is tested for a storage function.
 
     Returns
     -------
@@ -143,7 +143,7 @@ def series_spring(damper: Damper | None) -> tuple[float, float] | None:
 
 
 def has_storage(damper: Damper | None, currents: tuple[float, float]) -> bool:
-    """Whether gas, spring and moved mass are all that a damper stores: F_d·v ≥ 0 wherever it is asked.
+    """Whether gas, spring and moved mass are all that a damper stores: F_d·v ≥ 0 wherever it is evaluated.
 
     A force at rest that the current moves (Guo's hysteresis) has none: the current could be used to take energy out.
 

@@ -169,7 +169,7 @@ class CarStepper:
                 np.ascontiguousarray(coefficients).reshape(shape), self._stop, self._tyre, self._x, self._held, out)
 
     def _carried(self, profile: np.ndarray, current: np.ndarray, out: np.ndarray) -> None:
-        """The same with a damper that is asked from Python."""
+        """The same with a damper that is called from Python."""
         stages, step = self._stages, self.step
         count = stages.ends.size
         for k in range(len(out)):

@@ -118,7 +118,7 @@ def noise_ceiling(records: Record | Sequence[Record], structure: Structure, *,
                if s.n_columns <= min(MOST_COLUMNS, rows / ROWS_PER_PARAMETER)
                and all(r.n_samples > s.start + 1 for r in pieces)]
     if not fitting:
-        raise InputError("the records are too short to tell the noise", got=f"{rows} samples",
+        raise InputError("the records are too short to estimate the noise", got=f"{rows} samples",
                          mend="give longer records, or a smaller basis")
     with single_thread():
         costs, variances = _costs(pieces, fitting, box)

@@ -118,7 +118,7 @@ def cross_validate(structure: Structure, parts: Sequence[Fold], all_records: Seq
         them. Squared errors only add up, so that nothing which could win is lost. The folds hardest for the bar come
         first.
     late : callable
-        Whether the time is up; asked before every fold.
+        Whether the time is up; evaluated before every fold.
 
     Returns
     -------

@@ -160,7 +160,7 @@ def _refined(search: StructureSearch, leader: ARX) -> tuple[Structure, ...]:
 
 
 def _most_states(structure: OutputError | StateSpaceError) -> int:
-    """States that a subspace estimate, where the search begins, can tell at its default future."""
+    """States that a subspace estimate, where the search begins, can resolve at its default future."""
     return Subspace.future * len(structure.output) * structure.basis.size
 
 

@@ -18,7 +18,7 @@ from quartercar.vehicle.filter_bank import FilterBank
 from quartercar.vehicle.linear import OUTPUTS
 
 CURRENTS = 11
-"""at which the model is asked what it would add; linear in between"""
+"""at which the model's addition is evaluated; linear in between"""
 SMALL = 1.0
 """demand below which it counts as met [N]"""
 READS = ("suspension_deflection", "body_velocity", "tyre_deflection", "wheel_velocity", "suspension_velocity",

@@ -225,7 +225,7 @@ class GivenShare(Rule):
 
 
 def share(asked: np.ndarray, given: np.ndarray, lowest: np.ndarray | float) -> np.ndarray:
-    """(cars,) given/asked within [lowest, 1]; 1 where next to nothing is demanded.
+    """(cars,) given/demanded within [lowest, 1]; 1 where next to nothing is demanded.
 
     Parameters
     ----------

@@ -59,7 +59,7 @@ class ControllerChain:
     Raises
     ------
     InputError
-        A law that reads what this measurement set does not tell.
+        A law that reads what this measurement set does not provide.
     """
 
     def __init__(self, controllers: Sequence[Controller], setting: Setting, coil: Coil, settings: ChainSettings,
@@ -73,7 +73,7 @@ class ControllerChain:
             missing = [n for n in law.reads if n not in described]
             if missing:
                 raise InputError(f"{law.name} reads {', '.join(missing)}, which '{settings.sensors.name}' does not "
-                                 "tell", got=", ".join(n for n in SIGNALS if n in described and n not in ALWAYS),
+                                 "provide", got=", ".join(n for n in SIGNALS if n in described and n not in ALWAYS),
                                  mend="the measurement set 'stroke-body-wheel' or 'ideal'")
         self._inverse = Inverse(setting, coil, settings.inverse)
         self._law = start_together(controllers, setting)

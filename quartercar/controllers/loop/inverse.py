@@ -23,7 +23,7 @@ class InverseSettings:
     Attributes
     ----------
     points : int
-        Currents at which the damper's model is asked; linear in between.
+        Currents at which the damper's model is evaluated; linear in between.
     steps : int
         Samples that an identified transfer function looks ahead; 0 inverts its settled characteristic, which follows
         the demand less closely but does not amplify what the sensors add.
@@ -114,7 +114,7 @@ class Inverse:
         self._still = np.abs(v) < self._settings.deadband
 
     def choose(self, demand: np.ndarray) -> np.ndarray:
-        """(cars,) command for a demanded force [N]; `attained` then tells what it makes of it."""
+        """(cars,) command for a demanded force [N]; `attained` then gives the force of it."""
         wanted = np.where(self._still, self._wanted, nearest(self._rows, self._grid, demand, self._felt))
         self._wanted = wanted
         self.limited = (demand < self.lowest) | (demand > self.highest)

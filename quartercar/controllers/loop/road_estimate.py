@@ -50,7 +50,7 @@ class RoadEstimator:
         Standard deviation of the error of ẑ_r(k−j | k) on the road of the settings [m]; most of it is elevation that
         no sensor sees and that cancels in differences.
     road_error : float
-        Share of the road's spectrum that no amount of later readings tells, mean over `BAND`.
+        Share of the road's spectrum that no amount of later readings determines, mean over `BAND`.
     """
 
     def __init__(self, setting: Setting, readings: MeasurementSet, settings: ObserverSettings, samples: int) -> None:

@@ -35,9 +35,9 @@ class CreepForces:
     half_difference : float
         (7) as it stands [N].
     contamination : float or None
-        Damping force in it [N]; None where nothing tells.
+        Damping force in it [N]; None where nothing shows it.
     source : str
-        What tells: ``"law"``, ``"speeds"`` or ``""``.
+        What shows it: ``"law"``, ``"speeds"`` or ``""``.
     inward, outward : float
         F_in and F_out at displacement 0, compression positive as in the seed [N].
     speed : float
@@ -58,7 +58,7 @@ class CreepForces:
     speed: float
 
     def __repr__(self) -> str:
-        share = ("contains an unknown share of damping: an upper bound (creep at a second speed tells)"
+        share = ("contains an unknown share of damping: an upper bound (creep at a second speed separates it)"
                  if self.contamination is None else
                  f"{self.contamination:.3g} N of damping taken off the half difference {self.half_difference:.4g} N")
         return "\n".join([

@@ -1,4 +1,4 @@
-"""Which hydraulic network a static characteristic shows: series, parallel, mixed, or that it cannot tell."""
+"""Which hydraulic network a static characteristic shows: series, parallel, mixed, or that it cannot decide."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class NetworkChoice:
     verdict : str
         ``"series"``, ``"parallel"``, ``"mixed"`` or ``"cannot tell"``.
     reason : str
-        In a sentence; where it cannot tell, with the speeds that are missing.
+        In a sentence; where it cannot decide, with the speeds that are missing.
     fits : dict of str to LogFit
         Every network of `NETWORKS`, all in the norm of log-force.
     ratios : tuple of Ratio
@@ -75,7 +75,7 @@ class NetworkChoice:
 
     @property
     def best(self) -> LogFit:
-        """The verdict's fit; where it cannot tell, the one of least AICc."""
+        """The verdict's fit; where it cannot decide, the one of least AICc."""
         return self.fits[self.verdict] if self.verdict in self.fits else min(self.fits.values(), key=lambda f: f.aicc)
 
     @cached_property
@@ -133,7 +133,7 @@ def choose_network(characteristic: StaticCharacteristic, direction: int | None =
 
     Laminar, turbulent, series, parallel and mixed networks are fitted in log-force with friction. Mixed is chosen where
     both of its parents are refuted (p < 0.01); else series or parallel where AICc differs by 6 and both of its losses
-    are shown (p < 0.01); else it cannot tell, and names the speeds that would.
+    are shown (p < 0.01); else it cannot decide, and names the speeds that would.
 
     Parameters
     ----------
@@ -258,7 +258,7 @@ def _missing(fits: dict[str, LogFit], points: Points) -> str:
         found = np.flatnonzero(gap > clear)
         if found.size:
             out.append(f"{word} {1e3 * grid[found[0]]:.3g} mm/s")
-    return f"speeds {' or '.join(out)} would tell" if out else "more repeats are needed: they differ nowhere near"
+    return f"speeds {' or '.join(out)} would decide" if out else "more repeats are needed: they differ nowhere near"
 
 
 def _misfit(fit: LogFit, points: Points) -> list[str]:

@@ -30,7 +30,7 @@ def at_rest(model: Inner, velocity: np.ndarray, current: float, displacement: fl
     """(n,) force to which a model settles at each of these velocities; NaN where it does not.
 
     Transfer functions and state spaces see the displacement pass through `displacement` at that velocity, and so do
-    models that tell the velocity from it; others see both held.
+    models that derive the velocity from it; others see both held.
     """
     if isinstance(model, LPVTransferFunction):
         return _closed_form(model, velocity, current, displacement)
@@ -96,7 +96,7 @@ def _closed_form(model: LPVTransferFunction, velocity: np.ndarray, current: floa
 
         y_0 = G x_0 + v T (G Σ_i i a_i − Σ_j j b_j)/(1 + Σ_i a_i)
 
-    A map of past displacements may tell the velocity by their differences; held still they would tell of none.
+    A map of past displacements may contain the velocity as their differences; held still they would contain none.
     """
     point = [current] * len(model.box.names)
     if np.abs(model.frozen_poles(point)).max(initial=0.0) >= 1:

@@ -50,7 +50,7 @@ class SampledDamper(Damper):
     @property
     @abstractmethod
     def past(self) -> int:
-        """Samples from which a run starts, told before there is a model."""
+        """Samples from which a run starts, before there is a model."""
 
     @abstractmethod
     def identified(self, records: Sequence[Record]) -> tuple[Self, Identification, tuple[str, ...]]:
@@ -99,7 +99,7 @@ class SampledDamper(Damper):
     @property
     @abstractmethod
     def wanted(self) -> tuple[str, ...]:
-        """Roles that a fit would read, told before there is a model."""
+        """Roles that a fit would read, before there is a model."""
 
     @property
     def start(self) -> int:
@@ -147,7 +147,7 @@ class SampledDamper(Damper):
         return at_rest(model, speeds.ravel(), float(current), float(displacement)).reshape(speeds.shape)
 
     def conservative_force(self, displacement: np.ndarray) -> np.ndarray:
-        """What stays at rest; these models are affine in the displacement, so that two points of it tell all."""
+        """What stays at rest; these models are affine in the displacement, so that two points of it suffice."""
         low = 0.0 if self.usual_currents is None else self.usual_currents[0]
         zero, one = (float(self.static_force(np.zeros(1), low, x)[0]) for x in (0.0, 1.0))
         return zero + (one - zero) * np.asarray(displacement, dtype=float)

@@ -66,7 +66,7 @@ class Compared:
 
     @property
     def _given(self) -> str:
-        """What tells a model compared as given from a fitted one; a label that repeats its name would not."""
+        """What separates a model compared as given from a fitted one; a label that repeats its name does not."""
         label = self.damper.metadata.get("label", "as given")
         return "" if self.fit is not None else f" ({'as given' if label == self.damper.name else label})"
 

@@ -93,7 +93,7 @@ def compare(records: Sequence[Record], models: str | Sequence[str | Damper] = "a
         Data that no fit sees; left out, the last third of every record.
     settings : CompareSettings, optional
     progress : callable
-        Told what is being done.
+        Receives what is being done.
 
     Returns
     -------

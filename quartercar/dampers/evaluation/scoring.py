@@ -179,7 +179,7 @@ def score(damper: Damper, records: Sequence[Record], first: int | None = None) -
     squares = {where: [0.0, 0] for where, _, _ in (QUADRANTS if _placed(records) else HALVES)}
     for record in records:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ExtrapolationWarning)  # told as a share
+            warnings.simplefilter("ignore", ExtrapolationWarning)  # reported as a share
             run = damper.simulate(record)
         begin = run.start if first is None else first
         force, velocity, model = record["force"][begin:], record["velocity"][begin:], run.output[begin:, 0]

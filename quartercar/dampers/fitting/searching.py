@@ -1,4 +1,4 @@
-"""The search: many starts tasted on shortened data, the best followed on all, the parameters judged at the optimum."""
+"""The search: many starts on shortened data, the best followed on all, the parameters judged at the optimum."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from quartercar.dampers.fitting.solver import DamperSearchEnd, levenberg_marquar
 AGREEING = 1e-4
 """relative difference of two costs that counts as none."""
 ALIKE = 1e-3
-"""tasted costs closer than this in relative terms belong to one minimum, which is polished once."""
+"""costs of the short searches closer than this in relative terms belong to one minimum, which is polished once."""
 COARSE, FINE = 1e-4, 1e-7
-"""relative decrease of the cost at which a first tasting and its continuation end."""
+"""relative decrease of the cost at which a short search and its continuation end."""
 PROMISING = 2.0
-"""tasted cost over the best up to which a start is followed further."""
+"""cost of a short search over the best up to which a start is followed further."""
 SCATTER = 0.7
 """of scattered starts: of a logarithm, or relative to the value."""
 SAME_POINT = 1e-3
@@ -127,7 +127,7 @@ def tasted(
 
 
 def _alike(ends: Sequence[tuple[float, np.ndarray]]) -> list[list[tuple[float, np.ndarray]]]:
-    """Tasted starts by rising cost, those of nearly one cost together."""
+    """Starts by rising cost of their short searches, those of nearly one cost together."""
     groups: list[list[tuple[float, np.ndarray]]] = []
     for cost, theta in ends:
         if groups and cost <= groups[-1][0][0] * (1 + ALIKE):

@@ -15,7 +15,7 @@ class FitSettings:
     Attributes
     ----------
     starts : int
-        Starting points tasted on shortened data.
+        Starting points searched from on shortened data.
     polished : int
         Of those, how many are followed on all data.
     seed : int
@@ -23,13 +23,13 @@ class FitSettings:
     evaluations : int
         Simulations of one polish, at most.
     tasting_evaluations, tasting_samples : int
-        Simulations of one tasting, and samples it sees, at most.
+        Simulations of one such search, and samples of it, at most.
     tolerance : float
         Relative decrease of the cost that a step must promise.
     sample_rate : float or None
         Resample to this rate [Hz] first; needed for jittered or mixed clocks.
     polarity : {1, −1} or None
-        Sense of the force where longer records have told it; None to look for it in the records of the fit, which part
+        Sense of the force where longer records have shown it; None to look for it in the records of the fit, which part
         of a slow cycle can mislead: a spring gives and takes.
 
     Examples

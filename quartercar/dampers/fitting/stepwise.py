@@ -151,7 +151,7 @@ def stepwise_start(damper: SemiActiveDamper, drives: Sequence[Drive]) -> SemiAct
 
 
 def sort_records(damper: SemiActiveDamper, drives: Sequence[Drive]) -> Sorted:
-    """Tell slow runs, constant currents by node, and moving currents apart."""
+    """Separate slow runs, constant currents by node, and moving currents."""
     fastest = max(float(np.abs(d.velocity).max()) for d in drives)
     nodes = np.array(damper.nodes or (0.0,))
     gap = np.diff(nodes).min() if nodes.size > 1 else np.inf

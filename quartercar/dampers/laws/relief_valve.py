@@ -49,7 +49,7 @@ class LagDamper(DynamicDamper):
         m_V ẍ_V = Δp_V G(x_V) − b_V ẋ_V − k_V (x_V + X_CRIT),   x_V ≥ 0                              (8), each valve
         F_D = A_P Δp + F_f tanh(ẏ/v_f) + F_0                                                         (11)
 
-    Force and motion tell neither pressures nor lifts nor masses, only these in the force domain: A_P²/(β𝒱), the losses
+    Force and motion determine no pressures, lifts or masses, only these in the force domain: A_P²/(β𝒱), the losses
     A_P³/K² of each restriction (F = a v²), A_P P_CRIT, and the poppet's frequency and damping ratio. Those are the
     parameters; what turns them into pascals, metres and kilograms are settings, known from the drawing. Of the settings
     the force feels only two numbers, γ X_CRIT and 4 C_D (X_CRIT/d_V) sin 2α, which shape discharge and jet force.

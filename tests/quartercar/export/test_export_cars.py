@@ -241,7 +241,7 @@ def test_the_command_exports_a_loop_law(tmp_path):
 
 
 def test_a_loop_law_refuses_what_its_sensors_do_not_show_and_a_look_ahead():
-    with pytest.raises(InputError, match="does not tell"):
+    with pytest.raises(InputError, match="does not provide"):
         export(LoopLaw(law_class("sh-add")(), Setting(0.002, 1, MEGANE, None, (0.0, 2.0)), Coil(highest=2.0),
                        ChainSettings(_deflection_only())))
     ahead = LoopLaw(law_class("skyhook")(), Setting(1 / 512, 1, MEGANE, identified_damper(), (0.0, 2.0)),
