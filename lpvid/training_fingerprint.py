@@ -39,6 +39,11 @@ def seen_records(metadata: Mapping, records: Sequence[Record], output: str) -> l
         Uniform records at the model's rate.
     output : str
         The model's first output.
+
+    Returns
+    -------
+    list of str
+        Names, in the order of `records`.
     """
     training = metadata.get("training", {})
     known = [np.asarray(h, dtype=float) for h in training.get("heads", [])] if isinstance(training, Mapping) else []

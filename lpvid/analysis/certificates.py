@@ -239,7 +239,29 @@ def _decay(system: Autonomous, box: Scheduling, lyapunov: Lyapunov, frozen: floa
 
 
 def requested_box(box: Scheduling, rate: Rate, range: Range, keep: bool = False) -> Scheduling:
-    """The model's variables with the range and the rates requested; `keep` leaves the box's own rates."""
+    """The model's variables with the range and the rates requested.
+
+    Parameters
+    ----------
+    box : Scheduling
+        The model's variables with their own range and rates.
+    rate : float, mapping of str to float, or None
+        Bound of |ṗ| [units per second], of every variable or by name; None leaves it open.
+    range : pair or mapping of str to pair, or None
+        Lower and upper value by name; None keeps the box's own.
+    keep : bool
+        Take the box's own rates instead of `rate`.
+
+    Returns
+    -------
+    Scheduling
+        The same variables in the same order.
+
+    Raises
+    ------
+    InputError
+        A negative rate, a range that is no pair, or an unknown variable.
+    """
     rates = _per_variable(box.rate if keep else rate, box.names, "rate")
     for name, bound in rates.items():
         if bound is not None and not _checks.real(bound, f"the rate of '{name}'") >= 0:
