@@ -26,6 +26,10 @@ settings.register_profile("steady", derandomize=True, deadline=None)
 settings.load_profile("steady")
 
 
+collect_ignore_glob = ["helpers/*", "benchmarks/[!t]*", "benchmarks/thesis_study.py"]
+"""modules without a test or a doctest: their imports would only lengthen the collection"""
+
+
 def _shared_data() -> Path | None:
     named = os.environ.get("LPVID_DATA")
     if named:

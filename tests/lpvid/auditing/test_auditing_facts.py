@@ -160,7 +160,8 @@ MEASURED = {"bouc_wen": {}, "emps": {}, "gyroscope": {}, "mr_damper_fixed_voltag
 """Share of the samples at rest, by record, of every group; none of the other facts is in any of them."""
 
 
-@pytest.mark.parametrize("group", MEASURED)
+@pytest.mark.parametrize("group", [
+    pytest.param(g, marks=pytest.mark.slow) if g == "mr_damper_sines" else g for g in MEASURED])
 def test_of_measured_records(shared_data: Path, group: str) -> None:
     """Only records of the shaking table rest: on exactly 0 mm before the table moves."""
     found = audit(read(shared_data / group))

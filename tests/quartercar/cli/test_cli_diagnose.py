@@ -215,6 +215,7 @@ def test_the_cause_in_an_lpv_model_gains_on_held_out_data(name):
     assert found.gain_percent > 50
 
 
+@pytest.mark.slow
 def test_a_saved_lpv_model_is_a_baseline(tmp_path):
     """An LPV model of the clean damper, on a record of the same damper with dry friction."""
     clean = bench().run(road(name="test-1"), 0)

@@ -86,6 +86,7 @@ def test_it_is_compared_as_it_is_with_fitted_dampers(folder, tmp_path):
     assert rows[0]["held_out"]["free_run"]["esr"] < 0.01
 
 
+@pytest.mark.slow
 def test_a_diagnosis_starts_from_it_although_the_channel_has_another_name(folder, tmp_path):
     call("diagnose", folder / "run.csv", "--baseline", folder / "model.json", "--out", tmp_path, of=lpvid_app)
     described = json.loads((tmp_path / "diagnosis.json").read_text())

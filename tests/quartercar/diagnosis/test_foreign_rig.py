@@ -116,6 +116,7 @@ class TestCases:
     def test_noise_has_unit_size(self, colour: str) -> None:
         assert np.sqrt(np.mean(cases.noise(colour, 5000, np.random.default_rng(4)) ** 2)) == pytest.approx(1.0)
 
+    @pytest.mark.slow
     def test_a_cause_is_no_rival_of_itself_and_separable_means_apart(self) -> None:
         plan = cases.draw(5, **(SHORT | {"law": "herschel-bulkley", "kind": "single", "causes": ("series-compliance",),
                                          "share": 0.2}))

@@ -72,8 +72,8 @@ def answer(seed: int, **fixed: object) -> dict:
 
 
 @pytest.mark.parametrize("cause", [
-    "coulomb-friction", "coil-lag",
-    *(pytest.param(n, marks=pytest.mark.slow) for n in ("fixture-inertia", "asymmetry"))])
+    "coulomb-friction",
+    *(pytest.param(n, marks=pytest.mark.slow) for n in ("coil-lag", "fixture-inertia", "asymmetry"))])
 def test_a_clear_cause_is_named_and_measured(cause: str) -> None:
     row = answer(11, kind="one", causes=(cause,), ratio=10.0 if cause == "coil-lag" else 30.0)
     assert row["separable"], row
@@ -96,6 +96,7 @@ def test_a_cause_outside_the_catalogue_is_not_explained_away(cause: str) -> None
     assert not row["named"], hidden_score.line(row)
 
 
+@pytest.mark.slow
 def test_an_offset_and_a_gas_force_are_not_told_apart() -> None:
     row = answer(41, kind="one", causes=("gas-preload",))
     assert row["ambiguous"], row
@@ -122,6 +123,7 @@ def test_three_causes_at_once_are_all_named(seed: int) -> None:
     assert row["held_out_gain"] > 0.98 * row["oracle_gain"]
 
 
+@pytest.mark.slow
 def test_causes_together_are_hidden_at_a_size_that_is_worth_naming() -> None:
     made, truth = hidden_truth.build(41, tuple(CATALOGUE), kind="two", causes=("gas-stiffness", "coil-lag"),
                                      **(QUIET | {"level": 0.005}))

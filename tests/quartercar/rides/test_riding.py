@@ -86,6 +86,7 @@ def test_ideal_skyhook_written_down_anew():
     np.testing.assert_allclose(found.run["body_velocity"][1:], states[:-1], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_same_seed_same_ride_whatever_else_is_ridden():
     one = ride(car(), SHORT, Skyhook(), seed=4)
     many = drive(car(), SHORT, [Groundhook(), Skyhook(), Passive(), Skyhook()], [1, 4, 2, 5])
@@ -319,6 +320,7 @@ def test_tuning_keeps_its_budget_and_never_gets_worse():
             assert p.lower <= found.controller.values[p.name] <= p.upper
 
 
+@pytest.mark.slow
 def test_tuning_is_repeatable_and_its_figure_is_that_of_its_rides():
     one, two = (tune(Skyhook(), trial(), 6, seed=3) for _ in range(2))
     assert dict(one.controller.values) == dict(two.controller.values)
@@ -348,6 +350,7 @@ def test_a_cap_keeps_the_tyre_load_below_that_of_another_law():
         assert capped.costs([other], unit)[0] == pytest.approx(comfort + 20 * max(0.0, tyre - 1))
 
 
+@pytest.mark.slow
 def test_a_comfort_objective_finds_a_softer_passive_car_than_a_tyre_objective():
     law = Passive(values={"fixed_current": 1.0})
     soft, firm = (tune(law, trial(objective=o), 8).controller.values["fixed_current"]
