@@ -388,8 +388,8 @@ def multisine(samples: int, rate: float, *, frequencies: Sequence[float] | np.nd
 def spread_lines(f_min: float, f_max: float, lines: int, rng: np.random.Generator | None = None) -> np.ndarray:
     """Frequencies of `lines` equal bins of [f_min, f_max]: one drawn inside each bin, or the lower edges.
 
-    Edges 0.5, 0.7, … Hz repeat every 10 s (with turned sign every 5 s): whoever splits such a record into training and
-    test parts tests on what was trained. Lines drawn inside their bins have no common period.
+    Edges 0.5, 0.7, … Hz repeat every 10 s (with turned sign every 5 s): when such a record is split into training and
+    test parts, the test repeats the training. Lines drawn inside their bins have no common period.
 
     Parameters
     ----------

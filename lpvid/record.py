@@ -30,7 +30,7 @@ class Channel:
         False when the header's unit could not be understood: the values are then a pure number as read.
     fault : str or None
         Why this channel cannot be used, e.g. ``"text 'abc' in row 17 (line 18 of the file)"``; the rows at fault
-        are NaN, and whoever uses the channel must refuse it.
+        are NaN, and a user of the channel must refuse it.
     """
 
     values: np.ndarray

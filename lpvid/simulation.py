@@ -1,4 +1,4 @@
-"""Free run, one-step and k-step prediction of LPV models, honest about divergence."""
+"""Free run, one-step and k-step prediction of LPV models, divergence reported."""
 
 from __future__ import annotations
 

@@ -196,7 +196,7 @@ def to_si(values: Any, unit: str | None) -> InSI:
     Returns
     -------
     InSI
-        Values, readable SI unit (``""`` for a pure number) and True; for a unit that nobody knows, or a logarithmic
+        Values, readable SI unit (``""`` for a pure number) and True; for an unknown unit, or a logarithmic
         one, the values as they were, ``""`` and False.
 
     Examples

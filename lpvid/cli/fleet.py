@@ -47,7 +47,7 @@ def fleet(
 ) -> None:
     """Audit, identify and diagnose many files; writes fleet.json, fleet.csv, report.html and a folder for each file.
 
-    A file that fails or hangs is reported and stops nobody. The folder is the state: run again, and only what is
+    A file that fails or hangs is reported and stops no other. The folder is the state: run again, and only what is
     missing there is done. Needs the extra scale (Dask).
     """
     from lpvid.cli.data import parse_roles, split_names

@@ -57,7 +57,7 @@ def add(app: typer.Typer, function: Callable[..., Any], examples: Iterable[tuple
 def command(function: Callable[P, T]) -> Callable[P, T]:
     """Let a command end with one line and its exit code where the input or the numbers are at fault.
 
-    An exception that nobody planned keeps its traceback: that is a bug, and hiding it would help nobody.
+    An unexpected exception is a bug and keeps its traceback.
     """
 
     @functools.wraps(function)

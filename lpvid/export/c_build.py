@@ -17,7 +17,7 @@ from lpvid.export.c_source import FLAGS
 COMPILERS = ("cc", "gcc", "clang")
 """Names that are looked for, after the environment's CC."""
 PATIENCE = 120
-"""seconds after which a compiler, a self-test or Octave is given up"""
+"""seconds after which a compiler, a self-test or Octave is stopped"""
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,7 @@ class StepBuilder:
         return self._started < 0.5
 
     def note(self, text: str) -> None:
-        """A remark for whoever uses the program."""
+        """A remark for the user of the program."""
         self._notes.append(text)
 
     # -- statements --------------------------------------------------------------------------------------------------

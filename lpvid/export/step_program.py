@@ -133,7 +133,7 @@ class StepProgram:
         Inputs and outputs are scalars.
     body : tuple of Statement
     notes : tuple of str
-        Remarks for whoever uses it.
+        Remarks for the user.
     """
 
     name: str

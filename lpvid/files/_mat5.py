@@ -1,4 +1,4 @@
-"""MAT-files of level 5 (MATLAB 5 to 7): every tag is checked against the bytes that are there before it is believed.
+"""MAT-files of level 5 (MATLAB 5 to 7): every tag is checked against the bytes that are there before it is used.
 
 A file is a row of elements, each a tag (type, size) and its bytes, padded to 8; a variable is an element of elements:
 flags, dimensions, name, and then numbers, text, or the variables of a struct. scipy's compiled reader follows tags

@@ -1,4 +1,4 @@
-"""Who differs from the fleet: robust scores of the departures, with the false discovery rate controlled."""
+"""Which files differ from the fleet: robust scores of the departures, with the false discovery rate controlled."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def differing(departures: Mapping[str, float], fdr: float = 0.05) -> Differing:
     Returns
     -------
     Differing
-        Nobody is named among fewer than eight files.
+        None is named among fewer than eight files.
 
     Examples
     --------

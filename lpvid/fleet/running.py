@@ -289,7 +289,7 @@ def connected(scheduler: str | None, workers: int | None) -> Iterator[Client]:
 
 def _stage(client: Client, step: str, function: Callable[..., StepOutcome], jobs: Sequence[Job], plan: FleetPlan,
            more: tuple[Any, ...], report_progress: Callable[[str], None]) -> Iterator[tuple[Job, StepOutcome]]:
-    """One step of many files; a file whose workers die again and again is reported and stops nobody."""
+    """One step of many files; a file whose workers die again and again is reported and stops no other."""
     from distributed import as_completed
 
     shared = client.scatter(plan, broadcast=True, hash=False) if len(jobs) > 1 else plan

@@ -12,7 +12,7 @@ from lpvid.model.quasi import QuasiLPVModel
 from lpvid.record import Record
 
 DIVERGED = 1e6
-"""a training run that exceeds this many times the largest output is given up."""
+"""a training run that exceeds this many times the largest output is ended."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,7 +50,7 @@ class ProgramInequality:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A solver's answer, to be checked: x of shape (K,), and the margin it believes in."""
+    """A solver's answer, to be checked: x of shape (K,), and the margin that it reports."""
 
     x: np.ndarray
     margin: float

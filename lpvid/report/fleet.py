@@ -35,10 +35,10 @@ def fleet_page(found: FleetResult) -> Page:
         facts.append(("false discovery rate", f"{found.plan.fdr:g}"))
     sections = []
     if found.differing is not None and np.isfinite(found.differing.centre):
-        sections.append(Section("Who differs", tuple(_who(found))))
+        sections.append(Section("Which files differ", tuple(_who(found))))
     elif found.differing is not None:
-        sections.append(Section("Who differs", (Paragraph("Nobody is named: a spread between fewer than eight files is "
-                                                          "no more than a guess."),)))
+        few = Paragraph("No file is named: a spread between fewer than eight files is no more than a guess.")
+        sections.append(Section("Which files differ", (few,)))
     sections.append(Section("All files", (_all(found),)))
     if found.failed or found.left_out:
         sections.append(Section("Not done", (Notes(tuple(_faults(found))),)))

@@ -93,7 +93,7 @@ def stop_at(error: KeyboardInterrupt) -> None:
     Raises
     ------
     KeyboardInterrupt
-        The same one, where nobody follows or the search was interrupted before.
+        The same one, where no progress is shown or the search was interrupted before.
     """
     watch = _WATCH.get()
     if watch is None or watch.stopped:
@@ -108,7 +108,7 @@ def stopped() -> bool:
     Returns
     -------
     bool
-        False where nobody follows.
+        False where no progress is shown.
     """
     watch = _WATCH.get()
     return watch is not None and watch.stopped

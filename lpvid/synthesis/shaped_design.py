@@ -278,7 +278,7 @@ def _by_blocks(criterion: Criterion, problem: ShapedProblem, blocks: LoopStorage
 
 
 def _speed(controller: LPVStateSpace) -> tuple[str, ...]:
-    """A remark on the fastest pole of a continuous controller, which somebody has to sample."""
+    """A remark on the fastest pole of a continuous controller, which has to be sampled."""
     if controller.is_discrete or not controller.order:
         return ()
     fastest = max(float(np.abs(controller.frozen_poles(p)).max()) for p in controller.box.grid(3))

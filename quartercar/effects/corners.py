@@ -38,7 +38,7 @@ def corners(s: Signals) -> Corners:
     A drive that turns with limited acceleration bends its velocity at instants between two samples. A straight line
     from one to the next then misses up to Δa h/8 of the mean velocity there, Δa the change of the acceleration over
     the two neighbouring intervals, h the sampling period: way enough to compress air or take up play by a tenth too
-    little. The displacement shows by how much it misses, Δx/h − (v₀ + v₁)/2; that is believed as far as the velocity
+    little. The displacement shows by how much it misses, Δx/h − (v₀ + v₁)/2; that is used as far as the velocity
     has room for it, so that neither the noise of the one sensor nor a lag or a gain between the two counts for more
     than what the other one shows. The corner lies where the straight lines that come from both sides meet::
 

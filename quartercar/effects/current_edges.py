@@ -12,7 +12,7 @@ from lpvid.diagnosis.signals import Signals
 EDGE, NOISY = 0.1, 0.002
 """share of a channel's range that a jump between two samples makes, and of its size that is taken for noise"""
 STEP = 0.01
-"""share of its range by which a current that jumps must move between two samples to be on its way"""
+"""share of its range by which a current that jumps must move between two samples to count as a jump"""
 BUSY, SLOWEST = 0.012, 0.03
 """time after the start of a jump during which a filter may still be busy with it, where that must be guessed, and for
 which the current is put at its level [s]"""
@@ -28,7 +28,7 @@ errors by which that must be sure"""
 OUTLYING = 4.0
 """standard deviations from which on a jump is set aside"""
 RESTLESS = 6.0
-"""times the median step from sample to sample, the sensor's noise, below which nothing is on its way"""
+"""times the median step from sample to sample, the sensor's noise, below which nothing counts as a jump"""
 SEEN = 5
 """samples after its start by which a jump is placed"""
 PLACES = np.linspace(-0.3, 1.05, 28)
@@ -103,7 +103,7 @@ def find_edges(current: np.ndarray, sample_time: float) -> Edges:
     first = moving[np.concatenate([[0], parted + 1])]
     last = moving[np.concatenate([parted, [moving.size - 1]])] + 1
     seen = np.maximum(STEP * np.abs(current[last] - current[first]), noise)
-    for _ in range(EARLIER):  # a small one is on its way before it is seen by the measure of the range
+    for _ in range(EARLIER):  # a small one has begun before it is seen by the measure of the range
         begun = np.abs(current[first] - current[np.maximum(first - 1, 0)]) > seen
         first = np.where(begun & (np.append(-1, last[:-1]) < first - 1), first - 1, first)
     size = np.abs(current[last] - current[first])

@@ -101,7 +101,7 @@ class FixtureInertia(GridEffect):
 
 
 class FixtureResonance(GridEffect):
-    """The fixture swings: the force passes a second-order low-pass on its way to the load cell (sheet 3.19).
+    """The fixture swings: the force passes a second-order low-pass before the load cell (sheet 3.19).
 
     A law without memory is run between the samples too: a resonance near half the sample rate rings by the moment at
     which the force turns, which lies between two of them.

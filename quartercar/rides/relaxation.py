@@ -57,7 +57,7 @@ def relaxed_bound(problem: CurrentSequenceProblem, best: BestCurrents, iteration
 
     The forces of a semi-active damper, a bow tie in the plane of ż_d and F, lie in such a strip for all speeds below
     some V (the convex hull of {c_min v ≤ F ≤ c_max v, |v| ≤ V} is |F − c v| ≤ (c_max − c_min) V/2, c the mean). That
-    the damper can only brake is given up, as is the limit of the energy given. The linear car's signals are affine in
+    the damper can only brake is relaxed, as is the limit of the energy given. The linear car's signals are affine in
     e and the figures are norms of them, so J is convex, and from any point ê with the gradient g ::
 
         J(e) ≥ J(ê) + Σ_k min over |e_k| ≤ E of g_k (e_k − ê_k) = J(ê) − Σ_k (g_k ê_k + |g_k| E)

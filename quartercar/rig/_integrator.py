@@ -16,7 +16,7 @@ from lpvid._compiling import njit
 
 GAMMA = 1.0 - math.sqrt(0.5)
 LAYOUT = 3881273693
-"""Checksum of the field names of `Physics`. numba's cache looks at this file's time stamp only: whoever changes those
+"""Checksum of the field names of `Physics`. numba's cache looks at this file's time stamp only: a change of the
 fields changes this number (a test checks it), and with it what is cached."""
 
 

@@ -102,7 +102,7 @@ def run_plan(plan: Plan) -> list[Record]:
 
 
 def iterate_plan(plan: Plan) -> Iterator[Record]:
-    """Records of a plan one at a time, for whoever stores them as they come."""
+    """Records of a plan one at a time, to be stored as they come."""
     for experiment in plan.experiments:
         for replicate in range(experiment.replicates):
             yield plan.rig.run(experiment, plan.seed, replicate, truth=plan.truth)

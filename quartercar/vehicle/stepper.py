@@ -1,4 +1,4 @@
-"""CarStepper: a quarter car on its way, advanced piece by piece."""
+"""CarStepper: a running quarter car, advanced piece by piece."""
 
 from __future__ import annotations
 

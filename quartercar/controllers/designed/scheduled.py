@@ -109,7 +109,7 @@ class ScheduledController(Controller):
 
 
 class ScheduledLaw(Law):
-    """A scheduled controller on its way; `states` (cars, n) may be read."""
+    """A running scheduled controller; `states` (cars, n) may be read."""
 
     def __init__(self, controller: ScheduledController, values: Values, setting: Setting) -> None:
         model = controller.model

@@ -46,7 +46,7 @@ class InverseSettings:
 
 
 class Inverse:
-    """An inverse damper model on its way, for many cars.
+    """A running inverse damper model, for many cars.
 
     Per sample: `look` at the measured motion, then `choose` for a demanded force or `take` for a current.
 

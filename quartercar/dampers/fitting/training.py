@@ -1,4 +1,4 @@
-"""What a fitted damper remembers of its training data, so that nobody calls them held-out later."""
+"""What a fitted damper remembers of its training data, so that they are never reported as held-out."""
 
 from __future__ import annotations
 
