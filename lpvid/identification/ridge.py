@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid import _checks
+from lpvid.codec import Encoded
 from lpvid.errors import InputError
 from lpvid.identification.regression import Factor, RegressionEstimate
 from lpvid.scheduling import Basis, Polynomial, Product, Shifted, Spline, Stacked
@@ -18,7 +19,7 @@ STRENGTHS = np.logspace(-10, 4, 71)
 
 
 @dataclass(frozen=True)
-class Ridge:
+class Ridge(Encoded):
     r"""Prior on how the coefficients depend on the scheduling variables (empirical Bayes).
 
     ::
@@ -95,17 +96,6 @@ class Ridge:
         what = self.penalty if isinstance(self.penalty, str) else "the basis functions by given weights"
         how = "chosen by marginal likelihood" if self.strength is None else "as given"
         return f"ridge on {what}, {how}"
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"penalty": self.penalty if isinstance(self.penalty, str) else list(self.penalty),
-                "strength": self.strength}
 
 
 def _penalty(basis: Basis, order: int) -> np.ndarray:

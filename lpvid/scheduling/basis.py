@@ -6,14 +6,18 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
+from lpvid.codec import Coded
 from lpvid.scheduling.variables import Scheduling
 
 
-class Basis(ABC):
+class Basis(Coded, ABC):
     """Functions φ_1(p) … φ_M(p) of the scheduling variables, in physical units outside, normalised inside.
 
     A basis is bound to a box by `bound`; unbound it takes p as it is.
     """
+
+    NOUN = "basis"
+    JSON = ("kind", ...)
 
     names: tuple[str, ...]
 
@@ -82,16 +86,6 @@ class Basis(ABC):
         -------
         Basis
             With centres and half widths of the box.
-        """
-
-    @abstractmethod
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            With the kind of basis.
         """
 
     @property

@@ -40,6 +40,8 @@ class Fourier(Basis):
     array([[1., 0., 1.]])
     """
 
+    kind = "fourier"
+
     name: str
     harmonics: int = 1
     period: float = 2 * math.pi
@@ -100,10 +102,6 @@ class Fourier(Basis):
     @property
     def unity(self) -> np.ndarray:
         return np.eye(1, self.size)[0]
-
-    def to_dict(self) -> dict:
-        return {"kind": "fourier", "name": self.name, "harmonics": self.harmonics, "period": self.period,
-                "origin": self.origin}
 
     def overshoot(self, samples: int) -> float:
         """1/cos(πd/N): how far a sum of these functions can exceed its samples.

@@ -36,6 +36,8 @@ class Polynomial(Basis):
     ('1', 'p', 'q', 'p^2', 'p*q', 'q^2')
     """
 
+    kind = "polynomial"
+
     names: tuple[str, ...] = ()
     degree: int = 1  # type: ignore[assignment]
     centre: tuple[float, ...] = ()
@@ -112,10 +114,6 @@ class Polynomial(Basis):
     @property
     def unity(self) -> np.ndarray:
         return np.eye(1, self.size)[0]
-
-    def to_dict(self) -> dict:
-        return {"kind": "polynomial", "names": list(self.names), "degree": self.degree,
-                "centre": list(self.centre), "half_width": list(self.half_width)}
 
 
 def _normalisation(names: tuple[str, ...], box: Scheduling) -> tuple[tuple[float, ...], tuple[float, ...]]:

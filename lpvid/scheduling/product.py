@@ -23,6 +23,8 @@ class Product(Composite):
     ('1', 'q', 'p', 'p*q')
     """
 
+    kind = "product"
+
     first: Basis
     second: Basis
 
@@ -62,6 +64,3 @@ class Product(Composite):
     def unity(self) -> np.ndarray | None:
         first, second = self.first.unity, self.second.unity
         return None if first is None or second is None else np.kron(first, second)
-
-    def to_dict(self) -> dict:
-        return {"kind": "product", "first": self.first.to_dict(), "second": self.second.to_dict()}

@@ -21,6 +21,8 @@ class Shifted(Basis):
     array([[1., 1.], [1., 1.], [1., 2.]])
     """
 
+    kind = "shifted"
+
     basis: Basis
     lag: int
 
@@ -65,6 +67,3 @@ class Shifted(Basis):
     @property
     def unity(self) -> np.ndarray | None:
         return self.basis.unity
-
-    def to_dict(self) -> dict:
-        return {"kind": "shifted", "basis": self.basis.to_dict(), "lag": self.lag}

@@ -35,6 +35,8 @@ class Spline(Basis):
     array([[0.5, 0.5, 0. ]])
     """
 
+    kind = "spline"
+
     name: str
     segments: int = 3
     order: int = 3
@@ -102,7 +104,3 @@ class Spline(Basis):
     @property
     def unity(self) -> np.ndarray:
         return np.ones(self.size)
-
-    def to_dict(self) -> dict:
-        return {"kind": "spline", "name": self.name, "segments": self.segments, "order": self.order,
-                "knots": list(self.knots)}

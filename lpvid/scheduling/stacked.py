@@ -23,6 +23,8 @@ class Stacked(Composite):
     ('1', 'p', '1', 'p(k-1)')
     """
 
+    kind = "stacked"
+
     factors: tuple[Basis, ...]  # type: ignore[assignment]
 
     @property
@@ -58,6 +60,3 @@ class Stacked(Composite):
         place = next((i for i, f in enumerate(self.factors) if f.unity is not None), None)
         parts = [f.unity if i == place else np.zeros(f.size) for i, f in enumerate(self.factors)]
         return None if place is None else np.concatenate(parts)  # type: ignore[arg-type]
-
-    def to_dict(self) -> dict:
-        return {"kind": "stacked", "factors": [f.to_dict() for f in self.factors]}

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from lpvid import _checks
+from lpvid.codec import ADDED, Coded
 from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.errors import InputError
@@ -35,7 +36,7 @@ DIFFERENCE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class QuarterCarBaseline(Baseline):
+class QuarterCarBaseline(Coded, Baseline):
     """A quarter car simulated from the measured road and actuator force.
 
     Motions are the same for a car whose masses, stiffnesses and dampings are all twice as large; only an actuator's
@@ -55,11 +56,14 @@ class QuarterCarBaseline(Baseline):
         The car around which the bounds lie; `car` when left out.
     """
 
+    kind = "quarter-car"
+    JSON = ("kind", ...)
+
     car: CarParameters = BENCH
     free: tuple[str, ...] = FREE
     output: str = "sprung"
-    actuated: bool = True
-    given: CarParameters | None = None
+    actuated: bool = field(default=True, metadata=ADDED)
+    given: CarParameters | None = field(default=None, metadata=ADDED)
     name: str = field(default="quarter-car", init=False)
     output_unit: str = field(default="m", init=False)
     static: bool = field(default=False, init=False)
@@ -149,28 +153,6 @@ class QuarterCarBaseline(Baseline):
 
     def starts(self, signals: Sequence[Signals]) -> list[np.ndarray]:
         return []
-
-    def to_dict(self) -> dict:
-        return {"kind": "quarter-car", "car": asdict(self.car), "free": list(self.free), "output": self.output,
-                "actuated": self.actuated, "given": None if self.given is None else asdict(self.given)}
-
-    @classmethod
-    def from_dict(cls, data: dict) -> QuarterCarBaseline:
-        """Inverse of `to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Returns
-        -------
-        QuarterCarBaseline
-            With the same values.
-        """
-        given = data.get("given")
-        return cls(CarParameters(**data["car"]), tuple(data["free"]), data["output"], bool(data.get("actuated", True)),
-                   None if given is None else CarParameters(**given))
 
 
 def _reach(given: CarParameters, name: str) -> tuple[float, float]:

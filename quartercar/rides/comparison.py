@@ -11,6 +11,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid._shown import Shown
+from lpvid.codec import Encoded
 from lpvid.errors import InputError
 from lpvid.report import number
 from quartercar.controllers.contract import Controller
@@ -41,7 +42,7 @@ AXES = ("comfort", "tyre_load", "stroke")
 
 
 @dataclass(frozen=True)
-class Interval:
+class Interval(Encoded):
     """A mean over seeds and its 95 % interval by Student's t; the ends are None for a single seed.
 
     Attributes
@@ -72,16 +73,6 @@ class Interval:
             return cls(mean, None, None)  # the seeds change nothing but the rounding: there is no spread to speak of
         half = float(t.ppf(0.5 + share / 2, values.size - 1) * np.std(values, ddof=1) / np.sqrt(values.size))
         return cls(mean, mean - half, mean + half)
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"mean": self.mean, "low": self.low, "high": self.high}
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lpvid import _checks
+from lpvid.codec import Encoded
 from lpvid.errors import InputError, LpvError, NumericalError
 from quartercar.controllers.contract import Controller
 from quartercar.criteria import RideFigures as Figures
@@ -77,7 +78,7 @@ class Objective:
 
 
 @dataclass(frozen=True, eq=False)
-class Tuned:
+class Tuned(Encoded):
     """A law after its tuning.
 
     Attributes
@@ -92,23 +93,14 @@ class Tuned:
     costs : (evaluations,) array
     """
 
+    JSON = ("controller", "objective", "before", "evaluations")
+
     controller: Controller
     objective: float
     before: float
     evaluations: int
     tried: np.ndarray
     costs: np.ndarray
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"controller": self.controller.to_dict(), "objective": self.objective, "before": self.before,
-                "evaluations": self.evaluations}
 
     def __repr__(self) -> str:
         return (f"Tuned {self.controller.name}: {self.before:.4f} -> {self.objective:.4f} in {self.evaluations} "

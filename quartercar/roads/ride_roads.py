@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lpvid import _checks
+from lpvid.codec import Encoded
 from lpvid.errors import InputError
 from quartercar import roads
 
@@ -18,8 +19,10 @@ LEAD = 1.0
 """time before a bump that is left out of the figures [s]"""
 
 
-class RideRoad(ABC):
+class RideRoad(Encoded, ABC):
     """A road at a speed."""
+
+    JSON = ("kind", ...)
 
     @property
     @abstractmethod
@@ -34,16 +37,6 @@ class RideRoad(ABC):
     @abstractmethod
     def profile(self, sample_time: float, seed: int) -> np.ndarray:
         """(n,) elevation over time, from zero [m]."""
-
-    @abstractmethod
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
 
 
 @dataclass(frozen=True)
@@ -64,18 +57,22 @@ class IsoRoad(RideRoad):
     1500
     """
 
+    kind = "iso"
+    JSON = ("kind", ("class", "road_class"), "speed", "duration")
+
     road_class: str = "C"
     speed: float = 20.0
     duration: float = 20.0
 
     def __post_init__(self) -> None:
         roads.iso_roughness(self.road_class)
+        object.__setattr__(self, "road_class", self.road_class.upper())
         _checks.positive(self.speed, "speed", "m/s")
         _checks.positive(self.duration, "duration", "s")
 
     @property
     def name(self) -> str:
-        return f"ISO {self.road_class.upper()}, {self.speed:g} m/s"
+        return f"ISO {self.road_class}, {self.speed:g} m/s"
 
     @property
     def settle(self) -> float:
@@ -86,9 +83,6 @@ class IsoRoad(RideRoad):
         rng = np.random.default_rng([_checks.count(seed, "seed"), 8608])
         z = roads.iso8608(samples, 1 / sample_time, self.road_class, speed=self.speed, rng=rng)
         return z - z[0]
-
-    def to_dict(self) -> dict:
-        return {"kind": "iso", "class": self.road_class.upper(), "speed": self.speed, "duration": self.duration}
 
 
 @dataclass(frozen=True)
@@ -107,6 +101,9 @@ class Bump(RideRoad):
         Of the road beneath; every seed is another one.
     """
 
+    kind = "bump"
+    JSON = ("kind", "height", "length", "speed", "duration", ("class", "road_class"))
+
     height: float = 0.05
     length: float = 2.0
     speed: float = 8.0
@@ -115,6 +112,7 @@ class Bump(RideRoad):
 
     def __post_init__(self) -> None:
         roads.iso_roughness(self.road_class)
+        object.__setattr__(self, "road_class", self.road_class.upper())
         for name, unit in (("length", "m"), ("speed", "m/s"), ("duration", "s")):
             _checks.positive(getattr(self, name), name, unit)
         _checks.real(self.height, "height")
@@ -133,10 +131,6 @@ class Bump(RideRoad):
         inside = (along > 0) & (along < self.length)
         return base + np.where(inside, 0.5 * self.height * (1 - np.cos(2 * np.pi * along / self.length)), 0.0)
 
-    def to_dict(self) -> dict:
-        return {"kind": "bump", "height": self.height, "length": self.length, "speed": self.speed,
-                "duration": self.duration, "class": self.road_class.upper()}
-
 
 @dataclass(frozen=True)
 class SineSweep(RideRoad):
@@ -151,6 +145,8 @@ class SineSweep(RideRoad):
     duration : float
         [s].
     """
+
+    kind = "sweep"
 
     amplitude: float = 0.02
     lowest: float = 0.5
@@ -176,10 +172,6 @@ class SineSweep(RideRoad):
         growth = np.log(self.highest / self.lowest) / self.duration
         phase = 2 * np.pi * self.lowest * np.expm1(growth * t) / growth
         return self.amplitude * np.exp(-growth * t) * np.sin(phase)
-
-    def to_dict(self) -> dict:
-        return {"kind": "sweep", "amplitude": self.amplitude, "lowest": self.lowest, "highest": self.highest,
-                "duration": self.duration}
 
 
 @dataclass(frozen=True, eq=False)

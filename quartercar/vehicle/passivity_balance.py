@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lpvid.codec import Encoded
 from quartercar.dampers.blackbox.sampled import SampledDamper
 from quartercar.dampers.evaluation.sampled_passivity import stored_energy
 from quartercar.dampers.families import StaticDamper
@@ -23,7 +24,7 @@ POINTS = 41
 
 
 @dataclass(frozen=True)
-class RidePassivity:
+class RidePassivity(Encoded):
     """Whether a damper gave more than it had.
 
     Attributes
@@ -53,16 +54,6 @@ class RidePassivity:
     negative_share: float
     negative_energy: float
     returned: float
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return asdict(self)
 
     def __str__(self) -> str:
         stated = (f"F*v < 0 in {self.negative_share:.1%} of the samples, {self.negative_energy:.3g} J in all, at most "

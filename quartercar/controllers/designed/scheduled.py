@@ -13,7 +13,7 @@ from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
 from lpvid.model.state_space import LPVStateSpace
 from quartercar.controllers.contract import DEMANDS, SIGNALS, Controller, Law, Setting, Signals, Values
-from quartercar.controllers.designed.schedule_rules import Rule, rule_from_dict
+from quartercar.controllers.designed.schedule_rules import Rule
 from quartercar.dampers.parameter import Parameter
 
 SCALE = Parameter("gain", "", "of the controller's output", 1.0, 0.0, 3.0)
@@ -104,7 +104,7 @@ class ScheduledController(Controller):
         given = dict(data)
         gain = given.get("anti_windup")
         return {**given, "model": LPVStateSpace.from_dict(given["model"]),
-                "schedule": tuple(rule_from_dict(r) for r in given["schedule"]),
+                "schedule": tuple(map(Rule.from_dict, given["schedule"])),
                 "anti_windup": None if gain is None else np.asarray(gain, dtype=float)}
 
 

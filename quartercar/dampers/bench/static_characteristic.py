@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lpvid import _checks
+from lpvid.codec import Encoded
 from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.dampers.bench.steady_windows import SteadyWindow, WindowSettings, steady_windows
@@ -19,7 +20,7 @@ SHOWN = 8
 
 
 @dataclass(frozen=True, eq=False)
-class StaticCharacteristic:
+class StaticCharacteristic(Encoded):
     """Steady force over steady velocity, sorted by velocity.
 
     Nothing is subtracted: the source's F_offset = min F forces one residual to zero and is correlated with the laminar
@@ -50,6 +51,9 @@ class StaticCharacteristic:
     >>> odd.force, round(offset, 6)
     (array([160., 320.]), -10.0)
     """
+
+    JSON = (("velocity_m_per_s", "velocity"), ("force_N", "force"), ("std_N", "std"), "count",
+            "repeatability", "refused")
 
     velocity: np.ndarray
     force: np.ndarray
@@ -130,19 +134,6 @@ class StaticCharacteristic:
         """Some of the points, by a boolean or index array."""
         return StaticCharacteristic(self.velocity[keep], self.force[keep], self.std[keep], self.count[keep],
                                     self.repeatability, self.windows)
-
-    def to_dict(self) -> dict:
-        """Plain data for JSON.
-
-        Returns
-        -------
-        dict
-            Plain values by name; arrays as lists.
-        """
-        scatter = None if np.isnan(self.repeatability) else self.repeatability
-        return {"velocity_m_per_s": self.velocity.tolist(), "force_N": self.force.tolist(), "std_N": self.std.tolist(),
-                "count": self.count.tolist(), "repeatability": scatter,
-                "refused": [{"record": w.record, "start_s": w.start, "fault": w.fault} for w in self.refused]}
 
     def __repr__(self) -> str:
         used = len(self.windows) - len(self.refused)

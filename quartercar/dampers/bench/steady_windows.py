@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from lpvid import _checks
+from lpvid.codec import Encoded
 from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.dampers.bench.settling import settling, straight_line
@@ -64,7 +65,7 @@ class WindowSettings:
 
 
 @dataclass(frozen=True)
-class SteadyWindow:
+class SteadyWindow(Encoded):
     """One slope of one record and the point that it gives.
 
     Attributes
@@ -84,6 +85,8 @@ class SteadyWindow:
     fault : str
         Why it gives no point; empty where it does.
     """
+
+    JSON = ("record", ("start_s", "start"), "fault")
 
     record: str
     start: float
