@@ -156,19 +156,21 @@ def encode(value: Any) -> Any:
     return value
 
 
-def build(cls: type, data: Mapping[str, Any], where: str = "", *, partial: bool = False) -> Any:
+def build(cls: type, data: Mapping[str, Any], where: str = "", *, noun: str = "", partial: bool = False) -> Any:
     """Instance of a dataclass from plain data; unknown and missing keys and wrong types are refused by name.
 
     Parameters
     ----------
     cls : type
-        Dataclass; `Coded.JSON` counts where it has one.
+        Dataclass; `Encoded.JSON` counts where it has one.
     data : mapping
         Values by key.
     where : str
         Place in the file, for messages.
+    noun : str
+        What has the keys, where that is not the place.
     partial : bool
-        Keys may be left out for the defaults of their fields.
+        Keys may be left out for the defaults of their fields, here and in tables inside.
 
     Returns
     -------
@@ -179,19 +181,7 @@ def build(cls: type, data: Mapping[str, Any], where: str = "", *, partial: bool 
     InputError
         An unknown key (with its nearest match), a missing one, a value of the wrong type.
     """
-    data, keys, own, hints = expect_table(data, where or cls.__name__), layout(cls), _metadata(cls), _hints(cls)
-    for key in data:
-        if key not in HEAD:
-            _checks.known_name(key, [k for k, _ in keys], f"key of {where or cls.__name__}")
-    values = {}
-    for key, name in ((k, n) for k, n in keys if n in own):
-        if key in data:
-            try:
-                values[name] = decode(hints[name], data[key], f"{where}.{key}" if where else key, own[name])
-            except MissingKey as error:
-                raise MissingKey(f"{key}.{error.key}") from None
-        elif not partial and not own[name].get("added"):
-            raise MissingKey(key)
+    values = values_of(cls, data, where, noun=noun, partial=partial)
     try:
         shapes = cls.array_shapes({**data, **values}) if issubclass(cls, Coded) else {}
     except KeyError as error:
@@ -200,7 +190,44 @@ def build(cls: type, data: Mapping[str, Any], where: str = "", *, partial: bool 
     return cls(**values)
 
 
-def decode(hint: Any, value: Any, where: str, rules: Mapping[str, Any] = types.MappingProxyType({})) -> Any:
+def values_of(cls: type, data: Mapping[str, Any], where: str = "", *, noun: str = "",
+              partial: bool = False) -> dict[str, Any]:
+    """What plain data give for the fields of a dataclass, as `build` reads it.
+
+    Parameters
+    ----------
+    cls, data, where, noun, partial
+        See `build`.
+
+    Returns
+    -------
+    dict
+        Values by field; those left out are not in it.
+
+    Raises
+    ------
+    InputError
+        As `build`.
+    """
+    noun = noun or where or cls.__name__
+    data, keys, own, hints = expect_table(data, noun), layout(cls), _metadata(cls), _hints(cls)
+    for key in data:
+        if key not in HEAD:
+            _checks.known_name(key, [k for k, _ in keys], f"key of {noun}")
+    values = {}
+    for key, name in ((k, n) for k, n in keys if n in own):
+        if key in data:
+            try:
+                values[name] = decode(hints[name], data[key], f"{where}.{key}" if where else key, own[name], partial)
+            except MissingKey as error:
+                raise MissingKey(f"{key}.{error.key}") from None
+        elif not partial and not own[name].get("added"):
+            raise MissingKey(key)
+    return values
+
+
+def decode(hint: Any, value: Any, where: str, rules: Mapping[str, Any] = types.MappingProxyType({}),
+           partial: bool = False) -> Any:
     """A plain value as its type hint has it.
 
     Parameters
@@ -214,6 +241,8 @@ def decode(hint: Any, value: Any, where: str, rules: Mapping[str, Any] = types.M
     rules : mapping
         Metadata of the field: ``null``, ``verbatim``, and ``read``, a function of value and place that counts before
         the hint.
+    partial : bool
+        See `build`.
 
     Returns
     -------
@@ -230,17 +259,17 @@ def decode(hint: Any, value: Any, where: str, rules: Mapping[str, Any] = types.M
     if rules.get("verbatim"):
         return value
     if origin in (typing.Union, types.UnionType):
-        return None if value is None and type(None) in inner else _first(inner, value, where, rules)
+        return None if value is None and type(None) in inner else _first(inner, value, where, rules, partial)
+    if "read" in rules and not (origin is tuple and "unit" in rules):
+        return rules["read"](value, where)
     if origin in (tuple, Sequence):
-        if not isinstance(value, (list, tuple)):
-            raise InputError(f"{where} must be a list", got=repr(value))
+        if not isinstance(value, (list, tuple)) or ("unit" in rules and not value):
+            raise InputError(f"{where} must be a list{' of numbers' if 'unit' in rules else ''}", got=repr(value))
         fixed = origin is tuple and inner[-1] is not ...
         if fixed and len(value) != len(inner):
             raise InputError(f"{where} must be a list of {len(inner)}", got=repr(value))
         hints = inner if fixed else inner[:1] * len(value)
-        return tuple(decode(h, v, where, rules) for h, v in zip(hints, value, strict=True))
-    if "read" in rules:
-        return rules["read"](value, where)
+        return tuple(decode(h, v, where, rules, partial) for h, v in zip(hints, value, strict=True))
     if hint is np.ndarray:
         try:
             return np.asarray(value, dtype=float)
@@ -248,11 +277,11 @@ def decode(hint: Any, value: Any, where: str, rules: Mapping[str, Any] = types.M
             raise InputError(f"{where} must hold numbers", got=type(value).__name__, why=str(error)) from None
     if hint is Mapping or origin in (Mapping, dict):
         table = expect_table(value, where)
-        return {k: decode(inner[1], v, f"{where}.{k}", rules) for k, v in table.items()} if inner else dict(table)
+        return {k: decode(inner[1], v, f"{where}.{k}", partial=partial) if inner else v for k, v in table.items()}
     if hasattr(hint, "from_dict"):
         return hint.from_dict(value)
     if dataclasses.is_dataclass(hint):
-        return build(typing.cast(type, hint), value, where)
+        return build(typing.cast(type, hint), value, where, partial=partial)
     if hint in WORDS:
         accepted, words = WORDS[hint]
         if not isinstance(value, accepted) or (isinstance(value, bool) and hint is not bool):
@@ -307,15 +336,15 @@ def layout(cls: type) -> tuple[tuple[str, str], ...]:
     return tuple((n, n) if isinstance(n, str) else n for n in named)
 
 
-def _first(hints: Sequence[Any], value: Any, where: str, rules: Mapping[str, Any]) -> Any:
+def _first(hints: Sequence[Any], value: Any, where: str, rules: Mapping[str, Any], partial: bool) -> Any:
     """By the first member of a union that takes the value; the last one's refusal where none does."""
     *others, last = [h for h in hints if h is not type(None)]
     for hint in others:
         try:
-            return decode(hint, value, where, rules)
+            return decode(hint, value, where, rules, partial)
         except InputError:
             continue
-    return decode(last, value, where, rules)
+    return decode(last, value, where, rules, partial)
 
 
 def _of_kind(cls: type[Coded], kind: object) -> Any:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.tables import to_si
 from quartercar.controllers.contract import Controller
 from quartercar.controllers.laws.skyhook_linear import LinearSkyhook
 from quartercar.controllers.loop.sensing import SETS, MeasurementSet
@@ -115,8 +116,6 @@ def preview_from_text(text: str) -> Preview | None:
 
 def preview_from_table(table: Mapping[str, object], where: str) -> Preview:
     """From keys and values of a text or of a configuration."""
-    from quartercar.rig._tables import to_si
-
     for key in table:
         _checks.known_name(key, KEYS, f"key of {where}")
     given: dict = {}

@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from quartercar.rig._tables import quantity
+from lpvid.tables import quantity
 from quartercar.rig.setup import Physics, Setup
 
 

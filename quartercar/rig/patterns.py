@@ -9,8 +9,8 @@ import numpy as np
 
 from lpvid import _checks, excitation
 from lpvid.errors import InputError
+from lpvid.tables import option, quantity
 from quartercar import roads
-from quartercar.rig._tables import option, quantity
 
 
 class MotionPattern(Protocol):

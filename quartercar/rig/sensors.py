@@ -8,7 +8,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from quartercar.rig._tables import option, quantity
+from lpvid.tables import option, quantity
 from quartercar.rig.damper import Motion, Response, delayed, low_passed
 from quartercar.rig.setup import MeasurementChain
 

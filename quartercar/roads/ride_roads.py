@@ -11,6 +11,7 @@ import numpy as np
 from lpvid import _checks
 from lpvid.codec import Encoded
 from lpvid.errors import InputError
+from lpvid.tables import quantity
 from quartercar import roads
 
 SHORTEST = 5.0
@@ -61,8 +62,8 @@ class IsoRoad(RideRoad):
     JSON = ("kind", ("class", "road_class"), "speed", "duration")
 
     road_class: str = "C"
-    speed: float = 20.0
-    duration: float = 20.0
+    speed: float = quantity(20.0, "m/s", "of the car")
+    duration: float = quantity(20.0, "s", "that counts")
 
     def __post_init__(self) -> None:
         roads.iso_roughness(self.road_class)
@@ -104,10 +105,10 @@ class Bump(RideRoad):
     kind = "bump"
     JSON = ("kind", "height", "length", "speed", "duration", ("class", "road_class"))
 
-    height: float = 0.05
-    length: float = 2.0
-    speed: float = 8.0
-    duration: float = 4.0
+    height: float = quantity(0.05, "m", "of the bump")
+    length: float = quantity(2.0, "m", "of the bump")
+    speed: float = quantity(8.0, "m/s", "of the car")
+    duration: float = quantity(4.0, "s", "from just before the bump on")
     road_class: str = "A"
 
     def __post_init__(self) -> None:
@@ -148,10 +149,10 @@ class SineSweep(RideRoad):
 
     kind = "sweep"
 
-    amplitude: float = 0.02
-    lowest: float = 0.5
-    highest: float = 20.0
-    duration: float = 30.0
+    amplitude: float = quantity(0.02, "m", "of the sine")
+    lowest: float = quantity(0.5, "Hz", "frequency")
+    highest: float = quantity(20.0, "Hz", "frequency")
+    duration: float = quantity(30.0, "s", "of the sweep")
 
     def __post_init__(self) -> None:
         for name, unit in (("amplitude", "m"), ("lowest", "Hz"), ("highest", "Hz"), ("duration", "s")):

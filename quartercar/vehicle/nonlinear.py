@@ -8,6 +8,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.tables import quantity
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.laws.linear import Linear
 from quartercar.parameters import CarParameters
@@ -28,9 +29,9 @@ class BumpStops:
         d_c, d_r: room from the static position to either stop [m].
     """
 
-    stiffness: float = 2e5
-    compression: float = 0.06
-    rebound: float = 0.06
+    stiffness: float = quantity(2e5, "N/m", "of a stop")
+    compression: float = quantity(0.06, "m", "room in compression")
+    rebound: float = quantity(0.06, "m", "room in rebound")
 
     def __post_init__(self) -> None:
         for name in ("stiffness", "compression", "rebound"):
@@ -58,8 +59,8 @@ class Coil:
         Limits of the command, in the damper's `current_unit`.
     """
 
-    rise_time: float = 0.0
-    fall_time: float = 0.0
+    rise_time: float = quantity(0.0, "s", "while the command lies above the current")
+    fall_time: float = quantity(0.0, "s", "while it lies below")
     lowest: float = 0.0
     highest: float = np.inf
 
