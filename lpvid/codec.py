@@ -21,8 +21,6 @@ import numpy as np
 from lpvid import _checks
 from lpvid.errors import InputError
 
-HEAD = ("schema", "lpvid_version")
-"""keys that a file has beside those of the object in it"""
 VERBATIM = {"verbatim": True}
 """of a field that is the caller's own: passed on as it is"""
 ADDED = {"added": True}
@@ -76,10 +74,13 @@ class Coded(Encoded):
         What an abstract class is called in a message.
     KINDS_IN : tuple of str
         Modules with subclasses of an abstract class that nothing else may have imported.
+    BESIDE : tuple of str
+        Keys that a command writes beside the object's own; not read.
     """
 
     NOUN: ClassVar[str] = ""
     KINDS_IN: ClassVar[tuple[str, ...]] = ()
+    BESIDE: ClassVar[tuple[str, ...]] = ("schema", "lpvid_version")
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
@@ -212,7 +213,7 @@ def values_of(cls: type, data: Mapping[str, Any], where: str = "", *, noun: str 
     noun = noun or where or cls.__name__
     data, keys, own, hints = expect_table(data, noun), layout(cls), _metadata(cls), _hints(cls)
     for key in data:
-        if key not in HEAD:
+        if key not in getattr(cls, "BESIDE", ()):
             _checks.known_name(key, [k for k, _ in keys], f"key of {noun}")
     values = {}
     for key, name in ((k, n) for k, n in keys if n in own):
@@ -264,7 +265,9 @@ def decode(hint: Any, value: Any, where: str, rules: Mapping[str, Any] = types.M
         return rules["read"](value, where)
     if origin in (tuple, Sequence):
         if not isinstance(value, (list, tuple)) or ("unit" in rules and not value):
-            raise InputError(f"{where} must be a list{' of numbers' if 'unit' in rules else ''}", got=repr(value))
+            of = " of numbers" if "unit" in rules else " of tables" if Mapping in inner else ""
+            raise InputError(f"{where} must be a list{of}", got=repr(value)[:60],
+                             mend=f"write [[{where}]]" if Mapping in inner else None)
         fixed = origin is tuple and inner[-1] is not ...
         if fixed and len(value) != len(inner):
             raise InputError(f"{where} must be a list of {len(inner)}", got=repr(value))

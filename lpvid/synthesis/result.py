@@ -74,6 +74,7 @@ class Synthesis(Coded, Shown):
       mend: lower the weight on comfort
     """
 
+    BESIDE = ("schema", "lpvid_version", "plant", "design", "limits")  # in the synthesis.json of a command
     JSON = ("verdict", "gamma", "gamma_verified", "gamma_lower", "infimum", "between_grid", "why", "mend", "notes",
             "seconds", "solver", "method", "h2_verified", "figures", "controller", "closed_loop", "certificate")
 
