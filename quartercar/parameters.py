@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.tables import si
+from lpvid.toolkit import checks
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class CarParameters:
         for own in fields(self):
             if own.name == "source":
                 continue
-            value = _checks.real(getattr(self, own.name), own.name)
+            value = checks.real(getattr(self, own.name), own.name)
             if value < 0 or (value == 0 and own.name in ("sprung_mass", "unsprung_mass", "tyre_stiffness")):
                 raise InputError(f"{own.name} must be positive", got=value)
             object.__setattr__(self, own.name, value)

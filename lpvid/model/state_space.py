@@ -12,6 +12,7 @@ from lpvid import _checks
 from lpvid._shown import Shown
 from lpvid.codec import VERBATIM, Coded
 from lpvid.errors import InputError
+from lpvid.model.conversion import Convertible
 from lpvid.model.input_stage import InputStage
 from lpvid.model.scheduling_stage import SchedulingStage
 from lpvid.model.signals import Signal
@@ -19,11 +20,11 @@ from lpvid.model.transfer_function import _as_signals, _point
 from lpvid.scheduling import Basis, Scheduling
 
 if TYPE_CHECKING:
-    import control
+    pass
 
 
 @dataclass(frozen=True, eq=False)
-class LPVStateSpace(Coded, Shown):
+class LPVStateSpace(Coded, Convertible, Shown):
     """State-space LPV model, discrete (``sample_time`` set) or continuous (None).
 
     ::
@@ -202,35 +203,6 @@ class LPVStateSpace(Coded, Shown):
             Of the z plane; [1/s] in continuous time.
         """
         return np.linalg.eigvals(self.companion(p)) if self.order else np.empty(0)
-
-    def to_control(self, at: Sequence[float] | np.ndarray) -> control.StateSpace:
-        """The frozen model as a python-control `StateSpace` (its linear part, after any input stage).
-
-        Parameters
-        ----------
-        at : (n_scheduling,) array
-            In the units of the variables.
-
-        Returns
-        -------
-        control.StateSpace
-            At the model's period.
-        """
-        from lpvid.export.python_control import frozen_state_space
-
-        return frozen_state_space(self, at)
-
-    def to_nonlinear_io_system(self) -> control.NonlinearIOSystem:
-        """The varying model as a python-control `NonlinearIOSystem` with inputs (u…, p…).
-
-        Returns
-        -------
-        control.NonlinearIOSystem
-            The scheduling is a further input.
-        """
-        from lpvid.export.python_control import nonlinear_io_system
-
-        return nonlinear_io_system(self)
 
     def replace(self, **changes) -> LPVStateSpace:
         """A copy with some fields changed.

@@ -12,6 +12,7 @@ from lpvid import _checks
 from lpvid._shown import Shown
 from lpvid.codec import ADDED, VERBATIM, Coded
 from lpvid.errors import InputError
+from lpvid.model.conversion import Convertible
 from lpvid.model.input_stage import InputStage
 from lpvid.model.noise_model import NoiseModel
 from lpvid.model.scheduling_stage import SchedulingStage
@@ -19,11 +20,11 @@ from lpvid.model.signals import Signal, signals
 from lpvid.scheduling import Basis, Scheduling
 
 if TYPE_CHECKING:
-    import control
+    pass
 
 
 @dataclass(frozen=True, eq=False)
-class LPVTransferFunction(Coded, Shown):
+class LPVTransferFunction(Coded, Convertible, Shown):
     r"""Discrete LPV input-output model with coefficients linear in a basis of the scheduling variables.
 
     ::
@@ -249,35 +250,6 @@ class LPVTransferFunction(Coded, Shown):
             Of the z plane.
         """
         return np.linalg.eigvals(self.companion(p)) if self.na else np.empty(0)
-
-    def to_control(self, at: Sequence[float] | np.ndarray) -> control.StateSpace:
-        """The frozen model as a python-control `StateSpace` (its linear part, after any input stage).
-
-        Parameters
-        ----------
-        at : (n_scheduling,) array
-            In the units of the variables.
-
-        Returns
-        -------
-        control.StateSpace
-            At the model's period.
-        """
-        from lpvid.export.python_control import frozen_state_space
-
-        return frozen_state_space(self, at)
-
-    def to_nonlinear_io_system(self) -> control.NonlinearIOSystem:
-        """The varying model as a python-control `NonlinearIOSystem` with inputs (u…, p…).
-
-        Returns
-        -------
-        control.NonlinearIOSystem
-            The scheduling is a further input.
-        """
-        from lpvid.export.python_control import nonlinear_io_system
-
-        return nonlinear_io_system(self)
 
     # -- deriving -----------------------------------------------------------------------------------------------
     def replace(self, **changes) -> LPVTransferFunction:

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.codec import ADDED, Coded
 from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.toolkit import checks
 from quartercar.parameters import BENCH, CarParameters
 from quartercar.vehicle.strut_friction import OUTPUTS, CarCore, discretised
 
@@ -69,9 +69,9 @@ class QuarterCarBaseline(Coded, Baseline):
     static: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
-        _checks.one_of(self.output, OUTPUTS, "output")
+        checks.one_of(self.output, OUTPUTS, "output")
         for name in self.free:
-            _checks.one_of(name, tuple(UNITS), "a free parameter")
+            checks.one_of(name, tuple(UNITS), "a free parameter")
         if self.given is None:
             object.__setattr__(self, "given", self.car)
 
@@ -109,7 +109,7 @@ class QuarterCarBaseline(Coded, Baseline):
                 raise InputError(f"record '{record.name}' has no {role}", got=", ".join(record.channels),
                                  why="a quarter car is simulated from its road and compared with its motion",
                                  mend=f"--role {role}=CHANNEL")
-        channels = {r: _checks.finite(record[r], f"record '{record.name}': {r}") for r in ROLES if record.has(r)}
+        channels = {r: checks.finite(record[r], f"record '{record.name}': {r}") for r in ROLES if record.has(r)}
         return Signals(period, channels, channels[self.output], record.name)
 
     def core(self, vector: np.ndarray) -> Core:

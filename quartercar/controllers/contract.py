@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.codec import encode
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.dampers.parameter import Parameter
 from quartercar.parameters import CarParameters
 from quartercar.vehicle.nonlinear import Coil
@@ -166,7 +166,7 @@ class Controller(ABC):
             raise InputError("values are a mapping of names to numbers", got=type(self.values).__name__)
         known = {p.name: p for p in self.parameters}
         for name in self.values:
-            _checks.known_name(name, list(known), f"parameter of {self.name}")
+            checks.known_name(name, list(known), f"parameter of {self.name}")
         values = {n: p.checked(self.values.get(n, p.default)) for n, p in known.items()}
         object.__setattr__(self, "values", MappingProxyType(values))
 

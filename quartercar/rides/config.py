@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.codec import build, values_of
 from lpvid.errors import InputError
 from lpvid.tables import kind_of, numbers_of, option, read_toml, to_si, within
+from lpvid.toolkit import checks
 from quartercar.controllers import LAWS, law_class, law_names
 from quartercar.controllers.contract import Controller
 from quartercar.controllers.loop.chain import ChainSettings
@@ -159,7 +159,7 @@ def build_car(car: Any = "megane", damper: str | None = None, folder: Path = Pat
 
 def measuring(name: Any) -> RideSettings:
     """Settings with a measurement set by name."""
-    return RideSettings(ChainSettings(sensors=SENSORS[_checks.known_name(str(name), list(SENSORS), "measurement set")]))
+    return RideSettings(ChainSettings(sensors=SENSORS[checks.known_name(str(name), list(SENSORS), "measurement set")]))
 
 
 def laws_with_preview(car: QuarterCar) -> tuple[str, ...]:
@@ -222,11 +222,11 @@ def _some(tables: tuple[Mapping[str, Any], ...], key: str) -> tuple[Mapping[str,
 
 def _parameters(car: Any) -> CarParameters:
     if isinstance(car, str):
-        return CARS[_checks.known_name(car, list(CARS), "car")]
+        return CARS[checks.known_name(car, list(CARS), "car")]
     if not isinstance(car, Mapping):
         raise InputError("car is the name of a set or a table", got=repr(car), mend=f"one of {', '.join(CARS)}")
     rest = {k: v for k, v in car.items() if k != "set"}
-    base = CARS[_checks.known_name(str(car.get("set", "megane")), list(CARS), "car")]
+    base = CARS[checks.known_name(str(car.get("set", "megane")), list(CARS), "car")]
     changes = values_of(CarParameters, rest, "car", partial=True)
     return base.replace(**{k: v for k, v in changes.items() if k != "source"})
 
@@ -236,7 +236,7 @@ def _road(table: Mapping[str, Any], where: str, folder: Path) -> RideRoad:
     if read is not None:
         return build(read, rest, where, partial=True)
     for key in rest:
-        _checks.known_name(key, ("path", "speed", "track", "laps"), f"key of {where}")
+        checks.known_name(key, ("path", "speed", "track", "laps"), f"key of {where}")
     if "path" not in rest:
         raise InputError(f"{where} needs a path", mend='path = "profiles.csv"')
     return MeasuredRoad.read(folder / str(rest["path"]), to_si(rest.get("speed", 10.0), "m/s", f"{where}.speed"),
@@ -255,7 +255,7 @@ def _law(table: Mapping[str, Any], where: str, folder: Path) -> tuple[str, Contr
         label = str(table.get("name", Path(str(table["file"])).stem))
     else:
         known = [n for n in law_names() if n not in ("scheduled", "identified-plant")]
-        name = _checks.known_name(str(table.get("law", "")), known, f"law of {where}")
+        name = checks.known_name(str(table.get("law", "")), known, f"law of {where}")
         law, label = law_class(name)(), str(table.get("name", name))
     values = numbers_of(rest, {p.name: p.unit for p in law.parameters}, where, f"parameter of {law.name}")
     return label, law.with_values(**values) if rest else law

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.codec import Encoded
 from lpvid.errors import InputError, LpvError, NumericalError
+from lpvid.toolkit import checks
 from quartercar.controllers.contract import Controller
 from quartercar.criteria import RideFigures as Figures
 from quartercar.rides.simulation import RideSettings, drive
@@ -57,7 +57,7 @@ class Objective:
         if min(weights) < 0 or max(weights[:3]) <= 0:
             raise InputError("weights of an objective are not negative, and not all zero", got=str(weights))
         if self.tyre_cap is not None:
-            _checks.positive(self.tyre_cap, "tyre_cap")
+            checks.positive(self.tyre_cap, "tyre_cap")
 
     @property
     def description(self) -> str:
@@ -207,7 +207,7 @@ def tune(law: Controller, trial: Trial, budget: int = 64, seed: int = 0,
     InputError
         A law that cannot work in this setting with its own values; other values that make no law cost infinitely much.
     """
-    budget = _checks.count(budget, "budget", at_least=4)
+    budget = checks.count(budget, "budget", at_least=4)
     references = references or trial.references()
     rng = np.random.default_rng([seed, 13])
     scale = _ParameterScale(law)

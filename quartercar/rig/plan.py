@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from lpvid import _checks
 from lpvid.codec import build, expect_table, values_of
 from lpvid.errors import InputError
 from lpvid.record import Record
@@ -24,6 +23,7 @@ from lpvid.tables import (
     to_si,
     within,
 )
+from lpvid.toolkit import checks
 from quartercar.rig.causes import CAUSES, CHANNELS, Effect, find_cause
 from quartercar.rig.damper import RigDamper
 from quartercar.rig.patterns import CURRENTS, EXPERIMENTS, MOTIONS, Experiment
@@ -167,7 +167,7 @@ def _experiment(table: object, where: str, index: int) -> Experiment:
         raise InputError(f"{where}.name must be made of letters, digits, dots, dashes and underscores",
                          got=repr(name), why="it becomes the name of a file")
     if preset is not None:
-        return replace(EXPERIMENTS[_checks.known_name(preset, list(EXPERIMENTS), "preset")], name=name, **changes)
+        return replace(EXPERIMENTS[checks.known_name(preset, list(EXPERIMENTS), "preset")], name=name, **changes)
     missing = [key for key in ("displacement", "current") if key not in changes]
     if missing:
         raise InputError(f"{where} lacks {' and '.join(missing)}", mend="name both, or a preset such as \"test-1\"")

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.codec import Encoded
 from lpvid.errors import InputError
 from lpvid.tables import quantity
+from lpvid.toolkit import checks
 from quartercar import roads
 
 SHORTEST = 5.0
@@ -68,8 +68,8 @@ class IsoRoad(RideRoad):
     def __post_init__(self) -> None:
         roads.iso_roughness(self.road_class)
         object.__setattr__(self, "road_class", self.road_class.upper())
-        _checks.positive(self.speed, "speed", "m/s")
-        _checks.positive(self.duration, "duration", "s")
+        checks.positive(self.speed, "speed", "m/s")
+        checks.positive(self.duration, "duration", "s")
 
     @property
     def name(self) -> str:
@@ -81,7 +81,7 @@ class IsoRoad(RideRoad):
 
     def profile(self, sample_time: float, seed: int) -> np.ndarray:
         samples = round((self.duration + self.settle) / sample_time)
-        rng = np.random.default_rng([_checks.count(seed, "seed"), 8608])
+        rng = np.random.default_rng([checks.count(seed, "seed"), 8608])
         z = roads.iso8608(samples, 1 / sample_time, self.road_class, speed=self.speed, rng=rng)
         return z - z[0]
 
@@ -115,8 +115,8 @@ class Bump(RideRoad):
         roads.iso_roughness(self.road_class)
         object.__setattr__(self, "road_class", self.road_class.upper())
         for name, unit in (("length", "m"), ("speed", "m/s"), ("duration", "s")):
-            _checks.positive(getattr(self, name), name, unit)
-        _checks.real(self.height, "height")
+            checks.positive(getattr(self, name), name, unit)
+        checks.real(self.height, "height")
 
     @property
     def name(self) -> str:
@@ -156,7 +156,7 @@ class SineSweep(RideRoad):
 
     def __post_init__(self) -> None:
         for name, unit in (("amplitude", "m"), ("lowest", "Hz"), ("highest", "Hz"), ("duration", "s")):
-            _checks.positive(getattr(self, name), name, unit)
+            checks.positive(getattr(self, name), name, unit)
         if not self.lowest < self.highest:
             raise InputError("a sweep runs from low to high", got=f"{self.lowest:g} to {self.highest:g} Hz")
 
@@ -193,15 +193,15 @@ class MeasuredRoad(RideRoad):
     laps: int = 1
 
     def __post_init__(self) -> None:
-        _checks.positive(self.speed, "speed", "m/s")
-        _checks.count(self.laps, "laps", at_least=1)
+        checks.positive(self.speed, "speed", "m/s")
+        checks.count(self.laps, "laps", at_least=1)
 
     @classmethod
     def read(cls, path: str | Path, speed: float, track: int | str | None = None,
              laps: int | None = None) -> MeasuredRoad:
         """A profile from a file with distance and height columns (`roads.measured`), by default driven for 5 s."""
         found = roads.measured(path, track)
-        needed = int(np.ceil(SHORTEST * _checks.positive(speed, "speed", "m/s") / found.length))
+        needed = int(np.ceil(SHORTEST * checks.positive(speed, "speed", "m/s") / found.length))
         return cls(found, speed, needed if laps is None else laps)
 
     @property

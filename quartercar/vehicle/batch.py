@@ -6,8 +6,8 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError, NumericalError
+from lpvid.toolkit import checks
 from quartercar.dampers.laws.linear import Linear
 from quartercar.vehicle.filter_bank import bank, filter_of
 from quartercar.vehicle.integrator import IntegratorStages
@@ -88,7 +88,7 @@ def start_fleet(car: QuarterCar, sample_time: float, road: np.ndarray, current: 
     InputError
         A damper that runs at another rate only.
     """
-    sample_time = _checks.positive(sample_time, "sample_time", "s")
+    sample_time = checks.positive(sample_time, "sample_time", "s")
     damper = car.damper
     if damper is None or isinstance(damper, Linear) or tanh_form(damper) is not None:
         return _LawFleet(car, sample_time, road, current)

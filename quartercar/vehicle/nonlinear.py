@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
 from lpvid.tables import quantity
+from lpvid.toolkit import checks
 from quartercar.dampers.contract import Damper
 from quartercar.dampers.laws.linear import Linear
 from quartercar.parameters import CarParameters
@@ -35,7 +35,7 @@ class BumpStops:
 
     def __post_init__(self) -> None:
         for name in ("stiffness", "compression", "rebound"):
-            object.__setattr__(self, name, _checks.positive(getattr(self, name), f"{name} of a bump stop"))
+            object.__setattr__(self, name, checks.positive(getattr(self, name), f"{name} of a bump stop"))
 
     def force(self, deflection: np.ndarray) -> np.ndarray:
         """Force at deflections [N], positive in extension."""
@@ -132,7 +132,7 @@ class QuarterCar:
     longest_step: float = 5e-4
 
     def __post_init__(self) -> None:
-        _checks.positive(self.longest_step, "longest_step", "s")
+        checks.positive(self.longest_step, "longest_step", "s")
         if self.damper is not None and not isinstance(self.damper, Damper):
             raise InputError("the damper of a car is a model of quartercar.dampers", got=type(self.damper).__name__,
                              mend="None for the viscous one of the parameters")
@@ -167,7 +167,7 @@ class QuarterCar:
         """At rest on a road of this elevation, ready to be driven on piece by piece; see `car_stepper.CarStepper`."""
         from quartercar.vehicle.stepper import CarStepper
 
-        return CarStepper(self, _checks.positive(sample_time, "sample_time", "s"), road, current)
+        return CarStepper(self, checks.positive(sample_time, "sample_time", "s"), road, current)
 
     def run(self, road: np.ndarray, sample_time: float, current: np.ndarray | float = 0.0) -> CarRun:
         """Drive over a road, from rest at its first elevation.
@@ -195,12 +195,12 @@ class QuarterCar:
         ExtrapolationWarning
             Currents outside the range of the damper's fit.
         """
-        road = _checks.finite(_checks.frozen_array(road, "road", ndim=1), "road")
+        road = checks.finite(checks.frozen_array(road, "road", ndim=1), "road")
         if road.size < 2:
             raise InputError("a road has at least two samples", got=road.size)
-        command = _checks.frozen_array(current, "current")
+        command = checks.frozen_array(current, "current")
         command = np.full(road.size, float(command)) if command.ndim == 0 else command
-        command = _checks.finite(_checks.shaped(command, (road.size,), "current"), "current")
+        command = checks.finite(checks.shaped(command, (road.size,), "current"), "current")
         stepper = self.start(sample_time, float(road[0]), float(command[0]))
         states = stepper.advance(road[1:], command[:-1])
         return CarRun.of(self, stepper.sample_time, np.array(road), np.array(command), states)

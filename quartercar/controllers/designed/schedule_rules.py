@@ -9,8 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.codec import Coded
+from lpvid.toolkit import checks
 from quartercar.controllers.contract import SIGNALS, Setting, Signals
 
 SMALL = 1.0
@@ -60,7 +60,7 @@ class Measured(Rule):
     kind: ClassVar[str] = "measured"
 
     def __post_init__(self) -> None:
-        _checks.known_name(self.signal, tuple(SIGNALS), "signal of a law")
+        checks.known_name(self.signal, tuple(SIGNALS), "signal of a law")
 
     @property
     def reads(self) -> tuple[str, ...]:

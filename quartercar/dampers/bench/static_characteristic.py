@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.codec import Encoded
 from lpvid.errors import InputError
 from lpvid.record import Record
+from lpvid.toolkit import checks
 from quartercar.dampers.bench.steady_windows import SteadyWindow, WindowSettings, steady_windows
 
 SAME_SPEED = 0.05
@@ -66,10 +66,10 @@ class StaticCharacteristic(Encoded):
         order = np.argsort(np.asarray(self.velocity, dtype=float), kind="stable")
         count = np.asarray(self.count) if len(self.count) else np.ones(order.size, dtype=int)
         for name in ("velocity", "force", "std"):
-            values = _checks.frozen_array(getattr(self, name), f"a characteristic's {name}", ndim=1)
-            _checks.finite(_checks.shaped(values, (order.size,), f"a characteristic's {name}"), name)
-            object.__setattr__(self, name, _checks.frozen_array(values[order], name))
-        object.__setattr__(self, "count", _checks.frozen_array(count[order], "count", ndim=1, dtype=int))
+            values = checks.frozen_array(getattr(self, name), f"a characteristic's {name}", ndim=1)
+            checks.finite(checks.shaped(values, (order.size,), f"a characteristic's {name}"), name)
+            object.__setattr__(self, name, checks.frozen_array(values[order], name))
+        object.__setattr__(self, "count", checks.frozen_array(count[order], "count", ndim=1, dtype=int))
         if np.any(self.velocity == 0.0):
             raise InputError("a static characteristic has no point at zero velocity", why="friction has no value there")
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.codec import Encoded
+from lpvid.toolkit import checks
 
 if TYPE_CHECKING:
     from quartercar.dampers.contract import Damper
@@ -112,7 +112,7 @@ def check_passivity(damper: Damper, speed: float = 2.0) -> Passivity:
     >>> print(check_passivity(Linear()))
     passive up to 2 m/s
     """
-    _checks.positive(speed, "speed", "m/s")
+    checks.positive(speed, "speed", "m/s")
     currents = current_grid(damper)
     with np.errstate(all="ignore"):
         power, power_at, reach = _static(damper, speed, currents)
