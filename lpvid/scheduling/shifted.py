@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from lpvid.scheduling.basis import Basis
+from lpvid.scheduling.reading import Reading
 from lpvid.scheduling.variables import Scheduling
 
 
@@ -67,3 +69,18 @@ class Shifted(Basis):
     @property
     def unity(self) -> np.ndarray | None:
         return self.basis.unity
+
+    def readings(self, shift: int = 0) -> tuple[Reading, ...]:
+        return self.basis.readings(shift + self.lag)
+
+    def ranges(self, limits: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
+        return self.basis.ranges(limits)
+
+    def penalty(self, order: int) -> np.ndarray:
+        return self.basis.penalty(order)
+
+    def shifted(self, lag: int) -> Basis:
+        return self.basis.shifted(self.lag + lag)
+
+    def still(self) -> Basis:
+        return self.basis.still()

@@ -90,6 +90,11 @@ class Scheduling(Coded):
         """(len(names),) half the box."""
         return 0.5 * (np.array(self.upper) - np.array(self.lower))
 
+    @property
+    def limits(self) -> dict[str, tuple[float, float]]:
+        """Lower and upper end of each variable."""
+        return {n: (a, b) for n, a, b in zip(self.names, self.lower, self.upper, strict=True)}
+
     def contains(self, p: np.ndarray, *, tolerance: float = 1e-9) -> np.ndarray:
         """(n,) bool: which samples of `p` (n, len(names)) lie in the box, within `tolerance` of its width.
 
