@@ -284,7 +284,7 @@ def decode(hint: Any, value: Any, where: str, rules: Mapping[str, Any] = types.M
     if hasattr(hint, "from_dict"):
         return hint.from_dict(value)
     if dataclasses.is_dataclass(hint):
-        return build(typing.cast(type, hint), value, where, partial=partial)
+        return build(typing.cast(type, hint), expect_table(value, where), where, partial=partial)
     if hint in WORDS:
         accepted, words = WORDS[hint]
         if not isinstance(value, accepted) or (isinstance(value, bool) and hint is not bool):

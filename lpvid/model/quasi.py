@@ -91,6 +91,22 @@ class SelfScheduled(ABC):
     def noise(self) -> NoiseModel:
         """Equation noise where predictions start from measured outputs, output noise where they are the free run."""
 
+    def forcing(self, reach: float, state: float = 0.0) -> float:
+        """Size of the output that inputs and constants make in one step: a sum of moduli, no bound.
+
+        Parameters
+        ----------
+        reach : float
+            Largest modulus of an input.
+        state : float
+            Sum of the moduli of a state that is given.
+
+        Returns
+        -------
+        float
+        """
+        return float((reach + 1.0) * np.abs(self.vector).sum())
+
     def replace(self, **changes):
         """A copy with some fields changed."""
         return replace(self, **changes)  # type: ignore[type-var]

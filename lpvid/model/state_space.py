@@ -219,6 +219,24 @@ class LPVStateSpace(Coded, Convertible, Shown):
         """
         return replace(self, **changes)
 
+    def forcing(self, reach: float, state: float = 0.0) -> float:
+        """Size of the output that inputs and constants make in one step: a sum of moduli, no bound.
+
+        Parameters
+        ----------
+        reach : float
+            Largest modulus of an input.
+        state : float
+            Sum of the moduli of a state that is given.
+
+        Returns
+        -------
+        float
+        """
+        assert self.state_offset is not None and self.output_offset is not None
+        moved = reach * np.abs(self.B).sum() + np.abs(self.state_offset).sum() + state
+        return float(reach * np.abs(self.D).sum() + np.abs(self.output_offset).sum() + moved * np.abs(self.C).sum())
+
     @classmethod
     def array_shapes(cls, values: Mapping) -> dict[str, tuple[int, ...]]:
         m, n, outputs, stage, inputs = (values[k] for k in ("basis", "order", "outputs", "input_stage", "inputs"))

@@ -267,6 +267,23 @@ class LPVTransferFunction(Coded, Convertible, Shown):
         """
         return replace(self, **changes)
 
+    def forcing(self, reach: float, state: float = 0.0) -> float:
+        """Size of the output that inputs and constants make in one step: a sum of moduli, no bound.
+
+        Parameters
+        ----------
+        reach : float
+            Largest modulus of an input.
+        state : float
+            Sum of the moduli of a state that is given.
+
+        Returns
+        -------
+        float
+        """
+        assert self.c is not None
+        return float(reach * np.abs(self.b).sum() + np.abs(self.c).sum())
+
     @classmethod
     def array_shapes(cls, values: Mapping) -> dict[str, tuple[int, ...]]:
         outputs, m = len(values["outputs"]), values["basis"].size

@@ -31,6 +31,25 @@ if TYPE_CHECKING:
     from quartercar.dampers.stepper import DamperStepper
 
 
+@dataclass(frozen=True)
+class LinearElements:
+    """F = m a + c v + k x.
+
+    Attributes
+    ----------
+    damping : float
+        c [N·s/m].
+    mass : float
+        m, an inerter's [kg].
+    stiffness : float
+        k [N/m].
+    """
+
+    damping: float = 0.0
+    mass: float = 0.0
+    stiffness: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class Run(Simulation):
     """A free run of a damper.
@@ -285,6 +304,16 @@ class Damper(Adaptable, Shown):
         callable or None
             (n,) currents -> (n, 8) of F = a_0 + a_1 v + a_2 x + a_3 tanh(a_4 v + a_5 x + a_6 tanh(x/a_7));
             None for a damper that is not of this form.
+        """
+        return None
+
+    @property
+    def linear_elements(self) -> LinearElements | None:
+        """The damper as a dashpot, an inerter and a spring, which belong to the linear part of a car; None for others.
+
+        Returns
+        -------
+        LinearElements or None
         """
         return None
 

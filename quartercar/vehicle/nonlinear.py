@@ -9,8 +9,7 @@ import numpy as np
 from lpvid.errors import InputError
 from lpvid.tables import quantity
 from lpvid.toolkit import checks
-from quartercar.dampers.contract import Damper
-from quartercar.dampers.laws.linear import Linear
+from quartercar.dampers.contract import Damper, LinearElements
 from quartercar.parameters import CarParameters
 from quartercar.vehicle.integrator import LinearPart
 from quartercar.vehicle.linear import GRAVITY, LinearCar
@@ -145,14 +144,17 @@ class QuarterCar:
     @property
     def linear_part(self) -> LinearPart:
         """Masses and springs; a linear damper is part of them, its mass as an inerter."""
-        p, d = self.parameters, self.damper
-        mass = damping = stiffness = 0.0
-        if d is None:
-            damping = p.damping
-        elif isinstance(d, Linear):
-            damping, mass, stiffness = d.values["damping"], d.values["mass"], d.values.get("stiffness", 0.0)
-        return LinearPart(p.sprung_mass, p.unsprung_mass, mass, p.spring_stiffness + stiffness, damping,
+        p, own = self.parameters, LinearElements()
+        if self.damper_is_linear:
+            known = None if self.damper is None else self.damper.linear_elements
+            own = LinearElements(p.damping) if known is None else known
+        return LinearPart(p.sprung_mass, p.unsprung_mass, own.mass, p.spring_stiffness + own.stiffness, own.damping,
                           p.tyre_stiffness, p.tyre_damping)
+
+    @property
+    def damper_is_linear(self) -> bool:
+        """The damper is part of `linear_part`: the viscous one of the parameters, or one of linear elements."""
+        return self.damper is None or self.damper.linear_elements is not None
 
     @property
     def preload(self) -> float:

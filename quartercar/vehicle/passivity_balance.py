@@ -11,7 +11,6 @@ from lpvid.codec import Encoded
 from quartercar.dampers.blackbox.sampled import SampledDamper
 from quartercar.dampers.evaluation.sampled_passivity import stored_energy
 from quartercar.dampers.families import StaticDamper
-from quartercar.dampers.laws.linear import Linear
 
 if TYPE_CHECKING:
     from quartercar.dampers.contract import Damper
@@ -111,8 +110,9 @@ def ride_passivity(run: CarRun, currents: tuple[float, float] = (0.0, 2.5)) -> R
 def _stored(damper: Damper | None, free: np.ndarray, v: np.ndarray,
             currents: tuple[float, float]) -> np.ndarray | None:
     """(n,) energy stored beside that of the force of displacement [J]; None where it is not known."""
-    if isinstance(damper, Linear):
-        return 0.5 * damper.values["mass"] * v**2
+    elements = None if damper is None else damper.linear_elements
+    if elements is not None:
+        return 0.5 * elements.mass * v**2
     series = series_spring(damper)
     if series is not None:
         stiffness, parallel = series
@@ -144,7 +144,7 @@ def has_storage(damper: Damper | None, currents: tuple[float, float]) -> bool:
     >>> has_storage(Guo(hysteresis=False), (0.0, 2.0)), has_storage(Guo(degree=1), (0.0, 2.0))
     (True, False)
     """
-    if damper is None or isinstance(damper, Linear):
+    if damper is None or damper.linear_elements is not None:
         return True
     if not isinstance(damper, StaticDamper):
         return False
