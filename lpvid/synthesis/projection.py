@@ -21,6 +21,7 @@ import numpy as np
 from scipy import sparse
 
 from lpvid.lmi.affine import Affine, block, he
+from lpvid.lmi.certificate import EPS
 from lpvid.lmi.program import Program, SolverAnswer
 from lpvid.synthesis.generalized_plant import PlantMatrices
 
@@ -257,8 +258,8 @@ def sizes_at(
 
 
 def shortfall(problem: ProjectedInequalities, pair: MatrixPair) -> float:
-    """How far a pair is from keeping the inequalities at its γ: the least eigenvalue below zero, rows being of size
-    one in coordinates in which the means of X and Y are the identity; 0 where it keeps them.
+    """How far a pair is from keeping the inequalities at its γ, and the coupling [X, I; I, Y] ⪰ 0: the least
+    eigenvalue below zero, rows being of size one in coordinates in which the means of X and Y are the identity.
 
     Parameters
     ----------
@@ -270,14 +271,48 @@ def shortfall(problem: ProjectedInequalities, pair: MatrixPair) -> float:
     Returns
     -------
     float
-        At least 0, without unit.
+        At least 0, without unit; 0 where it keeps them.
     """
-    worst = 0.0
-    for half, root, matrices in zip(problem.halves, roots_of(problem, pair), (pair.x, pair.y), strict=True):
+    roots = roots_of(problem, pair)
+    worst = _uncoupled(problem, pair, roots)
+    for half, root, matrices in zip(problem.halves, roots, (pair.x, pair.y), strict=True):
         for value in half.values(root, matrices, pair.gamma):
             scale = _levelled(np.linalg.norm(value, axis=1))
             worst = max(worst, -float(np.linalg.eigvalsh(value * np.outer(scale, scale))[0]))
     return worst
+
+
+def _uncoupled(problem: ProjectedInequalities, pair: MatrixPair, roots: tuple[np.ndarray, np.ndarray]) -> float:
+    """By how much the least eigenvalue of the coupling is below zero, more than rounding explains."""
+    if not pair.x.shape[1]:
+        return 0.0
+    left, right = (np.linalg.inv(root) for root in roots)
+    parts, rounding = [], 0.0
+    for matrices, into in ((problem.controls.at(pair.x), left), (problem.measurements.at(pair.y), right)):
+        size = np.abs(into) @ np.abs(matrices) @ np.abs(into.T)
+        rounding = max(rounding, (4 * len(into) + 30) * EPS * float(size.sum(axis=2).max()))
+        parts.append(into @ matrices @ into.T)
+    cross = np.broadcast_to(left @ right.T, parts[0].shape)
+    whole = np.block([[parts[0], cross], [cross.swapaxes(1, 2), parts[1]]])
+    return max(0.0, -float(np.linalg.eigvalsh(whole)[:, 0].min()) - rounding)
+
+
+def raised(pair: MatrixPair, share: float) -> MatrixPair:
+    """X, Y and γ a share larger: what keeps its inequalities then keeps them with room, the coupling too.
+
+    Parameters
+    ----------
+    pair : MatrixPair
+        X, Y and γ.
+    share : float
+        Above zero.
+
+    Returns
+    -------
+    MatrixPair
+        All three times 1 + share.
+    """
+    return replace(pair, x=(1 + share) * pair.x, y=(1 + share) * pair.y, gamma=(1 + share) * pair.gamma)
 
 
 def _levelled(size: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from lpvid.lmi.affine import Affine, block
 from lpvid.lmi.program import Program, SolverAnswer
 from lpvid.synthesis.criteria import STRICT, Criterion, HInfinity, Region
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
+from lpvid.synthesis.progress import stop_at
 from lpvid.synthesis.shaped_loop import ShapedLoop
 
 PATIENT = ("CLARABEL", "MOSEK", "SDPA", "CVXOPT")
@@ -89,8 +90,11 @@ class ShapedProgram:
             raised = [low if c.bound is not None else self._raised(c, low, back_off)
                       for c, low in zip(self.criteria, lowest, strict=True)]
             second, tamed, _ = self._program(raised, float(np.abs(rough.x).max(initial=1.0)))
-            for solution in second.solve(solvers=PATIENT):
-                yield Shaped(solution, tamed, tuple(raised), tuple(lowest))
+            try:
+                for solution in second.solve(solvers=PATIENT):
+                    yield Shaped(solution, tamed, tuple(raised), tuple(lowest))
+            except KeyboardInterrupt as error:  # the lowest levels have an answer, if not the tamest
+                stop_at(error)
             yield Shaped(rough, shaping, tuple(lowest), tuple(lowest))
 
     def refuted(self) -> float:
