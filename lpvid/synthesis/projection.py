@@ -21,7 +21,6 @@ import numpy as np
 from scipy import sparse
 
 from lpvid.lmi.affine import Affine, block, he
-from lpvid.lmi.certificate import EPS
 from lpvid.lmi.program import Program, SolverAnswer
 from lpvid.synthesis.generalized_plant import PlantMatrices
 
@@ -274,7 +273,7 @@ def shortfall(problem: ProjectedInequalities, pair: MatrixPair) -> float:
         At least 0, without unit; 0 where it keeps them.
     """
     roots = roots_of(problem, pair)
-    worst = _uncoupled(problem, pair, roots)
+    worst = _uncoupled(problem, pair)
     for half, root, matrices in zip(problem.halves, roots, (pair.x, pair.y), strict=True):
         for value in half.values(root, matrices, pair.gamma):
             scale = _levelled(np.linalg.norm(value, axis=1))
@@ -282,19 +281,16 @@ def shortfall(problem: ProjectedInequalities, pair: MatrixPair) -> float:
     return worst
 
 
-def _uncoupled(problem: ProjectedInequalities, pair: MatrixPair, roots: tuple[np.ndarray, np.ndarray]) -> float:
-    """By how much the least eigenvalue of the coupling is below zero, more than rounding explains."""
-    if not pair.x.shape[1]:
-        return 0.0
-    left, right = (np.linalg.inv(root) for root in roots)
-    parts, rounding = [], 0.0
-    for matrices, into in ((problem.controls.at(pair.x), left), (problem.measurements.at(pair.y), right)):
-        size = np.abs(into) @ np.abs(matrices) @ np.abs(into.T)
-        rounding = max(rounding, (4 * len(into) + 30) * EPS * float(size.sum(axis=2).max()))
-        parts.append(into @ matrices @ into.T)
-    cross = np.broadcast_to(left @ right.T, parts[0].shape)
-    whole = np.block([[parts[0], cross], [cross.swapaxes(1, 2), parts[1]]])
-    return max(0.0, -float(np.linalg.eigvalsh(whole)[:, 0].min()) - rounding)
+def _uncoupled(problem: ProjectedInequalities, pair: MatrixPair) -> float:
+    """By how much the largest singular value of L_X⁻¹L_Y⁻ᵀ exceeds one, with X = L_X L_Xᵀ and Y alike; infinite where
+    one of the two is not positive definite. Apart from the halves' scale: X may be tiny where the coupling fails.
+    """
+    try:
+        x, y = (np.linalg.cholesky(v.at(m)) for v, m in ((problem.controls, pair.x), (problem.measurements, pair.y)))
+    except np.linalg.LinAlgError:
+        return np.inf
+    cross = np.linalg.solve(x, np.linalg.inv(y).swapaxes(1, 2))
+    return max(0.0, float(np.linalg.norm(cross, 2, axis=(1, 2)).max()) - 1) if x.shape[1] else 0.0
 
 
 def raised(pair: MatrixPair, share: float) -> MatrixPair:
