@@ -168,6 +168,8 @@ from .synthesis.output_feedback import OutputFeedback as OutputFeedback
 from .synthesis.reduction import balanced_realization as balanced_realization
 from .synthesis.reduction import reduce_order as reduce_order
 from .synthesis.result import Synthesis as Synthesis
+from .synthesis.robust_feedback import RobustDesign as RobustDesign
+from .synthesis.robust_feedback import RobustFeedback as RobustFeedback
 from .synthesis.sampled_plants import from_function as from_function
 from .synthesis.sampled_plants import from_grid as from_grid
 from .synthesis.sampling_rules import Euler as Euler

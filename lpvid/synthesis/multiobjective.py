@@ -17,7 +17,7 @@ from lpvid.scheduling import Basis, Polynomial
 from lpvid.synthesis.assumptions import fault_of
 from lpvid.synthesis.criteria import H2, CovarianceCriterion, Criterion, HInfinity, Region
 from lpvid.synthesis.design_grid import check_rates, columns, design_axes, is_affine, tensor, varies
-from lpvid.synthesis.figures import Figure, channel
+from lpvid.synthesis.figures import Figure
 from lpvid.synthesis.generalized_plant import GeneralizedPlant, PlantMatrices
 from lpvid.synthesis.interconnection import close_loop
 from lpvid.synthesis.loop_check import LoopStorage
@@ -31,6 +31,7 @@ from lpvid.synthesis.result import Synthesis
 from lpvid.synthesis.shaped_design import ShapedProblem, check_criteria, listed, settle
 from lpvid.synthesis.shaped_loop import ShapedLoop, combined
 from lpvid.synthesis.shaped_program import APART, Shaped, Shaping, SignalCoordinates
+from lpvid.synthesis.sub_plant import channels_of
 from lpvid.synthesis.variance_feedback import VarianceFeedback, regulated_plant, suits
 
 VARYING = ("both", "controls", "measurements")
@@ -279,7 +280,7 @@ def _by_output_feedback(plant: GeneralizedPlant, criterion: HInfinity, back_off:
     from lpvid.synthesis.output_feedback_search import SLACK
 
     check_criteria(plant, (criterion,), (), plant.box.grid(2))
-    part = _channel_of(plant, criterion)
+    part = channels_of(plant, criterion.disturbances or plant.disturbances, criterion.performance or plant.performance)
     share = min(max(back_off - 2 * SLACK, 0.0), 1.0)
     found = OutputFeedback(bound=criterion.bound, back_off=share, points=points).solve(part)
     if found.verdict in ("infeasible", "unstabilisable", "undetectable"):
@@ -296,18 +297,6 @@ def _by_output_feedback(plant: GeneralizedPlant, criterion: HInfinity, back_off:
         found.certificate,
     )
     return replace(found, notes=(str(figure), *found.notes), figures=(figure.to_dict(),))
-
-
-def _channel_of(plant: GeneralizedPlant, criterion: HInfinity) -> GeneralizedPlant:
-    """The plant without the disturbances and performance signals that a criterion does not name."""
-    inputs = {*plant.controls, *(criterion.disturbances or plant.disturbances)}
-    outputs = {*plant.measurements, *(criterion.performance or plant.performance)}
-    s = plant.system
-    j = [k for k, signal in enumerate(s.inputs) if signal.name in inputs]
-    i = [k for k, signal in enumerate(s.outputs) if signal.name in outputs]
-    if len(j) == len(s.inputs) and len(i) == len(s.outputs):
-        return plant
-    return GeneralizedPlant(channel(s, j, i), plant.controls, plant.measurements)
 
 
 def _apart(program: Program, x: Affine, y: Affine, coupling: np.ndarray, below: Sequence[Affine], scale: float
