@@ -44,11 +44,12 @@ def test_the_certified_gain_is_lower_and_no_drawn_uncertainty_exceeds_it(poles, 
     assert min(found.turns) == found.gain.upper and found.turns[0] == found.nominal.upper
 
 
+@pytest.mark.slow
 def test_a_loop_that_is_certified_for_part_only_is_made_robust_to_all():
-    """The nominal controller of a cheap force: no bound for nine tenths of uncertainty of the force."""
-    found = lpv.RobustFeedback(lpv.Dynamic("p", "q", 0.9), poles=(3.0,), turns=6).solve(platform())
-    assert found.solved and found.gain.upper < found.nominal.upper
-    assert worst_drawn(found.closed_loop, 0.9) <= found.gain.upper
+    """Nothing can be certified of the nominal controller where four fifths of the force are uncertain."""
+    found = lpv.RobustFeedback(lpv.Dynamic("p", "q", 0.8), poles=(3.0,), turns=3).solve(platform())
+    assert found.nominal.upper == np.inf and found.solved and found.gain.upper < 1.5
+    assert worst_drawn(found.closed_loop, 0.8) <= found.gain.upper
 
 
 def test_without_much_uncertainty_it_is_the_nominal_design():
