@@ -108,7 +108,7 @@ class HInfinity(_Channel):
 
 @dataclass(frozen=True)
 class CovarianceCriterion(_Channel, ABC):
-    """Bound of what a matrix above the covariance of the states says about z; 𝐃 must be 0 in continuous time.
+    """Bound on z from a matrix above the covariance of the states; 𝐃 must be 0 in continuous time.
 
     [He 𝐀, 𝐁; ⋆, −I] ≺ 0, [Z, 𝐂; ⋆, 𝐗] ≻ 0 (continuous time); [𝐗⁺, 𝐀, 𝐁; ⋆, 𝐗, 0; ⋆, ⋆, I] ≻ 0, [Z, 𝐂, 𝐃; ⋆, 𝐗, 0;
     ⋆, ⋆, I] ≻ 0 (discrete time). The criteria differ in what they ask of Z.

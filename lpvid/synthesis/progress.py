@@ -41,11 +41,11 @@ class Watch:
 
 
 _WATCH: ContextVar[Watch | None] = ContextVar("lpvid_synthesis_watch", default=None)
-_FOLLOWER: ContextVar[Say | None] = ContextVar("lpvid_synthesis_follower", default=None)
+_FOLLOWER: ContextVar[Report | None] = ContextVar("lpvid_synthesis_follower", default=None)
 
 
 @contextmanager
-def followed(report_progress: Say) -> Iterator[None]:
+def followed(report_progress: Report) -> Iterator[None]:
     """Follow every synthesis inside that nobody follows by its own argument, each for itself.
 
     Parameters
@@ -188,7 +188,7 @@ def was_interrupted(found: Synthesis) -> bool:
     Returns
     -------
     bool
-        Its first note says so.
+        Its first note states it.
     """
     return bool(found.notes) and found.notes[0].startswith(INTERRUPTED)
 
