@@ -26,11 +26,11 @@ def covariance(problem: PredictionErrorProblem, search: LeastSquaresEnd, *, colo
     -------
     (k, k) array, str
     """
-    shared, _ = reduce(problem, search.factors)
+    shared, _ = reduce(problem, search.linearised.factors)
     k = shared.shape[1] - 1
     inverse = _inverse(shared[:, :k])
-    degrees = max(problem.counted - k - problem.n_past * len(search.factors), 1)
-    rows = [e[problem.head:] * problem.weights for e in search.residuals.errors]
+    degrees = max(problem.counted - k - problem.n_past * len(search.linearised.factors), 1)
+    rows = [e[problem.head:] * problem.weights for e in search.trial.residuals.errors]
     spread = sum(e.T @ e for e in rows) * (problem.n_outputs / degrees)
     if not coloured:
         return _sandwich(problem, search, inverse, np.ones(1), spread), "Gauss-Newton, white innovations"
@@ -71,7 +71,7 @@ def _sandwich(problem: PredictionErrorProblem, search: LeastSquaresEnd, inverse:
         return float(innovation[0, 0]) * inverse
     root = np.linalg.cholesky(innovation + 1e-300 * np.eye(len(innovation)))
     middle = np.zeros_like(inverse)
-    factors = iter(search.factors)
+    factors = iter(search.linearised.factors)
 
     def consumer(_: int) -> Callable:
         factor = next(factors)
@@ -93,7 +93,7 @@ def _sandwich(problem: PredictionErrorProblem, search: LeastSquaresEnd, inverse:
 
         return absorb
 
-    problem.sweep(search.point, search.residuals, consumer)
+    problem.sweep(search.trial.point, search.trial.residuals, consumer)
     return inverse @ middle @ inverse
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid.identification.arma import ARMA, fit_arma, reflected
 from lpvid.identification.refined_iv_problem import WHITE, AuxiliaryRun, IVProblem
+from lpvid.least_squares import bounded_step, column_scale
 
 HALVINGS = 10
 DAMPINGS = (1e-7, 1e-5, 1e-3, 1e-1, 10.0)
@@ -188,9 +189,9 @@ def _levenberg(problem: IVProblem, factor: np.ndarray) -> Iterator[np.ndarray]:
     """Levenberg's steps down the cost, from the exact sensitivities, ever shorter."""
     k = problem.size
     slope, error = factor[: 2 * k, k: 2 * k], factor[: 2 * k, -1]
-    scale = np.linalg.norm(slope, axis=0)
+    scale, wide = column_scale(slope), np.full(k, np.inf)
     for damping in DAMPINGS:
-        yield _solve(np.vstack([slope, np.diag(np.sqrt(damping) * scale)]), np.concatenate([error, np.zeros(k)]))
+        yield bounded_step(slope, -error, damping, scale, -wide, wide)
 
 
 def _change(problem: IVProblem, factor: np.ndarray, new: np.ndarray, old: np.ndarray) -> float:

@@ -11,6 +11,7 @@ from lpvid import _checks
 from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.errors import InputError
+from lpvid.least_squares import FunctionResiduals, StopRule, minimise_dense
 from lpvid.record import Record
 from quartercar.parameters import BENCH, CarParameters
 from quartercar.vehicle.strut_friction import OUTPUTS, CarCore, discretised
@@ -187,8 +188,6 @@ def _reach(given: CarParameters, name: str) -> tuple[float, float]:
 def _searched(baseline: QuarterCarBaseline, signals: Sequence[Signals]
               ) -> tuple[QuarterCarBaseline, np.ndarray, float]:
     """The fit inside the bounds, the standard error of every parameter (infinite where blind), the squared error."""
-    from scipy.optimize import least_squares
-
     if not baseline.free:
         core = baseline.core(baseline.vector)
         return baseline, np.empty(0), float(sum(np.sum((core(s) - s.output) ** 2) for s in signals))
@@ -203,9 +202,10 @@ def _searched(baseline: QuarterCarBaseline, signals: Sequence[Signals]
         return np.vstack([baseline.sensitivities(s, z * scale) for s in signals]) * scale
 
     start = np.clip(baseline.vector / scale, low, high)
-    found = least_squares(errors, start, slopes, bounds=(low, high), x_scale="jac", max_nfev=80)  # type: ignore[arg-type]
-    spread = _spread(np.asarray(found.jac), found.fun, signals) * scale
-    return baseline.with_vector(found.x * scale), spread, float(found.fun @ found.fun)
+    found = minimise_dense(FunctionResiduals(errors, slopes), start, StopRule(evaluations=80), (low, high))
+    assert found is not None
+    end = found.trial
+    return baseline.with_vector(end.point * scale), _spread(slopes(end.point), end.residual, signals) * scale, end.cost
 
 
 def _spread(jacobian: np.ndarray, errors: np.ndarray, signals: Sequence[Signals]) -> np.ndarray:

@@ -9,9 +9,10 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.least_squares import Trial
 from quartercar.dampers.bench.static_characteristic import StaticCharacteristic
 from quartercar.dampers.fitting.coordinates import SearchCoordinates
-from quartercar.dampers.fitting.solver import Trial, levenberg_marquardt
+from quartercar.dampers.fitting.solver import search_law
 from quartercar.dampers.laws.network import LAMINAR, LEAK, LEAKS, QUADRATIC, SHARES, network_force, network_gradient
 from quartercar.dampers.parameter import Parameter
 
@@ -128,7 +129,7 @@ class LogFit:
 
 
 class _LogForceProblem:
-    """ln F̂ − ln F over σ, as `levenberg_marquardt` wants it; a fixed friction is not searched."""
+    """ln F̂ − ln F over σ, as `search_law` wants it; a fixed friction is not searched."""
 
     def __init__(self, network: str, points: Points, friction: float | None) -> None:
         names = [n for n in NETWORKS[network] if friction is None or n != "friction"]
@@ -182,7 +183,7 @@ def fit_log_force(points: Points, network: str, start: np.ndarray | None = None,
     _checks.one_of(network, tuple(NETWORKS), "network")
     problem = _LogForceProblem(network, points, friction)
     starts = _starts(problem, points, network) if start is None else [np.asarray(start, dtype=float)[problem.free]]
-    found = [f for s in starts if (f := levenberg_marquardt(problem, s, EVALUATIONS, TOLERANCE)) is not None]
+    found = [f for s in starts if (f := search_law(problem, s, EVALUATIONS, TOLERANCE)) is not None]
     if not found:
         raise InputError(f"the {network} network has no start for these points", got=f"friction {friction}")
     best = min((f.trial for f in found), key=lambda t: t.cost)
