@@ -8,8 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
+from lpvid.identification.covariance import bartlett, normal_inverse, residual_memory
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
-from lpvid.identification.sandwich import residual_memory
 from lpvid.identification.structure import Structure
 from lpvid.least_squares import Factors, SearchEnd, StopRule, descend
 from lpvid.model.quasi import SelfScheduled
@@ -124,20 +124,14 @@ def covariance(problem: FreeRunProblem, found: FreeRunSearchEnd) -> tuple[np.nda
     S sums the lagged products of the scores J(t) e(t) with Bartlett weights over the residual's memory (Newey & West
     1987): a free run's error is never white. H holds the prior's equations too.
     """
-    pieces, gram = list(problem.pieces(found.trial.x, True)), found.linearised.gram
-    memory = residual_memory([e for e, _ in pieces])
-    total = np.zeros_like(gram)
-    for error, jacobian in pieces:
+    errors, scores = [], []
+    for error, jacobian in problem.pieces(found.trial.x, True):
         assert jacobian is not None
-        scores = jacobian * error[:, None]
-        total += scores.T @ scores
-        for lag in range(1, min(memory, len(scores) - 1) + 1):
-            product = (1 - lag / (memory + 1)) * (scores[lag:].T @ scores[:-lag])
-            total += product + product.T
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    inverse = np.linalg.pinv(gram / np.outer(scale, scale), rcond=1e-12, hermitian=True) / np.outer(scale, scale)
-    rows = sum(len(e) for e, _ in pieces)
-    return inverse @ total @ inverse, sum(float(e @ e) for e, _ in pieces) / max(rows, 1)
+        errors.append(error)
+        scores.append(jacobian * error[:, None])
+    inverse = normal_inverse(found.linearised.gram)
+    mean_square = sum(float(e @ e) for e in errors) / max(sum(map(len, errors)), 1)
+    return inverse @ bartlett(scores, residual_memory(errors)) @ inverse, mean_square
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from lpvid.identification.covariance import inverse_gram
 from lpvid.identification.levenberg_marquardt import LeastSquaresEnd, reduce
 from lpvid.identification.pem_problem import PredictionErrorProblem
 from lpvid.identification.pem_starts import autoregression
@@ -28,7 +29,7 @@ def covariance(problem: PredictionErrorProblem, search: LeastSquaresEnd, *, colo
     """
     shared, _ = reduce(problem, search.linearised.factors)
     k = shared.shape[1] - 1
-    inverse = _inverse(shared[:, :k])
+    inverse = inverse_gram(shared[:, :k])
     degrees = max(problem.counted - k - problem.n_past * len(search.linearised.factors), 1)
     rows = [e[problem.head:] * problem.weights for e in search.trial.residuals.errors]
     spread = sum(e.T @ e for e in rows) * (problem.n_outputs / degrees)
@@ -50,17 +51,6 @@ def _colour(series: list[np.ndarray]) -> np.ndarray:
     fits = [autoregression(series, order) for order in range(most + 1)]
     aic = [n * np.log(variance) + 2 * order for order, (_, variance) in enumerate(fits)]
     return fits[int(np.argmin(aic))][0]
-
-
-def _inverse(r: np.ndarray) -> np.ndarray:
-    """(RᵀR)⁻¹ with unit columns; parameters without influence get no covariance rather than an infinite one."""
-    scale = np.linalg.norm(r, axis=0)
-    alive = scale > 0
-    inverse = np.zeros((r.shape[1], r.shape[1]))
-    root = np.linalg.pinv(r[:, alive] / scale[alive], rcond=1e-12)
-    part = root @ root.T / np.outer(scale[alive], scale[alive])
-    inverse[np.ix_(alive, alive)] = part
-    return inverse
 
 
 def _sandwich(problem: PredictionErrorProblem, search: LeastSquaresEnd, inverse: np.ndarray, polynomial: np.ndarray,

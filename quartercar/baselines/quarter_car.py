@@ -11,6 +11,7 @@ from lpvid import _checks
 from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.errors import InputError
+from lpvid.identification.covariance import clusters
 from lpvid.least_squares import FunctionResiduals, StopRule, minimise_dense
 from lpvid.record import Record
 from quartercar.parameters import BENCH, CarParameters
@@ -213,12 +214,11 @@ def _spread(jacobian: np.ndarray, errors: np.ndarray, signals: Sequence[Signals]
     block = np.concatenate([k + np.arange(s.n_samples) * s.sample_time // BLOCK for k, s in
                             zip(np.cumsum([0, *(1 + s.n_samples * s.sample_time // BLOCK for s in signals)])[:-1],
                                 signals, strict=True)]).astype(int)
-    scores = np.zeros((block.max() + 1, jacobian.shape[1]))
-    np.add.at(scores, block, jacobian * errors[:, None])
+    middle = clusters(jacobian * errors[:, None], block)
     values, axes = np.linalg.eigh(jacobian.T @ jacobian)
     seen = values > 1e-9 * max(float(values[-1]), 1e-300)
     inverse = (axes[:, seen] / values[seen]) @ axes[:, seen].T
-    variance = np.diag(inverse @ (scores.T @ scores) @ inverse).copy()
+    variance = np.diag(inverse @ middle @ inverse).copy()
     variance[np.any(np.abs(axes[:, ~seen]) > 0.05, axis=1)] = np.inf
     return np.sqrt(variance)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.identification.covariance import inverse_gram
 from lpvid.least_squares import Trial
 from quartercar.dampers.bench.static_characteristic import StaticCharacteristic
 from quartercar.dampers.fitting.coordinates import SearchCoordinates
@@ -217,12 +218,10 @@ def _starts(problem: _LogForceProblem, points: Points, network: str) -> list[np.
 def _covariance(problem: _LogForceProblem, trial: Trial, inside: np.ndarray) -> np.ndarray:
     """s² (JᵀJ)⁻¹ over some of what is free."""
     jacobian = problem.jacobian(trial)[:, inside]
-    size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-100)
     freedom = max(trial.residual.size - len(problem.free), 1)
     covariance = np.zeros((4, 4))
     places = np.array(problem.free)[inside]
-    inverse = np.linalg.pinv((jacobian / size).T @ (jacobian / size), rcond=1e-13)
-    covariance[np.ix_(places, places)] = trial.cost / freedom * inverse / np.outer(size, size)
+    covariance[np.ix_(places, places)] = trial.cost / freedom * inverse_gram(jacobian)
     return covariance
 
 

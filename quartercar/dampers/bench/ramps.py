@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 
 from lpvid.errors import InputError
+from lpvid.identification.covariance import clusters, inverse_gram
 from lpvid.least_squares import FunctionResiduals, StopRule, minimise_dense
 from lpvid.record import Record
 from quartercar.dampers.bench.creep import steady_means
@@ -129,12 +130,10 @@ def _described(law: PowerLawFrictionGas, held: tuple[str, ...], points: tuple[np
     weight = 1 / np.maximum(np.abs(forces), FLOOR)
     gradient = law.law_gradient(places, speeds, 0 * speeds, law.vector)[:, free] * weight[:, None]
     residual = (law.law(places, speeds, 0 * speeds, law.vector) - forces) * weight
-    size = np.maximum(np.linalg.norm(gradient, axis=0), 1e-300)
-    bread = np.linalg.pinv((gradient / size).T @ (gradient / size), hermitian=True)
-    filling = (gradient / size * residual[:, None]).T @ (gradient / size * residual[:, None])
+    inverse, middle = inverse_gram(gradient), clusters(gradient * residual[:, None], np.arange(residual.size))
     covariance = np.full((len(law.names), len(law.names)), np.nan)
     inflation = forces.size / max(forces.size - len(free), 1)
-    covariance[np.ix_(free, free)] = inflation * (bread @ filling @ bread) / np.outer(size, size)
+    covariance[np.ix_(free, free)] = inflation * (inverse @ middle @ inverse)
     return RampFit(law, covariance, held, places, speeds, forces, float(np.sqrt(np.mean(residual**2))))
 
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from lpvid._threads import single_thread
 from lpvid.errors import InputError, NumericalError
+from lpvid.identification.covariance import estimate_covariance
 from lpvid.validation.residuals import EXACT, residual_of
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import LawDamper
 from quartercar.dampers.fitting.coordinates import SearchCoordinates
-from quartercar.dampers.fitting.covariance import covariance_of
 from quartercar.dampers.fitting.estimate import Estimate, Starts
 from quartercar.dampers.fitting.identifiability import identifiability
 from quartercar.dampers.fitting.problem import DamperFitProblem, Full, ProjectedFit
@@ -61,7 +61,7 @@ def estimate_law(damper: LawDamper, drives: Sequence[Drive], settings: FitSettin
         held = at_bounds(damper, theta)
         jacobian = problem.jacobian(theta)
         left = residual_of(problem.measured, problem.measured + found.trial.residual)
-        spread = covariance_of(jacobian, left, problem.lengths, ~held)
+        spread = estimate_covariance(jacobian, left, problem.lengths, ~held)
         report = identifiability(damper, theta, jacobian, problem.measured, spread.covariance, ~held)
     notes = [*spread.notes]
     if not found.converged:
