@@ -69,7 +69,7 @@ def test_inverses_agree_where_all_is_seen_and_treat_blind_columns_as_stated(rng:
 
 def test_middles_are_the_long_run_covariance_of_the_scores(rng: np.random.Generator) -> None:
     """Scores AR(1) with pole 0.8 have the long-run variance 1/(1 − 0.8)² = 25 times that of the innovations."""
-    scores = lfilter([1.0], [1, -0.8], rng.normal(size=(200_000, 2)), axis=0)
+    scores = np.asarray(lfilter([1.0], [1, -0.8], rng.normal(size=(200_000, 2)), axis=0))
     halves = [scores[:100_000], scores[100_000:]]
     for middle in (blocks(halves, 200), bartlett(halves, 200), clusters(scores, np.arange(200_000) // 200)):
         np.testing.assert_allclose(middle / 200_000, 25 * np.eye(2), atol=2.5)
