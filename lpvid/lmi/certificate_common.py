@@ -12,7 +12,7 @@ from lpvid.lmi.storage import Storage
 from lpvid.scheduling import Basis, Scheduling
 
 
-class Claimed(Protocol):
+class _Claimed(Protocol):
     """What every re-check is compared with."""
 
     @property
@@ -23,7 +23,7 @@ class Claimed(Protocol):
     def between_grid(self) -> bool: ...
 
 
-class Stored(Claimed, Protocol):
+class Stored(_Claimed, Protocol):
     """What certificates of a system with signals hold besides."""
 
     @property
@@ -76,7 +76,7 @@ def malformed(storage: Storage, system: Driven) -> str:
     return ""
 
 
-def reproduced(certificate: Claimed, kind: str, found: Recheck) -> Recheck:
+def reproduced(certificate: _Claimed, kind: str, found: Recheck) -> Recheck:
     """The re-check, as long as it is no weaker than what the certificate says of itself."""
     if not found.holds:
         return found
