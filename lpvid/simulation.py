@@ -11,6 +11,7 @@ from lpvid import _checks
 from lpvid.condition.segmentation import RATE_TOLERANCE
 from lpvid.errors import InputError
 from lpvid.initial_state import estimate_state
+from lpvid.least_squares import FunctionResiduals, Shares, StopRule, minimise_dense
 from lpvid.model.adaptable import Adaptable, acting
 from lpvid.model.designed import warn_outside
 from lpvid.model.lft import LFTModel
@@ -428,19 +429,14 @@ def _estimate_self(model: SelfScheduled, u: np.ndarray, p: np.ndarray, y: np.nda
         out, diverged = model.free_run(u[: start + length], p[: start + length], past, limit)
         return np.full(length, scale * DIVERGED) if diverged is not None else out[start:] - y[:length]
 
-    best = np.full(memory, y[0])
-    now = error(best)
-    for _ in range(10):
-        slopes = np.column_stack([(error(best + 1e-6 * scale * e) - now) / (1e-6 * scale) for e in np.eye(memory)])
-        move = np.linalg.lstsq(slopes, -now, rcond=1e-8)[0]
-        for share in (1.0, 0.25, 0.06):
-            trial = error(best + share * move)
-            if trial @ trial < now @ now:
-                best, now = best + share * move, trial
-                break
-        else:
-            break
-    return np.concatenate([np.zeros(start - memory), best])
+    def slopes(past: np.ndarray) -> np.ndarray:
+        now, nudge = error(past), 1e-6 * scale
+        return np.column_stack([(error(past + nudge * e) - now) / nudge for e in np.eye(memory)])
+
+    found = minimise_dense(FunctionResiduals(error, slopes), np.full(memory, y[0]),
+                           StopRule(0.0, iterations=10, promise=0.0, worth=0.0), damping_rule=Shares(0.25, 0.06))
+    assert found is not None
+    return np.concatenate([np.zeros(start - memory), found.trial.point])
 
 
 # -- shared ----------------------------------------------------------------------------------------------------------

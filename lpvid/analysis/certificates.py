@@ -13,9 +13,13 @@ from lpvid import _checks
 from lpvid.analysis.divergence import diverging_trajectory
 from lpvid.analysis.stability_certificate import StabilityCertificate, Verification
 from lpvid.errors import InputError
-from lpvid.lmi.autonomous import Autonomous, Model, autonomous, reading_box
-from lpvid.lmi.certificate import Lyapunov, Recheck, grid, recheck
+from lpvid.lmi.bounds import recheck_decrease
+from lpvid.lmi.certificate import Recheck, grid
+from lpvid.lmi.certificate_common import certificate_kind
+from lpvid.lmi.driven import Driven, Model, autonomous
+from lpvid.lmi.readings import box_of
 from lpvid.lmi.search import LyapunovSearch, dependent, frozen_rates
+from lpvid.lmi.storage import Storage
 from lpvid.scheduling import Polynomial, Scheduling
 
 _range = range  # `range` is an argument of the public function
@@ -37,7 +41,7 @@ class Checkable(Protocol):
 def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> StabilityCertificate:
     """Look for a Lyapunov function that proves a model stable while its scheduling variables move.
 
-    Quadratic first (V with one P), then P(p) of degree 1 to 3; the inequalities stand in `lpvid.lmi.certificate`.
+    Quadratic first (V with one P), then P(p) of degree 1 to 3; the inequalities stand in `lpvid.lmi.bounds`.
     Whatever a solver proposes counts only after a re-check with numpy, on the whole box and not only on a grid.
 
     A model with a scheduling filter is tried on any motion of the filter's output first, then on what the filter
@@ -80,7 +84,7 @@ def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> S
     if found is not None:
         return found
     system, scheduling = autonomous(model), behind_filter(model, scheduling)
-    n, box = system.order, reading_box(system, scheduling)
+    n, box = system.order, box_of(system.readings, scheduling)
     return StabilityCertificate("none", np.zeros((0, n, n)), Polynomial((), 0), box, system.sample_time,
                                 system.digest, False, math.nan, False, 0.0, diverging_trajectory(system, scheduling))
 
@@ -88,19 +92,20 @@ def certify_stability(model: Model, rate: Rate = None, range: Range = None) -> S
 def certificate_for(model: Model, scheduling: Scheduling) -> StabilityCertificate | None:
     """The certificate of `certify_stability` for a box with rates, or None; trajectories are not searched for."""
     system = autonomous(model)
-    box = reading_box(system, scheduling)
+    box = box_of(system.readings, scheduling)
     frozen = frozen_rates(system, grid(box, {0: 1, 1: 201, 2: 31, 3: 11}.get(len(box.names), 3)))
     if frozen.max() >= 0:
         return None
     best = _best(system, box, float(frozen.max()))
     filtered = behind_filter(model, scheduling)
     if best is None and filtered != scheduling:
-        box = reading_box(system, filtered)
+        box = box_of(system.readings, filtered)
         best = _best(system, box, float(frozen.max()))
     if best is None:
         return None
     lyapunov, outcome, solver, decay = best
-    return StabilityCertificate(_kind(lyapunov, box), lyapunov.matrices, lyapunov.basis, box, system.sample_time,
+    assert isinstance(lyapunov.basis, Polynomial)
+    return StabilityCertificate(certificate_kind(lyapunov), lyapunov.matrices, lyapunov.basis, box, system.sample_time,
                                 system.digest, outcome.holds, outcome.margin, outcome.between_grid, decay, None, solver)
 
 
@@ -115,7 +120,7 @@ def behind_filter(model: Model, scheduling: Scheduling) -> Scheduling:
     return replace(scheduling, rate=tuple(tighter))
 
 
-def verify(certificate: StabilityCertificate | Checkable, model: Model) -> Verification:
+def verify(certificate: Checkable, model: Any) -> Verification:
     """Recompute a certificate from the model and its matrices, with numpy alone.
 
     Parameters
@@ -128,57 +133,13 @@ def verify(certificate: StabilityCertificate | Checkable, model: Model) -> Verif
     -------
     Verification
     """
-    if not isinstance(certificate, StabilityCertificate):
-        if not isinstance(certificate, Checkable):
-            raise InputError("this is no certificate", got=type(certificate).__name__)
-        found = certificate.check(model)
-        return Verification(found.holds, found.margin, found.between_grid, found.why)
-    system, nothing = autonomous(model), (math.nan, False)
-    if not certificate.verified or certificate.kind == "none":
-        return Verification(False, *nothing, "the certificate makes no claim")
-    if certificate.model_hash != system.digest or certificate.sample_time != system.sample_time:
-        return Verification(False, *nothing, "the certificate was made for another model")
-    fault = _malformed(certificate, system)
-    if fault:
-        return Verification(False, *nothing, fault)
-    lyapunov = Lyapunov(certificate.matrices, certificate.basis)
-    found = recheck(system, lyapunov, certificate.box)
-    if not found.holds:
-        return Verification(False, found.margin, found.between_grid, found.why)
-    if certificate.kind != _kind(lyapunov, certificate.box):
-        return Verification(False, found.margin, found.between_grid, f"this is no {certificate.kind} certificate")
-    if certificate.between_grid and not found.between_grid:
-        return Verification(False, found.margin, False, "the claim between grid points cannot be reproduced")
-    if not certificate.margin <= found.margin * (1 + 1e-6) + 1e-12:
-        return Verification(False, found.margin, found.between_grid, f"a margin of {certificate.margin:.3g} is claimed")
-    if certificate.decay_rate:
-        pace = recheck(system, lyapunov, certificate.box, certificate.decay_rate)
-        if not pace.holds or pace.between_grid < certificate.between_grid:
-            return Verification(False, found.margin, found.between_grid, "the claimed decay cannot be reproduced")
-    return Verification(True, found.margin, found.between_grid, found.why)
+    if not isinstance(certificate, Checkable):
+        raise InputError("this is no certificate", got=type(certificate).__name__)
+    found = certificate.check(model)
+    return Verification(found.holds, found.margin, found.between_grid, found.why)
 
 
-def _malformed(certificate: StabilityCertificate, system: Autonomous) -> str:
-    box, basis, matrices = certificate.box, certificate.basis, certificate.matrices
-    if box.names != tuple(r.label for r in system.readings):
-        return "the certificate names other scheduling variables than the model reads"
-    if not set(basis.names) <= set(box.names) or matrices.shape != (basis.size, system.order, system.order):
-        return "matrices and basis of the certificate do not fit the model"
-    if not np.all(np.isfinite(matrices)) or not np.array_equal(matrices, matrices.swapaxes(1, 2)):
-        return "the certificate's matrices are not finite and symmetric"
-    if not certificate.decay_rate >= 0 or any(r is not None and not r >= 0 for r in box.rate):
-        return "the certificate holds a negative rate"
-    return ""
-
-
-def _kind(lyapunov: Lyapunov, box: Scheduling) -> str:
-    if not lyapunov.degree:
-        return "quadratic"
-    bounded = any(box.rate[box.names.index(n)] is not None for n in lyapunov.basis.names)
-    return "parameter-dependent" if bounded else "poly-quadratic"
-
-
-def _candidates(system: Autonomous, box: Scheduling) -> Iterator[tuple[Lyapunov, str]]:
+def _candidates(system: Driven, box: Scheduling) -> Iterator[tuple[Storage, str]]:
     """Cheapest and strongest statements first."""
     search = LyapunovSearch(system, box)
     yield from ((candidate, "closed form") for candidate in search.closed_forms())
@@ -193,10 +154,10 @@ def _candidates(system: Autonomous, box: Scheduling) -> Iterator[tuple[Lyapunov,
         yield from search.solved(degree)
 
 
-def _best(system: Autonomous, box: Scheduling, frozen: float) -> tuple[Lyapunov, Recheck, str, float] | None:
-    on_grid: tuple[Lyapunov, Recheck, str] | None = None
+def _best(system: Driven, box: Scheduling, frozen: float) -> tuple[Storage, Recheck, str, float] | None:
+    on_grid: tuple[Storage, Recheck, str] | None = None
     for lyapunov, solver in _candidates(system, box):
-        outcome = recheck(system, lyapunov, box)
+        outcome = recheck_decrease(system, lyapunov)
         if outcome.holds and outcome.between_grid:
             return _sharpened(system, box, frozen, (lyapunov, outcome, solver))
         if outcome.holds and (on_grid is None or outcome.margin > on_grid[1].margin):
@@ -204,8 +165,8 @@ def _best(system: Autonomous, box: Scheduling, frozen: float) -> tuple[Lyapunov,
     return None if on_grid is None else (*on_grid, _decay(system, box, on_grid[0], frozen, on_grid[1]))
 
 
-def _sharpened(system: Autonomous, box: Scheduling, frozen: float, found: tuple[Lyapunov, Recheck, str]
-               ) -> tuple[Lyapunov, Recheck, str, float]:
+def _sharpened(system: Driven, box: Scheduling, frozen: float, found: tuple[Storage, Recheck, str]
+               ) -> tuple[Storage, Recheck, str, float]:
     """Ask the solver for faster decay where a certificate promises much less than the frozen poles."""
     decay = _decay(system, box, found[0], frozen, found[1])
     low, high = decay, -frozen
@@ -213,10 +174,10 @@ def _sharpened(system: Autonomous, box: Scheduling, frozen: float, found: tuple[
         if low > 0.6 * high or not 0 < system.order <= 8:
             break
         target = 0.5 * (low + high)
-        better = next(LyapunovSearch(system, box).solved(found[0].degree, target), None)
-        pace = None if better is None else recheck(system, better[0], box, target)
+        better = next(LyapunovSearch(system, box).solved(found[0].basis.degree or 0, target), None)
+        pace = None if better is None else recheck_decrease(system, better[0], target)
         if better is not None and pace is not None and pace.holds and pace.between_grid:
-            outcome = recheck(system, better[0], box)
+            outcome = recheck_decrease(system, better[0])
             if outcome.holds and outcome.between_grid:
                 found, low, decay = (better[0], outcome, better[1]), target, target
                 continue
@@ -224,7 +185,7 @@ def _sharpened(system: Autonomous, box: Scheduling, frozen: float, found: tuple[
     return (*found, max(decay, _decay(system, box, found[0], frozen, found[1])))
 
 
-def _decay(system: Autonomous, box: Scheduling, lyapunov: Lyapunov, frozen: float, outcome: Recheck) -> float:
+def _decay(system: Driven, box: Scheduling, lyapunov: Storage, frozen: float, outcome: Recheck) -> float:
     """The largest α [1/s], to 3 %, at which the re-check still holds as strongly; never more than the frozen rate."""
     if not system.order:
         return -math.log(1e-3) / system.sample_time if system.sample_time else 0.0
@@ -233,7 +194,7 @@ def _decay(system: Autonomous, box: Scheduling, lyapunov: Lyapunov, frozen: floa
         if high - low < 0.03 * high:
             break
         middle = 0.5 * (low + high) if low else 0.3 * high
-        pace = recheck(system, lyapunov, box, middle)
+        pace = recheck_decrease(system, lyapunov, middle)
         low, high = (middle, high) if pace.holds and pace.between_grid >= outcome.between_grid else (low, middle)
     return low
 

@@ -14,9 +14,11 @@ from lpvid.analysis.frozen import Model
 from lpvid.analysis.stability_certificate import StabilityCertificate
 from lpvid.analysis.uncertainty import StabilityProbability, share_of
 from lpvid.errors import InputError
-from lpvid.lmi.autonomous import autonomous
-from lpvid.lmi.certificate import Lyapunov, grid, recheck
+from lpvid.lmi.bounds import recheck_decrease
+from lpvid.lmi.certificate import grid
+from lpvid.lmi.driven import autonomous
 from lpvid.lmi.search import frozen_rates
+from lpvid.lmi.storage import Storage
 from lpvid.scheduling import Scheduling
 
 WIDEST = 16.0
@@ -234,10 +236,10 @@ def certified_share(certificate: StabilityCertificate, models: Iterable[Model], 
     """
     if not certificate.verified:
         raise InputError("a certificate without a claim covers no model", got=certificate.verdict)
-    lyapunov = Lyapunov(certificate.matrices, certificate.basis)
+    storage = Storage(certificate.matrices, certificate.basis, certificate.box, certificate.sample_time)
     hits, count, exact = 0, 0, True
     for model in models:
-        found = recheck(autonomous(model), lyapunov, certificate.box, budget=PATIENCE)
+        found = recheck_decrease(autonomous(model), storage, budget=PATIENCE)
         hits += found.holds and found.between_grid >= certificate.between_grid
         exact &= found.between_grid or not found.holds
         count += 1

@@ -12,13 +12,13 @@ from lpvid.analysis.bound import scaled_outputs
 from lpvid.analysis.certificates import Range, Rate
 from lpvid.analysis.gain import rated
 from lpvid.analysis.gain_bounds import usable, worst_pole
-from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.bound_certificate import has_h2_norm
 from lpvid.lmi.certificate import grid
 from lpvid.lmi.covariance_bound import CovarianceBound
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.frame import frame_of, gramian
 from lpvid.lmi.inequality import recheck_inequality
+from lpvid.lmi.readings import box_of
 from lpvid.lmi.storage import Storage
 from lpvid.lmi.storage_search import StorageSearch
 from lpvid.model.state_space import LPVStateSpace

@@ -8,9 +8,9 @@ from lpvid.analysis.bound import Bound, BoundSearch, judged, largest
 from lpvid.analysis.certificates import Range, Rate
 from lpvid.analysis.gain import rated
 from lpvid.analysis.gain_bounds import storage_bases, usable, worst_pole
-from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.bound_certificate import BoundCertificate
 from lpvid.lmi.driven import driven
+from lpvid.lmi.readings import box_of
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 

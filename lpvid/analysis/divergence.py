@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.codec import Coded
-from lpvid.lmi.autonomous import Autonomous
 from lpvid.lmi.certificate import grid
+from lpvid.lmi.driven import Driven
 from lpvid.lmi.search import frozen_rates
 from lpvid.scheduling import Scheduling
 
@@ -65,7 +65,7 @@ class Divergence(Coded):
         return f"{speed} {what} {' | '.join(shown)}{more}" if self.names else speed
 
 
-def diverging_trajectory(system: Autonomous, scheduling: Scheduling) -> Divergence | None:
+def diverging_trajectory(system: Driven, scheduling: Scheduling) -> Divergence | None:
     """The fastest-growing trajectory found: frozen values first, then periodic ones within the rate bound.
 
     Products along cycles bound the joint spectral radius from below, max ρ(Π)^{1/L}; a search with a beam does not
@@ -73,7 +73,7 @@ def diverging_trajectory(system: Autonomous, scheduling: Scheduling) -> Divergen
 
     Parameters
     ----------
-    system : Autonomous
+    system : Driven
     scheduling : Scheduling
         The variables themselves (not their delayed copies) with the box and the rates in question.
     """
@@ -99,7 +99,7 @@ def diverging_trajectory(system: Autonomous, scheduling: Scheduling) -> Divergen
     return _found(system, scheduling, "periodic", best[1], best[2], best[0])
 
 
-def _found(system: Autonomous, scheduling: Scheduling, kind: str, points: np.ndarray, durations: np.ndarray,
+def _found(system: Driven, scheduling: Scheduling, kind: str, points: np.ndarray, durations: np.ndarray,
            rate: float) -> Divergence:
     if system.sample_time is not None:
         durations = np.full(len(points), system.sample_time)
@@ -114,10 +114,10 @@ def _finer(path: np.ndarray, durations: np.ndarray, times: int = 4) -> tuple[np.
     return np.column_stack([np.interp(at, middle, column, period=float(durations.sum())) for column in path.T]), small
 
 
-def _growth(system: Autonomous, path: np.ndarray, durations: np.ndarray, columns: list[int]) -> float:
+def _growth(system: Driven, path: np.ndarray, durations: np.ndarray, columns: list[int]) -> float:
     """Growth rate [1/s] along a periodic path, delayed readings included."""
     read = [np.roll(path[:, c], r.lag) for c, r in zip(columns, system.readings, strict=True)]
-    matrices = system.matrices(np.column_stack(read) if read else np.zeros((len(path), 0)))
+    matrices = system.state_matrices(np.column_stack(read) if read else np.zeros((len(path), 0)))
     if system.sample_time is None:
         matrices = _exponentials(matrices, durations)
         period = float(durations.sum())
@@ -140,7 +140,7 @@ def _exponentials(matrices: np.ndarray, durations: np.ndarray) -> np.ndarray:
     return expm(matrices * durations[:, None, None])
 
 
-def _paths(system: Autonomous, scheduling: Scheduling, columns: list[int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _paths(system: Driven, scheduling: Scheduling, columns: list[int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     if not any(up > low for low, up in zip(scheduling.lower, scheduling.upper, strict=True)):
         return
     bounded = any(rate is not None for rate in scheduling.rate)
@@ -153,7 +153,7 @@ def _paths(system: Autonomous, scheduling: Scheduling, columns: list[int]) -> It
         yield from _slow_cycles(system, scheduling)
 
 
-def _neighbourhoods(system: Autonomous, scheduling: Scheduling, columns: list[int]) -> Iterator[np.ndarray]:
+def _neighbourhoods(system: Driven, scheduling: Scheduling, columns: list[int]) -> Iterator[np.ndarray]:
     """Sets of points between which every jump is admissible: the whole box, or boxes one step wide here and there."""
     ts = system.sample_time
     low, high = np.array(scheduling.lower), np.array(scheduling.upper)
@@ -178,7 +178,7 @@ def _corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.vstack([corners[:: max(1, len(corners) // 16)], 0.5 * (low + high)])
 
 
-def _steps(system: Autonomous, scheduling: Scheduling) -> np.ndarray | None:
+def _steps(system: Driven, scheduling: Scheduling) -> np.ndarray | None:
     """One variable: equidistant points from which the rate bound allows a step, where that takes few of them."""
     rate, ts = scheduling.rate[0], system.sample_time
     if len(scheduling.names) != 1 or not rate or ts is None:
@@ -187,14 +187,14 @@ def _steps(system: Autonomous, scheduling: Scheduling) -> np.ndarray | None:
     return grid(scheduling, max(count, 5)) if count <= 41 else None
 
 
-def _words(system: Autonomous, scheduling: Scheduling, columns: list[int]) -> Iterator[np.ndarray]:
+def _words(system: Driven, scheduling: Scheduling, columns: list[int]) -> Iterator[np.ndarray]:
     stepped = _steps(system, scheduling)
     for points in (*_neighbourhoods(system, scheduling, columns), *(() if stepped is None else (stepped,))):
         allowed = _admissible(system, scheduling, points)
         if any(r.lag for r in system.readings):
             yield from _delayed_words(points, allowed)
         else:
-            yield from _beam(points, system.matrices(points[:, columns]), allowed)
+            yield from _beam(points, system.state_matrices(points[:, columns]), allowed)
 
 
 def _beam(points: np.ndarray, matrices: np.ndarray, allowed: np.ndarray, longest: int = 8,
@@ -223,13 +223,13 @@ def _delayed_words(points: np.ndarray, allowed: np.ndarray) -> Iterator[np.ndarr
                 yield points[list(word)]
 
 
-def _admissible(system: Autonomous, scheduling: Scheduling, points: np.ndarray) -> np.ndarray:
+def _admissible(system: Driven, scheduling: Scheduling, points: np.ndarray) -> np.ndarray:
     assert system.sample_time is not None
     reach = np.array([math.inf if r is None else r * system.sample_time * (1 + 1e-12) for r in scheduling.rate])
     return np.all(np.abs(points[:, None] - points[None]) <= reach, axis=2)
 
 
-def _slow_cycles(system: Autonomous, scheduling: Scheduling, longest: int = 1_500
+def _slow_cycles(system: Driven, scheduling: Scheduling, longest: int = 1_500
                  ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Ramps at the rate bound between two points, with holds at the ends."""
     corners = grid(scheduling, 2)
@@ -257,11 +257,11 @@ def _slow_cycles(system: Autonomous, scheduling: Scheduling, longest: int = 1_50
             yield first + share[:, None] * (second - first), np.full(len(share), tick)
 
 
-def _switched_cycles(system: Autonomous, scheduling: Scheduling, columns: list[int]
+def _switched_cycles(system: Driven, scheduling: Scheduling, columns: list[int]
                      ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Continuous time, arbitrary variation: two or three points in turn, each held for a share of its own period."""
     points = _corners(np.array(scheduling.lower), np.array(scheduling.upper))
-    poles = np.linalg.eigvals(system.matrices(points[:, columns]))
+    poles = np.linalg.eigvals(system.state_matrices(points[:, columns]))
     natural = np.abs(poles.imag).max(axis=1)
     natural = np.where(natural > 0, natural, np.abs(poles).max(axis=1))
     shares = np.array([0.125, 0.25, 0.5, 0.75, 1.0])

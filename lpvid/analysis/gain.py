@@ -13,9 +13,9 @@ from lpvid.analysis.gain_bounds import GainBounds, usable, worst_pole
 from lpvid.analysis.worst_case import WorstCase, worst_trajectory
 from lpvid.codec import Coded, null
 from lpvid.errors import InputError
-from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.gain_certificate import GainCertificate
+from lpvid.lmi.readings import box_of
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling
 

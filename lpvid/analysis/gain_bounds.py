@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.lmi.autonomous import readings_of
 from lpvid.lmi.certificate import Recheck, grid
 from lpvid.lmi.certificate_common import certificate_kind
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame, frame_of
 from lpvid.lmi.gain_certificate import GainCertificate, recheck_gain
 from lpvid.lmi.gain_search import GainSearch, StorageProposal
+from lpvid.lmi.readings import readings_of
 from lpvid.lmi.storage import Storage
 from lpvid.scheduling import Basis, Polynomial, Scheduling
 

@@ -11,12 +11,12 @@ from lpvid.analysis.bound import Bound, BoundSearch, judged, scaled_outputs
 from lpvid.analysis.certificates import Range, Rate
 from lpvid.analysis.gain import rated
 from lpvid.analysis.gain_bounds import BLENDS, storage_bases, usable, worst_pole
-from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.bound_certificate import BoundCertificate, has_h2_norm, inequality_of
 from lpvid.lmi.certificate import grid
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.frame import Frame, gramian
 from lpvid.lmi.gain_search import ROUGHLY
+from lpvid.lmi.readings import box_of
 from lpvid.lmi.storage_search import StorageSearch
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling

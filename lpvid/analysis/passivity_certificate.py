@@ -10,11 +10,11 @@ import numpy as np
 
 from lpvid import _checks
 from lpvid.errors import InputError
-from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.certificate import Recheck, grid
-from lpvid.lmi.certificate_common import certificate_kind, describe_box, reproduced
+from lpvid.lmi.certificate_common import certificate_kind, describe_box, malformed, reproduced
 from lpvid.lmi.inequality import recheck_inequality
 from lpvid.lmi.passive_form import Dissipation, obstacle, preload, sector_basis, supplied
+from lpvid.lmi.readings import box_of
 from lpvid.lmi.storage import Storage
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Basis, Scheduling, basis_from_dict
@@ -113,7 +113,7 @@ class PassivityCertificate:
             return Recheck(False, False, math.nan, fault)
         storage = Storage(self.matrices, self.basis, self.box, self.sample_time)
         found = recheck_passivity(model, storage, self.multiplier)
-        return reproduced(self, certificate_kind(storage), found)  # type: ignore[arg-type]
+        return reproduced(self, certificate_kind(storage), found)
 
     def _misfit(self, model: LPVTransferFunction) -> str:
         if not self.verified or self.kind == "none":
@@ -130,16 +130,7 @@ class PassivityCertificate:
         system = supplied(model, self.multiplier)
         if system.digest != self.model_hash or model.sample_time != self.sample_time:
             return "the certificate was made for another model"
-        labels = tuple(r.label for r in system.readings)
-        if self.box.names != labels or not set(self.basis.names) <= set(labels):
-            return "the certificate names other scheduling variables than the model reads"
-        if self.matrices.shape != (self.basis.size, system.order, system.order):
-            return "matrices and basis of the certificate do not fit the model"
-        if not np.all(np.isfinite(self.matrices)) or not np.array_equal(self.matrices, self.matrices.swapaxes(1, 2)):
-            return "the certificate's matrices are not finite and symmetric"
-        if any(r is not None and not r >= 0 for r in self.box.rate):
-            return "the certificate holds a negative rate"
-        return ""
+        return malformed(Storage(self.matrices, self.basis, self.box, self.sample_time), system)
 
     def to_dict(self) -> dict:
         """Plain data for JSON; `lpvid.verify` needs nothing else but the model.

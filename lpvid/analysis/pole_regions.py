@@ -14,9 +14,9 @@ from lpvid.analysis.certificates import Range
 from lpvid.analysis.gain import rated
 from lpvid.analysis.gain_bounds import storage_bases
 from lpvid.errors import InputError
-from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.certificate import grid
 from lpvid.lmi.driven import driven
+from lpvid.lmi.readings import box_of
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial
 

@@ -26,11 +26,11 @@ from lpvid import _checks
 from lpvid.analysis.uncertain_blocks import PSD, Block, block_from_dict, diagonal
 from lpvid.errors import InputError
 from lpvid.lmi.affine import Affine
-from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.certificate import Recheck
 from lpvid.lmi.certificate_common import certificate_kind, describe_box
 from lpvid.lmi.driven import Driven, driven
 from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality
+from lpvid.lmi.readings import box_of
 from lpvid.lmi.storage import Storage
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling, basis_from_dict

@@ -19,12 +19,12 @@ from lpvid.analysis.uncertain_blocks import PSD, Block, diagonal
 from lpvid.codec import Coded, null
 from lpvid.errors import InputError
 from lpvid.lmi.affine import Affine, block
-from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.certificate import grid
 from lpvid.lmi.driven import Driven, Matrices
 from lpvid.lmi.frame import Frame, frame_of
 from lpvid.lmi.gain_search import SOLVERS, sample
 from lpvid.lmi.program import Program
+from lpvid.lmi.readings import box_of
 from lpvid.lmi.storage import Storage
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Polynomial, Scheduling

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lpvid import _checks
 from lpvid.analysis.divergence import Divergence
 from lpvid.errors import InputError
+from lpvid.lmi.bounds import recheck_decrease
+from lpvid.lmi.certificate import Recheck
+from lpvid.lmi.certificate_common import certificate_kind, malformed, reproduced
+from lpvid.lmi.driven import Model, autonomous
+from lpvid.lmi.storage import Storage
 from lpvid.scheduling import Polynomial, Scheduling, basis_from_dict
 
 SCHEMA = "lpvid/stability-certificate/1"
@@ -100,6 +105,35 @@ class StabilityCertificate:
                       for n, r, u in zip(self.box.names, self.box.rate, self.box.units, strict=True)]
             text += " with " + ", ".join(speeds)
         return text + ("" if self.between_grid else "; shown at the points of a grid only, not proven between them")
+
+    def check(self, model: Model) -> Recheck:
+        """Recompute the claim for a model; it holds only if every number in it can be reproduced.
+
+        Parameters
+        ----------
+        model : LPVTransferFunction or LPVStateSpace
+
+        Returns
+        -------
+        Recheck
+        """
+        system, storage = autonomous(model), Storage(self.matrices, self.basis, self.box, self.sample_time)
+        if not self.verified or self.kind == "none":
+            fault = "the certificate makes no claim"
+        elif self.model_hash != system.digest or self.sample_time != system.sample_time:
+            fault = "the certificate was made for another model"
+        else:
+            fault = malformed(storage, system)
+            if not fault and not self.decay_rate >= 0:
+                fault = "the certificate holds a negative rate"
+        if fault:
+            return Recheck(False, False, math.nan, fault)
+        found = reproduced(self, certificate_kind(storage), recheck_decrease(system, storage))
+        if found.holds and self.decay_rate:
+            pace = recheck_decrease(system, storage, self.decay_rate)
+            if not pace.holds or pace.between_grid < self.between_grid:
+                return replace(found, holds=False, why="the claimed decay cannot be reproduced")
+        return found
 
     def to_dict(self) -> dict:
         """Plain data for JSON; `verify` needs nothing else but the model.

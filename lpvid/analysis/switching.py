@@ -12,8 +12,9 @@ import numpy as np
 from lpvid import _checks
 from lpvid.codec import Encoded
 from lpvid.errors import InputError
-from lpvid.lmi.autonomous import Model, autonomous, reading_box
 from lpvid.lmi.certificate import EPS, Recheck
+from lpvid.lmi.driven import Model, autonomous
+from lpvid.lmi.readings import box_of
 
 MOST_PRODUCTS = 30_000
 DEEPEST = 60
@@ -307,9 +308,9 @@ def vertices(model: Model) -> np.ndarray:
         raise InputError("the values in the box are no mixtures of those at its corners",
                          got=f"a dependence on {', '.join(curved)} that is not affine",
                          mend="use lpvid.certify_stability, or give the vertices of a polytope around it")
-    box = reading_box(system, model.box)
+    box = box_of(system.readings, model.box)
     corners = np.array(list(itertools.product(*zip(box.lower, box.upper, strict=True))), dtype=float)
-    return system.matrices(corners.reshape(-1, len(box.names)))
+    return system.state_matrices(corners.reshape(-1, len(box.names)))
 
 
 def _stack(matrices: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:

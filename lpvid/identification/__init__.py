@@ -10,8 +10,8 @@ from lpvid.condition import segments, with_velocity
 from lpvid.condition.tables import as_records
 from lpvid.errors import InputError
 from lpvid.files.streaming import Chunks
+from lpvid.identification.covariance import residual_memory
 from lpvid.identification.result import Identification
-from lpvid.identification.sandwich import residual_memory
 from lpvid.identification.separation import separated, spoken_for
 from lpvid.identification.structure import Structure
 from lpvid.model.hull import Hull

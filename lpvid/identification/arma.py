@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.least_squares import Shares, StopRule, Trial, minimise_dense
+
 ITERATIONS = 30
 EDGE = 0.999
 """largest modulus that a root of C, and of D, may keep."""
@@ -53,26 +55,34 @@ def fit_arma(series: Sequence[np.ndarray], nc: int, nd: int, start: ARMA | None 
     if nc + nd == 0 or not any(np.any(v) for v in series):
         return ARMA(np.zeros(nc), np.zeros(nd))
     now = start if start is not None else _hannan_rissanen(series, nc, nd)
-    errors = [now.whiten(v) for v in series]
-    cost = _energy(errors)
-    for _ in range(ITERATIONS if nc else 1):
-        step = _gauss_newton(series, errors, now)
-        length = 1.0
-        while length > 1e-3:
-            c, d = now.c + length * step[:nc], now.d + length * step[nc:]
-            trial = ARMA(c, reflected(d))
-            if largest_root(c) < EDGE:
-                moved = [trial.whiten(v) for v in series]
-                if _energy(moved) < cost:
-                    break
-            length *= 0.5
-        else:
-            break
-        fall, cost = cost - _energy(moved), _energy(moved)
-        now, errors = trial, moved
-        if fall <= 1e-10 * cost:
-            break
-    return now
+    stop = StopRule(calm=1, iterations=ITERATIONS if nc else 1, promise=0.0, worth=0.0)
+    found = minimise_dense(_Innovations(series, nc), np.concatenate([now.c, now.d]), stop, damping_rule=Shares())
+    return now if found is None else ARMA(found.trial.theta[:nc], found.trial.theta[nc:])
+
+
+@dataclass(frozen=True, eq=False)
+class _Innovations:
+    """Innovations of all series as residuals of the coefficients (c, d)."""
+
+    series: Sequence[np.ndarray]
+    nc: int
+
+    def trial(self, point: np.ndarray) -> Trial | None:
+        c, d = point[: self.nc], reflected(point[self.nc:])
+        if largest_root(c) >= EDGE:
+            return None
+        theta = np.concatenate([c, d])
+        return Trial(theta, theta, np.concatenate([ARMA(c, d).whiten(v) for v in self.series]))
+
+    def jacobian(self, trial: Trial) -> np.ndarray:
+        c, none = trial.theta[: self.nc], np.zeros(0)
+        slopes, first = [], 0
+        for v in self.series:
+            e, first = trial.residual[first: first + len(v)], first + len(v)
+            by_c, by_d = -_through(e, none, c), _through(v, none, c)
+            slopes.append(np.column_stack([*(_delayed(by_c, i + 1) for i in range(self.nc)),
+                                           *(_delayed(by_d, i + 1) for i in range(trial.theta.size - self.nc))]))
+        return np.vstack(slopes)
 
 
 def reflected(tail: np.ndarray, edge: float = EDGE) -> np.ndarray:
@@ -119,24 +129,10 @@ def _regress(pairs: Sequence[tuple[np.ndarray, np.ndarray]], nd: int, nc: int) -
     return np.linalg.lstsq(np.vstack(rows), np.concatenate(target), rcond=1e-10)[0]
 
 
-def _gauss_newton(series: Sequence[np.ndarray], errors: Sequence[np.ndarray], now: ARMA) -> np.ndarray:
-    none = np.zeros(0)
-    slopes = []
-    for v, e in zip(series, errors, strict=True):
-        by_c, by_d = -_through(e, none, now.c), _through(v, none, now.c)
-        slopes.append(np.column_stack([*(_delayed(by_c, i + 1) for i in range(now.c.size)),
-                                       *(_delayed(by_d, i + 1) for i in range(now.d.size))]))
-    return -np.linalg.lstsq(np.vstack(slopes), np.concatenate(list(errors)), rcond=1e-10)[0]
-
-
 def _delayed(series: np.ndarray, lag: int) -> np.ndarray:
     out = np.zeros_like(series)
     out[lag:] = series[: len(series) - lag]
     return out
-
-
-def _energy(errors: Sequence[np.ndarray]) -> float:
-    return float(sum(e @ e for e in errors))
 
 
 def _through(series: np.ndarray, numerator: np.ndarray, denominator: np.ndarray) -> np.ndarray:

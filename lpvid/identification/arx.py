@@ -10,11 +10,11 @@ import numpy as np
 from lpvid import _checks
 from lpvid._threads import single_thread
 from lpvid.errors import InputError
+from lpvid.identification.covariance import sandwich_covariance
 from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.regression import SINGULAR, Columns, Factor, RegressionData, RegressionEstimate, factorize
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
 from lpvid.identification.ridge import Ridge
-from lpvid.identification.sandwich import sandwich_covariance
 from lpvid.identification.structure import Structure
 from lpvid.model.input_stage import STAGES, InputStage
 from lpvid.model.scheduling_stage import FITTED, SchedulingStage

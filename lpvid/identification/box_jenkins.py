@@ -76,7 +76,7 @@ class BoxJenkins(PredictionError):
             search = minimise(plain, plain.point(model), max_iterations=SHORT, tolerance=self.tolerance,
                               bounds=(np.full(k, -np.inf), np.full(k, np.inf)))
             if search is not None:
-                found.append((search.cost, plain.model_at(search.point.shared)))
+                found.append((search.cost, plain.model_at(search.trial.point.shared)))
         best = [min(found, key=lambda row: row[0])[1]] if found else []
 
         def errors(model: LPVTransferFunction) -> tuple[np.ndarray, ...] | None:

@@ -151,9 +151,9 @@ class Compliance(Structure):
                 raise NumericalError("no start of the compliance search gives a finite run; look at the data's scale")
             tasted_problem, tasted = min(tried, key=lambda t: t[1].cost)
             problem = ComplianceProblem.of(records, tasted_problem.model, free, self.asymmetric)
-            found = self._search(problem, tasted.x, self.max_iterations)
+            found = self._search(problem, tasted.trial.x, self.max_iterations)
             assert found is not None
-            return package(self, problem.model_at(found.x), problem, found, records,
+            return package(self, problem.model_at(found.trial.x), problem, found, records,
                            (f"best of {len(tried)} starts",), problem.matrix)
 
     def _search(self, problem: ComplianceProblem, start: np.ndarray, iterations: int) -> FreeRunSearchEnd | None:

@@ -8,14 +8,14 @@ from typing import Protocol
 
 import numpy as np
 
+from lpvid.identification.covariance import bartlett, normal_inverse, residual_memory
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
-from lpvid.identification.sandwich import residual_memory
 from lpvid.identification.structure import Structure
+from lpvid.least_squares import Factors, SearchEnd, StopRule, descend
 from lpvid.model.quasi import SelfScheduled
 from lpvid.model.scheduling_stage import FITTED, SchedulingStage
 from lpvid.record import Record
 
-MAX_DAMPING = 1e12
 LONGEST_STEP = 1.5
 """no parameter moves by more than this many of its scales in one step."""
 NUDGE = 1e-6
@@ -45,71 +45,77 @@ class Prior:
 
 
 @dataclass(frozen=True, eq=False)
-class FreeRunSearchEnd:
-    """Where a search ended: parameters, cost with prior, Gauss-Newton matrix, iterations, and why it stopped."""
+class _FreeRunTrial:
+    """Parameters, and the sum of squares of their free run and of the prior's equations."""
 
     x: np.ndarray
     cost: float
-    first_cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class _NormalStep:
+    """The Gauss-Newton matrix and the gradient at parameters x, which `scales` make comparable."""
+
+    x: np.ndarray
     gram: np.ndarray
-    iterations: int
-    why: str
+    gradient: np.ndarray
+    scales: np.ndarray
+
+    @property
+    def finite(self) -> bool:
+        return bool(np.isfinite(self.gram).all())
+
+    def step(self, damping: float) -> tuple[np.ndarray, float]:
+        """A trial no further than `LONGEST_STEP` scales off, and the fall of the cost that it promises."""
+        scaled = self.gram * np.outer(self.scales, self.scales)
+        diagonal = np.diag(scaled)
+        lift = damping * np.maximum(diagonal, 1e-10 * diagonal.max(initial=1e-300))
+        move = -np.linalg.lstsq(scaled + np.diag(lift), self.scales * self.gradient, rcond=1e-14)[0]
+        move *= min(1.0, LONGEST_STEP / max(float(np.abs(move).max(initial=0.0)), 1e-300))
+        promised = -float(move @ (2 * self.scales * self.gradient + scaled @ move))
+        return self.x + self.scales * move, promised
+
+
+@dataclass(frozen=True, eq=False)
+class _FreeRunSearch:
+    """A free run with its prior as a problem of `lpvid.least_squares.descend`."""
+
+    problem: FreeRunProblem
+    prior: Prior
+    scales: np.ndarray
+
+    def evaluate(self, point: np.ndarray) -> _FreeRunTrial | None:
+        with np.errstate(over="ignore", invalid="ignore"):
+            total = float(np.sum(self.prior.error(point) ** 2))
+            for error, _ in self.problem.pieces(point, False):
+                total += float(error @ error)
+        return _FreeRunTrial(point, total) if np.isfinite(total) else None
+
+    def linearise(self, trial: _FreeRunTrial, before: _NormalStep | None) -> _NormalStep:
+        rows = self.prior.rows
+        gram, gradient = rows.T @ rows, rows.T @ self.prior.error(trial.x)
+        for error, jacobian in self.problem.pieces(trial.x, True):
+            assert jacobian is not None
+            gram += jacobian.T @ jacobian
+            gradient += jacobian.T @ error
+        return _NormalStep(trial.x, gram, gradient, self.scales)
+
+    def admissible(self, trial: _FreeRunTrial, now: _FreeRunTrial) -> bool:
+        return True
+
+
+FreeRunSearchEnd = SearchEnd[_FreeRunTrial, _NormalStep]
 
 
 def minimise(problem: FreeRunProblem, prior: Prior, start: np.ndarray, scales: np.ndarray, *, max_iterations: int,
              tolerance: float) -> FreeRunSearchEnd | None:
     """Levenberg-Marquardt from `start`; None where the free run diverges there.
 
-    A trial whose run diverges, or whose cost does not fall, is refused and the damping grows, so that the search cannot
-    leave the set of models that run. Columns are scaled; no step is longer than `LONGEST_STEP` scales.
+    A trial whose run diverges, or whose cost does not fall, is refused, so that the search cannot leave the set of
+    models that run. Columns are scaled; no step is longer than `LONGEST_STEP` scales.
     """
-    x = np.array(start, dtype=float)
-    cost = _cost(problem, prior, x)
-    if not np.isfinite(cost):
-        return None
-    first, damping, small = cost, 1e-2, 0
-    gram, gradient = _normal(problem, prior, x)
-    why, iteration = "the limit of iterations", 0
-    while iteration < max_iterations:
-        scaled = gram * np.outer(scales, scales)
-        diagonal = np.diag(scaled)
-        lift = damping * np.maximum(diagonal, 1e-10 * diagonal.max(initial=1e-300))
-        move = -np.linalg.lstsq(scaled + np.diag(lift), scales * gradient, rcond=1e-14)[0]
-        move *= min(1.0, LONGEST_STEP / max(float(np.abs(move).max(initial=0.0)), 1e-300))
-        trial = x + scales * move
-        new = _cost(problem, prior, trial)
-        if new < cost:
-            iteration += 1
-            fall, x, cost = (cost - new) / max(cost, 1e-300), trial, new
-            damping = max(damping / 5, 1e-10)
-            gram, gradient = _normal(problem, prior, x)
-            small = small + 1 if fall < tolerance else 0
-            if small >= 2 or fall == 0:
-                why = "the cost no longer falls"
-                break
-        else:
-            damping *= 4
-            if damping > MAX_DAMPING:
-                why = "no shorter step helps"
-                break
-    return FreeRunSearchEnd(x, cost, first, gram, iteration, why)
-
-
-def _cost(problem: FreeRunProblem, prior: Prior, x: np.ndarray) -> float:
-    with np.errstate(over="ignore", invalid="ignore"):
-        total = float(np.sum(prior.error(x) ** 2))
-        for error, _ in problem.pieces(x, False):
-            total += float(error @ error)
-    return total if np.isfinite(total) else np.inf
-
-
-def _normal(problem: FreeRunProblem, prior: Prior, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    gram, gradient = prior.rows.T @ prior.rows, prior.rows.T @ prior.error(x)
-    for error, jacobian in problem.pieces(x, True):
-        assert jacobian is not None
-        gram += jacobian.T @ jacobian
-        gradient += jacobian.T @ error
-    return gram, gradient
+    stop = StopRule(tolerance, iterations=max_iterations, promise=0.0, worth=0.0)
+    return descend(_FreeRunSearch(problem, prior, scales), np.array(start, dtype=float), stop, Factors())
 
 
 def covariance(problem: FreeRunProblem, found: FreeRunSearchEnd) -> tuple[np.ndarray, float]:
@@ -118,20 +124,14 @@ def covariance(problem: FreeRunProblem, found: FreeRunSearchEnd) -> tuple[np.nda
     S sums the lagged products of the scores J(t) e(t) with Bartlett weights over the residual's memory (Newey & West
     1987): a free run's error is never white. H holds the prior's equations too.
     """
-    pieces = list(problem.pieces(found.x, True))
-    memory = residual_memory([e for e, _ in pieces])
-    total = np.zeros_like(found.gram)
-    for error, jacobian in pieces:
+    errors, scores = [], []
+    for error, jacobian in problem.pieces(found.trial.x, True):
         assert jacobian is not None
-        scores = jacobian * error[:, None]
-        total += scores.T @ scores
-        for lag in range(1, min(memory, len(scores) - 1) + 1):
-            product = (1 - lag / (memory + 1)) * (scores[lag:].T @ scores[:-lag])
-            total += product + product.T
-    scale = np.sqrt(np.maximum(np.diag(found.gram), 1e-300))
-    inverse = np.linalg.pinv(found.gram / np.outer(scale, scale), rcond=1e-12, hermitian=True) / np.outer(scale, scale)
-    rows = sum(len(e) for e, _ in pieces)
-    return inverse @ total @ inverse, sum(float(e @ e) for e, _ in pieces) / max(rows, 1)
+        errors.append(error)
+        scores.append(jacobian * error[:, None])
+    inverse = normal_inverse(found.linearised.gram)
+    mean_square = sum(float(e @ e) for e in errors) / max(sum(map(len, errors)), 1)
+    return inverse @ bartlett(scores, residual_memory(errors)) @ inverse, mean_square
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,8 +179,9 @@ def package(
                       "training": {"records": [r.name for r in records], "n_samples": rows}}
     if size <= COVARIANCE_LIMIT:
         metadata["standard_errors"] = np.sqrt(np.maximum(np.diag(spread)[:size], 0.0)).tolist()
-    scale = np.sqrt(np.maximum(np.diag(found.gram), 1e-300))
-    conditions = [float(np.linalg.cond(g)) ** 0.5 for g in (found.gram, found.gram / np.outer(scale, scale))]
+    gram = found.linearised.gram
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    conditions = [float(np.linalg.cond(g)) ** 0.5 for g in (gram, gram / np.outer(scale, scale))]
     model = model.replace(noise_variance=variance, metadata=metadata)
     stated = (f"free-run search: {found.iterations} iterations, cost {found.first_cost:.4g} to {found.cost:.4g}; "
             f"{found.why}")

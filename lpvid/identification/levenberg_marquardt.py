@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from lpvid.identification.pem_problem import Point, PredictionErrorProblem, PredictionErrors
+from lpvid.least_squares import SearchEnd, StopRule, bounded_step, descend
 from lpvid.model.transfer_function import LPVTransferFunction
 
-MAX_DAMPING = 1e12
-ROUNDING = 1e-14
-"""a fall of the cost by less than this share cannot be separated from rounding."""
 FROZEN_POINTS = 1000
 """trajectory points at which a trial step's frozen poles are checked."""
 LONGEST_STEP = 1.0
@@ -20,28 +19,11 @@ LONGEST_STEP = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class LeastSquaresEnd:
-    """Where a search ended.
-
-    Attributes
-    ----------
-    point : Point
-    residuals : Residuals
-    factors : list of arrays
-        Of [J_past J_shared e] at the point, record by record.
-    iterations : int
-    why : str
-        Why it stopped.
-    first_cost : float
-        Cost at its start.
-    """
+class _PredictionTrial:
+    """A point of a search and its prediction errors."""
 
     point: Point
     residuals: PredictionErrors
-    factors: list[np.ndarray]
-    iterations: int
-    why: str
-    first_cost: float
 
     @property
     def cost(self) -> float:
@@ -49,19 +31,97 @@ class LeastSquaresEnd:
         return self.residuals.cost
 
 
+@dataclass(frozen=True, eq=False)
+class _BlockAngularStep:
+    """The linearised problem, whose records share all parameters but their own pasts.
+
+    Attributes
+    ----------
+    problem : PredictionErrorProblem
+    point : Point
+    factors : list of arrays
+        Of [J_past J_shared e] at the point, record by record.
+    bounds : pair of arrays
+        Of the shared parameters.
+    scale : (k,) array
+        Norms of the shared columns, not below half the largest so far.
+    """
+
+    problem: PredictionErrorProblem
+    point: Point
+    factors: list[np.ndarray]
+    bounds: tuple[np.ndarray, np.ndarray]
+    scale: np.ndarray
+
+    @property
+    def finite(self) -> bool:
+        return all(np.isfinite(r).all() for r in self.factors)
+
+    def step(self, damping: float) -> tuple[Point, float]:
+        """A trial point, and the fall of the cost that the linearisation promises for it."""
+        problem, point, (lower, upper) = self.problem, self.point, self.bounds
+        shared, heads = reduce(problem, self.factors, damping)
+        k = shared.shape[1] - 1
+        scale = np.where(self.scale > 0, self.scale, 1.0)
+        move = bounded_step(shared[:, :k], -shared[:, k], damping, scale, lower - point.shared, upper - point.shared)
+        move *= _shortening(problem, point.shared, move)
+        target = problem.projected(np.clip(point.shared + move, lower, upper))
+        move = target - point.shared
+        pasts, predicted, ni = [], 0.0, problem.n_past
+        for r, head, past in zip(self.factors, heads, point.past, strict=True):
+            right = head[:, -1] - head[:, ni:-1] @ move
+            own = np.linalg.lstsq(head[:, :ni], right, rcond=1e-14)[0] if ni else np.zeros(0)
+            whole = np.concatenate([own, move])
+            predicted += float(np.sum(r[:, -1] ** 2) - np.sum((r[:, -1] - r[:, :-1] @ whole) ** 2))
+            pasts.append(past + own.reshape(past.shape) if ni else past)
+        return Point(target, tuple(pasts)), predicted
+
+
+@dataclass(frozen=True, eq=False)
+class _PredictionErrorSearch:
+    """A prediction-error problem as a problem of `lpvid.least_squares.descend`."""
+
+    problem: PredictionErrorProblem
+    start: Point
+    bounds: tuple[np.ndarray, np.ndarray]
+    frozen_limit: float
+
+    def evaluate(self, point: Point) -> _PredictionTrial | None:
+        found = self.problem.residuals(point)
+        return None if found is None else _PredictionTrial(point, found)
+
+    def linearise(self, trial: _PredictionTrial, before: _BlockAngularStep | None) -> _BlockAngularStep:
+        factors = self.problem.factors(trial.point, trial.residuals)
+        norms = np.linalg.norm(np.vstack([r[:, self.problem.n_past:-1] for r in factors]), axis=0)
+        scale = norms if before is None else np.maximum(norms, 0.5 * before.scale)
+        return _BlockAngularStep(self.problem, trial.point, factors, self.bounds, scale)
+
+    @cached_property
+    def limit(self) -> float:
+        """`frozen_limit`, or the start's own radius where that lies further out."""
+        if frozen_inside(self.problem, self.start, self.frozen_limit):
+            return self.frozen_limit
+        return frozen_radius(self.problem, self.start) * (1 + 1e-9)
+
+    def admissible(self, trial: _PredictionTrial, now: _PredictionTrial) -> bool:
+        return frozen_inside(self.problem, trial.point, self.limit)
+
+
+LeastSquaresEnd = SearchEnd[_PredictionTrial, _BlockAngularStep]
+
+
 def minimise(problem: PredictionErrorProblem, start: Point, *, max_iterations: int, tolerance: float,
              bounds: tuple[np.ndarray, np.ndarray], frozen_limit: float = 1.0,
              progress: Callable[[int, float], None] | None = None) -> LeastSquaresEnd | None:
     """Minimise the cost from `start`; None where the start itself diverges.
 
-    Damping by the gain ratio (Nielsen 1999), columns scaled to their largest norm so far (Moré 1978). A trial is
-    refused when it diverges, when its cost does not fall, or when its largest frozen pole along the training trajectory
-    leaves a circle, or goes further out than it was at the start. The pasts of the records enter each step through
-    their own factor (block-angular elimination), so that many records cost no more than one.
+    A trial is refused when it diverges, when its cost does not fall, or when its largest frozen pole along the training
+    trajectory leaves a circle, or goes further out than it was at the start. The pasts of the records enter each step
+    through their own factor (block-angular elimination), so that many records cost no more than one.
 
     Parameters
     ----------
-    problem : Problem
+    problem : PredictionErrorProblem
     start : Point
     max_iterations : int
     tolerance : float
@@ -75,57 +135,18 @@ def minimise(problem: PredictionErrorProblem, start: Point, *, max_iterations: i
 
     Returns
     -------
-    Search or None
+    SearchEnd or None
     """
-    lower, upper = bounds
-    point = Point(np.clip(problem.projected(start.shared), lower, upper), start.past)
-    now = problem.residuals(point)
-    if now is None:
-        return None
-    first_cost, factors = now.cost, problem.factors(point, now)
-    damping, growth, small = 1e-3, 2.0, 0
-    scale = _scale(problem, factors, None)
-    limit = frozen_limit if frozen_inside(problem, point, frozen_limit) else frozen_radius(problem, point) * (1 + 1e-9)
-    why, iteration = "the limit of iterations", 0
-    while iteration < max_iterations:
-        if not all(np.isfinite(r).all() for r in factors):
-            why = "sensitivities out of range"
-            break
-        trial, predicted = _step(problem, factors, point, damping, scale, bounds)
-        if not predicted > ROUNDING * now.cost:
-            why = "the cost no longer falls"
-            break
-        moved = problem.residuals(trial)
-        better = moved is not None and moved.cost < now.cost
-        gain = -1.0 if moved is None else (now.cost - moved.cost) / predicted
-        if moved is not None and better and gain > 1e-4 and frozen_inside(problem, trial, limit):
-            iteration += 1
-            fall = (now.cost - moved.cost) / max(now.cost, 1e-300)
-            point, now = trial, moved
-            damping *= max(1 / 3, 1 - (2 * min(gain, 1.0) - 1) ** 3)
-            growth = 2.0
-            if progress is not None:
-                progress(iteration, now.cost)
-            factors = problem.factors(point, now)
-            scale = _scale(problem, factors, scale)
-            small = small + 1 if fall < tolerance else 0
-            if small >= 2 or fall == 0:
-                why = "the cost no longer falls"
-                break
-        else:
-            damping *= growth
-            growth *= 2.0
-            if damping > MAX_DAMPING:
-                why = "no shorter step helps"
-                break
-    return LeastSquaresEnd(point, now, factors, iteration, why, first_cost)
+    begin = Point(np.clip(problem.projected(start.shared), *bounds), start.past)
+    return descend(_PredictionErrorSearch(problem, begin, bounds, frozen_limit), begin,
+                   StopRule(tolerance, iterations=max_iterations), progress=progress)
 
 
-def reduce(problem: PredictionErrorProblem, factors: list[np.ndarray], damping: float = 0.0,
-           scale: np.ndarray | None = None) -> tuple[np.ndarray, list[np.ndarray]]:
+def reduce(problem: PredictionErrorProblem, factors: list[np.ndarray],
+           damping: float = 0.0) -> tuple[np.ndarray, list[np.ndarray]]:
     """Eliminate every record's past: the factor of the shared part [J_shared e], and each record's own rows.
 
-    With damping, √damping times the column norms in `scale` stands below each past's columns.
+    With damping, √damping times the column norms stands below each past's columns.
     """
     ni = problem.n_past
     tails, heads = [], []
@@ -145,34 +166,6 @@ def _triangle(rows: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
-def _step(problem: PredictionErrorProblem, factors: list[np.ndarray], point: Point, damping: float, scale: np.ndarray,
-          bounds: tuple[np.ndarray, np.ndarray]) -> tuple[Point, float]:
-    """A trial point, and the fall of the cost that the linearisation predicts for it."""
-    lower, upper = bounds
-    shared, heads = reduce(problem, factors, damping)
-    k = shared.shape[1] - 1
-    jacobian, error = shared[:, :k], shared[:, k]
-    gradient = jacobian.T @ error
-    held = ((point.shared <= lower) & (gradient < 0)) | ((point.shared >= upper) & (gradient > 0))
-    free = np.flatnonzero(~held & (scale > 0))
-    d = scale[free]
-    stacked = np.vstack([jacobian[:, free] / d, np.sqrt(damping) * np.eye(free.size)])
-    solution = np.linalg.lstsq(stacked, np.concatenate([error, np.zeros(free.size)]), rcond=1e-14)[0]
-    move = np.zeros(k)
-    move[free] = solution / d
-    move *= _shortening(problem, point.shared, move)
-    target = problem.projected(np.clip(point.shared + move, lower, upper))
-    move = target - point.shared
-    pasts, predicted = [], 0.0
-    for r, head, past in zip(factors, heads, point.past, strict=True):
-        ni = problem.n_past
-        own = np.linalg.lstsq(head[:, :ni], head[:, -1] - head[:, ni:-1] @ move, rcond=1e-14)[0] if ni else np.zeros(0)
-        whole = np.concatenate([own, move])
-        predicted += float(np.sum(r[:, -1] ** 2) - np.sum((r[:, -1] - r[:, :-1] @ whole) ** 2))
-        pasts.append(past + own.reshape(past.shape) if ni else past)
-    return Point(target, tuple(pasts)), predicted
-
-
 def _shortening(problem: PredictionErrorProblem, shared: np.ndarray, move: np.ndarray) -> float:
     """Factor ≤ 1 that keeps a step within `LONGEST_STEP` in the recursive coefficients."""
     part = problem.layout.table[:, 0]
@@ -180,13 +173,6 @@ def _shortening(problem: PredictionErrorProblem, shared: np.ndarray, move: np.nd
     size = np.linalg.norm(move[recursive])
     limit = LONGEST_STEP * (1.0 + np.linalg.norm(shared[recursive]))
     return 1.0 if size <= limit else float(limit / size)
-
-
-def _scale(problem: PredictionErrorProblem, factors: list[np.ndarray], previous: np.ndarray | None) -> np.ndarray:
-    """Norms of the shared columns; half their largest value so far stays a floor."""
-    ni = problem.n_past
-    norms = np.sqrt(sum(np.sum(r[:, ni:-1] ** 2, axis=0) for r in factors))
-    return norms if previous is None else np.maximum(norms, 0.5 * previous)
 
 
 # -- frozen poles ------------------------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from lpvid.errors import InputError, NumericalError
+from lpvid.identification.covariance import inverse_gram
 from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.levenberg_marquardt import reduce
 from lpvid.identification.pem_problem import Point, PredictionErrorProblem, PredictionErrors
@@ -327,12 +328,11 @@ class PassiveSearch:
         jacobian = found[0]
         norms = np.linalg.norm(jacobian, axis=0)
         size = np.where(norms > 0, norms, 1.0)
-        inverse = np.linalg.pinv(jacobian / size) / size[:, None]
         alive = (jacobian / size)[:, norms > 0]
         rows = self.problem.counted
         chain = self.chain(reached.xi)[: self.layout.size]
         spread = found[2] / max(rows - reached.xi.size, 1)
-        return (chain @ (spread * inverse @ inverse.T) @ chain.T, float(np.linalg.cond(alive)), rows)
+        return (chain @ (spread * inverse_gram(jacobian)) @ chain.T, float(np.linalg.cond(alive)), rows)
 
 
 def positive_parts(model: LPVTransferFunction) -> np.ndarray:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from lpvid.identification.covariance import inverse_gram
 from lpvid.identification.levenberg_marquardt import LeastSquaresEnd, reduce
 from lpvid.identification.pem_problem import PredictionErrorProblem
 from lpvid.identification.pem_starts import autoregression
@@ -26,11 +27,11 @@ def covariance(problem: PredictionErrorProblem, search: LeastSquaresEnd, *, colo
     -------
     (k, k) array, str
     """
-    shared, _ = reduce(problem, search.factors)
+    shared, _ = reduce(problem, search.linearised.factors)
     k = shared.shape[1] - 1
-    inverse = _inverse(shared[:, :k])
-    degrees = max(problem.counted - k - problem.n_past * len(search.factors), 1)
-    rows = [e[problem.head:] * problem.weights for e in search.residuals.errors]
+    inverse = inverse_gram(shared[:, :k])
+    degrees = max(problem.counted - k - problem.n_past * len(search.linearised.factors), 1)
+    rows = [e[problem.head:] * problem.weights for e in search.trial.residuals.errors]
     spread = sum(e.T @ e for e in rows) * (problem.n_outputs / degrees)
     if not coloured:
         return _sandwich(problem, search, inverse, np.ones(1), spread), "Gauss-Newton, white innovations"
@@ -52,17 +53,6 @@ def _colour(series: list[np.ndarray]) -> np.ndarray:
     return fits[int(np.argmin(aic))][0]
 
 
-def _inverse(r: np.ndarray) -> np.ndarray:
-    """(RᵀR)⁻¹ with unit columns; parameters without influence get no covariance rather than an infinite one."""
-    scale = np.linalg.norm(r, axis=0)
-    alive = scale > 0
-    inverse = np.zeros((r.shape[1], r.shape[1]))
-    root = np.linalg.pinv(r[:, alive] / scale[alive], rcond=1e-12)
-    part = root @ root.T / np.outer(scale[alive], scale[alive])
-    inverse[np.ix_(alive, alive)] = part
-    return inverse
-
-
 def _sandwich(problem: PredictionErrorProblem, search: LeastSquaresEnd, inverse: np.ndarray, polynomial: np.ndarray,
               innovation: np.ndarray) -> np.ndarray:
     """H⁻¹ (Σ J^fᵀ Λ J^f) H⁻¹ for the part of J that is orthogonal to the records' pasts."""
@@ -71,7 +61,7 @@ def _sandwich(problem: PredictionErrorProblem, search: LeastSquaresEnd, inverse:
         return float(innovation[0, 0]) * inverse
     root = np.linalg.cholesky(innovation + 1e-300 * np.eye(len(innovation)))
     middle = np.zeros_like(inverse)
-    factors = iter(search.factors)
+    factors = iter(search.linearised.factors)
 
     def consumer(_: int) -> Callable:
         factor = next(factors)
@@ -93,7 +83,7 @@ def _sandwich(problem: PredictionErrorProblem, search: LeastSquaresEnd, inverse:
 
         return absorb
 
-    problem.sweep(search.point, search.residuals, consumer)
+    problem.sweep(search.trial.point, search.trial.residuals, consumer)
     return inverse @ middle @ inverse
 
 

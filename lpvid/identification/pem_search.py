@@ -34,7 +34,7 @@ class PredictionErrorOutcome:
     @property
     def size(self) -> float:
         """Geometric mean over the outputs of the mean squared prediction error."""
-        return mean_square(self.search.residuals.errors)
+        return mean_square(self.search.trial.residuals.errors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Campaign:
             found = minimise(self.coarse, self.coarse.point(model), max_iterations=min(SHORT, self.max_iterations),
                              tolerance=self.tolerance, bounds=self.bounds, frozen_limit=frozen_limit)
             if found is not None:
-                tried.append((found.cost, label, self.coarse.model_at(found.point.shared)))
+                tried.append((found.cost, label, self.coarse.model_at(found.trial.point.shared)))
         return sorted(tried, key=lambda row: row[0])
 
     def finish(self, tried: Sequence[Ranked], frozen_limit: float) -> PredictionErrorOutcome | None:
@@ -83,9 +83,9 @@ class Campaign:
             if search is None:
                 continue
             for _ in range(REWEIGHTED if problem.n_outputs > 1 else 0):
-                errors = np.vstack([e[problem.head:] for e in search.residuals.errors])
+                errors = np.vstack([e[problem.head:] for e in search.trial.residuals.errors])
                 problem.weights = 1.0 / np.maximum(np.sqrt(np.mean(errors**2, axis=0)), 1e-300)
-                search = self._full(search.point, frozen_limit) or search
+                search = self._full(search.trial.point, frozen_limit) or search
             return PredictionErrorOutcome(search, label, problem.weights)
         return None
 
@@ -102,13 +102,13 @@ class Campaign:
         """
         if guarded is not None:
             each = guarded.search.cost / self.problem.counted
-            held = not frozen_inside(self.problem, guarded.search.point, EDGE)
+            held = not frozen_inside(self.problem, guarded.search.trial.point, EDGE)
             if not held and not (outside and outside[0][0] / self.coarse.counted < each):
                 return None
         models = list(outside[: self.starts])
         if guarded is not None:
             inside, rest = ranked(self.coarse, [("the guarded search",
-                                                 self.problem.model_at(guarded.search.point.shared))])
+                                                 self.problem.model_at(guarded.search.trial.point.shared))])
             models += [*inside, *rest]
         inside, rest = ranked(self.coarse, more())
         return self.follow([*models, *inside, *rest], np.inf)

@@ -61,7 +61,7 @@ def equation_start(records: Sequence[Record], problem: PredictionErrorProblem, f
         search = minimise(plain, plain.point(model), max_iterations=iterations, tolerance=1e-4,
                           bounds=(np.full(k, -np.inf), np.full(k, np.inf)))
         if search is not None:
-            found.append((search.cost, plain.model_at(search.point.shared)))
+            found.append((search.cost, plain.model_at(search.trial.point.shared)))
     if not found:
         return []
     best = min(found, key=lambda row: row[0])[1].replace(noise=problem.noise)

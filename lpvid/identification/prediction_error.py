@@ -181,7 +181,7 @@ class PredictionError(Structure):
         measured = self._problem(records, first, estimate_past=False)
         measured.weights = found.weights
         least = measured.residuals(measured.point(first.model))
-        ours = measured.residuals(measured.point(problem.model_at(found.search.point.shared)))
+        ours = measured.residuals(measured.point(problem.model_at(found.search.trial.point.shared)))
         if least is None or (ours is not None and ours.cost <= least.cost):
             return problem, found
         campaign = Campaign(measured, measured, self._bounds(measured), self.starts, self.max_iterations,
@@ -233,18 +233,19 @@ class PredictionError(Structure):
             f"prediction error: {search.iterations} iterations from {found.label} ({described}, {self.starts} at most "
             f"followed); mean square {begun} (least squares) -> {found.size:.6g}; stopped: {search.why}"
         ]
-        model = problem.model_at(search.point.shared)
-        for noun, stage, given in (("input stage", model.input_stage, self.stage),
+        model = problem.model_at(search.trial.point.shared)
+        for noun, stage, asked in (("input stage", model.input_stage, self.stage),
                                    ("scheduling filter", model.scheduling_stage, self.schedule_filter)):
-            if stage is not None and isinstance(given, str):
+            if stage is not None and isinstance(asked, str):
                 values = ", ".join(f"{k} {v:.4g}" for k, v in stage.to_dict().items() if isinstance(v, float))
-                notes.append(f"{noun} {given} fitted along with the model: {values}")
+                notes.append(f"{noun} {asked} fitted along with the model: {values}")
         if problem.n_past:
             what = "past innovations" if problem.noise.kind == "armax" else "past outputs"
-            values = ", ".join(f"{v:.4g}" for v in search.point.past[0].ravel()[:4])
-            notes.append(f"initial conditions estimated: {problem.n_past} {what} for each of "
-                         f"{len(search.point.past)} record(s), not counted as parameters (first record: {values})")
-        moduli = frozen_moduli(problem, problem.model_at(search.point.shared), CHECKED_POINTS)
+            values = ", ".join(f"{v:.4g}" for v in search.trial.point.past[0].ravel()[:4])
+            count = len(search.trial.point.past)
+            notes.append(f"initial conditions estimated: {problem.n_past} {what} for each of {count} record(s), "
+                         f"not counted as parameters (first record: {values})")
+        moduli = frozen_moduli(problem, problem.model_at(search.trial.point.shared), CHECKED_POINTS)
         share = float(np.mean(moduli >= 1))
         if moduli.max(initial=0.0) < 1 and moduli.max(initial=0.0) > EDGE:
             notes.append(f"the search ended at the edge of frozen stability (largest frozen pole {moduli.max():.6f}): "
@@ -262,15 +263,15 @@ class PredictionError(Structure):
         search: LeastSquaresEnd,
         notes: Sequence[str],
     ) -> Identification:
-        shared, _ = reduce(problem, search.factors)
+        shared, _ = reduce(problem, search.linearised.factors)
         jacobian = shared[:, :-1]
         scale = np.linalg.norm(jacobian, axis=0)
         alive = scale > 0
         whole, kind = covariance(problem, search, coloured=self.coloured)
         k, q, _ = problem.sizes
-        rows = np.vstack([e[problem.head:] for e in search.residuals.errors])
+        rows = np.vstack([e[problem.head:] for e in search.trial.residuals.errors])
         degrees = max(len(rows) - (sum(problem.sizes) + problem.n_past * len(records)) / problem.n_outputs, 1)
-        model = problem.model_at(search.point.shared)
+        model = problem.model_at(search.trial.point.shared)
         structure = replace(self, basis=model.basis, stage=model.input_stage, schedule_filter=model.scheduling_stage)
         metadata: dict = {"structure": structure.to_dict(), "covariance_kind": kind,
                           "training": {"records": [r.name for r in records], "n_samples": len(rows)}}

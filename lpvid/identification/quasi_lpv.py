@@ -150,7 +150,7 @@ class QuasiLPV(Structure):
                                      "use hat functions with na=0, which cannot diverge")
             problem, found = min(tried, key=lambda t: t[1].cost)
             note = () if len(tried) < 2 else (f"best of {len(tried)} starts",)
-            return package(self, problem.model_at(found.x), problem, found, records, note)
+            return package(self, problem.model_at(found.trial.x), problem, found, records, note)
 
     def _kappas(self, records: Sequence[Record]) -> list[np.ndarray]:
         if self.on != "trial":

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid.identification.arma import ARMA, fit_arma, reflected
+from lpvid.identification.covariance import pseudo_inverse
 from lpvid.identification.refined_iv_problem import WHITE, AuxiliaryRun, IVProblem
+from lpvid.least_squares import bounded_step, column_scale
 
 HALVINGS = 10
 DAMPINGS = (1e-7, 1e-5, 1e-3, 1e-1, 10.0)
@@ -188,9 +190,9 @@ def _levenberg(problem: IVProblem, factor: np.ndarray) -> Iterator[np.ndarray]:
     """Levenberg's steps down the cost, from the exact sensitivities, ever shorter."""
     k = problem.size
     slope, error = factor[: 2 * k, k: 2 * k], factor[: 2 * k, -1]
-    scale = np.linalg.norm(slope, axis=0)
+    scale, wide = column_scale(slope), np.full(k, np.inf)
     for damping in DAMPINGS:
-        yield _solve(np.vstack([slope, np.diag(np.sqrt(damping) * scale)]), np.concatenate([error, np.zeros(k)]))
+        yield bounded_step(slope, -error, damping, scale, -wide, wide)
 
 
 def _change(problem: IVProblem, factor: np.ndarray, new: np.ndarray, old: np.ndarray) -> float:
@@ -294,20 +296,14 @@ def covariance(problem: IVProblem, found: RefinedIvEnd, white: bool) -> tuple[np
     extra = found.noise.c.size + found.noise.d.size
     energy = float(sum(e @ e for e in found.innovations))
     variance = energy / max(problem.rows - k - extra, 1)
-    root = _inverse(factor[:k, k: 2 * k])
+    root = pseudo_inverse(factor[:k, k: 2 * k])
     colour = WHITE if white else autoregression([e[problem.start:] for e in found.innovations])
     if not colour.d.size:
         return variance * root @ root.T, variance, colour
     driving = sum(float(w @ w) for w in (colour.whiten(e[problem.start:]) for e in found.innovations))
     coloured = problem.factor(found.run, colour, "coloured")
-    root = root @ (coloured[: 2 * k, k: 2 * k] @ _inverse(coloured[:k, :k])).T
+    root = root @ (coloured[: 2 * k, k: 2 * k] @ pseudo_inverse(coloured[:k, :k])).T
     return driving / max(problem.rows - k, 1) * root @ root.T, variance, colour
-
-
-def _inverse(matrix: np.ndarray) -> np.ndarray:
-    scale = np.linalg.norm(matrix, axis=0)
-    scale[scale == 0] = 1.0
-    return np.linalg.pinv(matrix / scale, rcond=1e-13) / scale[:, None]
 
 
 def autoregression(series: Sequence[np.ndarray]) -> ARMA:

@@ -12,10 +12,10 @@ from lpvid._threads import single_thread
 from lpvid.errors import InputError
 from lpvid.identification._support import Supports, units_of, variables_of
 from lpvid.identification.arx import ARX, scheduling_box
+from lpvid.identification.covariance import sandwich_covariance
 from lpvid.identification.layout import ParameterLayout
 from lpvid.identification.regression import Columns, Factor, factorize
 from lpvid.identification.result import COVARIANCE_LIMIT, Identification
-from lpvid.identification.sandwich import sandwich_covariance
 from lpvid.identification.structure import Structure
 from lpvid.record import Record
 

@@ -22,7 +22,6 @@ from lpvid.identification.state_space_result import (
     static_basis,
 )
 from lpvid.identification.state_space_search import (
-    CONVERGED,
     SearchData,
     StateSpaceSearchEnd,
     bounded,
@@ -32,6 +31,7 @@ from lpvid.identification.state_space_search import (
 )
 from lpvid.identification.structure import Structure
 from lpvid.identification.subspace import Subspace
+from lpvid.least_squares import CONVERGED
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.realization import realize
 from lpvid.record import Record

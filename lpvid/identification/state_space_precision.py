@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid._threads import single_thread
-from lpvid.identification.sandwich import block_length, residual_memory
+from lpvid.identification.covariance import block_length, residual_memory
 from lpvid.identification.state_space_layout import StateSpaceLayout, stacks
 from lpvid.identification.state_space_search import LocalProblem, SearchData, StateSpaceSearchEnd, gauge, linearise
 from lpvid.model.state_space import LPVStateSpace

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from lpvid._threads import single_thread
 from lpvid.identification.state_space_layout import StateSpaceLayout, stacks
+from lpvid.least_squares import Factors, StopRule, descend
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.record import Record
 from lpvid.simulation import _outputs, _signals
@@ -19,12 +21,11 @@ CHUNK = 512
 """samples whose sensitivities are folded into R at once."""
 BEYOND = 1e4
 """a run that exceeds this many times the data's scale counts as diverged."""
-DAMPING = 1e-2
-"""first Levenberg-Marquardt damping, for unit Jacobian columns."""
+RULE = Factors(1e-2, down=8.0, up=6.0, good=0.7, poor=0.2, refusals=14)
+"""of damping, for unit Jacobian columns."""
 DECIDED, SLOW = 0.01, 0.2
 """decrease of the cost, in noise variances, that ends the search at once (a tenth of a standard error), or at the third
 time in a row."""
-CONVERGED = "the cost no longer falls"
 FROZEN_POINTS = 2000
 """points along the training trajectory at which a trial's frozen poles are looked at."""
 NEGLIGIBLE = 1e-9
@@ -270,42 +271,89 @@ def refine(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, *, 
     return found
 
 
+@dataclass(frozen=True, eq=False)
+class _StateSpaceTrial:
+    """A model, its parameters and its errors."""
+
+    model: LPVStateSpace
+    theta: np.ndarray
+    evaluation: Evaluation
+    data: SearchData
+
+    @property
+    def cost(self) -> float:
+        """Weighted sum of squares."""
+        return self.evaluation.cost
+
+    @cached_property
+    def radius(self) -> float:
+        """Largest frozen pole along the training trajectory."""
+        return frozen_radius(self.model, self.data)
+
+
+@dataclass(frozen=True, eq=False)
+class _ProjectedStep:
+    """The local problem at a trial, and the promise below which no step is worth a run."""
+
+    theta: np.ndarray
+    factor: np.ndarray
+    directions: np.ndarray
+    least: float
+
+    @property
+    def finite(self) -> bool:
+        return bool(np.isfinite(self.factor).all())
+
+    @cached_property
+    def local(self) -> LocalProblem:
+        return LocalProblem.of(self.factor, self.directions)
+
+    def step(self, damping: float) -> tuple[np.ndarray, float]:
+        """Parameters to try, and the fall of the cost that they promise; none where the undamped step promises none."""
+        worth_it = self.local.expected(0.0) >= self.least
+        return self.theta + self.local.step(damping), self.local.expected(damping) if worth_it else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class _StateSpaceSearch:
+    """A state-space model on data as a problem of `lpvid.least_squares.descend`."""
+
+    model: LPVStateSpace
+    layout: StateSpaceLayout
+    data: SearchData
+    free_coordinates: bool
+    stable: bool
+
+    @cached_property
+    def ones(self) -> np.ndarray | None:
+        """`SearchData.ones`, which no step changes."""
+        return self.data.ones
+
+    def evaluate(self, point: np.ndarray) -> _StateSpaceTrial | None:
+        if not np.isfinite(point).all():
+            return None
+        model = self.layout.fill(self.model, point)
+        found = evaluate(model, self.data)
+        return _StateSpaceTrial(model, self.layout.read(model), found, self.data) if np.isfinite(found.cost) else None
+
+    def linearise(self, trial: _StateSpaceTrial, before: _ProjectedStep | None) -> _ProjectedStep:
+        factor = linearise(trial.model, self.layout, self.data, trial.evaluation.starts)
+        directions = (gauge(trial.model, self.layout, self.ones) if self.free_coordinates
+                      else np.zeros((self.layout.size, 0)))
+        return _ProjectedStep(trial.theta, factor, directions, DECIDED * trial.cost / self.data.rows)
+
+    def admissible(self, trial: _StateSpaceTrial, now: _StateSpaceTrial) -> bool:
+        return not self.stable or trial.radius <= max(1.0, now.radius)
+
+
 def _levenberg(model: LPVStateSpace, layout: StateSpaceLayout, data: SearchData, iterations: int,
                free_coordinates: bool, stable: bool) -> StateSpaceSearchEnd:
-    theta, now, damping, slow = layout.read(model), evaluate(model, data), DAMPING, 0
-    ones = data.ones if free_coordinates else None
-    radius = outside = frozen_radius(model, data) if stable else 0.0
-    if not np.isfinite(now.cost):
-        return StateSpaceSearchEnd(model, now, data, 0, "its start diverges")
-    for count in range(iterations):
-        factor = linearise(model, layout, data, now.starts)
-        if not np.isfinite(factor).all():
-            return StateSpaceSearchEnd(model, now, data, count, "sensitivities out of range")
-        directions = gauge(model, layout, ones) if free_coordinates else np.zeros((layout.size, 0))
-        local = LocalProblem.of(factor, directions)
-        if local.expected(0.0) * data.rows < DECIDED * now.cost:
-            return StateSpaceSearchEnd(model, now, data, count, CONVERGED)
-        for _ in range(14):
-            step = local.step(damping)
-            trial = _filled(layout, model, theta + step)
-            after = Evaluation(np.inf) if trial is None else evaluate(trial, data)
-            if after.cost < now.cost:
-                assert trial is not None
-                outside = frozen_radius(trial, data) if stable else 0.0
-                if outside <= max(1.0, radius):
-                    break
-            damping *= 6.0
-        else:
-            return StateSpaceSearchEnd(model, now, data, count, "no shorter step helps")
-        assert trial is not None
-        gain = (now.cost - after.cost) / max(local.expected(damping), 1e-300)
-        fall = (now.cost - after.cost) * data.rows / now.cost
-        slow = slow + 1 if fall < SLOW else 0
-        damping = max(damping / 8.0, 1e-10) if gain > 0.7 else damping * 2.0 if gain < 0.2 else damping
-        model, theta, now, radius = trial, layout.read(trial), after, min(radius, outside)
-        if slow >= 3 or (fall < DECIDED and damping < 1.0):
-            return StateSpaceSearchEnd(model, now, data, count + 1, CONVERGED)
-    return StateSpaceSearchEnd(model, now, data, iterations, "the limit of iterations")
+    stop = StopRule(SLOW / data.rows, calm=3, iterations=iterations, promise=0.0, decided=DECIDED / data.rows,
+                    worth=0.0)
+    found = descend(_StateSpaceSearch(model, layout, data, free_coordinates, stable), layout.read(model), stop, RULE)
+    if found is None:
+        return StateSpaceSearchEnd(model, Evaluation(np.inf), data, 0, "its start diverges")
+    return StateSpaceSearchEnd(found.trial.model, found.trial.evaluation, data, found.iterations, found.why)
 
 
 def frozen_radius(model: LPVStateSpace, data: SearchData) -> float:
@@ -315,10 +363,6 @@ def frozen_radius(model: LPVStateSpace, data: SearchData) -> float:
     step = max(1, sum(len(piece[0]) for piece in data.pieces) // FROZEN_POINTS)
     phi = np.vstack([piece[0][::step] for piece in data.at(model).pieces])
     return float(np.abs(np.linalg.eigvals(np.tensordot(phi, model.A, axes=1))).max())
-
-
-def _filled(layout: StateSpaceLayout, model: LPVStateSpace, theta: np.ndarray) -> LPVStateSpace | None:
-    return layout.fill(model, theta) if np.isfinite(theta).all() else None
 
 
 def bounded(model: LPVStateSpace, data: SearchData) -> tuple[LPVStateSpace, float]:

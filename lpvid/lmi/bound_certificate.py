@@ -77,7 +77,7 @@ class BoundCertificate:
     def check(self, model: LPVStateSpace) -> Recheck:
         """Recompute the claim for a model; it holds only if every number in it can be reproduced."""
         system = driven(model, tuple(n for n in self.basis.names if n in model.box.names))
-        fault = misfit(self, system, model)
+        fault = misfit(self, system)
         if not fault and not math.isfinite(self.level):
             fault = "the certificate holds a bound that is not finite"
         if not fault and self.quantity == "h2-norm" and not (self.level > 0 and has_h2_norm(system)):

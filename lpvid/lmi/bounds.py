@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.lmi.certificate import Recheck
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.gain_certificate import pace
-from lpvid.lmi.inequality import LyapunovInequality, Pieces
+from lpvid.lmi.inequality import LyapunovInequality, Pieces, recheck_inequality
 from lpvid.lmi.storage import Storage
 
 
@@ -48,11 +49,15 @@ class H2Bound(LyapunovInequality):
 
 @dataclass(frozen=True, eq=False)
 class DecayBound(LyapunovInequality):
-    """−AᵀP − PA − Ṗ − 2αP ≻ 0, or exp(−2α T_s) P − AᵀP⁺A ≻ 0: √(xᵀPx) decreases at least as exp(−αt)."""
+    """−AᵀP − PA − Ṗ − 2αP ≻ 0, or exp(−2α T_s) P − AᵀP⁺A ≻ 0: √(xᵀPx) decreases at least as exp(−αt).
+
+    Its margin is a pure number; of a stability certificate (`in_seconds`) it is 1/s in continuous time.
+    """
 
     system: Driven
     storage: Storage
-    level: float
+    level: float = 0.0
+    in_seconds: bool = False
 
     @property
     def power(self) -> int:  # type: ignore[override]
@@ -69,7 +74,7 @@ class DecayBound(LyapunovInequality):
         return s * (product + product.swapaxes(2, 3) + q.later + 2 * size * q.P)
 
     def congruence(self, root: np.ndarray) -> np.ndarray:
-        return root * math.sqrt(pace(self.system, self.storage, root))
+        return root if self.in_seconds else root * math.sqrt(pace(self.system, self.storage, root))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +102,28 @@ class RegionBound(LyapunovInequality):
 
     def congruence(self, root: np.ndarray) -> np.ndarray:
         return np.kron(np.eye(len(self.fixed)), root * math.sqrt(pace(self.system, self.storage, root)))
+
+
+def recheck_decrease(system: Driven, storage: Storage, exponent: float = 0.0, *, budget: int | None = None) -> Recheck:
+    """Check P(p) ≻ 0 and the decrease of V = xᵀP(p)x at least as exp(−2αt), between grid points if the budget allows.
+
+    Parameters
+    ----------
+    system : Driven
+    storage : Storage
+    exponent : float
+        α ≥ 0 [1/s].
+    budget : int, optional
+        Matrices that subdivision may examine; left out, about a second's worth.
+
+    Returns
+    -------
+    Recheck
+        Its margin in 1/s in continuous time.
+    """
+    if system.order == 0:
+        return Recheck(True, True, 1.0, "the model has no memory")
+    return recheck_inequality(DecayBound(system, storage, exponent, in_seconds=True), budget=budget)
 
 
 def _diagonal(q: Pieces, state: np.ndarray, scalar: np.ndarray) -> np.ndarray:

@@ -70,7 +70,7 @@ class Axis:
 
 
 def everywhere(evaluate: Evaluate, points: Sequence[Axis], moves: Sequence[Axis], *, ceiling: float = math.inf,
-               budget: int = 100_000) -> bernstein.Positivity:
+               budget: int = 100_000, sharpness: float = 0.5) -> bernstein.Positivity:
     """Decide F ≻ 0 on the product of two boxes, one of points and one of moves.
 
     Parameters
@@ -82,6 +82,8 @@ def everywhere(evaluate: Evaluate, points: Sequence[Axis], moves: Sequence[Axis]
         Bound of the largest absolute row sum of F, where an axis is trigonometric.
     budget : int
         Matrices that may be examined.
+    sharpness : float
+        As in `bernstein.positive`.
 
     Returns
     -------
@@ -117,7 +119,7 @@ def everywhere(evaluate: Evaluate, points: Sequence[Axis], moves: Sequence[Axis]
     if missed:
         rounding += ceiling * missed * 3.0 ** (len(axes) - 1)  # Lebesgue constant of 9 Lobatto nodes: below 3
     found = bernstein.positive(bernstein.coefficients(np.concatenate(parts), len(axes)), len(axes), above=rounding,
-                               budget=budget)
+                               budget=budget, sharpness=sharpness)
     return bernstein.Positivity(found.holds, found.bound - rounding, found.work)
 
 

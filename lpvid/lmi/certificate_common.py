@@ -6,19 +6,26 @@ from typing import Protocol
 
 import numpy as np
 
-from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.certificate import Recheck
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.storage import Storage
-from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Scheduling
 
 
-class Stored(Protocol):
-    """What all certificates with a storage function hold."""
+class _Claimed(Protocol):
+    """What every re-check is compared with."""
 
     @property
     def kind(self) -> str: ...
+    @property
+    def margin(self) -> float: ...
+    @property
+    def between_grid(self) -> bool: ...
+
+
+class Stored(_Claimed, Protocol):
+    """What certificates of a system with signals hold besides."""
+
     @property
     def matrices(self) -> np.ndarray: ...
     @property
@@ -33,20 +40,32 @@ class Stored(Protocol):
     def inputs(self) -> tuple[str, ...]: ...
     @property
     def outputs(self) -> tuple[str, ...]: ...
-    @property
-    def margin(self) -> float: ...
-    @property
-    def between_grid(self) -> bool: ...
 
 
-def misfit(certificate: Stored, system: Driven, model: LPVStateSpace) -> str:
+def misfit(certificate: Stored, system: Driven) -> str:
     """Why a certificate cannot be one for a model; empty if it can."""
-    box, basis, matrices = certificate.box, certificate.basis, certificate.matrices
     if certificate.model_hash != system.digest or certificate.sample_time != system.sample_time:
         return "the certificate was made for another model"
     if certificate.inputs != system.inputs or certificate.outputs != system.outputs:
         return "the certificate names other signals than the model has"
-    if box.names != box_of(system.readings, model.box).names or not set(basis.names) <= set(box.names):
+    return malformed(Storage(certificate.matrices, certificate.basis, certificate.box, certificate.sample_time), system)
+
+
+def malformed(storage: Storage, system: Driven) -> str:
+    """Why a storage function cannot be one of a system; empty if it can.
+
+    Parameters
+    ----------
+    storage : Storage
+        As a file gives it.
+    system : Driven
+
+    Returns
+    -------
+    str
+    """
+    box, basis, matrices = storage.box, storage.basis, storage.matrices
+    if box.names != tuple(r.label for r in system.readings) or not set(basis.names) <= set(box.names):
         return "the certificate names other scheduling variables than the model reads"
     if matrices.shape != (basis.size, system.order, system.order):
         return "matrices and basis of the certificate do not fit the model"
@@ -57,7 +76,7 @@ def misfit(certificate: Stored, system: Driven, model: LPVStateSpace) -> str:
     return ""
 
 
-def reproduced(certificate: Stored, kind: str, found: Recheck) -> Recheck:
+def reproduced(certificate: _Claimed, kind: str, found: Recheck) -> Recheck:
     """The re-check, as long as it is no weaker than what the certificate states of itself."""
     if not found.holds:
         return found

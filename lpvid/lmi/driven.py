@@ -1,4 +1,4 @@
-"""The linear part of a state-space model with its inputs and outputs: what a gain is a statement about."""
+"""The linear part of a model, with its inputs and outputs or without: what a certificate is a statement about."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.lmi.autonomous import Reading, reading_weights, readings_of
+from lpvid.lmi.readings import Reading, reading_weights, readings_of
 from lpvid.model.state_space import LPVStateSpace
+from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Basis, Scheduling
 
+Model = LPVTransferFunction | LPVStateSpace
 Matrices = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -50,6 +52,19 @@ class Driven:
         weights = reading_weights(self.basis, self.readings, points)
         return self._parts(np.tensordot(weights, self.coefficients, axes=1))
 
+    def state_matrices(self, points: np.ndarray) -> np.ndarray:
+        """A alone.
+
+        Parameters
+        ----------
+        points : (N, readings) array
+
+        Returns
+        -------
+        (N, n, n) array
+        """
+        return self.matrices(points)[0]
+
     def magnitudes(self, points: np.ndarray) -> Matrices:
         """Σ |coefficient| |φ|, which bounds the rounding errors of `matrices`."""
         weights = reading_weights(self.basis, self.readings, points)
@@ -66,6 +81,43 @@ class Driven:
     def _parts(self, s: np.ndarray) -> Matrices:
         n = self.order
         return s[:, :n, :n], s[:, :n, n:], s[:, n:, :n], s[:, n:, n:]
+
+
+def autonomous(model: Model) -> Driven:
+    """The autonomous part x⁺ or ẋ = A(p) x of a model, without signals; a basis must be piecewise polynomial.
+
+    The zero-input equation y(k) = −Σ a_i(p_k) y(k−i) has the state [y(k−1) … y(k−n)] and the companion matrix with the
+    coefficients in its first block row; with a_i at p(k−i) the observer companion at p(k) is exact (Tóth, Abbas &
+    Werner 2012). Each has its own products A(p_k) A(p_{k−1})…, so a statement about one is not one about the other.
+    """
+    if isinstance(model, LPVTransferFunction):
+        na, ny, size = model.na, model.n_outputs, model.basis.size
+        coefficients = np.zeros((size + 1, na * ny, na * ny))
+        if na and model.lagged:
+            coefficients[:size, :, :ny] = -model.a.transpose(3, 0, 1, 2).reshape(size, na * ny, ny)
+            coefficients[size, : (na - 1) * ny, ny:] = np.eye((na - 1) * ny)
+        elif na:
+            coefficients[:size, :ny, :] = -model.a.transpose(3, 1, 0, 2).reshape(size, ny, na * ny)
+            coefficients[size, ny:, : (na - 1) * ny] = np.eye((na - 1) * ny)
+    elif isinstance(model, LPVStateSpace):
+        coefficients = np.concatenate([model.A, np.zeros((1, model.order, model.order))])
+    else:
+        raise InputError("a stability certificate needs an LPV transfer function or state space",
+                         got=type(model).__name__)
+    found = readings_of(model.basis)
+    if any(r.frequency for r in found):
+        raise InputError("a stability certificate needs a basis of polynomials or splines", got=model.basis.labels,
+                         mend="use lpvid.decay_rate or lpvid.l2_gain, which also cover trigonometric dependence")
+    readings = tuple(r for r in found if r.degree)
+    if model.sample_time is None and any(r.lag for r in readings):
+        raise InputError("a continuous-time model reads p at a delay in samples", got=model.basis.labels)
+    return Driven(coefficients, coefficients.shape[1], model.basis, readings, model.sample_time,
+                  _digest(model, coefficients), (), ())
+
+
+def _digest(model: Model, coefficients: np.ndarray) -> str:
+    text = json.dumps([model.basis.to_dict(), model.sample_time, list(coefficients.shape)], sort_keys=True)
+    return hashlib.sha256(text.encode() + np.ascontiguousarray(coefficients, dtype="<f8").tobytes()).hexdigest()
 
 
 def driven(model: LPVStateSpace, also: tuple[str, ...] = ()) -> Driven:

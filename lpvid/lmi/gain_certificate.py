@@ -145,7 +145,7 @@ class GainCertificate:
     def check(self, model: LPVStateSpace) -> Recheck:
         """Recompute the claim for a model; it holds only if every number in it can be reproduced."""
         system = driven(model, tuple(n for n in self.basis.names if n in model.box.names))
-        fault = misfit(self, system, model)
+        fault = misfit(self, system)
         if not fault and not 0 < self.gamma < math.inf:
             fault = "the certificate holds a gain that is not positive"
         if fault:

@@ -20,7 +20,7 @@ from lpvid.lmi.certificate import tensor
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame
 from lpvid.lmi.program import Program
-from lpvid.lmi.storage import Storage
+from lpvid.lmi.storage import Storage, symmetric_units
 from lpvid.scheduling import Basis, Scheduling
 
 MOST_INEQUALITIES = 240
@@ -177,14 +177,6 @@ def _ends(shifts: list[Axis]) -> np.ndarray:
     return tensor([np.array([0.5]) if not (axis.degree or axis.frequency)
                    else np.unique(np.r_[nodes(axis.degree or 8),
                                         axis.breaks]) for axis in shifts])
-
-
-def symmetric_units(n: int) -> np.ndarray:
-    """(n(n+1)/2, n, n) what the unknowns of a symmetric matrix multiply, in the order of `Unknowns.symmetric`."""
-    rows, columns = np.triu_indices(n)
-    units = np.zeros((len(rows), n, n))
-    units[np.arange(len(rows)), rows, columns] = units[np.arange(len(rows)), columns, rows] = 1.0
-    return units
 
 
 def _combined(weights: np.ndarray, parts: np.ndarray) -> Affine:

@@ -218,7 +218,7 @@ def _positive(storage: Storage, root: np.ndarray, budget: int) -> Positivity:
         return 0.5 * (values + values.swapaxes(1, 2))[:, None], rounding
 
     ceiling = float((np.abs(root) @ storage.ceilings()[0] @ np.abs(root.T)).sum(axis=1).max(initial=0.0))
-    return everywhere(scaled, storage.still(), [], ceiling=ceiling, budget=budget)
+    return everywhere(scaled, storage.still(), [], ceiling=ceiling, budget=budget, sharpness=0.0)
 
 
 def _on_grid(problem: LyapunovInequality, root: np.ndarray, scale: np.ndarray) -> Recheck:

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.errors import InputError
-from lpvid.lmi.autonomous import readings_of
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.inequality import LyapunovInequality, Pieces
+from lpvid.lmi.readings import readings_of
 from lpvid.lmi.storage import Storage
 from lpvid.model.input_stage import TanhStage
 from lpvid.model.transfer_function import LPVTransferFunction

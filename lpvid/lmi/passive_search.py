@@ -21,12 +21,12 @@ import numpy as np
 from scipy import sparse
 
 from lpvid.lmi.affine import Affine
-from lpvid.lmi.autonomous import readings_of
 from lpvid.lmi.bernstein import nodes
 from lpvid.lmi.certificate import tensor
 from lpvid.lmi.passive_form import sector_basis, shift, slack
 from lpvid.lmi.passive_unknowns import Iterate, PassiveUnknowns, affine, mixed
 from lpvid.lmi.program import Program
+from lpvid.lmi.readings import readings_of
 from lpvid.model.input_stage import TanhStage
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Polynomial, Scheduling

@@ -8,11 +8,11 @@ import numpy as np
 from scipy import sparse
 
 from lpvid.lmi.affine import Affine
-from lpvid.lmi.autonomous import box_of
-from lpvid.lmi.gain_search import symmetric_units
 from lpvid.lmi.passive_form import sector_basis, supplied
 from lpvid.lmi.program import Program
+from lpvid.lmi.readings import box_of
 from lpvid.lmi.search import frozen_gramian
+from lpvid.lmi.storage import symmetric_units
 from lpvid.model.transfer_function import LPVTransferFunction
 
 CONTRACTED = 0.999

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from lpvid.lmi.autonomous import Reading, readings_of
 from lpvid.lmi.box_positivity import Axis
 from lpvid.lmi.driven import basis_ceilings
+from lpvid.lmi.readings import Reading, readings_of
 from lpvid.scheduling import Basis, Scheduling
 
 
@@ -137,3 +137,11 @@ class Storage:
         own = [self.readings.get(i, Reading("", 0, 0)) for i in range(len(self.box.names))]
         return [Axis(low, high, r.degree, r.breaks, r.frequency)
                 for low, high, r in zip(self.box.lower, self.box.upper, own, strict=True)]
+
+
+def symmetric_units(n: int) -> np.ndarray:
+    """(n(n+1)/2, n, n) what the unknowns of a symmetric matrix multiply, in the order of `Unknowns.symmetric`."""
+    rows, columns = np.triu_indices(n)
+    units = np.zeros((len(rows), n, n))
+    units[np.arange(len(rows)), rows, columns] = units[np.arange(len(rows)), columns, rows] = 1.0
+    return units

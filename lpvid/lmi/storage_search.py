@@ -18,10 +18,10 @@ from scipy import sparse
 from lpvid.lmi.affine import Affine
 from lpvid.lmi.driven import Driven
 from lpvid.lmi.frame import Frame
-from lpvid.lmi.gain_search import INTERIOR, MOST_UNKNOWNS, SOLVERS, sample, symmetric_units
+from lpvid.lmi.gain_search import INTERIOR, MOST_UNKNOWNS, SOLVERS, sample
 from lpvid.lmi.inequality import LyapunovInequality, Pieces
 from lpvid.lmi.program import Program
-from lpvid.lmi.storage import Storage
+from lpvid.lmi.storage import Storage, symmetric_units
 from lpvid.scheduling import Basis, Scheduling
 
 Claim = Callable[[Driven, Storage], LyapunovInequality]

@@ -8,8 +8,8 @@ import numpy as np
 
 from lpvid.analysis.frozen_norms import largest_frozen_norm
 from lpvid.analysis.worst_case import WorstCase, worst_trajectory
-from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.driven import driven
+from lpvid.lmi.readings import box_of
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.plot.controllers import controller_gains
 from lpvid.plot.controllers import worst_trajectory as trajectory

@@ -181,7 +181,7 @@ def columns(box: Scheduling, basis: Basis, points: np.ndarray) -> np.ndarray:
 
 def check_rates(basis: Basis, box: Scheduling, sample_time: float | None) -> None:
     """Refuse a Lyapunov matrix that no certificate covers, or over a variable of unbounded rate in continuous time."""
-    from lpvid.lmi.autonomous import readings_of
+    from lpvid.lmi.readings import readings_of
 
     readings_of(basis)
     for name in basis.names:

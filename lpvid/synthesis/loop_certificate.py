@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
-from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.driven import driven
 from lpvid.lmi.gain_certificate import GainCertificate, certificate_kind, certify_gain, recheck_gain
+from lpvid.lmi.readings import box_of
 from lpvid.lmi.storage import Storage
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis, Fourier, Polynomial, Scheduling

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 from lpvid.errors import InputError
-from lpvid.lmi.autonomous import readings_of
+from lpvid.lmi.readings import readings_of
 from lpvid.synthesis.carried_error import carried
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
 from lpvid.synthesis.progress import interrupted, watched

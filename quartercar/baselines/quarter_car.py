@@ -11,6 +11,8 @@ from lpvid.codec import ADDED, Coded
 from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.errors import InputError
+from lpvid.identification.covariance import clusters
+from lpvid.least_squares import FunctionResiduals, StopRule, minimise_dense
 from lpvid.record import Record
 from lpvid.toolkit import checks
 from quartercar.parameters import BENCH, CarParameters
@@ -169,8 +171,6 @@ def _reach(given: CarParameters, name: str) -> tuple[float, float]:
 def _searched(baseline: QuarterCarBaseline, signals: Sequence[Signals]
               ) -> tuple[QuarterCarBaseline, np.ndarray, float]:
     """The fit inside the bounds, the standard error of every parameter (infinite where blind), the squared error."""
-    from scipy.optimize import least_squares
-
     if not baseline.free:
         core = baseline.core(baseline.vector)
         return baseline, np.empty(0), float(sum(np.sum((core(s) - s.output) ** 2) for s in signals))
@@ -185,9 +185,10 @@ def _searched(baseline: QuarterCarBaseline, signals: Sequence[Signals]
         return np.vstack([baseline.sensitivities(s, z * scale) for s in signals]) * scale
 
     start = np.clip(baseline.vector / scale, low, high)
-    found = least_squares(errors, start, slopes, bounds=(low, high), x_scale="jac", max_nfev=80)  # type: ignore[arg-type]
-    spread = _spread(np.asarray(found.jac), found.fun, signals) * scale
-    return baseline.with_vector(found.x * scale), spread, float(found.fun @ found.fun)
+    found = minimise_dense(FunctionResiduals(errors, slopes), start, StopRule(evaluations=80), (low, high))
+    assert found is not None
+    end = found.trial
+    return baseline.with_vector(end.point * scale), _spread(slopes(end.point), end.residual, signals) * scale, end.cost
 
 
 def _spread(jacobian: np.ndarray, errors: np.ndarray, signals: Sequence[Signals]) -> np.ndarray:
@@ -195,12 +196,11 @@ def _spread(jacobian: np.ndarray, errors: np.ndarray, signals: Sequence[Signals]
     block = np.concatenate([k + np.arange(s.n_samples) * s.sample_time // BLOCK for k, s in
                             zip(np.cumsum([0, *(1 + s.n_samples * s.sample_time // BLOCK for s in signals)])[:-1],
                                 signals, strict=True)]).astype(int)
-    scores = np.zeros((block.max() + 1, jacobian.shape[1]))
-    np.add.at(scores, block, jacobian * errors[:, None])
+    middle = clusters(jacobian * errors[:, None], block)
     values, axes = np.linalg.eigh(jacobian.T @ jacobian)
     seen = values > 1e-9 * max(float(values[-1]), 1e-300)
     inverse = (axes[:, seen] / values[seen]) @ axes[:, seen].T
-    variance = np.diag(inverse @ (scores.T @ scores) @ inverse).copy()
+    variance = np.diag(inverse @ middle @ inverse).copy()
     variance[np.any(np.abs(axes[:, ~seen]) > 0.05, axis=1)] = np.inf
     return np.sqrt(variance)
 

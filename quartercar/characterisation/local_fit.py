@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.identification.covariance import clusters, inverse_gram
+
 LEAST = 6
 """samples of each group that a window needs: twice the unknowns of a parabola"""
 SHRINK = 0.7
@@ -108,12 +110,11 @@ def _least_squares(design: np.ndarray, y: np.ndarray, group: np.ndarray) -> tupl
     beta = np.linalg.lstsq(design, y, rcond=None)[0]
     rest = y - design @ beta
     dof = y.size - design.shape[1]
-    inverse = np.linalg.pinv(design.T @ design)
+    inverse = inverse_gram(design)
     ordinary = inverse * float(rest @ rest) / max(dof, 1)
-    names = np.unique(group)
-    if names.size < 3:
+    count = np.unique(group).size
+    if count < 3:
         return beta, ordinary, dof
-    scores = np.array([design[group == g].T @ rest[group == g] for g in names])
-    robust = inverse @ scores.T @ scores @ inverse * names.size / (names.size - 1)
+    robust = inverse @ clusters(design * rest[:, None], group) @ inverse * count / (count - 1)
     wider = np.diag(robust) > np.diag(ordinary)  # few groups scatter: the larger of the two
     return beta, np.where(np.outer(wider, wider), robust, ordinary), dof

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.errors import InputError
+from lpvid.identification.covariance import inverse_gram
 from lpvid.record import Record
 from quartercar.dampers.bench.steady_windows import SteadyWindow, WindowSettings, steady_windows
 from quartercar.dampers.laws.power_law import PowerLawDamper
@@ -111,7 +112,7 @@ def static_forces(records: Sequence[Record], law: PowerLawDamper | None = None, 
     solution = np.linalg.lstsq(design, target, rcond=None)[0]
     residual = target - design @ solution
     variance = float(residual @ residual) / max(target.size - solution.size, 1)
-    std = np.sqrt(variance * np.diag(np.linalg.pinv(design.T @ design)))
+    std = np.sqrt(variance * np.diag(inverse_gram(design)))
     return CreepForces(float(solution[0]), float(std[0]), float(solution[1]), float(std[1]), float(solution[2]),
                         float(std[2]), float(raw[0]), float(raw[0] - solution[0]) if source else None, source,
                         float(raw[1] + raw[0]), float(raw[1] - raw[0]), float(magnitudes.mean()))

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.errors import InputError
+from lpvid.identification.covariance import inverse_gram
+from lpvid.least_squares import Trial
 from lpvid.toolkit import checks
 from quartercar.dampers.bench.static_characteristic import StaticCharacteristic
 from quartercar.dampers.fitting.coordinates import SearchCoordinates
-from quartercar.dampers.fitting.solver import Trial, levenberg_marquardt
+from quartercar.dampers.fitting.solver import search_law
 from quartercar.dampers.laws.network import LAMINAR, LEAK, LEAKS, QUADRATIC, SHARES, network_force, network_gradient
 from quartercar.dampers.parameter import Parameter
 
@@ -128,7 +130,7 @@ class LogFit:
 
 
 class _LogForceProblem:
-    """ln F̂ − ln F over σ, as `levenberg_marquardt` wants it; a fixed friction is not searched."""
+    """ln F̂ − ln F over σ, as `search_law` wants it; a fixed friction is not searched."""
 
     def __init__(self, network: str, points: Points, friction: float | None) -> None:
         names = [n for n in NETWORKS[network] if friction is None or n != "friction"]
@@ -182,7 +184,7 @@ def fit_log_force(points: Points, network: str, start: np.ndarray | None = None,
     checks.one_of(network, tuple(NETWORKS), "network")
     problem = _LogForceProblem(network, points, friction)
     starts = _starts(problem, points, network) if start is None else [np.asarray(start, dtype=float)[problem.free]]
-    found = [f for s in starts if (f := levenberg_marquardt(problem, s, EVALUATIONS, TOLERANCE)) is not None]
+    found = [f for s in starts if (f := search_law(problem, s, EVALUATIONS, TOLERANCE)) is not None]
     if not found:
         raise InputError(f"the {network} network has no start for these points", got=f"friction {friction}")
     best = min((f.trial for f in found), key=lambda t: t.cost)
@@ -216,12 +218,10 @@ def _starts(problem: _LogForceProblem, points: Points, network: str) -> list[np.
 def _covariance(problem: _LogForceProblem, trial: Trial, inside: np.ndarray) -> np.ndarray:
     """s² (JᵀJ)⁻¹ over some of what is free."""
     jacobian = problem.jacobian(trial)[:, inside]
-    size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-100)
     freedom = max(trial.residual.size - len(problem.free), 1)
     covariance = np.zeros((4, 4))
     places = np.array(problem.free)[inside]
-    inverse = np.linalg.pinv((jacobian / size).T @ (jacobian / size), rcond=1e-13)
-    covariance[np.ix_(places, places)] = trial.cost / freedom * inverse / np.outer(size, size)
+    covariance[np.ix_(places, places)] = trial.cost / freedom * inverse_gram(jacobian)
     return covariance
 
 

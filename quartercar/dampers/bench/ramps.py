@@ -9,6 +9,8 @@ from itertools import product
 import numpy as np
 
 from lpvid.errors import InputError
+from lpvid.identification.covariance import clusters, inverse_gram
+from lpvid.least_squares import FunctionResiduals, StopRule, minimise_dense
 from lpvid.record import Record
 from quartercar.dampers.bench.creep import steady_means
 from quartercar.dampers.bench.steady_windows import WindowSettings
@@ -128,20 +130,16 @@ def _described(law: PowerLawFrictionGas, held: tuple[str, ...], points: tuple[np
     weight = 1 / np.maximum(np.abs(forces), FLOOR)
     gradient = law.law_gradient(places, speeds, 0 * speeds, law.vector)[:, free] * weight[:, None]
     residual = (law.law(places, speeds, 0 * speeds, law.vector) - forces) * weight
-    size = np.maximum(np.linalg.norm(gradient, axis=0), 1e-300)
-    bread = np.linalg.pinv((gradient / size).T @ (gradient / size), hermitian=True)
-    filling = (gradient / size * residual[:, None]).T @ (gradient / size * residual[:, None])
+    inverse, middle = inverse_gram(gradient), clusters(gradient * residual[:, None], np.arange(residual.size))
     covariance = np.full((len(law.names), len(law.names)), np.nan)
     inflation = forces.size / max(forces.size - len(free), 1)
-    covariance[np.ix_(free, free)] = inflation * (bread @ filling @ bread) / np.outer(size, size)
+    covariance[np.ix_(free, free)] = inflation * (inverse @ middle @ inverse)
     return RampFit(law, covariance, held, places, speeds, forces, float(np.sqrt(np.mean(residual**2))))
 
 
 def _fitted(start: PowerLawFrictionGas, held: tuple[str, ...],
             points: tuple[np.ndarray, ...]) -> tuple[PowerLawFrictionGas, float]:
     """Best law from a grid of exponents, with the `held` parameters at no power term, and its weighted cost."""
-    from scipy.optimize import least_squares
-
     places, speeds, forces = points
     weight, zero = 1 / np.maximum(np.abs(forces), FLOOR), np.zeros(speeds.size)
     free = [k for k, n in enumerate(start.names) if n not in held]
@@ -154,14 +152,14 @@ def _fitted(start: PowerLawFrictionGas, held: tuple[str, ...],
         vector[free] = theta
         return vector
 
+    residuals = FunctionResiduals(
+        lambda theta: (start.law(places, speeds, zero, whole(theta)) - forces) * weight,
+        lambda theta: start.law_gradient(places, speeds, zero, whole(theta))[:, free] * weight[:, None])
     found, least = base, np.inf
     moved = [n for n in ("exponent_extension", "exponent_compression") if n not in held]
     for exponents in product(EXPONENTS, repeat=len(moved)):
         begin = start.with_values(**dict(zip(moved, exponents, strict=True))).vector[free]
-        result = least_squares(lambda th: (start.law(places, speeds, zero, whole(th)) - forces) * weight,
-                               np.clip(begin, lower, upper), bounds=(lower, upper), x_scale="jac",
-                               jac=lambda th: start.law_gradient(places, speeds, zero, whole(th))[:, free]
-                               * weight[:, None])  # pyright: ignore[reportArgumentType]
-        if 2 * result.cost < least:
-            found, least = whole(np.clip(result.x, lower, upper)), float(2 * result.cost)
+        result = minimise_dense(residuals, np.clip(begin, lower, upper), StopRule(), (lower, upper))
+        if result is not None and result.cost < least:
+            found, least = whole(result.trial.point), result.cost
     return start.with_vector(found), least

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lpvid.identification.sandwich import residual_memory
+from lpvid.identification.covariance import bartlett, inverse_gram, residual_memory
 from lpvid.record import Record
 from lpvid.simulation import simulate
 
@@ -48,14 +48,6 @@ def free_run_covariance(held: Held, records: Sequence[Record]) -> np.ndarray | N
     errors = [r["force"] - run for r, run in zip(records, runs(theta), strict=True)]
     if not all(np.isfinite(a).all() for a in (*jacobians, *errors)):
         return None
-    hessian = sum((j.T @ j for j in jacobians), np.zeros((theta.size, theta.size)))
-    memory, total = residual_memory(errors), np.zeros_like(hessian)
-    for jacobian, error in zip(jacobians, errors, strict=True):
-        scores = jacobian * error[:, None]
-        total += scores.T @ scores
-        for lag in range(1, min(memory, len(scores) - 1) + 1):
-            product = (1 - lag / (memory + 1)) * (scores[lag:].T @ scores[:-lag])
-            total += product + product.T
-    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-    inverse = np.linalg.pinv(hessian / np.outer(scale, scale), rcond=1e-13, hermitian=True) / np.outer(scale, scale)
-    return inverse @ total @ inverse
+    scores = [j * e[:, None] for j, e in zip(jacobians, errors, strict=True)]
+    inverse = inverse_gram(np.vstack(jacobians))
+    return inverse @ bartlett(scores, residual_memory(errors)) @ inverse

@@ -8,11 +8,12 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from lpvid.errors import InputError
+from lpvid.least_squares import Trial
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.fitting.coordinates import SearchCoordinates
 from quartercar.dampers.fitting.problem import DamperFitProblem
 from quartercar.dampers.fitting.settings import FitSettings
-from quartercar.dampers.fitting.solver import Trial, levenberg_marquardt
+from quartercar.dampers.fitting.solver import search_law
 from quartercar.dampers.laws.semi_active import SemiActiveDamper
 
 FOLLOWED = 3
@@ -43,10 +44,10 @@ def best_of(starts: Sequence[D], drives: Sequence[Drive], free: Sequence[str],
     begun.sort(key=lambda pair: pair[1].cost)
     tried = []
     for part, trial in begun[:FOLLOWED] if len(begun) > 1 else []:
-        found = levenberg_marquardt(part, trial.point, settings.tasting_evaluations, 1e-4)
+        found = search_law(part, trial.point, settings.tasting_evaluations, 1e-4)
         tried.append((part, trial if found is None else found.trial))
     part, trial = min(tried or begun[:1], key=lambda pair: pair[1].cost)
-    found = levenberg_marquardt(part, trial.point, settings.evaluations, settings.tolerance)
+    found = search_law(part, trial.point, settings.evaluations, settings.tolerance)
     end = trial if found is None else found.trial
     measured = part.problem.measured
     power = sum(float(np.sum((m - m.mean()) ** 2)) for m in np.split(measured, np.cumsum(part.problem.lengths)[:-1]))

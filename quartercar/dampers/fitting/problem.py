@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
+from lpvid.least_squares import Trial, bounded_least_squares
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import LawDamper
 from quartercar.dampers.fitting.coordinates import SearchCoordinates
-from quartercar.dampers.fitting.solver import Trial, bounded_least_squares
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,17 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.errors import InputError, NumericalError
+from lpvid.identification.covariance import estimate_covariance
 from lpvid.toolkit import single_thread
 from lpvid.validation.residuals import EXACT, residual_of
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.families import LawDamper
 from quartercar.dampers.fitting.coordinates import SearchCoordinates
-from quartercar.dampers.fitting.covariance import covariance_of
 from quartercar.dampers.fitting.estimate import Estimate, Starts
 from quartercar.dampers.fitting.identifiability import identifiability
 from quartercar.dampers.fitting.problem import DamperFitProblem, Full, ProjectedFit
 from quartercar.dampers.fitting.settings import FitSettings
-from quartercar.dampers.fitting.solver import DamperSearchEnd, levenberg_marquardt
+from quartercar.dampers.fitting.solver import DamperSearchEnd, search_law
 
 AGREEING = 1e-4
 """relative difference of two costs that counts as none."""
@@ -61,7 +61,7 @@ def estimate_law(damper: LawDamper, drives: Sequence[Drive], settings: FitSettin
         held = at_bounds(damper, theta)
         jacobian = problem.jacobian(theta)
         left = residual_of(problem.measured, problem.measured + found.trial.residual)
-        spread = covariance_of(jacobian, left, problem.lengths, ~held)
+        spread = estimate_covariance(jacobian, left, problem.lengths, ~held)
         report = identifiability(damper, theta, jacobian, problem.measured, spread.covariance, ~held)
     notes = [*spread.notes]
     if not found.converged:
@@ -115,12 +115,12 @@ def tasted(
     diverge are left out, unless all do.
     """
     view = ProjectedFit(problem) if problem.damper.linear else Full(problem)
-    ends = [levenberg_marquardt(view, view.start(s), settings.tasting_evaluations, COARSE) for s in starts]
+    ends = [search_law(view, view.start(s), settings.tasting_evaluations, COARSE) for s in starts]
     out = sorted(((e.trial.cost, e.trial.theta) for e in ends if e is not None), key=lambda t: t[0])
     for k, (cost, theta) in enumerate(out):
         if cost > PROMISING * out[0][0]:
             break
-        end = levenberg_marquardt(view, view.start(theta), 3 * settings.tasting_evaluations, FINE)
+        end = search_law(view, view.start(theta), 3 * settings.tasting_evaluations, FINE)
         if end is not None:
             out[k] = (end.trial.cost, end.trial.theta)
     return sorted(out, key=lambda t: t[0]) or [(np.inf, s) for s in starts]
@@ -141,12 +141,12 @@ def polish(problem: DamperFitProblem, theta: np.ndarray, settings: FitSettings) 
     """Variable projection on all data where the model is partly linear, then all parameters together."""
     if problem.damper.linear:
         view = ProjectedFit(problem)
-        first = levenberg_marquardt(view, view.start(theta), settings.evaluations, settings.tolerance)
+        first = search_law(view, view.start(theta), settings.evaluations, settings.tolerance)
         if first is None:
             return None
         theta = first.trial.theta
     full = Full(problem)
-    return levenberg_marquardt(full, full.start(theta), settings.evaluations, settings.tolerance)
+    return search_law(full, full.start(theta), settings.evaluations, settings.tolerance)
 
 
 def distinct(vectors: Sequence[np.ndarray]) -> list[np.ndarray]:

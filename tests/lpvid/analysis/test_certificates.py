@@ -20,8 +20,9 @@ import lpvid.lmi
 from lpvid.analysis.certificates import certify_stability, verify
 from lpvid.analysis.stability_certificate import StabilityCertificate
 from lpvid.errors import InputError
-from lpvid.lmi.autonomous import autonomous
-from lpvid.lmi.certificate import Lyapunov, recheck
+from lpvid.lmi.bounds import recheck_decrease
+from lpvid.lmi.driven import autonomous
+from lpvid.lmi.storage import Storage
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.model.transfer_function import LPVTransferFunction
 from lpvid.scheduling import Polynomial, Product, Scheduling, Shifted, Spline, Stacked
@@ -303,8 +304,9 @@ def test_a_peak_between_grid_points_decides(height, stable):
 def test_without_budget_the_claim_is_on_the_grid_only():
     model = alternating(0.9)
     found = certify_stability(model, rate=0.1)
-    system, lyapunov = autonomous(model), Lyapunov(found.matrices, found.basis)
-    full, poor = recheck(system, lyapunov, found.box), recheck(system, lyapunov, found.box, budget=1)
+    system = autonomous(model)
+    storage = Storage(found.matrices, found.basis, found.box, system.sample_time)
+    full, poor = recheck_decrease(system, storage), recheck_decrease(system, storage, budget=1)
     assert (full.holds, full.between_grid) == (True, True)
     assert (poor.holds, poor.between_grid) == (True, False)
     assert "not between" in poor.why

@@ -8,8 +8,8 @@ import pytest
 from helpers.gain_systems import random_stable, vanishing
 
 from lpvid.analysis.frozen_norms import h_infinity_norm, largest_frozen_norm
-from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.driven import driven
+from lpvid.lmi.readings import box_of
 
 
 @pytest.mark.parametrize("discrete", [False, True])

@@ -13,8 +13,8 @@ from helpers.gain_systems import random_stable, time_invariant, vanishing
 import lpvid as lpv
 from lpvid.analysis.frozen_norms import largest_frozen_norm
 from lpvid.analysis.worst_case import WorstCase, worst_trajectory
-from lpvid.lmi.autonomous import box_of
 from lpvid.lmi.driven import driven
+from lpvid.lmi.readings import box_of
 
 
 def searched(model, rate) -> WorstCase:

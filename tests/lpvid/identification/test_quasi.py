@@ -136,7 +136,7 @@ def test_parameters_are_recovered_without_bias(rng: np.random.Generator) -> None
     found = minimise(problem, prior, one_step, scales, max_iterations=50, tolerance=1e-9)
     assert found is not None
     errors = np.sqrt(np.diag(covariance(problem, found)[0]))
-    assert np.all(np.abs(found.x - truth.vector) < 4 * errors)
+    assert np.all(np.abs(found.trial.x - truth.vector) < 4 * errors)
     assert np.max(np.abs(one_step - truth.vector) / errors) > 5
 
 

@@ -1,0 +1,301 @@
+"""Covariance of least-squares estimates: inverses in unit columns, and the middle of a sandwich for coloured errors.
+
+For white errors σ² (JᵀJ)⁻¹. For others the sandwich (JᵀJ)⁻¹ S (JᵀJ)⁻¹ (White 1980) with S the long-run covariance of
+the scores J(t) e(t): from sums over blocks (`blocks`; Carlstein 1986), from lagged products with Bartlett weights
+(`bartlett`; Newey & West 1987), or from sums over groups of samples that share an error (`clusters`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import accumulate, pairwise
+
+import numpy as np
+
+from lpvid._threads import single_thread
+from lpvid.identification.regression import CHUNK, Factor, RegressionData, rows_of
+from lpvid.record import Record
+from lpvid.validation.residuals import residual_tests
+
+BLOCKS = 100
+"""fewest blocks for which the spread of block sums says anything."""
+BLOCKS_PER_PARAMETER = 5
+"""fewest blocks for each parameter."""
+SHORTEST = 10
+"""shortest block [samples]."""
+
+
+SINGULAR = 1e-12
+"""share of the largest singular value, columns of unit length, below which one is rounding."""
+VAGUE = 1e-10
+"""share of the largest singular value that counts at least where a direction is not to lose its variance."""
+
+
+# -- inverses ----------------------------------------------------------------------------------------------------------
+def pseudo_inverse(matrix: np.ndarray) -> np.ndarray:
+    """A⁺ by the singular values of A with unit columns; a column without effect gives a row of zeros.
+
+    Parameters
+    ----------
+    matrix : (m, k) array
+
+    Returns
+    -------
+    (k, m) array
+    """
+    scale = np.linalg.norm(matrix, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    return np.linalg.pinv(matrix / scale, rcond=SINGULAR) / scale[:, None]
+
+
+def inverse_gram(jacobian: np.ndarray) -> np.ndarray:
+    """(JᵀJ)⁺; parameters without effect, and directions of none, get no covariance rather than an infinite one.
+
+    Parameters
+    ----------
+    jacobian : (m, k) array
+        Or its triangular factor.
+
+    Returns
+    -------
+    (k, k) array
+    """
+    root = pseudo_inverse(np.asarray(np.linalg.qr(jacobian, mode="r")) if len(jacobian) > len(jacobian.T) else jacobian)
+    return root @ root.T
+
+
+def normal_inverse(gram: np.ndarray) -> np.ndarray:
+    """The same of JᵀJ itself, where J is not at hand.
+
+    Parameters
+    ----------
+    gram : (k, k) array
+
+    Returns
+    -------
+    (k, k) array
+    """
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    unit = np.outer(scale, scale)
+    return np.linalg.pinv(gram / unit, rcond=SINGULAR, hermitian=True) / unit
+
+
+def vague_inverse(jacobian: np.ndarray) -> np.ndarray:
+    """(JᵀJ)⁻¹ in which a direction without effect has the large variance of a singular value of `VAGUE`.
+
+    Parameters
+    ----------
+    jacobian : (m, k) array
+
+    Returns
+    -------
+    (k, k) array
+    """
+    norms = np.linalg.norm(jacobian, axis=0)
+    scale = np.where(norms > 0, norms, 1.0)
+    _, s, vt = np.linalg.svd(np.linalg.qr(jacobian / scale, mode="r"), full_matrices=False)
+    weights = vt.T / np.maximum(s, VAGUE * s[0] if s[0] > 0 else 1.0)
+    return (weights @ weights.T) / np.outer(scale, scale)
+
+
+# -- the middle of a sandwich ------------------------------------------------------------------------------------------
+def blocks(scores: Sequence[np.ndarray], length: int) -> np.ndarray:
+    """N/(L(B − 1)) Σ_b s_b s_bᵀ, s_b the sum of the scores over a block.
+
+    Parameters
+    ----------
+    scores : sequence of (n, k) arrays
+        J(t) e(t) of each record.
+    length : int
+        L, samples of a block.
+
+    Returns
+    -------
+    (k, k) array
+    """
+    sums = np.concatenate([s[: len(s) // length * length].reshape(-1, length, s.shape[1]).sum(axis=1) for s in scores])
+    rows = sum(len(s) for s in scores)
+    return sums.T @ sums * (rows / (length * max(len(sums) - 1, 1)))
+
+
+def bartlett(scores: Sequence[np.ndarray], lags: int) -> np.ndarray:
+    """Σ_τ (1 − |τ|/(lags + 1)) Σ_t s(t) s(t−τ)ᵀ, for records too short for blocks.
+
+    Parameters
+    ----------
+    scores : sequence of (n, k) arrays
+    lags : int
+
+    Returns
+    -------
+    (k, k) array
+    """
+    out = np.zeros((scores[0].shape[1], scores[0].shape[1]))
+    for s in scores:
+        out += s.T @ s
+        for lag in range(1, min(lags, len(s) - 1) + 1):
+            product = (1 - lag / (lags + 1)) * (s[lag:].T @ s[:-lag])
+            out += product + product.T
+    return out
+
+
+def clusters(scores: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """Σ_g s_g s_gᵀ, s_g the sum of the scores over a group.
+
+    Parameters
+    ----------
+    scores : (n, k) array
+    group : (n,) int array
+        Label of each sample's group.
+
+    Returns
+    -------
+    (k, k) array
+    """
+    _, place = np.unique(group, return_inverse=True)
+    sums = np.zeros((int(place.max(initial=-1)) + 1, scores.shape[1]))
+    np.add.at(sums, place, scores)
+    return sums.T @ sums
+
+
+# -- estimates ---------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """What is known of the scatter of an estimate.
+
+    Attributes
+    ----------
+    covariance : (P, P) array
+        NaN for parameters that were held; infinite variance for those without any effect.
+    notes : tuple of str
+    """
+
+    covariance: np.ndarray
+    notes: tuple[str, ...] = ()
+
+
+def estimate_covariance(jacobian: np.ndarray, residual: np.ndarray, lengths: Sequence[int], free: np.ndarray
+                        ) -> Spread:
+    """σ²(JᵀJ)⁻¹ where the residual is white; where it is coloured the sandwich, over blocks of three times its memory.
+
+    Parameters
+    ----------
+    jacobian : (m, P) array
+    residual : (m,) array
+        Record after record.
+    lengths : sequence of int
+        Samples of each record.
+    free : (P,) bool array
+        Parameters that were not held.
+
+    Returns
+    -------
+    Spread
+    """
+    rows, k = residual.size, int(free.sum())
+    out = np.full((free.size, free.size), np.nan)
+    if not k:
+        return Spread(out)
+    inverse, lost = vague_inverse(jacobian[:, free]), ~jacobian[:, free].any(axis=0)
+    ends = list(pairwise(accumulate(lengths, initial=0)))
+    pieces = [residual[a:b] for a, b in ends]
+    notes: tuple[str, ...] = ()
+    if all(t.passed for t in residual_tests(pieces, [None] * len(pieces)) if t.name == "whiteness"):
+        found = float(residual @ residual) / max(rows - k, 1) * inverse
+    else:
+        memory = residual_memory(pieces)
+        length = block_length(memory, rows, k)
+        scores = [jacobian[a:b, free] * residual[a:b, None] for a, b in ends]
+        middle, how = ((bartlett(scores, 3 * memory), "Bartlett weights") if length is None
+                       else (blocks(scores, length), "block scores"))
+        found = inverse @ middle @ inverse * (rows / max(rows - k, 1))
+        notes = (f"the residual is correlated over {memory} samples: standard errors in sandwich form ({how})",)
+    found[lost] = found[:, lost] = 0.0
+    found[lost, lost] = np.inf
+    out[np.ix_(free, free)] = found
+    return Spread(out, notes)
+
+
+def sandwich_covariance(records: Sequence[Record], data: RegressionData, factor: Factor, theta: np.ndarray,
+                        memory: int) -> np.ndarray | None:
+    r"""(XᵀX)⁻¹ S (XᵀX)⁻¹ with S the long-run covariance of the scores x(t) e(t).
+
+    S = Σ_b s_b s_bᵀ B/(B − 1), where s_b sums the scores over blocks of three times the residual's `memory` (batch
+    means; Carlstein 1986, and White 1980 for the sandwich). It corrects the standard errors for colour; it does not
+    remove the bias that colour gives least squares.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    data : RegressionData
+    factor : Factor
+        R of the same rows.
+    theta : (columns, n_outputs) array
+    memory : int
+        Samples over which the residual is correlated.
+
+    Returns
+    -------
+    (columns·n_outputs, columns·n_outputs) array or None
+        None where the data are too short for enough blocks.
+    """
+    from scipy.linalg import solve_triangular
+
+    k, ny = factor.columns, theta.shape[1]
+    length = block_length(memory, factor.rows, k)
+    if length is None:
+        return None
+    with single_thread():
+        inverse = solve_triangular(factor.r[:k, :k], np.eye(k))
+        gram = inverse @ inverse.T
+        total, blocks = np.zeros((k * ny, k * ny)), 0
+        work = np.zeros((k + ny, CHUNK))
+        pending, held = np.zeros(k * ny), 0
+        for record in records:
+            for rows in rows_of(record, data, work, 0):
+                x, y = work[:k, :rows], work[k:, :rows]
+                scores = np.einsum("or,kr->okr", y - theta.T @ x, x).reshape(k * ny, rows)
+                first = 0
+                while first < rows:
+                    take = min(length - held, rows - first)
+                    pending += scores[:, first: first + take].sum(axis=1)
+                    held, first = held + take, first + take
+                    if held == length:
+                        total += np.outer(pending, pending)
+                        pending, held, blocks = np.zeros(k * ny), 0, blocks + 1
+        outer = np.kron(np.eye(ny), gram)
+        scale = factor.rows / (length * max(blocks - 1, 1)) * factor.rows / max(factor.rows - k, 1)
+        return outer @ total @ outer * scale
+
+
+def block_length(memory: int, samples: int, parameters: int) -> int | None:
+    """Samples in a block of scores: three times the residual's memory; None where that leaves too few blocks."""
+    length = min(max(3 * memory, SHORTEST), samples // max(BLOCKS, BLOCKS_PER_PARAMETER * parameters))
+    return length if length >= max(memory, SHORTEST) else None
+
+
+def residual_memory(residuals: Sequence[np.ndarray], longest: int = 200) -> int:
+    """Lag from which on the residual's autocorrelation stays within its 95 % band (Bartlett's) for ten lags."""
+    n = sum(len(e) for e in residuals)
+    longest = min(longest, max(n // 50, 1))
+    centred = [e - e.mean() for e in residuals if len(e) > longest + 1]
+    if not centred:
+        return 1
+    covariance = np.sum([_autocovariance(e, longest) for e in centred], axis=0)
+    if not covariance[0] > 0:
+        return 1
+    inside, squares = 0, 0.0
+    for lag in range(1, longest):
+        rho = covariance[lag] / covariance[0]
+        inside = inside + 1 if abs(rho) < 2 * np.sqrt((1 + 2 * squares) / n) else 0
+        squares += rho**2
+        if inside == 10:
+            return max(lag - 9, 1)
+    return longest
+
+
+def _autocovariance(e: np.ndarray, lags: int) -> np.ndarray:
+    """(lags,) sums Σ e(t) e(t−τ), by fast Fourier transform."""
+    size = 1 << (len(e) + lags - 1).bit_length()
+    return np.fft.irfft(np.abs(np.fft.rfft(e, size)) ** 2, size)[:lags]

@@ -1,0 +1,34 @@
+"""What a basis reads: each scheduling variable at each delay, its degree, and where its pieces meet."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lpvid.scheduling import Basis, Scheduling
+from lpvid.scheduling.reading import Reading
+
+
+def reading_weights(basis: Basis, readings: tuple[Reading, ...], points: np.ndarray) -> np.ndarray:
+    """(K, M + 1) values of a basis, and 1, where the readings have the values `points` of shape (K, len(readings))."""
+    names = basis.names
+    lags = [r.lag for r in readings]
+    ahead, back = max([0, *(-lag for lag in lags)]), max([0, *lags])
+    path = np.zeros((len(points), back + 1 + ahead, len(names)))
+    for column, reading in enumerate(readings):
+        if reading.name in names:
+            path[:, back - reading.lag, names.index(reading.name)] = points[:, column]
+    phi = basis.evaluate(path.reshape(len(points) * (back + 1 + ahead), len(names)))[back :: back + 1 + ahead]
+    return np.hstack([phi, np.ones((len(points), 1))])
+
+
+def box_of(readings: tuple[Reading, ...], scheduling: Scheduling) -> Scheduling:
+    """Box and rate bounds of what is read, one entry for each reading; a delayed copy has those of its variable."""
+    index = [scheduling.names.index(r.name) for r in readings]
+    return Scheduling(tuple(r.label for r in readings), tuple(scheduling.lower[i] for i in index),
+                      tuple(scheduling.upper[i] for i in index), tuple(scheduling.rate[i] for i in index),
+                      tuple(scheduling.units[i] for i in index))
+
+
+def readings_of(basis: Basis, shift: int = 0) -> tuple[Reading, ...]:
+    """What a basis reads: each variable at each delay; refuses one that is neither piecewise polynomial nor Fourier."""
+    return basis.readings(shift)

@@ -1,0 +1,87 @@
+"""Covariance of estimates: the sandwich against closed forms for coloured noise, inverses against numpy's."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import lfilter
+
+import lpvid as lpv
+from lpvid.identification.covariance import (
+    bartlett,
+    blocks,
+    clusters,
+    estimate_covariance,
+    inverse_gram,
+    normal_inverse,
+    residual_memory,
+    vague_inverse,
+)
+
+
+def fir_record(rng: np.random.Generator, n: int = 12_000, pole: float = 0.9) -> lpv.Record:
+    """y = u(k-1) + 0.5 u(k-2) + v with slow u and AR(1) v: least squares is unbiased, its white covariance wrong."""
+    u = lfilter([1.0], [1, -0.9], rng.normal(size=n))
+    y = np.convolve(u, [0, 1.0, 0.5])[:n] + lfilter([1.0], [1, -pole], rng.normal(size=n))
+    return lpv.Record({"u": u, "y": y}, sample_time=0.01)
+
+
+def test_standard_errors_match_the_spread_where_the_white_form_does_not() -> None:
+    rng = np.random.default_rng(11)
+    structure = lpv.ARX(na=0, nb=2, input="u", output="y")
+    found = [lpv.identify(fir_record(rng), structure) for _ in range(60)]
+    assert all(any("sandwich" in note for note in f.notes) for f in found)
+    spread = np.std([f.parameters.sum() for f in found])
+    ones = np.ones(2)
+    sandwich = np.mean([np.sqrt(ones @ f.covariance @ ones) for f in found])
+    white = np.mean([np.sqrt(ones @ f.structure.regress([fir_record(rng)], f.model.box).covariance @ ones)
+                     for f in found[:20]])
+    assert 0.72 < sandwich / spread < 1.25
+    assert white / spread < 0.6
+    assert np.allclose(found[0].model.metadata["parameters"]["covariance"], found[0].covariance)
+
+
+def test_white_residuals_keep_the_plain_covariance(rng: np.random.Generator) -> None:
+    u = rng.normal(size=3000)
+    y = np.convolve(u, [0, 1.0])[:3000] + rng.normal(size=3000)
+    found = lpv.identify(lpv.Record({"u": u, "y": y}, sample_time=0.01), lpv.ARX(na=0, nb=1, input="u", output="y"))
+    assert not any("sandwich" in note for note in found.notes)
+
+
+def test_memory_of_an_autoregression(rng: np.random.Generator) -> None:
+    assert residual_memory([rng.normal(size=20_000)]) <= 12
+    slow = residual_memory([lfilter([1.0], [1, -0.9], rng.normal(size=20_000))])
+    assert 20 <= slow <= 80
+    assert residual_memory([np.zeros(100)]) == 1
+
+
+def test_inverses_agree_where_all_is_seen_and_treat_blind_columns_as_stated(rng: np.random.Generator) -> None:
+    units = np.array([1e-6, 1.0, 1e5])
+    j = rng.normal(size=(50, 3)) * units
+    exact = np.linalg.inv((j / units).T @ (j / units)) / np.outer(units, units)
+    for found in (inverse_gram(j), inverse_gram(np.linalg.qr(j, mode="r")), normal_inverse(j.T @ j), vague_inverse(j)):
+        np.testing.assert_allclose(found, exact, rtol=1e-9)
+    blind = np.column_stack([j, np.zeros(50)])
+    assert not inverse_gram(blind)[3].any()
+    np.testing.assert_allclose(inverse_gram(blind)[:3, :3], exact, rtol=1e-9)
+    twin = np.column_stack([j, j[:, 0]])  # two parameters that only act together
+    assert vague_inverse(twin)[3, 3] > 1e12 * exact[0, 0] and inverse_gram(twin)[3, 3] < exact[0, 0]
+
+
+def test_middles_are_the_long_run_covariance_of_the_scores(rng: np.random.Generator) -> None:
+    """Scores AR(1) with pole 0.8 have the long-run variance 1/(1 − 0.8)² = 25 times that of the innovations."""
+    scores = np.asarray(lfilter([1.0], [1, -0.8], rng.normal(size=(200_000, 2)), axis=0))
+    halves = [scores[:100_000], scores[100_000:]]
+    for middle in (blocks(halves, 200), bartlett(halves, 200), clusters(scores, np.arange(200_000) // 200)):
+        np.testing.assert_allclose(middle / 200_000, 25 * np.eye(2), atol=2.5)
+    np.testing.assert_allclose(clusters(scores[:100], np.arange(100)), scores[:100].T @ scores[:100])
+    np.testing.assert_allclose(bartlett([scores[:100]], 0), scores[:100].T @ scores[:100])
+
+
+def test_estimate_covariance_is_the_textbook_one_for_white_errors(rng: np.random.Generator) -> None:
+    j, e = rng.normal(size=(4000, 3)), 0.3 * rng.normal(size=4000)
+    free = np.array([True, True, False])
+    found = estimate_covariance(j, e, (2000, 2000), free)
+    assert not found.notes and np.isnan(found.covariance[2]).all()
+    np.testing.assert_allclose(found.covariance[:2, :2], e @ e / 3998 * np.linalg.inv(j[:, :2].T @ j[:, :2]), rtol=1e-9)
+    j[:, 1] = 0.0
+    assert estimate_covariance(j, e, (2000, 2000), free).covariance[1, 1] == np.inf
