@@ -334,7 +334,7 @@ def _experiments_figure(demo: Demo) -> list[Item]:
 
 def run_demo(seed: int = 0, report_progress: Callable[[str], None] = lambda text: None,
              tell: Callable[[str, object], None] = lambda stage, result: None) -> Demo:
-    """Every stage in turn.
+    """Every stage; the hidden cause, and the ride once there is a model, in processes of their own.
 
     Parameters
     ----------
@@ -349,12 +349,32 @@ def run_demo(seed: int = 0, report_progress: Callable[[str], None] = lambda text
     -------
     Demo
     """
-    from lpvid.auditing import audit
-    from lpvid.identification import identify
-    from lpvid.report.forms import form_gaps
-    from lpvid.report.stability import study_stability
+    from lpvid._processes import Beside
     from quartercar.demo.diagnosis import hide_and_find
     from quartercar.demo.ride import design_and_ride
+
+    with Beside(hide_and_find, seed) as hidden:  # it needs nothing of what follows
+        training, held_out, audited, found, figures = _identified(seed, report_progress, tell)
+        with Beside(design_and_ride, (found.model, seed)) as riding:
+            gaps, study = _studied(found, training, report_progress, tell)
+            report_progress("looking for a hidden cause")
+            diagnosis = hidden.result()
+            tell("diagnosis", diagnosis)
+            report_progress("designing a controller for the identified plant, and driving it")
+            rides = riding.result()
+            tell("ride", rides)
+    return Demo(tuple(training), tuple(held_out), audited, found, figures, gaps, study, diagnosis, rides)
+
+
+Say = Callable[[str], None]
+Tell = Callable[[str, object], None]
+
+
+def _identified(seed: int, report_progress: Say, tell: Tell,
+                ) -> tuple[list[Record], list[Record], Audit, Identification, tuple[ExperimentFigures, ...]]:
+    """Records, their audit, the passive model and the figures of every experiment."""
+    from lpvid.auditing import audit
+    from lpvid.identification import identify
 
     report_progress("running the eight experiments on the virtual rig")
     training, held_out = rig_data(seed)
@@ -371,6 +391,15 @@ def run_demo(seed: int = 0, report_progress: Callable[[str], None] = lambda text
     assert found.held_out is not None and free.held_out is not None and plain.held_out is not None
     figures = experiment_figures(found.held_out, free.held_out, plain.held_out)
     tell("experiments", figures)
+    return training, held_out, audited, found, figures
+
+
+def _studied(found: Identification, training: Sequence[Record], report_progress: Say,
+             tell: Tell) -> tuple[tuple[FormGap, ...], StabilityStudy]:
+    """What the state-space forms cost, and the stability of the model."""
+    from lpvid.report.forms import form_gaps
+    from lpvid.report.stability import study_stability
+
     report_progress("state-space forms")
     gaps = tuple(form_gaps(found.model, training))
     tell("forms", gaps)
@@ -379,9 +408,4 @@ def run_demo(seed: int = 0, report_progress: Callable[[str], None] = lambda text
     if study.frozen.stable and not study.certificate.verified:
         study = study_stability(found.model, rate=CURRENT_RATE, report_progress=report_progress)
     tell("stability", study)
-    report_progress("looking for a hidden cause")
-    diagnosis = hide_and_find(seed, report_progress)
-    tell("diagnosis", diagnosis)
-    rides = design_and_ride(found.model, seed, report_progress)
-    tell("ride", rides)
-    return Demo(tuple(training), tuple(held_out), audited, found, figures, gaps, study, diagnosis, rides)
+    return gaps, study

@@ -79,6 +79,9 @@ class Linear(LawDamper):
             row[:] = column
         return out.T
 
+    def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
+        return self.jacobian(drive, vector)[:, list(columns)]
+
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
         return [self.vector]
 
