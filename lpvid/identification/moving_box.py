@@ -39,10 +39,14 @@ def carried_over(r: np.ndarray, places: np.ndarray, old: Polynomial, new: Polyno
     """
     change = np.eye(r.shape[0])
     of_functions = old.change_to(new)
-    _, group = np.unique(places[:, :3], axis=0, return_inverse=True)
-    for g in range(group.max(initial=-1) + 1):
-        at = np.flatnonzero(group == g)
-        change[np.ix_(at, at)] = of_functions[np.ix_(places[at, 3], places[at, 3])]
+    column = {tuple(place): q for q, place in enumerate(places.tolist())}
+    for (part, lag, signal, function), q in column.items():
+        change[: len(column), q] = 0.0
+        for f in range(old.size):
+            # later affine terms leave the constant to the first one, whose column it is
+            at = column.get((part, lag, signal, f), column.get((part, 0, signal, f)))
+            assert at is not None
+            change[at, q] += of_functions[f, function]
     return np.asarray(np.linalg.qr(r @ change, mode="r"))
 
 

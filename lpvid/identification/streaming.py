@@ -97,7 +97,8 @@ def identify_stream(chunks: Iterable[Record], structure: ARX | Recursive, *, box
 
 
 def _folded(chunks: Iterable[Record], structure: ARX | Recursive, arx: ARX, box: Scheduling | None,
-            kept: Checkpoint | None, known: tuple[dict[str, Any], dict[str, np.ndarray]] | None, report_progress: Callable[[str], None],
+            kept: Checkpoint | None, known: tuple[dict[str, Any], dict[str, np.ndarray]] | None,
+            report_progress: Callable[[str], None],
             ) -> tuple[_Batch | _Running, Facts]:
     """Everything from the last checkpoint on, folded into one estimate; without a box, R follows the scheduling."""
     facts, cutter, place = Facts(arx), Cutter(), None
@@ -128,7 +129,8 @@ def _folded(chunks: Iterable[Record], structure: ARX | Recursive, arx: ARX, box:
             if kept is not None and fold is not None:
                 plain, arrays = facts.state()
                 own, more = fold.state()
-                kept.save({"box": None if box is None else box.to_dict(), "place": after, "cutter": vars(cutter), "facts": plain, "fold": own},
+                kept.save({"box": None if box is None else box.to_dict(), "place": after, "cutter": vars(cutter),
+                           "facts": plain, "fold": own},
                           {**arrays, **more})
             report_progress(f"{facts.samples:,} samples")
         if fold is None:

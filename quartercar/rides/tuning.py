@@ -239,7 +239,8 @@ def tune(law: Controller, trial: Trial, budget: int = 64, seed: int = 0,
 
 
 def tune_all(laws: Mapping[str, Controller], trial: Trial, budget: int = 64,
-             report_progress: Callable[[str], None] = lambda text: None, workers: int | None = None) -> dict[str, Tuned]:
+             report_progress: Callable[[str], None] = lambda text: None,
+             workers: int | None = None) -> dict[str, Tuned]:
     """`tune` of several laws on the same rides, each in a process of its own; their number changes nothing.
 
     Parameters

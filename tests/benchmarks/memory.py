@@ -4,8 +4,8 @@
 
 One record of the virtual rig (test 1, synthetic) and two more of 30 s where a command wants several. What counts is the
 resident memory of the command and all its processes together, looked at every 20 ms; the largest single process stands
-beside it. Commands are stopped after ``--stop`` seconds and marked so: their memory is that until then. Expected, written
-down before the run: 500 MB at most each.
+beside it. Commands are stopped after ``--stop`` seconds and marked so: their memory is that until then. Expected,
+written down before the run: 500 MB at most each.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lpvid import Record
-from lpvid._processes import Done, in_processes
+from lpvid._processes import Beside, Done, in_processes
 
 
 @pytest.mark.parametrize("workers", [1, 2, 3])
@@ -59,3 +59,17 @@ def test_records_go_there_and_back() -> None:
 def copied(given: object) -> object:
     """Importable by a worker, as this folder stands on its path."""
     return given
+
+
+def test_a_call_beside_gives_its_result_and_its_error() -> None:
+    with Beside(abs, -3) as good, Beside(int, "x") as bad:
+        assert good.result() == 3
+        with pytest.raises(ValueError, match="invalid literal"):
+            bad.result()
+
+
+def test_leaving_the_block_stops_the_call() -> None:
+    begun = time.monotonic()
+    with Beside(time.sleep, 60.0):
+        time.sleep(0.5)
+    assert time.monotonic() - begun < 20.0
