@@ -21,6 +21,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
 import lpvid as lpv  # noqa: E402
+from quartercar.dampers import model_names  # noqa: E402
 from quartercar.dampers.evaluation import comparison  # noqa: E402
 from quartercar.dampers.evaluation.scoring import score  # noqa: E402
 from quartercar.dampers.facts import Facts  # noqa: E402
@@ -39,7 +40,7 @@ def main() -> None:
         Rig().run(replace(EXPERIMENTS["test-1"], duration=given.duration), seed=1)]
     training, kept, _ = comparison._held_out(records, None)
     data, settings = prepare(training, kept), comparison.CompareSettings()
-    suited, refused = comparison._suited(comparison._wanted("all"), Facts.of(data.training, data.polarity))
+    suited, refused = comparison._suited(list(model_names()), Facts.of(data.training, data.polarity))
     before = json.loads(given.table.read_text()) if given.table and given.table.exists() else {}
     found: dict[str, dict] = {}
     print(f"{'model':<26} {'seconds':>8} {'training':>10} {'held-out':>10}   before: seconds, training, held-out ESR")

@@ -32,7 +32,7 @@ MORE: dict[str, str] = {
     "verify": "lpvid verify stability/stability.json",
     "identify-auto": f"lpvid identify run1.csv {SIGNALS} --auto --budget 60 --out auto",
     "identify-oe": f"lpvid identify run1.csv {SIGNALS} --structure oe --out oe",
-    "export-law": "quartercar export sh-add --to c --out law",
+    "export-law": "quartercar export --controller sh-add --to c --out law",
     "rig": "quartercar rig plan.toml --out rig",
 }
 """beside those of the README"""
