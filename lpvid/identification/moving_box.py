@@ -15,6 +15,14 @@ def can_follow(arx: ARX) -> bool:
     """Whether the regressors of one box are a linear map of those of another.
 
     So they are for monomials of bounded total degree, which any change of origin and scale leaves in their own space.
+
+    Parameters
+    ----------
+    arx : ARX
+
+    Returns
+    -------
+    bool
     """
     return type(arx.basis) is Polynomial and bool(arx.basis.names)
 
@@ -69,12 +77,31 @@ class MovingBox:
 
     @classmethod
     def of(cls, arx: ARX) -> MovingBox:
-        """Nothing seen yet."""
+        """Nothing seen yet.
+
+        Parameters
+        ----------
+        arx : ARX
+
+        Returns
+        -------
+        MovingBox
+        """
         count = len(arx.basis.names)
         return cls(arx, np.full(count, np.inf), np.full(count, -np.inf))
 
     def grown(self, piece: Record) -> bool:
-        """Take the piece's range in; whether the box changed."""
+        """Take a piece's range in.
+
+        Parameters
+        ----------
+        piece : Record
+
+        Returns
+        -------
+        bool
+            Whether the box changed.
+        """
         names = self.arx.basis.names
         self.units = self.units or tuple(piece.unit(n) for n in names)
         low = np.minimum(self.low, [piece[n].min() for n in names])

@@ -53,7 +53,19 @@ class LawDamper(Damper):
 
     @abstractmethod
     def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
-        """(n, len(columns)) derivative of `response` in the parameters at these places, exact."""
+        """Derivative of `response` in the parameters at these places, exact.
+
+        Parameters
+        ----------
+        drive : Drive
+        vector : (P,) array
+        columns : sequence of int
+
+        Returns
+        -------
+        (n, len(columns)) array
+            [N per unit of the parameter].
+        """
 
     @abstractmethod
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
@@ -91,6 +103,19 @@ class StaticDamper(LawDamper):
         return self.law_gradient(drive.displacement, drive.velocity, drive.current, vector)
 
     def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
+        """Columns of the analytic gradient.
+
+        Parameters
+        ----------
+        drive : Drive
+        vector : (P,) array
+        columns : sequence of int
+
+        Returns
+        -------
+        (n, len(columns)) array
+            [N per unit of the parameter].
+        """
         return self.jacobian(drive, vector)[:, list(columns)]
 
     def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
@@ -160,6 +185,17 @@ class DynamicDamper(LawDamper):
         """By the complex step: Im F(θ + i h e_j)/h has no difference to round off, for any h.
 
         Squire, Trapp (1998), SIAM Review 40(1), 110-112. Kernels take moduli and signs by the real part.
+
+        Parameters
+        ----------
+        drive : Drive
+        vector : (P,) array
+        columns : sequence of int
+
+        Returns
+        -------
+        (n, len(columns)) array
+            [N per unit of the parameter].
         """
         out = np.empty((drive.n_samples, len(columns)))
         for place, j in enumerate(columns):

@@ -224,7 +224,17 @@ def _worst_test(figures: Sequence[ExperimentFigures]) -> str:
 
 
 def mean_of(values: Sequence[float | None]) -> float | None:
-    """Mean of figures; None where one is missing."""
+    """Mean of figures.
+
+    Parameters
+    ----------
+    values : sequence of (float or None)
+
+    Returns
+    -------
+    float or None
+        None where one is missing.
+    """
     known = [v for v in values if v is not None]
     return float(np.mean(known)) if known and len(known) == len(values) else None
 

@@ -83,6 +83,7 @@ def child(path: Path, state: str, rows: int) -> None:
     k = np.arange(99.0)
     lpv.identify_stream([lpv.Record({"u": k % 2, "p": k, "y": k % 3}, sample_time=1 / 512)],
                         lpv.ARX(1, 1, 1, "u", "y", lpv.Polynomial("p", degree=1)))  # compiled before it counts
+    next(iter(read_chunks(path, rows)))  # pyarrow loaded
     cpu, wall, found = spent(lambda: lpv.identify_stream(read_chunks(path, rows), STRUCTURE, checkpoint=state or None))
     peak = high_water()
     print(repr((cpu, wall, peak, found.n_samples, found.parameters.tolist())))  # type: ignore[attr-defined]

@@ -49,7 +49,18 @@ class DamperFitProblem:
         return self.sensitivity(theta, range(theta.size))
 
     def sensitivity(self, theta: np.ndarray, columns: Sequence[int]) -> np.ndarray:
-        """(m, len(columns)) the same in the parameters at these places."""
+        """The same in the parameters at these places.
+
+        Parameters
+        ----------
+        theta : (P,) array
+        columns : sequence of int
+
+        Returns
+        -------
+        (m, len(columns)) array
+            [N per unit of the parameter].
+        """
         start = self.damper.start
         with np.errstate(all="ignore"):
             found = np.concatenate([self.damper.sensitivity(d, theta, columns)[start:] for d in self.drives])

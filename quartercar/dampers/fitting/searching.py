@@ -133,6 +133,15 @@ def surely_worse(one: Tasted, best: Tasted) -> bool:
     A race: the mean of the paired differences of squared residuals lies `SURE` standard errors above zero. The standard
     error is that of batch means over √m samples, which holds for correlated residuals too. Maron & Moore (1994),
     NIPS 6, 59-66; Flegal & Jones (2010), Ann. Statist. 38(2), 1034-1070.
+
+    Parameters
+    ----------
+    one, best : Tasted
+        On the same shortened data.
+
+    Returns
+    -------
+    bool
     """
     if one.residual is None or best.residual is None or one is best:
         return False

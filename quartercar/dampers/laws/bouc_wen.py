@@ -150,7 +150,19 @@ class BoucWen(DynamicDamper):
         return force + stiffness * drive.displacement + gas
 
     def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
-        """Tangents carried along the run in its coefficients and first state, then the chain rule."""
+        """Tangents carried along the run in its coefficients and first state, then the chain rule.
+
+        Parameters
+        ----------
+        drive : Drive
+        vector : (P,) array
+        columns : sequence of int
+
+        Returns
+        -------
+        (n, len(columns)) array
+            [N per unit of the parameter].
+        """
         from quartercar.dampers.laws._bouc_wen_tangents import spencer_tangents
 
         theta, _ = self.coefficients(vector)
