@@ -46,9 +46,9 @@ def read_only(array: np.ndarray) -> np.ndarray:
 
 def finite(array: np.ndarray, name: str) -> np.ndarray:
     """Refuse NaN and infinite entries."""
-    bad = np.argwhere(~np.isfinite(array))
-    if bad.size:
-        place = tuple(int(i) for i in bad[0])
+    good = np.isfinite(array)
+    if not good.all():
+        place = tuple(int(i) for i in np.argwhere(~good)[0])
         raise InputError(f"{name} must be finite", got=f"{array[place]} at index {place}")
     return array
 

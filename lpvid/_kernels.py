@@ -287,16 +287,17 @@ def fill_regressor(block, row0, first, rows, data, phi, source, sign, lag, funct
     column q is sign[q] · data[source[q], k − lag[q]] · phi[function[q], k − phi_lag[q]], a negative function meaning 1.
     """
     for q in range(source.size):
-        signal = data[source[q]]
-        offset = first - lag[q]
+        factor, offset = sign[q], first - lag[q]
+        signal = data[source[q]][offset: offset + rows]  # slices: an index that cannot be negative leaves vector code
+        target = block[q][row0: row0 + rows]
         if function[q] < 0:
             for r in range(rows):
-                block[q, row0 + r] = sign[q] * signal[offset + r]
+                target[r] = factor * signal[r]
         else:
-            weight = phi[function[q]]
             other = first - phi_lag[q]
+            weight = phi[function[q]][other: other + rows]
             for r in range(rows):
-                block[q, row0 + r] = sign[q] * signal[offset + r] * weight[other + r]
+                target[r] = factor * signal[r] * weight[r]
 
 
 class ChunkedQR:

@@ -84,6 +84,58 @@ def in_processes(function: Callable[[T], R], items: Sequence[T], *, workers: int
     return _Lanes(function, items, count, budget, list(costs or [1.0] * len(items)), report_progress).run()
 
 
+class Beside(Generic[R]):
+    """One call in a process of its own, while the caller goes on with something else.
+
+    With one processor it is made here, when its result is asked for. Leaving the block stops it.
+
+    Parameters
+    ----------
+    function : callable
+        Of one item; found by its module and name.
+    item : object
+
+    Examples
+    --------
+    >>> with Beside(abs, -2) as other:
+    ...     other.result()
+    2
+    """
+
+    def __init__(self, function: Callable[[T], R], item: T) -> None:
+        self._found: Done[R] | None = None
+        self._call = lambda: function(item)
+        self._lanes = self._thread = None
+        if _threads.processors() > 1:
+            self._lanes = _Lanes(function, [item], 1, None, [1.0], lambda done, running, left: None)
+            self._thread = Thread(target=self._run, daemon=True)
+
+    def _run(self) -> None:
+        assert self._lanes is not None
+        self._found = self._lanes.run()[0]
+
+    def __enter__(self) -> Beside[R]:
+        if self._thread is not None:
+            self._thread.start()
+        return self
+
+    def __exit__(self, *why: object) -> None:
+        if self._lanes is not None and self._thread is not None:
+            self._lanes._stop()
+            self._thread.join()
+
+    def result(self) -> R:
+        """What the call returned; what it raised is raised here."""
+        if self._thread is None:
+            return self._call()
+        while self._thread.is_alive():  # short waits: Ctrl-C is seen between them
+            self._thread.join(POLL)
+        assert self._found is not None
+        if self._found.error is not None:
+            raise self._found.error
+        return self._found.value  # type: ignore[return-value]
+
+
 def _here(function: Callable[[T], R], items: Sequence[T], costs: list[float],
           report_progress: Callable[[int, list[int], float | None], None]) -> list[Done[R]]:
     found: list[Done[R]] = []

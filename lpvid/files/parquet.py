@@ -104,4 +104,7 @@ def _from_first(data: Any) -> np.ndarray:
 def _numbers(data: Any) -> np.ndarray:
     import pyarrow as pa
 
-    return np.asarray(data.cast(pa.float64(), safe=False).fill_null(np.nan).to_numpy(), dtype=float)
+    numbers = data.cast(pa.float64(), safe=False)
+    if not numbers.null_count and numbers.num_chunks == 1:  # as they lie in the file's buffer; a record copies them
+        return numbers.chunk(0).to_numpy(zero_copy_only=True)
+    return np.asarray(numbers.fill_null(np.nan).to_numpy(), dtype=float)

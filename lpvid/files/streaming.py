@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,6 +17,8 @@ from lpvid.files import find, natural, record_names
 from lpvid.files._parts import READERS, reader
 from lpvid.record import Record
 
+T = TypeVar("T")
+_END = object()
 ROWS = 131_072
 """Samples of a part: 1 MB a channel. Parts of 64 thousand to 500 thousand are read at about the same rate."""
 
@@ -162,6 +166,32 @@ def read_chunks(paths: str | Path | Iterable[str | Path], rows: int = ROWS, *, r
         sets = [(name, parts) for name, (_, parts) in zip(names, sets, strict=True)]
     rate = None if sample_rate is None else _checks.positive(sample_rate, "sample_rate", "Hz")
     return Chunks(tuple(sets), _checks.count(rows, "rows", at_least=2), dict(roles or {}), rate)
+
+
+def read_ahead(items: Iterable[T]) -> Iterator[T]:
+    """The same items, the next of which a thread reads while the caller works on the last.
+
+    Two are in memory at once. What goes wrong while reading is raised where the item would have come.
+
+    Parameters
+    ----------
+    items : iterable
+
+    Yields
+    ------
+    object
+
+    Examples
+    --------
+    >>> list(read_ahead(range(3)))
+    [0, 1, 2]
+    """
+    source = iter(items)
+    with ThreadPoolExecutor(1) as reading:
+        following = reading.submit(next, source, _END)
+        while (item := following.result()) is not _END:
+            following = reading.submit(next, source, _END)
+            yield item  # type: ignore[misc]
 
 
 def _length(path: Path) -> int:

@@ -12,16 +12,17 @@ import numpy as np
 from lpvid._threads import single_thread
 from lpvid.condition.pieces import Cutter
 from lpvid.errors import InputError
-from lpvid.files.streaming import Chunks
+from lpvid.files.streaming import Chunks, read_ahead
 from lpvid.identification.arx import ARX
 from lpvid.identification.checkpoint import Checkpoint
+from lpvid.identification.moving_box import MovingBox, can_follow, carried_over
 from lpvid.identification.recursive import Recursive, RecursiveEstimator, packaged
 from lpvid.identification.regression import CHUNK, Factor, rows_of
 from lpvid.identification.result import Identification
 from lpvid.identification.row_stream import RowStream
 from lpvid.identification.stream_facts import Facts, box_of, located
 from lpvid.record import Channel, Record
-from lpvid.scheduling import Scheduling
+from lpvid.scheduling import Polynomial, Scheduling
 from lpvid.training_fingerprint import roles
 
 
@@ -37,12 +38,13 @@ def identify_stream(chunks: Iterable[Record], structure: ARX | Recursive, *, box
     Parameters
     ----------
     chunks : iterable of Record
-        E.g. ``read_chunks("run.csv", rows=100_000)``. Without `box` it is run through twice, first for the range of the
-        scheduling variables, and so must not be a generator.
+        E.g. ``read_chunks("run.csv", rows=100_000)``. It is run through once where the basis is polynomial: R follows
+        the range of the scheduling exactly (`moving_box`). Other bases and `Recursive` need the range first, and so
+        without `box` no generator.
     structure : ARX or Recursive
         Stages as objects or None.
     box : Scheduling, optional
-        Range of the scheduling variables, to which the basis is normalised; spares the first run.
+        Range of the scheduling variables, to which the basis is normalised; left out, that of the data.
     checkpoint : path, optional
         File that keeps the state after every chunk. Where it holds that of the same structure and data, the work goes
         on behind the last chunk; it is removed at the end.
@@ -57,7 +59,7 @@ def identify_stream(chunks: Iterable[Record], structure: ARX | Recursive, *, box
     Raises
     ------
     InputError
-        As for `identify`; a generator without `box`.
+        As for `identify`; a generator without `box` where the range must be known first.
 
     Examples
     --------
@@ -80,9 +82,10 @@ def identify_stream(chunks: Iterable[Record], structure: ARX | Recursive, *, box
     known = None if kept is None else kept.load()
     if known is not None and known[0].get("box"):
         box = Scheduling.from_dict(known[0]["box"])
-    if box is None:
+    if box is None and (isinstance(structure, Recursive) or not can_follow(arx)):
         box = _scan(chunks, arx, report_progress)
     fold, facts = _folded(chunks, structure, arx, box, kept, known, report_progress)
+    box = fold.final_box() if box is None else box
     facts.refuse_still()
     found = fold.result(facts.named_heads(), box)
     if kept is not None:
@@ -93,18 +96,19 @@ def identify_stream(chunks: Iterable[Record], structure: ARX | Recursive, *, box
     return found.replace(notes=(*found.notes, note + ("" if esr is None else f"; one-step ESR {esr:.4g}")))
 
 
-def _folded(chunks: Iterable[Record], structure: ARX | Recursive, arx: ARX, box: Scheduling, kept: Checkpoint | None,
-            known: tuple[dict[str, Any], dict[str, np.ndarray]] | None, report_progress: Callable[[str], None],
+def _folded(chunks: Iterable[Record], structure: ARX | Recursive, arx: ARX, box: Scheduling | None,
+            kept: Checkpoint | None, known: tuple[dict[str, Any], dict[str, np.ndarray]] | None,
+            report_progress: Callable[[str], None],
             ) -> tuple[_Batch | _Running, Facts]:
-    """Everything from the last checkpoint on, folded into one estimate."""
-    bound = replace(arx, basis=arx.basis.bound(box))
+    """Everything from the last checkpoint on, folded into one estimate; without a box, R follows the scheduling."""
     facts, cutter, place = Facts(arx), Cutter(), None
     fold: _Batch | _Running | None = None
 
     def begun(period: float) -> _Batch | _Running:
         if isinstance(structure, Recursive):
+            assert box is not None
             return _Running(RecursiveEstimator(structure, box, period))
-        return _Batch(bound, box, RowStream(bound, period))
+        return _Batch(arx, box, period)
 
     if known is not None and known[0].get("place") is not None:
         meta, arrays = known
@@ -114,7 +118,7 @@ def _folded(chunks: Iterable[Record], structure: ARX | Recursive, arx: ARX, box:
         fold.restore(meta["fold"], arrays)
         report_progress(f"going on behind {facts.samples:,} samples")
     with single_thread():
-        for after, chunk in located(chunks, place):
+        for after, chunk in read_ahead(located(chunks, place)):
             for piece, continues in cutter.cut(chunk, arx.channels):
                 if fold is None:
                     fold = begun(cutter.period or 0.0)
@@ -125,7 +129,8 @@ def _folded(chunks: Iterable[Record], structure: ARX | Recursive, arx: ARX, box:
             if kept is not None and fold is not None:
                 plain, arrays = facts.state()
                 own, more = fold.state()
-                kept.save({"box": box.to_dict(), "place": after, "cutter": vars(cutter), "facts": plain, "fold": own},
+                kept.save({"box": None if box is None else box.to_dict(), "place": after, "cutter": vars(cutter),
+                           "facts": plain, "fold": own},
                           {**arrays, **more})
             report_progress(f"{facts.samples:,} samples")
         if fold is None:
@@ -228,15 +233,35 @@ class _Batch:
     A scheduling filter and a basis that reads ahead go through a `RowStream`, which remembers what they need.
     """
 
-    def __init__(self, bound: ARX, box: Scheduling, stream: RowStream) -> None:
+    def __init__(self, arx: ARX, box: Scheduling | None, period: float) -> None:
         from lpvid._kernels import ChunkedQR
 
-        self.bound, self.stream, self.data = bound, stream, bound._data(box, None)
-        self.qr = ChunkedQR(stream.size + stream.n_outputs, CHUNK)
-        self.plain = stream.filter is None and not stream.ahead
+        self.moving = MovingBox.of(arx) if box is None else None
+        self.bound = arx if box is None else replace(arx, basis=arx.basis.bound(box))
+        self.stream = RowStream(self.bound, period)
+        self.data = None if box is None else self.bound._data(box, None)
+        self.qr = ChunkedQR(self.stream.size + self.stream.n_outputs, CHUNK)
+        self.plain = self.stream.filter is None and not self.stream.ahead
         self.tail: Record | None = None
 
+    def _follow(self, moving: MovingBox) -> None:
+        """Bind the structure to a box that has grown, and carry R over."""
+        old, self.bound = self.bound, moving.bound
+        if self.qr.rows_seen:
+            assert isinstance(old.basis, Polynomial) and isinstance(self.bound.basis, Polynomial)
+            self.qr.resume(carried_over(self.qr.r, old.places(), old.basis, self.bound.basis), self.qr.rows_seen)
+        self.stream.structure, self.data = self.bound, self.bound._data(moving.box, None)
+
+    def final_box(self) -> Scheduling:
+        """The box around everything; InputError where a variable did not move."""
+        assert self.moving is not None
+        basis = self.moving.arx.basis
+        return box_of(basis.names, basis.degree, self.moving.low, self.moving.high, self.moving.units)
+
     def take(self, piece: Record) -> None:
+        if self.moving is not None and self.moving.grown(piece):
+            self._follow(self.moving)
+        assert self.data is not None
         if not self.plain:
             for rows in self.stream.blocks(piece):
                 self._absorb(rows)
@@ -278,10 +303,17 @@ class _Batch:
 
     def state(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         tail = {} if self.tail is None else {f"tail:{n}": self.tail[n] for n in self.bound.channels}
-        return {"rows": self.qr.rows_seen, "stream": None if self.plain else self.stream.state()}, \
+        moving = None if self.moving is None else {"low": self.moving.low.tolist(), "high": self.moving.high.tolist(),
+                                                   "units": list(self.moving.units)}
+        return {"rows": self.qr.rows_seen, "stream": None if self.plain else self.stream.state(), "moving": moving}, \
             {"r": self.qr.r, **tail}
 
     def restore(self, meta: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+        if self.moving is not None:
+            found = meta["moving"]
+            self.moving = replace(self.moving, low=np.array(found["low"]), high=np.array(found["high"]),
+                                  units=tuple(found["units"]))
+            self._follow(self.moving)
         self.qr.resume(arrays["r"], meta["rows"])
         tail = {n.removeprefix("tail:"): Channel(v) for n, v in arrays.items() if n.startswith("tail:")}
         self.tail = Record(tail, sample_time=self.stream.sample_time) if tail else None
@@ -300,6 +332,9 @@ class _Running:
 
     def __init__(self, estimator: RecursiveEstimator) -> None:
         self.estimator = estimator
+
+    def final_box(self) -> Scheduling:
+        return self.estimator.box
 
     def take(self, piece: Record) -> None:
         self.estimator.go_on(piece)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import comb
 
 import numpy as np
 
@@ -112,6 +113,35 @@ class Polynomial(Basis):
     def bound(self, box: Scheduling) -> Polynomial:
         centre, half = _normalisation(self.names, box)
         return replace(self, centre=centre, half_width=half)
+
+    def change_to(self, other: Polynomial) -> np.ndarray:
+        """(M, M) matrix G of another normalisation of these monomials: ``other.evaluate(p) = self.evaluate(p) @ G``.
+
+        With z' = αz + β, z'^e = Σ_i C(e, i) αⁱ β^(e−i) zⁱ, and the product over the variables. Where the other box
+        holds this one, |α| and |β| are at most 1: no entry exceeds a product of binomials, and nothing is amplified.
+
+        Parameters
+        ----------
+        other : Polynomial
+            Of the same variables and degree.
+
+        Returns
+        -------
+        (M, M) array
+
+        Examples
+        --------
+        >>> Polynomial("p", 2).change_to(Polynomial("p", 2, (1.0,), (2.0,))).tolist()
+        [[1.0, -0.5, 0.25], [0.0, 0.5, -0.5], [0.0, 0.0, 0.25]]
+        """
+        change = np.ones((self.size, self.size))
+        for v in range(len(self.names)):
+            alpha = self.half_width[v] / other.half_width[v]
+            beta = (self.centre[v] - other.centre[v]) / other.half_width[v]
+            row, column = self.exponents[:, v][:, None], self.exponents[:, v][None, :]
+            choose = np.array([[comb(int(e), int(i)) for e in column[0]] for i in row[:, 0]], dtype=float)
+            change *= np.where(row <= column, choose * alpha**row * beta ** np.maximum(column - row, 0), 0.0)
+        return change
 
     @property
     def unity(self) -> np.ndarray:

@@ -39,7 +39,8 @@ def _deliver(results: Results, found: Demo) -> None:
     from lpvid import plot as lpv_plot
     from lpvid.export.serialise import save
     from quartercar import plot
-    from quartercar.demo.run import TARGET, comparisons, demo_page
+    from quartercar.demo.page import comparisons, demo_page
+    from quartercar.demo.run import TARGET
     from quartercar.rig import write_csv
 
     shown = comparisons(found)
@@ -118,7 +119,7 @@ def _counted(records: list[Record]) -> str:
 def _experiment_lines(figures) -> list:
     from rich.table import Table
 
-    from quartercar.demo.run import experiments_table
+    from quartercar.demo.page import experiments_table
 
     described = experiments_table(figures)
     table = Table(box=None, pad_edge=False, header_style="dim")

@@ -128,7 +128,7 @@ def _with_preview(chosen: RideConfig, text: str, free: bool) -> RideConfig:
 
 def _tuned(chosen: RideConfig, report_progress: Callable[[str], None]) -> tuple[dict, dict[str, Tuned]]:
     """The laws, tuned where that was requested."""
-    from quartercar.rides.tuning import Trial, tune
+    from quartercar.rides.tuning import Trial, tune_all
 
     if not chosen.tune:
         return dict(chosen.controllers), {}
@@ -138,9 +138,7 @@ def _tuned(chosen: RideConfig, report_progress: Callable[[str], None]) -> tuple[
         raise InputError("tuning and comparison share a seed", got=str(min(clash)), mend="another tune_seed")
     report_progress("tuning")
     trial = Trial(chosen.car, chosen.roads, seeds, chosen.settings)
-    references = trial.references()
-    tuned = {n: tune(law, trial, max(chosen.tune, 4), references=references, report_progress=report_progress)
-             for n, law in chosen.controllers.items()}
+    tuned = tune_all(chosen.controllers, trial, max(chosen.tune, 4), report_progress)
     return {n: t.controller for n, t in tuned.items()}, tuned
 
 

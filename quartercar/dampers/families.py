@@ -52,6 +52,22 @@ class LawDamper(Damper):
         """(n, P) derivative of `response` in every parameter, exact."""
 
     @abstractmethod
+    def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
+        """Derivative of `response` in the parameters at these places, exact.
+
+        Parameters
+        ----------
+        drive : Drive
+        vector : (P,) array
+        columns : sequence of int
+
+        Returns
+        -------
+        (n, len(columns)) array
+            [N per unit of the parameter].
+        """
+
+    @abstractmethod
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
         """At most `count` starting vectors, the most promising first, drawn from what the measured forces look like."""
 
@@ -85,6 +101,22 @@ class StaticDamper(LawDamper):
 
     def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
         return self.law_gradient(drive.displacement, drive.velocity, drive.current, vector)
+
+    def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
+        """Columns of the analytic gradient.
+
+        Parameters
+        ----------
+        drive : Drive
+        vector : (P,) array
+        columns : sequence of int
+
+        Returns
+        -------
+        (n, len(columns)) array
+            [N per unit of the parameter].
+        """
+        return self.jacobian(drive, vector)[:, list(columns)]
 
     def static_force(self, velocity: np.ndarray, current: float = 0.0, displacement: float = 0.0) -> np.ndarray:
         return self.force(displacement, velocity, current)
@@ -147,14 +179,28 @@ class DynamicDamper(LawDamper):
         return None
 
     def jacobian(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+        return self.sensitivity(drive, vector, range(vector.size))
+
+    def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
         """By the complex step: Im F(θ + i h e_j)/h has no difference to round off, for any h.
 
         Squire, Trapp (1998), SIAM Review 40(1), 110-112. Kernels take moduli and signs by the real part.
+
+        Parameters
+        ----------
+        drive : Drive
+        vector : (P,) array
+        columns : sequence of int
+
+        Returns
+        -------
+        (n, len(columns)) array
+            [N per unit of the parameter].
         """
-        out = np.empty((drive.n_samples, vector.size))
-        for j in range(vector.size):
+        out = np.empty((drive.n_samples, len(columns)))
+        for place, j in enumerate(columns):
             step = COMPLEX_STEP * max(abs(float(vector[j])), 1e-6)
             moved = vector.astype(complex)
             moved[j] += 1j * step
-            out[:, j] = np.imag(self.response(drive, moved)) / step
+            out[:, place] = np.imag(self.response(drive, moved)) / step
         return out

@@ -62,16 +62,14 @@ class DemoRide(Encoded):
         return Section("A controller, and its ride", tuple(items))
 
 
-def design_and_ride(model: LPVTransferFunction, seed: int = 0,
+def design_and_ride(job: tuple[LPVTransferFunction, int],
                     report_progress: Callable[[str], None] = lambda text: None) -> DemoRide:
     """Design an LPV controller with the identified damper's dynamics in the plant, and drive it over two roads.
 
     Parameters
     ----------
-    model : LPVTransferFunction
-        As identified: the car's damper, and that of the plant.
-    seed : int
-        Of roads and noise.
+    job : (LPVTransferFunction, int)
+        The model as identified, the car's damper and that of the plant; the seed of roads and noise.
     report_progress : callable
         Receives what is being done.
     """
@@ -86,6 +84,7 @@ def design_and_ride(model: LPVTransferFunction, seed: int = 0,
     from quartercar.vehicle.damper_from_file import current_limits
     from quartercar.vehicle.nonlinear import BumpStops, Coil, QuarterCar
 
+    model, seed = job
     damper = Identified.of(model, "the model of the demo")
     low, high = current_limits(damper, 2.5)
     car = QuarterCar(MEGANE, damper, BumpStops(), Coil(lowest=low, highest=high))

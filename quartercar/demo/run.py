@@ -11,14 +11,12 @@ import numpy as np
 
 from lpvid.codec import Encoded
 from lpvid.record import Record
-from lpvid.report import OUT, Item, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section, number
 
 if TYPE_CHECKING:
     from lpvid.auditing import Audit
     from lpvid.identification import Identification
     from lpvid.identification.arx import ARX
     from lpvid.identification.passive import Passive
-    from lpvid.plot import Comparison
     from lpvid.report.forms import FormGap
     from lpvid.report.stability import StabilityStudy
     from lpvid.validation import RecordFigures, Validation
@@ -100,17 +98,17 @@ class Demo:
     @property
     def mean_esr(self) -> float | None:
         """Mean over the experiments; None where one of them diverged."""
-        return _mean([e.esr for e in self.experiments])
+        return mean_of([e.esr for e in self.experiments])
 
     @property
     def free_mean_esr(self) -> float | None:
         """The same for the model that need not be passive."""
-        return _mean([e.free_esr for e in self.experiments])
+        return mean_of([e.free_esr for e in self.experiments])
 
     @property
     def plain_mean_esr(self) -> float | None:
         """The same for the plain model."""
-        return _mean([e.plain_esr for e in self.experiments])
+        return mean_of([e.plain_esr for e in self.experiments])
 
     @property
     def verdict(self) -> str:
@@ -191,8 +189,9 @@ def experiment_figures(found: Validation, free: Validation, plain: Validation) -
     for name in EXPERIMENTS:
         rows, loose, simple = ([r for r in v.records if r.name.startswith(f"{name}-r")] for v in (found, free, plain))
         esr, rmse = _pooled(rows)
-        listed.append(ExperimentFigures(name, _SAYS.get(name, ""), esr, rmse, tuple(r.free_run.esr for r in rows),
-                                        _pooled(loose)[0], _pooled(simple)[0]))
+        each = tuple(r.free_run.esr for r in rows)
+        listed.append(ExperimentFigures(name, EXPERIMENT_WORDS.get(name, ""), esr, rmse, each, _pooled(loose)[0],
+                                        _pooled(simple)[0]))
     return tuple(listed)
 
 
@@ -218,12 +217,23 @@ def _worst_test(figures: Sequence[ExperimentFigures]) -> str:
             f"{'' if worst.worst is None else f', and {worst.worst:.4f} on its worst record'}")
 
 
-def _mean(values: Sequence[float | None]) -> float | None:
+def mean_of(values: Sequence[float | None]) -> float | None:
+    """Mean of figures.
+
+    Parameters
+    ----------
+    values : sequence of (float or None)
+
+    Returns
+    -------
+    float or None
+        None where one is missing.
+    """
     known = [v for v in values if v is not None]
     return float(np.mean(known)) if known and len(known) == len(values) else None
 
 
-_SAYS: Mapping[str, str] = {
+EXPERIMENT_WORDS: Mapping[str, str] = {
     "test-1": "road, current steps", "test-2": "road, binary current", "test-3": "road, random current",
     "test-4": "long road, steps", "test-5": "long road, random",
     "test-6": "road, constant", "test-7": "multisine, constant",
@@ -231,104 +241,9 @@ _SAYS: Mapping[str, str] = {
 }
 
 
-def comparisons(demo: Demo) -> list[Comparison]:
-    """The model's runs along the held-out records."""
-    from lpvid.report.figures import comparisons as compare_all
-
-    return compare_all(demo.found.model, demo.held_out, "held-out")
-
-
-def demo_page(demo: Demo, shown: Sequence[Comparison]) -> Page:
-    """The report of the demo.
-
-    Parameters
-    ----------
-    demo : Demo
-    shown : sequence of Comparison
-        As `comparisons` gives them.
-
-    Returns
-    -------
-    Page
-    """
-    from lpvid.report.forms import forms_table
-    from lpvid.report.identification import identification_page
-    from lpvid.report.passivity import passivity_section
-    from lpvid.report.stability import stability_page
-    from quartercar.demo.figures import run_figures
-
-    model = identification_page(demo.found, (), demo.gaps, demo.audit)
-    stability = stability_page(demo.study, "the damper model")
-    parameters = [s for s in model.sections if s.title in ("Where the error lies", "What is left in the residuals",
-                                                           "Parameters", "Remarks")]
-    sections = (
-        Section("Eight experiments", (experiments_table(demo.experiments), *_experiments_figure(demo))),
-        Section("The virtual rig and the model", tuple(run_figures(shown, _SAYS))),
-        Section("State-space forms", (Paragraph("What each form costs on the training currents, against the transfer "
-                                                "function, in free run from rest."), forms_table(demo.gaps))),
-        Section("Stability", (Paragraph(demo.study.verdict, strong=True),)),
-        *(s for s in stability.sections if s.title != "The model"),
-        *passivity_section(demo.found),
-        demo.diagnosis.section(),
-        demo.ride.section(),
-        *parameters,
-        Section("The data", (Paragraph(f"{len(demo.training)} training and {len(demo.held_out)} held-out records from "
-                                       "the virtual rig: compliance in series, a yield force that saturates with the "
-                                       "current, a coil that rises in 5 ms and falls in 10 ms, asymmetry, gas, 1 % "
-                                       "noise. No model of the class identified here can be exact for it."),
-                             Notes((f"Audit of the training records: {demo.audit.verdict}.",
-                                    *(str(f) for f in demo.audit.findings[:12]))))))
-    return Page("From rig records to an LPV damper model", demo.verdict,
-                "good" if (demo.mean_esr or 1.0) < TARGET else "warn", _facts(demo),
-                (*model.caveats[:1], *stability.caveats), sections, _STEPS)
-
-
-_STEPS = (
-    NextStep("Fit a model to your own records; nothing else is needed.",
-         "lpvid identify DATA --input velocity --output force --schedule current --hold-out 1/3 --out model"),
-    NextStep("Or fit the dampers of the literature and rank them.", "quartercar fit DATA --out fit"),
-    NextStep("Look at the model of this demo from all sides.", f"lpvid stability {OUT}/model.json --out stability"),
-    NextStep("Put it into a car of your own.", f"quartercar ride --damper {OUT}/model.json --out ride"))
-
-
-def experiments_table(figures: Sequence[ExperimentFigures]) -> PageTable:
-    """ESR of every experiment."""
-    rows = [(e.name, e.description, str(len(e.records)), number(e.esr), number(e.rmse, 4, "N"), number(e.worst),
-             number(e.free_esr), number(e.plain_esr)) for e in figures]
-    rows.append(("mean", "eight experiments", str(sum(len(e.records) for e in figures)),
-                 number(_mean([e.esr for e in figures])), "", "", number(_mean([e.free_esr for e in figures])),
-                 number(_mean([e.plain_esr for e in figures]))))
-    return PageTable(("test", "what moves", "records", "ESR", "rmse", "worst", "unconstrained", "plain"), tuple(rows),
-                 "Free-run ESR on held-out records of the virtual rig.", (2, 3, 4, 5, 6, 7))
-
-
-def _facts(demo: Demo) -> tuple[tuple[str, str], ...]:
-    assert demo.found.held_out is not None
-    run = demo.found.held_out.overall.free_run
-    return (("mean ESR, free-run, held-out", number(demo.mean_esr)),
-            ("pooled ESR, free-run, held-out", number(run.esr)),
-            ("rmse, free-run, held-out", number(run.rmse, 4, run.rmse_unit)),
-            ("parameters", str(demo.found.n_parameters)),
-            ("frozen poles", "stable" if demo.study.frozen.stable else "NOT stable"),
-            ("moving current", demo.study.certificate.verdict))
-
-
-def _experiments_figure(demo: Demo) -> list[Item]:
-    from quartercar import plot
-
-    drawn = plot.experiments([(e.name, e.esr, e.plain_esr) for e in demo.experiments], TARGET)
-    return [PageFigure.of(drawn, "Free-run ESR of the eight experiments, each pooled over its held-out records."),
-            Paragraph("Unconstrained is the same structure without the constraint of passivity. Plain is a model of "
-                      "the same order and degree without input stage, current filter and constant term. What the "
-                      "constraint costs here is the price of this class: a soft spring in series with a yielding "
-                      "damper, which this rig has, looks like a lag of the yield force; that lag is not passive."),
-            Paragraph("The worst records of tests 6 to 8 are those at zero current: the force is small there, so that "
-                      "an error of a few dozen newtons weighs as much as the force itself.")]
-
-
 def run_demo(seed: int = 0, report_progress: Callable[[str], None] = lambda text: None,
              tell: Callable[[str, object], None] = lambda stage, result: None) -> Demo:
-    """Every stage in turn.
+    """Every stage; the hidden cause, and the ride once there is a model, in processes of their own.
 
     Parameters
     ----------
@@ -343,12 +258,32 @@ def run_demo(seed: int = 0, report_progress: Callable[[str], None] = lambda text
     -------
     Demo
     """
-    from lpvid.auditing import audit
-    from lpvid.identification import identify
-    from lpvid.report.forms import form_gaps
-    from lpvid.report.stability import study_stability
+    from lpvid.toolkit import Beside
     from quartercar.demo.diagnosis import hide_and_find
     from quartercar.demo.ride import design_and_ride
+
+    with Beside(hide_and_find, seed) as hidden:  # it needs nothing of what follows
+        training, held_out, audited, found, figures = _identified(seed, report_progress, tell)
+        with Beside(design_and_ride, (found.model, seed)) as riding:
+            gaps, study = _studied(found, training, report_progress, tell)
+            report_progress("looking for a hidden cause")
+            diagnosis = hidden.result()
+            tell("diagnosis", diagnosis)
+            report_progress("designing a controller for the identified plant, and driving it")
+            rides = riding.result()
+            tell("ride", rides)
+    return Demo(tuple(training), tuple(held_out), audited, found, figures, gaps, study, diagnosis, rides)
+
+
+Say = Callable[[str], None]
+Tell = Callable[[str, object], None]
+
+
+def _identified(seed: int, report_progress: Say, tell: Tell,
+                ) -> tuple[list[Record], list[Record], Audit, Identification, tuple[ExperimentFigures, ...]]:
+    """Records, their audit, the passive model and the figures of every experiment."""
+    from lpvid.auditing import audit
+    from lpvid.identification import identify
 
     report_progress("running the eight experiments on the virtual rig")
     training, held_out = rig_data(seed)
@@ -365,6 +300,15 @@ def run_demo(seed: int = 0, report_progress: Callable[[str], None] = lambda text
     assert found.held_out is not None and free.held_out is not None and plain.held_out is not None
     figures = experiment_figures(found.held_out, free.held_out, plain.held_out)
     tell("experiments", figures)
+    return training, held_out, audited, found, figures
+
+
+def _studied(found: Identification, training: Sequence[Record], report_progress: Say,
+             tell: Tell) -> tuple[tuple[FormGap, ...], StabilityStudy]:
+    """What the state-space forms cost, and the stability of the model."""
+    from lpvid.report.forms import form_gaps
+    from lpvid.report.stability import study_stability
+
     report_progress("state-space forms")
     gaps = tuple(form_gaps(found.model, training))
     tell("forms", gaps)
@@ -373,9 +317,4 @@ def run_demo(seed: int = 0, report_progress: Callable[[str], None] = lambda text
     if study.frozen.stable and not study.certificate.verified:
         study = study_stability(found.model, rate=CURRENT_RATE, report_progress=report_progress)
     tell("stability", study)
-    report_progress("looking for a hidden cause")
-    diagnosis = hide_and_find(seed, report_progress)
-    tell("diagnosis", diagnosis)
-    rides = design_and_ride(found.model, seed, report_progress)
-    tell("ride", rides)
-    return Demo(tuple(training), tuple(held_out), audited, found, figures, gaps, study, diagnosis, rides)
+    return gaps, study

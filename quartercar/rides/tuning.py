@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid.codec import Encoded
 from lpvid.errors import InputError, LpvError, NumericalError
-from lpvid.toolkit import checks
+from lpvid.toolkit import checks, in_processes
 from quartercar.controllers.contract import Controller
 from quartercar.criteria import RideFigures as Figures
 from quartercar.rides.simulation import RideSettings, drive
@@ -227,6 +227,55 @@ def tune(law: Controller, trial: Trial, budget: int = 64, seed: int = 0,
     values = np.array([scale.to_values(p) for p in places])
     chosen = law.with_vector(values[best]) if best else law
     return Tuned(chosen, float(costs[best]), float(costs[0]), len(costs), values, costs)
+
+
+def tune_all(laws: Mapping[str, Controller], trial: Trial, budget: int = 64,
+             report_progress: Callable[[str], None] = lambda text: None,
+             workers: int | None = None) -> dict[str, Tuned]:
+    """`tune` of several laws on the same rides, each in a process of its own; their number changes nothing.
+
+    Parameters
+    ----------
+    laws : mapping of str to Controller
+    trial : Trial
+    budget : int
+        Evaluations of each law.
+    report_progress : callable
+        Receives what is being done.
+    workers : int, optional
+        Processes; left out, one for each processor.
+
+    Returns
+    -------
+    dict of str to Tuned
+
+    Raises
+    ------
+    InputError
+        As for `tune`.
+    """
+    references, names = trial.references(), list(laws)
+
+    def stated(done: int, running: list[int], left: float | None) -> None:
+        about = "" if left is None else f", about {left:.0f} s left"
+        report_progress(f"tuning {', '.join(names[k] for k in running)} ({done} of {len(names)} done{about})")
+
+    ended = in_processes(_tuned, [(laws[n], trial, budget, references) for n in names], workers=workers,
+                         report_progress=stated)
+    found: dict[str, Tuned] = {}
+    for name, one in zip(names, ended, strict=True):
+        if one.error is not None:
+            raise one.error
+        if one.stopped:
+            raise KeyboardInterrupt
+        assert one.value is not None
+        found[name] = one.value
+    return found
+
+
+def _tuned(job: tuple[Controller, Trial, int, Mapping[tuple[str, int], Figures]]) -> Tuned:
+    law, trial, budget, references = job
+    return tune(law, trial, budget, references=references)
 
 
 class _ParameterScale:

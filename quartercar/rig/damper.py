@@ -103,21 +103,31 @@ class RigDamper:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What the rig imposes, on the fine clock: displacement [m], its two derivatives, the driver's current [A]."""
+    """What the rig imposes, on the fine clock: displacement [m], its two derivatives, the driver's current [A].
+
+    Ten minutes are five million samples of the fine clock; the acceleration is computed where it is asked for.
+    """
 
     displacement: np.ndarray
     velocity: np.ndarray
-    acceleration: np.ndarray
     command: np.ndarray
     rate: float
 
     @classmethod
     def along(cls, displacement: np.ndarray, command: np.ndarray, rate: float) -> Motion:
-        """Derive velocity and acceleration by central differences, one-sided at the two ends."""
-        velocity = np.gradient(displacement) * rate
-        acceleration = np.gradient(velocity) * rate
-        acceleration[1:-1] = np.diff(displacement, 2) * rate**2
-        return cls(displacement, velocity, acceleration, command, rate)
+        """Derive the velocity by central differences, one-sided at the two ends."""
+        velocity = np.gradient(displacement)
+        velocity *= rate
+        return cls(displacement, velocity, command, rate)
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """(n,) by second differences, at the two ends of the velocity [m/s²]."""
+        out = np.empty_like(self.velocity)
+        out[1:-1] = np.diff(self.displacement, 2) * self.rate**2
+        out[0] = (self.velocity[1] - self.velocity[0]) * self.rate
+        out[-1] = (self.velocity[-1] - self.velocity[-2]) * self.rate
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +178,7 @@ def respond(setup: Setup, motion: Motion) -> Response:
     out = np.empty((6, motion.displacement.size))
     command = delayed(motion.command, chain.command_delay * motion.rate)
     _integrator.integrate(motion.displacement, motion.velocity, command, setup.physics, step, out)
-    force = out[0] + chain.fixture_mass * motion.acceleration
+    force = out[0] if chain.fixture_mass == 0.0 else out[0] + chain.fixture_mass * motion.acceleration
     if chain.resonance_share != 0.0:
         force = force + chain.resonance_share * (
             low_passed(force, chain.resonance_frequency, chain.resonance_damping, motion.rate) - force)

@@ -1,6 +1,7 @@
 """A fleet of 200 virtual dampers with five faulty ones among them, three workers of which two are killed.
 
     python tests/benchmarks/fleet_study.py OUT [--count 200] [--no-diagnosis]
+    python tests/benchmarks/fleet_study.py OUT --count 12 --faults coulomb-friction,series-compliance --kill 1
 
 The specimens are the rig's damper with 3 % spread of each coefficient (virtual data). Expected, written down before the
 run: the five faulty ones and no other are named, and for each its cause first; nothing is lost to the killed workers.
@@ -29,10 +30,10 @@ SPREAD = 0.03
 COEFFICIENTS = ("viscous", "viscous_per_current", "yield_base", "yield_per_current")
 
 
-def specimens(folder: Path, count: int, duration: float) -> dict[str, str]:
+def specimens(folder: Path, count: int, duration: float, faults: tuple[str, ...]) -> dict[str, str]:
     """Write the records; the faulty ones by name."""
     rng = np.random.default_rng(7)
-    faulty = dict(zip(sorted(rng.choice(count, len(FAULTS), replace=False).tolist()), FAULTS, strict=True))
+    faulty = dict(zip(sorted(rng.choice(count, len(faults), replace=False).tolist()), faults, strict=True))
     experiment = replace(EXPERIMENTS["test-1"], duration=duration)
     names = {}
     for k in range(count):
@@ -53,17 +54,23 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--duration", type=float, default=8.0)
     parser.add_argument("--no-diagnosis", action="store_true")
+    parser.add_argument("--faults", default=",".join(FAULTS), help="of these, each in one specimen")
+    parser.add_argument("--kill", type=int, default=2, help="workers that are killed")
+    parser.add_argument("--hang", action="store_true", help="also a file that never ends: it must be listed as failed")
+    parser.add_argument("--time-limit", type=float, default=600.0, help="of a step of a file [s]")
     given = parser.parse_args()
     data = given.out / "data"
     data.mkdir(parents=True, exist_ok=True)
-    truth = specimens(data, given.count, given.duration)
+    truth = specimens(data, given.count, given.duration, tuple(given.faults.split(",")))
+    if given.hang:
+        os.mkfifo(data / "hanging.csv")
     print("hidden:", truth)
     do = ("identify",) if given.no_diagnosis else ("identify", "diagnose")
     structure = lpv.ARX(2, 2, 0, ("velocity", "displacement"), "force", lpv.Polynomial("current", degree=1), affine=1)
     killed: list[int] = []
 
     def report_progress(text: str) -> None:
-        if len(killed) < 2 and f": {given.count // 3} of" in text:
+        if len(killed) < given.kill and f": {given.count // 3} of" in text:
             tasks = Path(f"/proc/{os.getpid()}/task")
             pids = {int(p) for t in tasks.iterdir() for p in (t / "children").read_text().split()}
             workers = [p for p in pids if b"spawn_main" in Path(f"/proc/{p}/cmdline").read_bytes()]
@@ -71,7 +78,7 @@ def main() -> None:
             os.kill(workers[0], signal.SIGKILL)
 
     begun = time.perf_counter()
-    plan = plan_fleet([f"{data}/*.csv"], given.out / "fleet", do=do, structure=structure)
+    plan = plan_fleet([f"{data}/*.csv"], given.out / "fleet", do=do, structure=structure, limit=given.time_limit)
     found = run_fleet(plan, workers=3, report_progress=report_progress)
     print(found)
     assert found.differing is not None

@@ -6,6 +6,8 @@ Processor time, the least of several rounds, on one BLAS thread. A ratio is that
 run: what a bare kernel of the same work takes, named in the line. Curves give measured exponents (least squares of
 log time over log size, over the upper half of the sizes) beside theory's.
 
+About five minutes on an idle machine, most of it the catalogue's curve; without the curves one.
+
 Expected, written down before the run: regression at most 1.3 times the chunked dgeqrf of prebuilt chunks, the free run
 at most 1.3 times the hand-compiled loop; exponents in N at most 1.05.
 """
@@ -31,13 +33,22 @@ import lpvid as lpv  # noqa: E402
 
 Timed = Callable[[], object]
 ROUNDS = [3]
+ENOUGH, LONG, MOST = 0.3, 4.0, 200
 
 
 def cpu(function: Timed) -> float:
-    """Least processor time of some rounds, after one that compiles [s]."""
+    """Least processor time of some rounds, after one that compiles [s].
+
+    Of what takes milliseconds so many that they last `ENOUGH` together: others on the machine disturb single ones. What
+    takes longer than `LONG` is timed once: smaller sizes of the same have compiled it.
+    """
+    begun = time.process_time()
     function()
-    found = []
-    for _ in range(ROUNDS[0]):
+    first = time.process_time() - begun
+    if first > LONG:
+        return first
+    found: list[float] = []
+    while len(found) < ROUNDS[0] or (sum(found) < ENOUGH and len(found) < MOST):
         begun = time.process_time()
         function()
         found.append(time.process_time() - begun)

@@ -12,7 +12,7 @@ import pytest
 from helpers.importable import copied
 
 from lpvid import Record, _processes
-from lpvid._processes import Done, in_processes
+from lpvid._processes import Beside, Done, in_processes
 
 
 @pytest.mark.parametrize("workers", [1, 2, 3])
@@ -63,3 +63,18 @@ def test_records_go_there_and_back() -> None:
     back, frozen = in_processes(copied, [record, MappingProxyType({"a": 1})], workers=2)
     assert isinstance(back, Done) and isinstance(back.value, Record) and isinstance(frozen.value, MappingProxyType)
     np.testing.assert_array_equal(back.value["input"], record["u"])
+
+
+
+def test_a_call_beside_gives_its_result_and_its_error() -> None:
+    with Beside(abs, -3) as good, Beside(int, "x") as bad:
+        assert good.result() == 3
+        with pytest.raises(ValueError, match="invalid literal"):
+            bad.result()
+
+
+def test_leaving_the_block_stops_the_call() -> None:
+    begun = time.monotonic()
+    with Beside(time.sleep, 60.0):
+        time.sleep(0.5)
+    assert time.monotonic() - begun < 20.0

@@ -22,6 +22,9 @@ from quartercar.dampers.preparing import Prepared, prepare
 
 SMALL = 3
 """states up to which a step of integration costs about the same"""
+SETTLED = 0.01
+"""of its standard error, by which the last steps of a search may still move a parameter: a step of δ standard errors
+lowers the cost by the share δ²/N"""
 STRETCH = 512
 """samples of a stretch, where training data are thinned"""
 QUICK = FitSettings()
@@ -241,7 +244,9 @@ def _job(damper: Damper, data: Prepared, settings: CompareSettings) -> _Job:
     effort = replace(effort, seed=settings.seed, polarity=data.polarity)
     if settings.thorough:
         return damper, data.training, effort
-    return damper, tuple(stretches(data.training, _affordable(damper, settings), STRETCH)), effort
+    records = tuple(stretches(data.training, _affordable(damper, settings), STRETCH))
+    samples = sum(r.n_samples for r in records)
+    return damper, records, replace(effort, tolerance=max(effort.tolerance, SETTLED**2 / samples))
 
 
 def _fitted(job: _Job) -> DamperFit:

@@ -93,8 +93,4 @@ class PartialResiduals(Generic[D]):
 
     def jacobian(self, trial: Trial) -> np.ndarray:
         """(m, k) derivative of the residual in the coordinates."""
-        skip = self.damper.start
-        with np.errstate(all="ignore"):
-            found = [self.damper.sensitivity(d, trial.theta, self.free)[skip:] for d in self.problem.drives]
-        finite = np.nan_to_num(np.concatenate(found), copy=False, posinf=0.0, neginf=0.0)
-        return finite * self.coordinates.slope(trial.theta[self.free])
+        return self.problem.sensitivity(trial.theta, self.free) * self.coordinates.slope(trial.theta[self.free])

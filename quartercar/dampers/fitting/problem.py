@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from lpvid.least_squares import Trial, bounded_least_squares
 from quartercar.dampers.drive import Drive
-from quartercar.dampers.families import LawDamper
+from quartercar.dampers.families import DynamicDamper, LawDamper
 from quartercar.dampers.fitting.coordinates import SearchCoordinates
 
 
@@ -45,8 +46,24 @@ class DamperFitProblem:
 
     def jacobian(self, theta: np.ndarray) -> np.ndarray:
         """(m, P) sensitivities; those out of range count as none."""
+        return self.sensitivity(theta, range(theta.size))
+
+    def sensitivity(self, theta: np.ndarray, columns: Sequence[int]) -> np.ndarray:
+        """The same in the parameters at these places.
+
+        Parameters
+        ----------
+        theta : (P,) array
+        columns : sequence of int
+
+        Returns
+        -------
+        (m, len(columns)) array
+            [N per unit of the parameter].
+        """
+        start = self.damper.start
         with np.errstate(all="ignore"):
-            found = np.concatenate([self.damper.jacobian(d, theta)[self.damper.start:] for d in self.drives])
+            found = np.concatenate([self.damper.sensitivity(d, theta, columns)[start:] for d in self.drives])
         return np.nan_to_num(found, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
 
 
@@ -97,6 +114,7 @@ class ProjectedFit:
         names, parameters = problem.damper.names, problem.damper.parameters
         self.problem = problem
         self.linear = np.array([n in problem.damper.linear for n in names])
+        self.by_runs = isinstance(problem.damper, DynamicDamper)  # a real run costs less than a complex one
         self.coordinates = SearchCoordinates([p for p, lin in zip(parameters, self.linear, strict=True) if not lin])
         chosen = [p for p, lin in zip(parameters, self.linear, strict=True) if lin]
         self.lower, self.upper = np.array([p.lower for p in chosen]), np.array([p.upper for p in chosen])
@@ -112,12 +130,8 @@ class ProjectedFit:
         theta = self.anchor.copy()
         theta[~self.linear] = self.coordinates.values(point)
         base = self.problem.model(theta)
-        columns = np.empty((base.size, self.step.size))
-        for k, place in enumerate(np.flatnonzero(self.linear)):
-            moved = theta.copy()
-            moved[place] += self.step[k]
-            with np.errstate(invalid="ignore"):
-                columns[:, k] = (self.problem.model(moved) - base) / self.step[k]
+        columns = self._moved_runs(theta, base) if self.by_runs else (
+            self.problem.sensitivity(theta, np.flatnonzero(self.linear).tolist()))
         if not (np.isfinite(base).all() and np.isfinite(columns).all()):
             return None
         best = bounded_least_squares(columns, self.problem.measured - base + columns @ theta[self.linear],
@@ -127,10 +141,20 @@ class ProjectedFit:
         free = (best > self.lower) & (best < self.upper)
         return Trial(point, theta, residual, columns[:, free])
 
+    def _moved_runs(self, theta: np.ndarray, base: np.ndarray) -> np.ndarray:
+        """(m, l) columns of the linear parameters, by one run for each: the force is affine in them."""
+        columns = np.empty((base.size, self.step.size))
+        for k, place in enumerate(np.flatnonzero(self.linear)):
+            moved = theta.copy()
+            moved[place] += self.step[k]
+            with np.errstate(invalid="ignore"):
+                columns[:, k] = (self.problem.model(moved) - base) / self.step[k]
+        return columns
+
     def jacobian(self, trial: Trial) -> np.ndarray:
         """(m, k) derivative of the projected residual in the coordinates."""
         slope = self.coordinates.slope(trial.theta[~self.linear])
-        moved = self.problem.jacobian(trial.theta)[:, ~self.linear] * slope
+        moved = self.problem.sensitivity(trial.theta, np.flatnonzero(~self.linear).tolist()) * slope
         if trial.columns is None or not trial.columns.size:
             return moved
         scale = np.linalg.norm(trial.columns, axis=0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,6 +28,8 @@ COARSE, FINE = 1e-4, 1e-7
 """relative decrease of the cost at which a short search and its continuation end."""
 PROMISING = 2.0
 """cost of a short search over the best up to which a start is followed further."""
+SURE = 3.0
+"""standard errors by which a start must be worse on shortened data to be left there (one in a thousand by chance)."""
 SCATTER = 0.7
 """of scattered starts: of a logarithm, or relative to the value."""
 SAME_POINT = 1e-3
@@ -79,8 +82,9 @@ def search(problem: DamperFitProblem, settings: FitSettings) -> tuple[DamperSear
     given = [np.asarray(s, dtype=float) for s in damper.starts(problem.drives, settings.starts, rng)]
     starts = distinct([*given[: max(settings.starts - 1, 1)], damper.vector][: settings.starts])
     starts += scattered(damper, starts, settings.starts // 2 - len(starts), rng)
-    groups = [[(0.0, starts[0])]] if len(starts) == 1 else _alike(tasted(short, starts, settings))
-    polished = [(polish(problem, group[0][1], settings), len(group)) for group in groups[: settings.polished]]
+    groups = [[Tasted(0.0, starts[0])]] if len(starts) == 1 else _alike(tasted(short, starts, settings))
+    followed = [g for g in groups[: settings.polished] if not surely_worse(g[0], groups[0][0])]
+    polished = [(polish(problem, group[0].theta, settings), len(group)) for group in followed]
     ends = [(end, size) for end, size in polished if end is not None]
     if not ends:
         raise NumericalError(f"{damper.name}: the free run diverges from each of {len(starts)} starts; check units and "
@@ -106,34 +110,74 @@ def scattered(damper: LawDamper, starts: Sequence[np.ndarray], count: int,
     return out
 
 
-def tasted(
-    problem: DamperFitProblem, starts: Sequence[np.ndarray], settings: FitSettings
-) -> list[tuple[float, np.ndarray]]:
-    """(cost, parameters) of each start by rising cost, after a few steps on shortened data.
+@dataclass(frozen=True, eq=False)
+class Tasted:
+    """A start after a few steps on shortened data.
+
+    Attributes
+    ----------
+    cost : float
+    theta : (P,) array
+    residual : (m,) array or None
+        None where nothing was run.
+    """
+
+    cost: float
+    theta: np.ndarray
+    residual: np.ndarray | None = None
+
+
+def surely_worse(one: Tasted, best: Tasted) -> bool:
+    """Whether the residual of one start is larger than the best one's by more than its own scatter can explain.
+
+    A race: the mean of the paired differences of squared residuals lies `SURE` standard errors above zero. The standard
+    error is that of batch means over √m samples, which holds for correlated residuals too. Maron & Moore (1994),
+    NIPS 6, 59-66; Flegal & Jones (2010), Ann. Statist. 38(2), 1034-1070.
+
+    Parameters
+    ----------
+    one, best : Tasted
+        On the same shortened data.
+
+    Returns
+    -------
+    bool
+    """
+    if one.residual is None or best.residual is None or one is best:
+        return False
+    difference = one.residual**2 - best.residual**2
+    length = int(np.sqrt(difference.size))
+    means = difference[: difference.size // length * length].reshape(-1, length).mean(axis=1)
+    return float(means.mean()) > SURE * float(means.std(ddof=1)) / np.sqrt(means.size)
+
+
+def tasted(problem: DamperFitProblem, starts: Sequence[np.ndarray], settings: FitSettings) -> list[Tasted]:
+    """Each start by rising cost, after a few steps on shortened data.
 
     Those near the best are followed three times as far, so that starts which share a minimum are seen to. Starts that
     diverge are left out, unless all do.
     """
     view = ProjectedFit(problem) if problem.damper.linear else Full(problem)
     ends = [search_law(view, view.start(s), settings.tasting_evaluations, COARSE) for s in starts]
-    out = sorted(((e.trial.cost, e.trial.theta) for e in ends if e is not None), key=lambda t: t[0])
-    for k, (cost, theta) in enumerate(out):
-        if cost > PROMISING * out[0][0]:
+    out = sorted((Tasted(e.trial.cost, e.trial.theta, e.trial.residual) for e in ends if e is not None),
+                 key=lambda t: t.cost)
+    for k, one in enumerate(out):
+        if one.cost > PROMISING * out[0].cost:
             break
-        end = search_law(view, view.start(theta), 3 * settings.tasting_evaluations, FINE)
+        end = search_law(view, view.start(one.theta), 3 * settings.tasting_evaluations, FINE)
         if end is not None:
-            out[k] = (end.trial.cost, end.trial.theta)
-    return sorted(out, key=lambda t: t[0]) or [(np.inf, s) for s in starts]
+            out[k] = Tasted(end.trial.cost, end.trial.theta, end.trial.residual)
+    return sorted(out, key=lambda t: t.cost) or [Tasted(np.inf, s) for s in starts]
 
 
-def _alike(ends: Sequence[tuple[float, np.ndarray]]) -> list[list[tuple[float, np.ndarray]]]:
+def _alike(ends: Sequence[Tasted]) -> list[list[Tasted]]:
     """Starts by rising cost of their short searches, those of nearly one cost together."""
-    groups: list[list[tuple[float, np.ndarray]]] = []
-    for cost, theta in ends:
-        if groups and cost <= groups[-1][0][0] * (1 + ALIKE):
-            groups[-1].append((cost, theta))
+    groups: list[list[Tasted]] = []
+    for one in ends:
+        if groups and one.cost <= groups[-1][0].cost * (1 + ALIKE):
+            groups[-1].append(one)
         else:
-            groups.append([(cost, theta)])
+            groups.append([one])
     return groups
 
 

@@ -5,26 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from lpvid.toolkit import copy_values, njit
-from quartercar.dampers.laws._bouc_wen_kernels import advance, node_rate
+from quartercar.dampers.laws._bouc_wen_tangents import INPUTS, advance_partials, force_slopes
 from quartercar.dampers.laws._semi_active_kernels import lag, mixed, place, sense
 
 TINY = 1e-30
 """imaginary step"""
-
-
-@njit()
-def step_partials(y, z, x0, x1, v0, v1, h, row, n, out):
-    """∂(y, z)/∂(y, z, c_0, k_0, c_1, α, β, γ, δ) over one step into out (2, 9), by the complex step; returns (y, z)."""
-    a = np.empty(9, np.complex128)
-    a[0], a[1] = y, z
-    copy_values(row, a[2:])
-    for i in range(9):
-        a[i] += 1j * TINY
-        moved = advance(a[0], a[1], x0, x1, v0, v1, h, a[2], a[3], a[4], a[5], a[6], a[7], a[8], n)
-        a[i] = a[i].real
-        out[0, i] = moved[0].imag / TINY
-        out[1, i] = moved[1].imag / TINY
-    return moved[0].real, moved[1].real
 
 
 @njit()
@@ -71,8 +56,9 @@ def tangent_run(x, v, u, period, parts, width, nodes, tables, times, delays, n, 
     rows, size = last - first + 1, x.size
     entries, lags, initial = np.zeros((2, rows, 7, size)), np.zeros((8, size)), np.zeros(size)
     dt, dl, dz = np.zeros((2, rows, 7, 2)), np.zeros((8, 2)), np.array([0.0, 1.0])
-    follow, before, part, share = np.zeros(8), np.zeros(8), np.zeros((2, 9)), np.zeros((2, rows))
-    row, slope, out = np.empty(7), np.empty(7), np.zeros(9)
+    follow, before, share = np.zeros(8), np.zeros(8), np.zeros((2, rows))
+    part, between, point = np.zeros((2, INPUTS)), np.zeros((2, INPUTS)), np.empty(INPUTS)
+    row, slope, out = np.empty(7), np.empty(7), np.zeros(6)
     settings = np.empty(8, np.complex128)
     copy_values(times, settings[:4])
     copy_values(delays, settings[4:])
@@ -91,12 +77,18 @@ def tangent_run(x, v, u, period, parts, width, nodes, tables, times, delays, n, 
             mixed(tables, nodes, s, middle, row)
             weights(nodes, s, middle, first, share)
             slopes(nodes, tables, s, middle, slope)
-            y, z = step_partials(y, z, xa, xb, va, vb, h, row, n, part)
+            point[0], point[1], point[9] = y, z, n
+            copy_values(row, point[2:9])
+            advance_partials(xa, xb, va, vb, h, point, between, part)
+            y, z = point[0], point[1]
             for d in range(2):
                 for j in range(rows):
                     for p in range(7):
                         carry(dt[d, j, p], part, share[d, j] * part[0, 2 + p], share[d, j] * part[1, 2 + p])
-            push_y, push_z = part[0, 2:] @ slope, part[1, 2:] @ slope
+            push_y, push_z = 0.0, 0.0
+            for p in range(7):
+                push_y += part[0, 2 + p] * slope[p]
+                push_z += part[1, 2 + p] * slope[p]
             for q in range(8):
                 moved = 0.5 * (before[q] + follow[q])
                 carry(dl[q], part, push_y * moved, push_z * moved)
@@ -105,13 +97,13 @@ def tangent_run(x, v, u, period, parts, width, nodes, tables, times, delays, n, 
         mixed(tables, nodes, s, uf, row)
         weights(nodes, s, uf, first, share)
         slopes(nodes, tables, s, uf, slope)
-        force_partials(y, z, x[k], v[k], row, out)
+        force_slopes(y, z, x[k], v[k], row[0], row[1], row[2], row[3], out)
         for d in range(2):
             for j in range(rows):
                 for p in range(7):
                     entries[d, j, p, k] = (out[0] * dt[d, j, p, 0] + out[1] * dt[d, j, p, 1]
-                                           + share[d, j] * out[2 + p])
-        rise = out[2:] @ slope
+                                           + (share[d, j] * out[2 + p] if p < 4 else 0.0))
+        rise = out[2] * slope[0] + out[3] * slope[1] + out[4] * slope[2] + out[5] * slope[3]
         for q in range(8):
             lags[q, k] = out[0] * dl[q, 0] + out[1] * dl[q, 1] + rise * follow[q]
         initial[k] = out[0] * dz[0] + out[1] * dz[1]
@@ -124,12 +116,3 @@ def carry(tangent, part, push_y, push_z):
     dy = part[0, 0] * tangent[0] + part[0, 1] * tangent[1] + push_y
     tangent[1] = part[1, 0] * tangent[0] + part[1, 1] * tangent[1] + push_z
     tangent[0] = dy
-
-
-@njit()
-def force_partials(y, z, x, v, row, out):
-    """∂F/∂(y, z, c_0, k_0, c_1, α) of F = c_1 ẏ into out (9,); β, γ, δ have no part in it."""
-    c0, k0, c1, alpha = row[0], row[1], row[2], row[3]
-    rate, share = node_rate(y, z, x, v, c0, k0, c1, alpha), c1 / (c0 + c1)
-    out[0], out[1], out[2] = -share * k0, share * alpha, share * (v - rate)
-    out[3], out[4], out[5] = share * (x - y), rate * c0 / (c0 + c1), share * z

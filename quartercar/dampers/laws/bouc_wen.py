@@ -12,7 +12,7 @@ from lpvid.errors import InputError
 from lpvid.toolkit import checks
 from quartercar.dampers.drive import Drive
 from quartercar.dampers.facts import Facts
-from quartercar.dampers.families import DynamicDamper
+from quartercar.dampers.families import COMPLEX_STEP, DynamicDamper
 from quartercar.dampers.laws.spencer import SpencerParameters
 from quartercar.dampers.laws.stepping import motion_steps
 from quartercar.dampers.parameter import Parameter
@@ -145,14 +145,49 @@ class BoucWen(DynamicDamper):
         from quartercar.dampers.laws._bouc_wen_kernels import spencer_run
 
         theta, (stiffness, gas) = self.coefficients(vector)
-        x, v = drive.displacement, drive.velocity
-        i = np.maximum(drive.current, 0.0) if self.scheduled else np.zeros(drive.n_samples)
+        force = spencer_run(drive.displacement, drive.velocity, self._command(drive), drive.sample_time,
+                            motion_steps(drive), theta, self._begun(drive, vector))
+        return force + stiffness * drive.displacement + gas
+
+    def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
+        """Tangents carried along the run in its coefficients and first state, then the chain rule.
+
+        Parameters
+        ----------
+        drive : Drive
+        vector : (P,) array
+        columns : sequence of int
+
+        Returns
+        -------
+        (n, len(columns)) array
+            [N per unit of the parameter].
+        """
+        from quartercar.dampers.laws._bouc_wen_tangents import spencer_tangents
+
+        theta, _ = self.coefficients(vector)
+        along = spencer_tangents(drive.displacement, drive.velocity, self._command(drive), drive.sample_time,
+                                 motion_steps(drive), theta, self._begun(drive, vector))
+        chain, springs = np.empty((along.shape[0], len(columns))), np.empty((2, len(columns)))
+        for place, j in enumerate(columns):
+            moved = vector.astype(complex)
+            step = COMPLEX_STEP * max(abs(float(vector[j])), 1e-6)
+            moved[j] += 1j * step
+            shifted, outside = self.coefficients(moved)
+            chain[:, place] = np.imag(np.concatenate([shifted, self._begun(drive, moved)])) / step
+            springs[:, place] = np.imag(outside) / step
+        return along.T @ chain + np.column_stack([drive.displacement, np.ones(drive.n_samples)]) @ springs
+
+    def _command(self, drive: Drive) -> np.ndarray:
+        """(n,) current that counts; none where it is not read."""
+        return np.maximum(drive.current, 0.0) if self.scheduled else np.zeros(drive.n_samples)
+
+    def _begun(self, drive: Drive, vector: np.ndarray) -> np.ndarray:
+        """(3,) y, z and lagged current at the first sample."""
         first = None if drive.force is None else float(drive.force[0])
-        state = self.rest(float(x[0]), float(v[0]), float(i[0]), first, vector)
-        if not self.scheduled:
-            state = np.append(state, 0.0)
-        force = spencer_run(x, v, i, drive.sample_time, motion_steps(drive), theta, state)
-        return force + stiffness * x + gas
+        state = self.rest(float(drive.displacement[0]), float(drive.velocity[0]), float(self._command(drive)[0]), first,
+                          vector)
+        return state if self.scheduled else np.append(state, 0.0)
 
     def rates(self, state: np.ndarray, displacement: float, velocity: float, current: float) -> np.ndarray:
         theta, _ = self.coefficients(self.vector)

@@ -84,6 +84,22 @@ class Linear(LawDamper):
             row[:] = column
         return out.T
 
+    def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
+        """Columns of `jacobian`, which do not depend on the vector.
+
+        Parameters
+        ----------
+        drive : Drive
+        vector : (P,) array
+        columns : sequence of int
+
+        Returns
+        -------
+        (n, len(columns)) array
+            [N per unit of the parameter].
+        """
+        return self.jacobian(drive, vector)[:, list(columns)]
+
     def starts(self, drives: Sequence[Drive], count: int, rng: np.random.Generator) -> list[np.ndarray]:
         return [self.vector]
 

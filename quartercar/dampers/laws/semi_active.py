@@ -67,10 +67,6 @@ class SemiActiveDamper(LawDamper):
         """Dampers of one row whose values, and gas where it is unknown, are guessed from forces at one current."""
 
     @abstractmethod
-    def sensitivity(self, drive: Drive, vector: np.ndarray, columns: Sequence[int]) -> np.ndarray:
-        """(n, len(columns)) derivative of `response` in the parameters at these places, exact."""
-
-    @abstractmethod
     def real_time(self, step: float = 1e-3) -> RealTime:
         """A stepper for fixed-step simulation [s]: one sample in, one force out."""
 

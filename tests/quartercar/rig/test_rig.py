@@ -24,7 +24,7 @@ NAMES = [cause.name for cause in CAUSES]
 def sine_motion(amplitude, frequency, cycles, current=0.0, rate=FINE):
     t = np.arange(round(cycles * rate / frequency) + 1) / rate
     w = 2 * np.pi * frequency
-    return Motion(amplitude * np.sin(w * t), amplitude * w * np.cos(w * t), -amplitude * w**2 * np.sin(w * t),
+    return Motion(amplitude * np.sin(w * t), amplitude * w * np.cos(w * t),
                   np.full(t.size, float(current)), rate)
 
 
@@ -52,7 +52,7 @@ def yielding(stiffness, force=1000.0):
 def force_at(speed, *effects, current=0.0, damper=None):
     """Steady force at constant speed, at x = 0."""
     t = np.arange(-1200, 1) / FINE
-    motion = Motion(speed * t, np.full(t.size, speed), np.zeros(t.size), np.full(t.size, current), FINE)
+    motion = Motion(speed * t, np.full(t.size, speed), np.full(t.size, current), FINE)
     return run(damper or RigDamper.static(), motion, *effects).force[-1]
 
 
@@ -147,7 +147,7 @@ def test_force_follows_current_with_5_and_10_ms():
     n, speed = 6000, 0.1
     t = np.arange(n) / FINE
     command = np.where((t >= 0.2) & (t < 0.4), 2.0, 0.0)
-    motion = Motion(speed * t, np.full(n, speed), np.zeros(n), command, FINE)
+    motion = Motion(speed * t, np.full(n, speed), command, FINE)
     damper = replace(RigDamper.static(), rise_time=0.005, fall_time=0.010)
     force = run(damper, motion).force
     low, high = force[1600], force[3200]
@@ -315,7 +315,7 @@ def test_thermal_state_follows_the_power():
     damper = RigDamper.viscous_only(1500.0)
     n, speed = 5 * 8192, 0.2
     t = np.arange(n) / FINE
-    motion = Motion(speed * t, np.full(n, speed), np.zeros(n), np.zeros(n), FINE)
+    motion = Motion(speed * t, np.full(n, speed), np.zeros(n), FINE)
     power, capacity, loss = 1500.0 * speed**2, 20.0, 5.0
     warm = run(damper, motion, effect("viscous-fade", rate=0.0, capacity=capacity, loss=loss))
     expected = power / loss * (1 - np.exp(-loss * t / capacity))
@@ -336,7 +336,7 @@ def test_current_path_step_response(item, up, down):
     n = 8192
     t = np.arange(n) / FINE
     command = np.where((t >= 0.2) & (t < 0.6), 2.0, 0.0)
-    still = Motion(np.zeros(n), np.zeros(n), np.zeros(n), command, FINE)
+    still = Motion(np.zeros(n), np.zeros(n), command, FINE)
     current = run(RigDamper.static(), still, item).current
     rising = t[np.argmax(current > 2.0 * (1 - np.exp(-1)))] - 0.2
     falling = t[np.argmax((current < 2.0 * np.exp(-1)) & (t > 0.6))] - 0.6
@@ -347,7 +347,7 @@ def test_current_path_step_response(item, up, down):
 def test_remanence_opens_a_loop_of_twice_its_width():
     n = 8192
     command = 1.0 + np.sin(2 * np.pi * 2 * np.arange(n) / FINE)
-    still = Motion(np.zeros(n), np.zeros(n), np.zeros(n), command, FINE)
+    still = Motion(np.zeros(n), np.zeros(n), command, FINE)
     current = run(RigDamper.static(), still, effect("remanence", width=0.1)).current
     quarter = n // 8
     rising, falling = current[4 * quarter], current[6 * quarter]  # command 1.0 A, on its way up and down
@@ -356,7 +356,7 @@ def test_remanence_opens_a_loop_of_twice_its_width():
 
 def test_missing_scheduling_modulates_with_its_period():
     n = 4 * 8192
-    motion = Motion(np.zeros(n), np.full(n, 0.1), np.zeros(n), np.zeros(n), FINE)
+    motion = Motion(np.zeros(n), np.full(n, 0.1), np.zeros(n), FINE)
     force = run(RigDamper.viscous_only(1000.0), motion, effect("missing-scheduling", gain=0.2, period=2.0)).force
     np.testing.assert_allclose(force, 100.0 * (1 + 0.2 * np.sin(2 * np.pi * np.arange(n) / FINE / 2.0)), rtol=1e-9)
 

@@ -1,0 +1,107 @@
+"""The report of the demo."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from lpvid.report import OUT, Item, NextStep, Notes, Page, PageFigure, PageTable, Paragraph, Section, number
+from quartercar.demo.run import EXPERIMENT_WORDS, TARGET, Demo, ExperimentFigures, mean_of
+
+if TYPE_CHECKING:
+    from lpvid.plot import Comparison
+
+
+def comparisons(demo: Demo) -> list[Comparison]:
+    """The model's runs along the held-out records."""
+    from lpvid.report.figures import comparisons as compare_all
+
+    return compare_all(demo.found.model, demo.held_out, "held-out")
+
+
+def demo_page(demo: Demo, shown: Sequence[Comparison]) -> Page:
+    """The report of the demo.
+
+    Parameters
+    ----------
+    demo : Demo
+    shown : sequence of Comparison
+        As `comparisons` gives them.
+
+    Returns
+    -------
+    Page
+    """
+    from lpvid.report.forms import forms_table
+    from lpvid.report.identification import identification_page
+    from lpvid.report.passivity import passivity_section
+    from lpvid.report.stability import stability_page
+    from quartercar.demo.figures import run_figures
+
+    model = identification_page(demo.found, (), demo.gaps, demo.audit)
+    stability = stability_page(demo.study, "the damper model")
+    parameters = [s for s in model.sections if s.title in ("Where the error lies", "What is left in the residuals",
+                                                           "Parameters", "Remarks")]
+    sections = (
+        Section("Eight experiments", (experiments_table(demo.experiments), *_experiments_figure(demo))),
+        Section("The virtual rig and the model", tuple(run_figures(shown, EXPERIMENT_WORDS))),
+        Section("State-space forms", (Paragraph("What each form costs on the training currents, against the transfer "
+                                                "function, in free run from rest."), forms_table(demo.gaps))),
+        Section("Stability", (Paragraph(demo.study.verdict, strong=True),)),
+        *(s for s in stability.sections if s.title != "The model"),
+        *passivity_section(demo.found),
+        demo.diagnosis.section(),
+        demo.ride.section(),
+        *parameters,
+        Section("The data", (Paragraph(f"{len(demo.training)} training and {len(demo.held_out)} held-out records from "
+                                       "the virtual rig: compliance in series, a yield force that saturates with the "
+                                       "current, a coil that rises in 5 ms and falls in 10 ms, asymmetry, gas, 1 % "
+                                       "noise. No model of the class identified here can be exact for it."),
+                             Notes((f"Audit of the training records: {demo.audit.verdict}.",
+                                    *(str(f) for f in demo.audit.findings[:12]))))))
+    return Page("From rig records to an LPV damper model", demo.verdict,
+                "good" if (demo.mean_esr or 1.0) < TARGET else "warn", _facts(demo),
+                (*model.caveats[:1], *stability.caveats), sections, _STEPS)
+
+
+_STEPS = (
+    NextStep("Fit a model to your own records; nothing else is needed.",
+         "lpvid identify DATA --input velocity --output force --schedule current --hold-out 1/3 --out model"),
+    NextStep("Or fit the dampers of the literature and rank them.", "quartercar fit DATA --out fit"),
+    NextStep("Look at the model of this demo from all sides.", f"lpvid stability {OUT}/model.json --out stability"),
+    NextStep("Put it into a car of your own.", f"quartercar ride --damper {OUT}/model.json --out ride"))
+
+
+def experiments_table(figures: Sequence[ExperimentFigures]) -> PageTable:
+    """ESR of every experiment."""
+    rows = [(e.name, e.description, str(len(e.records)), number(e.esr), number(e.rmse, 4, "N"), number(e.worst),
+             number(e.free_esr), number(e.plain_esr)) for e in figures]
+    rows.append(("mean", "eight experiments", str(sum(len(e.records) for e in figures)),
+                 number(mean_of([e.esr for e in figures])), "", "", number(mean_of([e.free_esr for e in figures])),
+                 number(mean_of([e.plain_esr for e in figures]))))
+    return PageTable(("test", "what moves", "records", "ESR", "rmse", "worst", "unconstrained", "plain"), tuple(rows),
+                 "Free-run ESR on held-out records of the virtual rig.", (2, 3, 4, 5, 6, 7))
+
+
+def _facts(demo: Demo) -> tuple[tuple[str, str], ...]:
+    assert demo.found.held_out is not None
+    run = demo.found.held_out.overall.free_run
+    return (("mean ESR, free-run, held-out", number(demo.mean_esr)),
+            ("pooled ESR, free-run, held-out", number(run.esr)),
+            ("rmse, free-run, held-out", number(run.rmse, 4, run.rmse_unit)),
+            ("parameters", str(demo.found.n_parameters)),
+            ("frozen poles", "stable" if demo.study.frozen.stable else "NOT stable"),
+            ("moving current", demo.study.certificate.verdict))
+
+
+def _experiments_figure(demo: Demo) -> list[Item]:
+    from quartercar import plot
+
+    drawn = plot.experiments([(e.name, e.esr, e.plain_esr) for e in demo.experiments], TARGET)
+    return [PageFigure.of(drawn, "Free-run ESR of the eight experiments, each pooled over its held-out records."),
+            Paragraph("Unconstrained is the same structure without the constraint of passivity. Plain is a model of "
+                      "the same order and degree without input stage, current filter and constant term. What the "
+                      "constraint costs here is the price of this class: a soft spring in series with a yielding "
+                      "damper, which this rig has, looks like a lag of the yield force; that lag is not passive."),
+            Paragraph("The worst records of tests 6 to 8 are those at zero current: the force is small there, so that "
+                      "an error of a few dozen newtons weighs as much as the force itself.")]
