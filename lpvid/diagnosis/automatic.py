@@ -11,9 +11,8 @@ from lpvid._threads import single_thread
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.deciding import out_of_fold
 from lpvid.diagnosis.evidence.independence import independent
-from lpvid.diagnosis.noise import WHITE
+from lpvid.diagnosis.folds import out_of_fold
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.registry import factories
@@ -79,7 +78,7 @@ def automatic(
 
 def _problem(baseline: Baseline, records: Sequence[Record]) -> DiagnosisProblem:
     signals = in_turn([baseline.signals(r) for r in records])
-    return DiagnosisProblem(signals, Blocks.of(signals, baseline.start), WHITE)
+    return DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
 
 
 def _law(baseline: Baseline, records: Sequence[Record]) -> Law:

@@ -34,7 +34,7 @@ def hop(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
     composition : Composition
     vector : (P,) array
     cost : float
-        Squared whitened error at `vector`.
+        Squared error at `vector`.
     jacobian : (N, P) array
         Taken nearby.
 

@@ -29,13 +29,12 @@ def predictable_share(
     Ridge regression on random features tanh(wᵀz + b) of the inputs, their soft signs, their values some samples ago and
     their slopes, on a piecewise linear function of each input, and on slow drifts, fitted to one fold of blocks and
     tested on the other, both ways (Rahimi, Recht 2007, random features). About 0 for noise, at most a little below it.
-    Of the whitened errors, or of those of a problem without whitening in the output's unit.
 
     Parameters
     ----------
     problem : Problem
     errors : sequence of (n,) arrays
-        Unwhitened, per record.
+        Per record.
     channels : sequence of str
         Inputs.
     """

@@ -41,11 +41,6 @@ def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: i
                                                                      for k, c in enumerate(factors)), finer)
 
 
-def without_noise(s: Signals, channel: str) -> np.ndarray:
-    """(n,) a channel with each frequency weighed by that share of its power which is not its sensor's noise."""
-    return _weighed(s, channel, lambda omega, share: share)
-
-
 def derivative(s: Signals, channel: str) -> np.ndarray:
     """(n,) rate of change of a channel without the noise of its sensor beyond the band in which it moves.
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lpvid.diagnosis.asking import Question
 from lpvid.diagnosis.diagnosis import Cause, Diagnosis, Estimated, SetProbabilities
+from lpvid.diagnosis.facade import Question
 from lpvid.diagnosis.lpv_extension import LpvExtension
 from lpvid.plot import diagnosis as draw
 from lpvid.plot.style import label

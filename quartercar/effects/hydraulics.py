@@ -144,7 +144,6 @@ class SeriesOrifice(HydraulicEffect):
     reference: ClassVar[str] = "equation sheet 3.9; seed 001, extended model"
     experiment: ClassVar[str] = "triangles up to well beyond the knee: the force turns from concave to convex"
     smooth: ClassVar[bool] = False
-    contains: ClassVar[tuple[str, ...]] = ("quadratic-loss", "network-topology")
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -223,7 +222,6 @@ class NetworkTopology(HydraulicEffect):
     reference: ClassVar[str] = "equation sheet 3.8; seed 003, (5), (6)"
     experiment: ClassVar[str] = "triangles at ten speeds over 1.5 decades: log-log slope 1 to 2 or 2 to 1"
     smooth: ClassVar[bool] = False
-    contains: ClassVar[tuple[str, ...]] = ("quadratic-loss",)
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -308,7 +306,6 @@ class Cavitation(Effect):
     experiment: ClassVar[str] = "short strokes at 8 to 15 Hz and 0.5 m/s or more, at a reduced gas pressure"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
     smooth: ClassVar[bool] = False
-    abrupt: ClassVar[bool] = True
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

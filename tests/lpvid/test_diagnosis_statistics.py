@@ -23,21 +23,20 @@ from toy_diagnosis import (
     Wave,
     Zero,
     drive,
+    fitted,
     problem_of,
     record,
-    whitened,
+    seen,
 )
 
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.engine import diagnose
+from lpvid.diagnosis.evidence.engine import diagnose
 from lpvid.diagnosis.localise import _after_reversal, localise
-from lpvid.diagnosis.noise import WHITE, Whitening
 from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.refitting import Refit, _step, covariance, refit
 from lpvid.diagnosis.remainder import KNOTS, knots_of, predictable_share
-from lpvid.diagnosis.screening import DETECT, Evidence, directions, moves, screen
-from lpvid.diagnosis.selection import ForwardSelection
+from lpvid.diagnosis.screening import DETECT, Evidence, directions, move, screen
 from lpvid.diagnosis.signals import Signals
 from lpvid.record import Channel, Record
 
@@ -53,10 +52,8 @@ class TestScreening:
         rng = np.random.default_rng(20)
         smallest = []
         for _ in range(200):
-            problem, composition = problem_of(record(rng, noise, n=2000))
-            first = refit(problem, composition, composition.neutral)
-            _, evidence, _ = ForwardSelection.begin(problem, first, CAUSES, rng, lambda text: None)
-            smallest.append(min(e.p_value for e in evidence))
+            problem, fit = fitted(record(rng, noise, n=2000))
+            smallest.append(min(e.p_value for e in screen(problem, fit, seen(problem, fit), rng)))
         assert stats.kstest(smallest, "uniform").pvalue > 0.001
         assert np.mean(np.array(smallest) < 0.05) < 0.10
 
@@ -66,13 +63,13 @@ class TestScreening:
         rng = np.random.default_rng(21)
         for cause in (Cubic(), Dry()):
             stated, reached, wanted, u = [], [], 0.0, drive(3000, rng)
-            quiet = [_named(cause.name, *whitened(record(rng, noise, u=u)), rng) for _ in range(15)]
+            quiet = [_named(cause.name, *fitted(record(rng, noise, u=u)), rng) for _ in range(15)]
             strength = float(np.median([e.smallest_detectable or np.inf for e in quiet]))
             for _ in range(40):
                 shape = type(cause).shape
                 runs = record(rng, noise, u=u, hidden=lambda u, s=strength, f=shape: s * f(
                     Signals(PERIOD, {"u": u}, np.zeros(u.size))))
-                problem, fit = whitened(runs)
+                problem, fit = fitted(runs)
                 mine = _named(cause.name, problem, fit, rng)
                 reached.append(np.sqrt(mine.likelihood_ratio))
                 stated.append(mine.smallest_detectable or np.inf)
@@ -85,7 +82,8 @@ class TestScreening:
         problem, composition = problem_of(record(rng, level=0.0))
         wrong = refit(problem, composition, TRUE * [1.0, 1.0, 1.15], iterations=0)
         np.testing.assert_allclose(wrong.vector, TRUE * [1.0, 1.0, 1.15])
-        moved = moves(problem, wrong, (Dry(),))
+        dry = Dry()
+        moved = [m for v in dry.points(problem.signals) if (m := move(problem, wrong, dry, v)) is not None]
         raw = problem.stack(moved[0].change)
         power = float(wrong.errors @ wrong.errors)
         assert (raw @ wrong.errors) ** 2 / (raw @ raw) > 0.1 * power
@@ -102,7 +100,7 @@ class TestScreening:
 
 
 def _named(name: str, problem: DiagnosisProblem, fit: Refit, rng: np.random.Generator) -> Evidence:
-    found = screen(problem, fit, directions(problem, fit, moves(problem, fit, CAUSES)), rng)
+    found = screen(problem, fit, seen(problem, fit), rng)
     return next(e for e in found if e.effect.name == name)
 
 
@@ -128,7 +126,7 @@ class TestRefit:
         truth = np.array([*TRUE, 0.7])
         composition = Composition(Bent(), (Dry(),))
         for _ in range(100):
-            problem, _ = whitened(record(rng, noise, hidden=lambda u: 0.7 * np.sign(u)))
+            problem, _ = fitted(record(rng, noise, hidden=lambda u: 0.7 * np.sign(u)))
             fit = refit(problem, composition, truth)
             deviation = np.sqrt(np.diag(covariance(problem, fit)))
             inside.append(np.abs(fit.vector - truth) < 1.96 * deviation)
@@ -194,20 +192,6 @@ class TestRemainder:
         errors = [s.output - Bent().core(TRUE)(s) for s in problem.signals]
         share, spread = predictable_share(problem, errors, ["u"])
         assert share - 2 * spread > 0.5
-
-    def test_a_tone_that_whitening_took_for_noise_is_seen_in_the_unit_of_the_output(self) -> None:
-        """A force that comes and goes seven times along a stroke of constant speed, beside slow noise."""
-        rng = np.random.default_rng(3)
-        u = 2 * np.abs(np.arange(6000) / 70 % 2 - 1) - 1
-        noise = 0.04 * lfilter([np.sqrt(1 - 0.95**2)], [1.0, -0.95], rng.standard_normal(6000))
-        hidden = Bent().core(TRUE)(Signals(0.01, {"u": u}, u)) + 0.05 * np.sin(7 * np.pi * u)
-        s = Signals(0.01, {"u": u}, hidden + noise)
-        blocks = Blocks.of((s,))
-        errors = [s.output - Bent().core(TRUE)(s)]
-        white = DiagnosisProblem((s,), blocks, WHITE)
-        coloured = white.with_whitening(Whitening.of(errors, blocks.mask()))
-        seen, plain = (predictable_share(p, errors, ["u"])[0] for p in (coloured, white))
-        assert plain > 0.3 and seen < 0.7 * plain
 
 
 def test_knots_do_not_fall_on_each_other() -> None:
@@ -339,7 +323,7 @@ class TestDiagnosis:
     def test_diagnosis_json(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng, hidden=lambda u: 1.2 * np.sign(u))], Bent(), (*CAUSES, LaggedConstant()))
         back = json.loads(json.dumps(found.to_dict(), allow_nan=False))
-        assert back["schema"] == "lpvid/diagnosis/1" and back["verdict"] == found.verdict
+        assert back["schema"] == "lpvid/diagnosis/2" and back["verdict"] == found.verdict
         assert {"baseline", "wrong", "causes", "rivals", "cannot_tell", "rejected", "extended"} <= set(back)
         assert {"name", "esr", "rmse", "noise_floor"} <= set(back["baseline"])
         assert {"training", "held_out"} == set(back["baseline"]["esr"])
