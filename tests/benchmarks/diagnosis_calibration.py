@@ -52,7 +52,7 @@ def foreign_case(seed: int) -> Row:
         cases.written(world, cases.measured(world, world.run(hidden)), path)
         record = lpv.read(str(path))
     begun = time.process_time()
-    answer = lpv.diagnose(record, plan.baseline, engine="evidence", sample_rate=cases.RATE / 2)
+    answer = lpv.diagnose(record, plan.baseline, sample_rate=cases.RATE / 2)
     assert answer.weights is not None
     return plan.to_dict() | {
         "rig": "foreign", "visible": visible, "law_error": truth.law_error(world) if world.device.error else 0.0,

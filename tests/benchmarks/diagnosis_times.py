@@ -20,7 +20,7 @@ import time  # noqa: E402
 from dataclasses import replace  # noqa: E402
 
 import lpvid as lpv  # noqa: E402
-from lpvid.diagnosis.asking import ENGINES  # noqa: E402
+from lpvid.diagnosis.facade import ENGINES  # noqa: E402
 from quartercar.effects import CATALOGUE  # noqa: E402
 from quartercar.rig import CAUSES, EXPERIMENTS, Rig, RigDamper, effect  # noqa: E402
 

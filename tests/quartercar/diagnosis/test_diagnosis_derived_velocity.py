@@ -92,8 +92,7 @@ def test_a_late_displacement_brings_no_causes_that_are_not_there(noise: float, r
     late = lfilter(*bilinear([1], [lag**2, 1.4 * lag, 1], 1 / period), x - x[0]) + x[0]
     channels = {"displacement": late + noise * rng.standard_normal(samples), "current": current,
                 "force": force + 5.0 * rng.standard_normal(samples)}
-    found = lpv.diagnose(Record(channels, period, name="run", units={c: UNITS[c] for c in channels}), "guo",
-                         engine="gates")
+    found = lpv.diagnose(Record(channels, period, name="run", units={c: UNITS[c] for c in channels}), "guo")
     names = {c.name for c in found.causes} | {name for group in found.rivals for name in group.names}
     assert names == {"one-sided-filter"} if noise == 0 else "one-sided-filter" in names
     assert names <= {"one-sided-filter", "displacement-delay"}

@@ -11,7 +11,8 @@ from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.engine import DiagnosisSettings, diagnose
+from lpvid.diagnosis.evidence.engine import diagnose
+from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.diagnosis.nameless import BEYOND, Nameless, static_in_place
 from lpvid.diagnosis.noise import WHITE
 from lpvid.diagnosis.problem import DiagnosisProblem

@@ -9,7 +9,8 @@ from effect_signals import PERIOD, guo, motion, power_law, road_like
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.engine import DiagnosisSettings, diagnose
+from lpvid.diagnosis.evidence.engine import diagnose
+from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.diagnosis.noise import WHITE
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit

@@ -9,7 +9,7 @@ import pytest
 
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.engine import diagnose
+from lpvid.diagnosis.evidence.engine import diagnose
 from quartercar.baselines.damper import DamperBaseline
 from quartercar.dampers.facts import Facts
 from quartercar.dampers.laws.guo import Guo

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.engine import diagnose
+from lpvid.diagnosis.evidence.engine import diagnose
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.record import Record
 from quartercar import dampers
