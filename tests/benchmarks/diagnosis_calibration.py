@@ -1,4 +1,4 @@
-"""Reliability of the probabilities: short blind cases of both rigs by the evidence engine.
+"""Reliability of the probabilities: short blind cases of both rigs.
 
     python tests/benchmarks/diagnosis_calibration.py OUT --foreign 100 --own 100 --seed 3
     python tests/benchmarks/diagnosis_calibration.py OUT --table [--picture FILE.png] [--csv FILE.csv]
@@ -69,7 +69,7 @@ def own_case(seed: int) -> Row:
 
     from quartercar.effects import CATALOGUE
 
-    return hidden_score.case(seed, CATALOGUE, "evidence") | {"rig": "own"}
+    return hidden_score.case(seed, CATALOGUE) | {"rig": "own"}
 
 
 def run(options: argparse.Namespace) -> None:

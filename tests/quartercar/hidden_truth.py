@@ -32,8 +32,8 @@ IMITATED = 0.05
 """share of the likelihood of a cause outside the catalogue that an entry may miss and still pass for it: the diagnosis
 asks for 95 % of the excess error"""
 SAME = {"force-offset": "gas-preload", "gas-preload": "force-offset"}
-SPECIAL = {"end-stop": ("gas-stiffness",), "stribeck-friction": ("coulomb-friction",), "hysteresis": ("coulomb-friction",),
-           "entrained-air": ("series-compliance",), "rise-fall-lag": ("coil-lag",),
+SPECIAL = {"end-stop": ("gas-stiffness",), "stribeck-friction": ("coulomb-friction",),
+           "hysteresis": ("coulomb-friction",), "entrained-air": ("series-compliance",), "rise-fall-lag": ("coil-lag",),
            "series-orifice": ("quadratic-loss", "network-topology"), "network-topology": ("quadratic-loss",)}
 """special cases of entries, which are no rivals of theirs: at some of their numbers they are those"""
 BEYOND = 1.5

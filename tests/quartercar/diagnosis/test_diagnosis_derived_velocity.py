@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effect_signals import PERIOD, motion
+from effect_signals import PERIOD, motion, without_noise
 from scipy.signal import bilinear, lfilter
 
 import lpvid as lpv
 from lpvid.condition import differentiate
 from lpvid.diagnosis.preparing import prepare
 from lpvid.diagnosis.signals import Signals
-from lpvid.diagnosis.spectra import without_noise
 from lpvid.record import Record
 
 NOISE = 2e-5

@@ -53,7 +53,8 @@ def test_an_interruption_keeps_the_best_set_so_far():
 @pytest.mark.slow
 def test_the_command_writes_schema_two(tmp_path):
     file = write_csv(hidden("coulomb-friction"), tmp_path / "run.csv")
-    result = CliRunner().invoke(app, ["diagnose", str(file), "--baseline", "guo", "--out", str(tmp_path / "out")], catch_exceptions=False)
+    words = ["diagnose", str(file), "--baseline", "guo", "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, words, catch_exceptions=False)
     assert result.exit_code == 0, result.output
     data = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert data["schema"] == "lpvid/diagnosis/2"

@@ -12,8 +12,8 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.engine import diagnose
-from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.diagnosis.problem import projector, without
+from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.record import Channel, Record
 from quartercar.baselines.quarter_car import FREE, QuarterCarBaseline
 from quartercar.effects.car import ActuatorDelay, Payload, StrutFriction, TyreDamping, TyreStiffness
