@@ -1,7 +1,7 @@
-"""Experiments that tell causes apart, as plans that the virtual rig (or a real one) can run.
+"""Experiments that separate causes, as plans that the virtual rig (or a real one) can run.
 
-The table says of every cause which motion and which current make it visible and set it apart from its usual rivals.
-Neither the rig nor the effects know of it.
+The table holds for every cause which motion and which current make it visible and separate it from its usual rivals.
+Neither the rig nor the effects depend on it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class PlannedExperiment:
 
     Attributes
     ----------
-    name, says : str
+    name, description : str
     displacement, current : str
         Inline TOML tables, as in `quartercar rig --template`.
     duration : float
@@ -173,7 +173,7 @@ PAIRS: Mapping[frozenset[str], tuple[PlannedExperiment, ...] | str] = {frozenset
      "disconnected, or repeat the run warm or at another gas pressure; the offset stays"),
     (("series-compliance", "entrained-air"), (SWEEP, LARGE_SWEEP)),
 )}
-"""What tells two causes apart, or why no experiment on the rig can."""
+"""What separates two causes, or why no experiment on the rig can."""
 
 NOT_BY_FORCE: Mapping[str, str] = {
     "series-compliance": "whether it is the oil or a bush, force and displacement at the ends cannot tell: a second "
@@ -212,9 +212,9 @@ def plan_for(found: Diagnosis) -> ExperimentProposal | None:
 
 
 def _of_rivals(groups: list[tuple[str, ...]]) -> tuple[dict[PlannedExperiment, list[str]], list[str]]:
-    """Parts that tell the members of each group apart, and what no part can tell.
+    """Parts that separate the members of each group, and what no part can.
 
-    The first of a group is the chosen one, which each of the others is to be told from.
+    The first of a group is the chosen one, from which each of the others is to be separated.
     """
     by_part: dict[PlannedExperiment, list[str]] = {}
     advice: list[str] = []

@@ -44,7 +44,7 @@ def diagnose(
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:
-    """Find what a simulation gets wrong, name the cause or say why not, extend the model, measure the gain.
+    """Find what a simulation gets wrong, name the cause or why none, extend the model, measure the gain.
 
     Writes diagnosis.json, extended_model.json (which validate and diagnose take as any other model), with a cause named
     extended_lpv.json (the same cause in an LPV model), and report.html.

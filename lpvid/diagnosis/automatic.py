@@ -21,7 +21,7 @@ from lpvid.errors import InputError
 from lpvid.record import Record
 
 LISTED = 4
-"""laws that the note tells of"""
+"""laws that the note lists"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class Law:
 def automatic(
     records: Sequence[Record], report_progress: Callable[[str], None] = lambda text: None
 ) -> tuple[Baseline, str]:
-    """The installed law without memory that describes records best for its parameters, fitted, and what to say of it.
+    """The installed law without memory that describes records best for its parameters, fitted, and a note on it.
 
     By κN ln(error out of fold) + P ln κN, κN the independent samples of the error of the best: a law that misses as
     much as another and has fewer parameters is a better ground for causes. Laws with memory are left out: what they

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 MOST_POINTS = 14
 """grid points at which an effect is looked at"""
 BETWEEN = 0.01
-"""share of a sample to which a time can be told at best"""
+"""share of a sample to which a time is known at best"""
 SPREAD = (0.003, 0.1, 1.0)
 """least, middle and largest share of its natural size at which a number is looked at"""
 MOST_SIZES = 6
@@ -43,7 +43,7 @@ class EffectParameter:
 
     Attributes
     ----------
-    name, unit, says : str
+    name, unit, description : str
     neutral : float
         The value at which the effect is not there, for the strength; for a shape parameter, its typical value.
     plausible : (float, float)
@@ -99,7 +99,7 @@ class LpvChange:
 
     Attributes
     ----------
-    says : str
+    description : str
         In words, e.g. "one more degree in the current".
     degree, order : int
         Added to the degree in the scheduling variable, to na and nb.
@@ -163,12 +163,12 @@ class Effect(ABC):
     stepwise: ClassVar[bool] = False
     """whether the strength is a lag that acts in whole samples of a held signal, so that no derivative leads to it"""
     flexible: ClassVar[bool] = False
-    """whether it is so general that it must win more than a component to be believed (`evidence.priors.FORM`)"""
+    """whether it is so general that it must win more than a component (`evidence.priors.FORM`)"""
     placement_of: ClassVar[str] = ""
     """name of the effect of which it is the same component in another place; "" where it is none"""
     form_of: ClassVar[str] = ""
-    """name of the component of which it is another form, so that evidence for either speaks for the component; "" where
-    it is one of its own. A special case that is another component (a stop, a linear spring) is none"""
+    """name of the component of which it is another form, so that evidence for either counts for the component; "" where it
+    is one of its own. A special case that is another component (a stop, a linear spring) is none"""
     behind: ClassVar[str] = ""
     """stage without which it is nothing of its own: friction behind a spring needs something in series"""
 
@@ -225,9 +225,9 @@ class Effect(ABC):
         return self.memoryless
 
     def clock_error(self, signals: Sequence[Signals]) -> float:
-        """Standard error of the strength that no fit sees: what a signal does between its samples nobody knows.
+        """Standard error of the strength that no fit shows: what a signal does between its samples is unknown.
 
-        A held one jumps anywhere between two of them; of a smooth one a time is told to a hundredth of a sample.
+        A held one jumps anywhere between two of them; of a smooth one a time is known to a hundredth of a sample.
         """
         period = signals[0].sample_time
         if self.stepwise:

@@ -15,7 +15,7 @@ ALIKE = 0.02
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """What repeats say about the noise.
+    """Noise level from repeats.
 
     Attributes
     ----------
@@ -23,7 +23,7 @@ class NoiseLevel:
         Of the noise on the output, in its unit squared; None where nothing repeats.
     samples : int
         Samples it rests on.
-    says : str
+    description : str
     """
 
     variance: float | None

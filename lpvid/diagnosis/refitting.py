@@ -21,10 +21,10 @@ KEPT = 0.25
 SHORTER = (1.0, 0.3, 0.1)
 """shares of a step that are tried one after the other before it is damped: the valley may be bent"""
 BENT = 0.75
-"""length of the bend of a step over that of the step, derivatives' norms as units, beyond which it is not believed"""
+"""length of the bend of a step over that of the step, derivatives' norms as units, beyond which it is rejected"""
 FIRST_DAMPING, LEAST_DAMPING, MAX_DAMPING = 1e-3, 1e-12, 1e10
 LENT = 0.01
-"""weight of the other fold in a fit to one: it holds what the samples of the one say nothing of, and little else"""
+"""weight of the other fold in a fit to one: it holds what the samples of the one leave open, and little else"""
 SECANTS = 4
 """steps for which a Jacobian is carried on by secants (Broyden 1965) before it is taken anew"""
 
@@ -143,7 +143,7 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
 
     Levenberg-Marquardt with columns scaled by their norms; parameters at a bound that want to leave it are held. After
     a step that succeeds the Jacobian is carried on by a secant; a step that fails, or promises nothing any more, is
-    believed only of one taken anew.
+    accepted only of one taken anew.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
 
 def _bend(jacobian: np.ndarray, missed: np.ndarray, step: np.ndarray, weights: np.ndarray, vector: np.ndarray,
           damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray | None:
-    """By how much a step must bend to stay in a curved valley; None where that says nothing, or too much.
+    """By how much a step must bend to stay in a curved valley; None where that is not finite, or too much.
 
     Of the path x + h s + h² b the simulation changes by h J s + h² (f_ss/2 + J b); b makes the second part as small as
     it can: the geodesic acceleration of Transtrum and Sethna (2012), section 3, kept below `BENT` of the step.
@@ -229,7 +229,7 @@ def _bend(jacobian: np.ndarray, missed: np.ndarray, step: np.ndarray, weights: n
     ----------
     jacobian : (N, P) array
     missed : (N,) array
-        f_ss/2: what a step changed beyond what the derivatives say, over the square of its share.
+        f_ss/2: what a step changed beyond what the derivatives give, over the square of its share.
     step : (P,) array
     weights : (N,) array
     vector : (P,) array

@@ -1,4 +1,4 @@
-"""Remainder: whether the error that is left still follows the inputs, where no repeats tell the noise."""
+"""Remainder: whether the error that is left still follows the inputs, where no repeats give the noise."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def knots_of(values: np.ndarray) -> np.ndarray:
     """Evenly in the mean of the values' number and their range, from 0 to 1 each: as dense as 2/`KNOTS` of either.
 
     Laid once by the one and once by the other they would coincide where values lie evenly, as the positions of a
-    triangle do, and half of them would tell nothing.
+    triangle do, and half of them would be of no use.
     """
     ordered = np.sort(values)
     span = ordered[-1] - ordered[0]

@@ -69,7 +69,7 @@ class Direction:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the screening says of one effect.
+    """Result of the screening for one effect.
 
     Attributes
     ----------

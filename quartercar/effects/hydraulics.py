@@ -98,7 +98,7 @@ class Asymmetry(HydraulicEffect):
         gain, force = float(values[0]), core(s)
         if not baseline.static:  # the force of a core with memory lags; its own sign tells which way the oil flows
             return gain * np.maximum(force, 0.0)
-        resting = s.cached("signals at rest", lambda: s.asked(velocity=np.zeros(s.n_samples)))
+        resting = s.cached("signals at rest", lambda: s.evaluated(velocity=np.zeros(s.n_samples)))
         return gain * np.where(s["velocity"] > 0, force - core(resting), 0.0)
 
     def lpv_change(self) -> LpvChange | None:
