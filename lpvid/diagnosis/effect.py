@@ -167,8 +167,8 @@ class Effect(ABC):
     placement_of: ClassVar[str] = ""
     """name of the effect of which it is the same component in another place; "" where it is none"""
     form_of: ClassVar[str] = ""
-    """name of the component of which it is another form, so that evidence for either counts for the component; "" where it
-    is one of its own. A special case that is another component (a stop, a linear spring) is none"""
+    """name of the component of which it is another form, so that evidence for either counts for it; "" where it is one
+    of its own. A special case that is another component (a stop, a linear spring) is none"""
     behind: ClassVar[str] = ""
     """stage without which it is nothing of its own: friction behind a spring needs something in series"""
 

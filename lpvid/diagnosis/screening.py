@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.composition import ROUNDING, Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.refitting import Refit
@@ -126,7 +126,10 @@ def _move(
     vector = placed(bigger, fit, {effect.name: values})
     with np.errstate(all="ignore"):
         change = tuple(bigger.predict(s, vector) - f for s, f in zip(problem.signals, now, strict=True))
-    return Move(effect, values, change) if all(np.isfinite(c).all() for c in change) else None
+    if not all(np.isfinite(c).all() for c in change):
+        return None
+    rounding = ROUNDING * max(float(np.abs(f).max()) for f in now)
+    return Move(effect, values, tuple(np.where(np.abs(c) > rounding, c, 0.0) for c in change))
 
 
 def directions(problem: DiagnosisProblem, fit: Refit, moved: Sequence[Move]) -> list[Direction]:
