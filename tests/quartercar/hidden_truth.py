@@ -334,7 +334,6 @@ def oracle_gain(made: Made, catalogue: tuple[Effect, ...], named: object, seed: 
         1 − squared error/squared error of the baseline, for the extended model and for the oracle.
     """
     from lpvid.diagnosis.blocks import Blocks
-    from lpvid.diagnosis.noise import WHITE
     from lpvid.diagnosis.problem import DiagnosisProblem
     from lpvid.diagnosis.refitting import refit
 
@@ -344,7 +343,7 @@ def oracle_gain(made: Made, catalogue: tuple[Effect, ...], named: object, seed: 
     table = {e.name: e for e in catalogue}
     effects = tuple(table[n] for n, _ in made.hidden)
     signals = tuple(baseline.signals(r) for r in made.records)
-    problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start), WHITE)
+    problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
     seen = baseline.signals(further)
 
     def squared(composition: Composition, vector: np.ndarray) -> float:
