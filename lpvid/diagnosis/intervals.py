@@ -20,6 +20,11 @@ def covariance(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
     ----------
     problem : DiagnosisProblem
     fit : Refit
+
+    Returns
+    -------
+    (P, P) array
+        In the units of the parameters, squared.
     """
     found = refitting.covariance(problem, fit)
     for effect, place in zip(fit.composition.effects, fit.composition.places, strict=True):

@@ -137,7 +137,17 @@ class Signals:
                        stretches=self.stretches)
 
     def evaluated(self, **channels: np.ndarray) -> Signals:
-        """Signals with some channels replaced, at which a law is evaluated: these stay the record."""
+        """Signals with some channels replaced, at which a law is evaluated: these stay the record.
+
+        Parameters
+        ----------
+        **channels : (n,) arrays
+            By role, in the units of the record.
+
+        Returns
+        -------
+        Signals
+        """
         facts = {key: found for key, found in self.facts.copy().items() if key[0] not in channels}
         repeats = self.repeats if channels.keys() <= {"velocity"} else None
         return Signals(self.sample_time, {**self.channels, **channels}, self.output, self.name, self.span, facts=facts,

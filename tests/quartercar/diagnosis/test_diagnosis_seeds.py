@@ -56,7 +56,9 @@ def test_a_motion_filtered_by_itself_is_named_or_listed() -> None:
     """Seed 004: only the displacement passes the low-pass of the signal conditioning."""
     rig = Rig(damper=RigDamper.static(), effects=(effect("one-sided-filter", 1.0),))
     found = lpv.diagnose(rig.run(replace(EXPERIMENTS["test-3"], duration=15.0), 0), "guo", CATALOGUE)
-    estimated = {c.name: c.parameters for c in found.causes} | {n: p for r in found.rivals for n, p in r.parameters.items()}
+    estimated = {c.name: c.parameters for c in found.causes}
+    for group in found.rivals:
+        estimated |= group.parameters
     assert {c.name for c in found.causes} <= {"one-sided-filter"}
     time_constant, damping, *_ = (p.value for p in estimated["one-sided-filter"])
     assert time_constant == pytest.approx(1 / (2 * math.pi * 20), rel=0.05)
