@@ -89,7 +89,19 @@ class Cause:
 
 @dataclass(frozen=True)
 class Rivals:
-    """Causes that these data cannot keep apart, and what would."""
+    """Causes that these data cannot keep apart, and what would.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The one of the most probable set first.
+    similarity : float
+        Weight of the sets without the first: what its rivals may hold.
+    experiment : str
+        What would keep them apart.
+    parameters : mapping of str to tuple of Estimated
+        Of each in a set of its own.
+    """
 
     names: tuple[str, ...]
     similarity: float
