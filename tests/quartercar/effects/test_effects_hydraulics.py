@@ -182,4 +182,4 @@ def test_a_parallel_network_against_data_of_a_series_one_names_the_topology() ->
     noise = 0.005 * force.std() * np.random.default_rng(0).standard_normal(force.size)
     found = diagnosed(motion.with_channel("force", force + noise, "N"), "network-parallel")
     assert [c.name for c in found.causes] == ["network-topology"]
-    assert [p.value for p in found.causes[0].parameters] == pytest.approx([1.0, 0.1], rel=0.05)
+    assert found.after.esr_held_out < 1e-3  # how much of it is in series trades with where the two cross over
