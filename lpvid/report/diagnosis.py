@@ -154,8 +154,8 @@ def _causes(found: Diagnosis) -> list[Item]:
         described = [(" / ".join(r.names), number(r.similarity, 3),
                  "; ".join(f"{n}: {', '.join(map(_plain, p))}" for n, p in r.parameters.items()), r.experiment)
                 for r in found.rivals]
-        items.append(PageTable(("cannot be kept apart", "weight of the others", "parameters, each taken alone", "what separates "
-                            "them"), tuple(described), "", (1,), ("warn",) * len(described)))
+        heads = ("cannot be kept apart", "weight of the others", "parameters, each taken alone", "what separates them")
+        items.append(PageTable(heads, tuple(described), "", (1,), ("warn",) * len(described)))
     return items
 
 

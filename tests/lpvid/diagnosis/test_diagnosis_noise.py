@@ -1,0 +1,74 @@
+"""What the diagnosis takes for noise: its level, the blocks in which it is independent."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers.toy_diagnosis import (
+    PERIOD,
+    Bent,
+    drive,
+    record,
+)
+
+from lpvid.diagnosis.blocks import FEWEST, Blocks
+from lpvid.diagnosis.noise import noise_level
+from lpvid.diagnosis.signals import Signals
+from lpvid.errors import InputError
+
+
+def plain(n: int, name: str = "record") -> Signals:
+    return Signals(PERIOD, {"u": np.zeros(n)}, np.zeros(n), name)
+
+
+class TestNoiseLevel:
+    def test_from_records_that_repeat(self, rng: np.random.Generator) -> None:
+        u = drive(4000, rng)
+        for kind in ("white", "proportional"):
+            runs = [Bent().signals(record(rng, kind, 0.7, u=u)) for _ in range(3)]
+            found = noise_level(runs, ["u"], [np.ones(4000, bool)] * 3)
+            assert found.variance == pytest.approx(0.49, rel=0.1) and found.samples == 12000
+
+    def test_from_periods_within_a_record(self, rng: np.random.Generator) -> None:
+        u = np.tile(drive(700, rng), 6)
+        s = Bent().signals(record(rng, "white", 0.5, u=u))
+        found = noise_level([s], ["u", "c"], [np.ones(4200, bool)])
+        assert found.variance == pytest.approx(0.25, rel=0.1) and "7 s" in found.description
+
+    def test_whatever_the_model_misses(self, rng: np.random.Generator) -> None:
+        """A hidden cause repeats with the input and is no noise."""
+        u = drive(4000, rng)
+        runs = [Bent().signals(record(rng, level=0.4, u=u, hidden=lambda x: 5 * np.sign(x))) for _ in range(2)]
+        assert noise_level(runs, ["u"], [np.ones(4000, bool)] * 2).variance == pytest.approx(0.16, rel=0.15)
+
+    def test_none_where_nothing_repeats(self, rng: np.random.Generator) -> None:
+        runs = [Bent().signals(record(rng)) for _ in range(2)]
+        assert noise_level(runs, ["u"], [np.ones(3000, bool)] * 2).variance is None
+
+
+class TestBlocks:
+    @pytest.mark.parametrize("sizes", [(3000,), (900, 2500, 400), (15000, 15000)])
+    def test_cover_and_alternate(self, sizes: tuple[int, ...]) -> None:
+        blocks = Blocks.of([plain(n) for n in sizes])
+        assert blocks.count >= FEWEST and 0.4 <= blocks.length <= 2.0
+        np.testing.assert_array_equal(np.unique(np.concatenate(blocks.number)), np.arange(-1, blocks.count))
+        np.testing.assert_array_equal(blocks.fold, np.arange(blocks.count) % 2)
+        assert np.ptp(blocks.sizes()) == 0
+        for number in blocks.number:
+            inside = number[number >= 0]
+            assert np.all(np.diff(inside) >= 0) and inside.size > 0.75 * number.size - 200
+            edges = np.flatnonzero(np.diff(number) > 0)
+            assert np.all(number[edges] == -1), "neighbours have a gap between them"
+        masks = [blocks.mask(f) for f in (None, 0, 1)]
+        for whole, even, odd in zip(*masks, strict=True):
+            np.testing.assert_array_equal(whole, even | odd)
+            assert not np.any(even & odd)
+
+    def test_sums(self) -> None:
+        blocks = Blocks.of([plain(1200), plain(1300)])
+        ones = [np.ones(1200), np.ones(1300)]
+        np.testing.assert_array_equal(blocks.sums(ones), blocks.sizes())
+
+    def test_too_little_data(self) -> None:
+        with pytest.raises(InputError, match="too little data"):
+            Blocks.of([plain(300)])
