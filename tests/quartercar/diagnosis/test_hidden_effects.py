@@ -129,7 +129,7 @@ def test_causes_together_are_hidden_at_a_size_that_is_worth_naming() -> None:
                zip(alone, truth.besides, strict=True)), "the baseline and the other take up a part"
 
 
-@pytest.mark.xfail(reason="on this rig 15 % of 129 cases had a wrong name, 8 of 21 causes were found, docs/diagnosis.md")
+@pytest.mark.xfail(reason="of 129 cases 15 % had a wrong name, 8 of 21 causes were found")
 @pytest.mark.slow
 def test_over_many_cases() -> None:
     """Rotating seeds (HIDDEN_SEED, or the day): wrong names stay rare, and separable causes are found."""
