@@ -1,7 +1,7 @@
 """Experiments that separate causes, as plans that the virtual rig (or a real one) can run.
 
-The table states of every cause which motion and which current make it visible and set it apart from its usual rivals.
-Neither the rig nor the effects know of it.
+The table holds for every cause which motion and which current make it visible and separate it from its usual rivals.
+Neither the rig nor the effects depend on it.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ ON_THE_CAR: Mapping[str, str] = {
 """Causes in a car, which a rig that holds the damper alone cannot show, and what shows them on the car."""
 
 NO_PLAN: Mapping[str, str] = {
-    "sensor-scale": "neither motion nor current separates a sensor's scale from the size of what it drives: calibrate "
+    "sensor-scale": "no motion and no current tell the scale of a sensor from the size of what it drives: calibrate "
                     "the channel against a known displacement or current",
     "shared-filter": "every motion passes the same filters: record one run again with their corner frequency raised",
     "channel-sign": "a sensor turned round and a law turned round are one: move the rod by hand and read the sign, "
@@ -169,16 +169,16 @@ PAIRS: Mapping[frozenset[str], tuple[PlannedExperiment, ...] | str] = {frozenset
     (("asymmetry", "force-offset"), (SPEEDS, FULL_RANGE)),
     (("current-saturation", "scheduling-degree"), (FULL_RANGE,)),
     (("gas-preload", "force-offset"),
-     "at one gas pressure and one temperature no motion separates them: read the load cell with the rod "
+     "at one gas pressure and one temperature no motion tells them apart: read the load cell with the rod "
      "disconnected, or repeat the run warm or at another gas pressure; the offset stays"),
     (("series-compliance", "entrained-air"), (SWEEP, LARGE_SWEEP)),
 )}
 """What separates two causes, or why no experiment on the rig can."""
 
 NOT_BY_FORCE: Mapping[str, str] = {
-    "series-compliance": "whether it is the oil or a bush, force and displacement at the ends do not show: a second "
+    "series-compliance": "whether it is the oil or a bush, force and displacement at the ends cannot tell: a second "
                          "displacement across the bush, or a run at another gas pressure, would",
-    "entrained-air": "whether it is air in the oil or a soft mount, force and displacement at the ends do not show: a "
+    "entrained-air": "whether it is air in the oil or a soft mount, force and displacement at the ends cannot tell: a "
                      "run at another gas pressure, or after bleeding, would",
 }
 """What remains open about a cause that is found, and the measurement that is missing."""
@@ -202,8 +202,7 @@ def plan_for(found: Diagnosis) -> ExperimentProposal | None:
         return ExperimentProposal("", "", (), tuple(dict.fromkeys(advice))) if advice else None
     served = tuple(dict.fromkeys(n for p in parts for n in by_part[p]))
     described = [g for g in groups if set(g) & set(served)]
-    pairs = "; ".join(" from ".join(g) for g in described)
-    purpose = f"separate {pairs}" if described else f"reveal {', '.join(served)}"
+    purpose = f"tell {'; '.join(' from '.join(g) for g in described)}" if described else f"reveal {', '.join(served)}"
     head = [f"# To {purpose}.", "# Run on the virtual rig by `quartercar rig experiment.toml --out DIR`; on a real rig "
             "impose the same motion and current.", *(f"# {a}" for a in dict.fromkeys(advice)), "seed = 1", ""]
     text = "\n".join(head) + "\n\n".join(p.toml(tuple(by_part[p])) for p in parts) + "\n"
@@ -213,9 +212,9 @@ def plan_for(found: Diagnosis) -> ExperimentProposal | None:
 
 
 def _of_rivals(groups: list[tuple[str, ...]]) -> tuple[dict[PlannedExperiment, list[str]], list[str]]:
-    """Parts that separate the members of each group, and what no part can separate.
+    """Parts that separate the members of each group, and what no part can.
 
-    The first of a group is the chosen one, which each of the others is to be separated from.
+    The first of a group is the chosen one, from which each of the others is to be separated.
     """
     by_part: dict[PlannedExperiment, list[str]] = {}
     advice: list[str] = []

@@ -12,8 +12,8 @@ from lpvid.cli import options
 from lpvid.cli.running import INTERRUPTED, Results, command, conclude, working
 
 if TYPE_CHECKING:
-    from lpvid.diagnosis.asking import Question
     from lpvid.diagnosis.diagnosis import Diagnosis
+    from lpvid.diagnosis.facade import Question
     from lpvid.diagnosis.lpv_extension import LpvExtension
     from lpvid.record import Record
 
@@ -33,7 +33,7 @@ def diagnose(
     catalogue: Annotated[list[str] | None, typer.Option("--catalogue", metavar="NAME", help="Catalogue of causes, e.g. "
                          "quartercar; repeat for several (all that are installed).")] = None,
     plan_experiment: Annotated[bool, typer.Option("--plan-experiment", help="Also write experiment.toml: what to "
-                               "measure so that what these data cannot decide is measured.")] = False,
+                               "measure to settle what these data leave open.")] = False,
     input: options.Inputs = None,
     output: options.Outputs = None,
     schedule: options.Schedule = None,
@@ -41,13 +41,10 @@ def diagnose(
     flip: options.Flip = None,
     sample_rate: options.SampleRateOrRaw = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the significance tests.")] = 0,
-    engine: Annotated[str, typer.Option("--engine", metavar="evidence|gates", help="evidence: sets of causes by their "
-                                        "weight beside a law that is never exact. gates: causes one by one, "
-                                        "tested; for laws that are exact but for the cause.")] = "evidence",
     out: options.Out = None,
     json: options.Json = False,
 ) -> None:
-    """Find what a simulation gets wrong, name the cause or state why not, extend the model, measure the gain.
+    """Find what a simulation gets wrong, name the cause or why none, extend the model, measure the gain.
 
     Writes diagnosis.json, extended_model.json (which validate and diagnose take as any other model), with a cause named
     extended_lpv.json (the same cause in an LPV model), and report.html.
@@ -55,8 +52,8 @@ def diagnose(
     """
     from lpvid.cli.data import asked_rate, read_parts_clocked, split_names
     from lpvid.condition.preparing import common_rate
-    from lpvid.diagnosis.asking import answer, pose
-    from lpvid.diagnosis.engine import DiagnosisSettings
+    from lpvid.diagnosis.facade import answer, pose
+    from lpvid.diagnosis.settings import DiagnosisSettings
     from lpvid.errors import InputError
 
     results = Results(out)
@@ -77,12 +74,12 @@ def diagnose(
             sample_rate=common_rate(training) if raw else None if clockless else rate,
             progress=report_progress,
         )
-        found = answer(question, DiagnosisSettings(seed=seed), report_progress, engine)
+        found = answer(question, DiagnosisSettings(seed=seed), report_progress)
         report_progress("the same causes in an LPV model")
         lpv = _lpv_extension(found, question)
         described = _deliver(results, found, question, lpv, plan_experiment, report_progress)
     if not found.complete:
-        typer.echo("interrupted: no cause was judged; the result states where the baseline is wrong", err=True)
+        typer.echo("interrupted: no cause was judged; the result holds where the baseline is wrong", err=True)
     conclude(results, _described(found, lpv), "\n".join([repr(found), *described]), json)
     if not found.complete:
         raise typer.Exit(INTERRUPTED)
@@ -90,7 +87,7 @@ def diagnose(
 
 def _starting_point(text: str) -> tuple[Any, bool]:
     """A name as it is, or the model in a file."""
-    from lpvid.diagnosis.asking import is_file
+    from lpvid.diagnosis.facade import is_file
 
     if not is_file(text):
         return text, False
@@ -134,7 +131,7 @@ def _described(found: Diagnosis, lpv: LpvExtension | None) -> dict[str, Any]:
 
 def _deliver(results: Results, found: Diagnosis, question: Question, lpv: LpvExtension | None, plan: bool,
              report_progress: Callable[[str], None]) -> Sequence[str]:
-    """Queue the files; the lines on the LPV model and on the experiment."""
+    """Queue the files; lines to print about the LPV model and the experiment."""
     described = [] if lpv is None else [f"  {lpv}"]
     if not results.kept:
         return described
@@ -157,9 +154,9 @@ def _deliver(results: Results, found: Diagnosis, question: Question, lpv: LpvExt
             "virtual rig"
         )
     elif plan:
-        described.append("  no experiment is needed, or none is known: no open question has one")
+        described.append("  no experiment is needed, or none is known: nothing was left open that one could settle")
     advice = () if proposal is None else proposal.advice
-    described += [f"  not shown by any run of the rig: {a}" for a in advice]
+    described += [f"  not settled by any run of the rig: {a}" for a in advice]
     words = (
         () if proposal is None else (*([f"{PLAN} holds the plan: {proposal.description}"] if planned else []), *advice)
     )

@@ -23,7 +23,7 @@ PANELS: dict[str, tuple[str, ...]] = {
     "Model": ("structure", "na", "nb", "nk", "order", "past", "innovation", "on", "trial", "odd", "states", "side",
               "forgetting", "degree", "basis", "segments", "shape", "schedule_filter", "schedule_lag", "no_constant",
               "affine", "affine_terms", "lagged", "passive", "balanced", "form", "refit_form", "model", "models",
-              "parameters", "baseline", "engine", "catalogue", "thorough"),
+              "parameters", "baseline", "catalogue", "thorough"),
     "Noise": ("nc", "nd", "refit"),
     "Selection": ("auto", "budget", "ridge", "fdr"),
     "Stability": ("rate", "range", "largest_range", "largest_rate", "gain", "draws", "horizon"),

@@ -11,9 +11,8 @@ from lpvid._threads import single_thread
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.deciding import out_of_fold
 from lpvid.diagnosis.evidence.independence import independent
-from lpvid.diagnosis.noise import WHITE
+from lpvid.diagnosis.folds import out_of_fold
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import refit
 from lpvid.diagnosis.registry import factories
@@ -22,7 +21,7 @@ from lpvid.errors import InputError
 from lpvid.record import Record
 
 LISTED = 4
-"""laws that the note tells of"""
+"""laws that the note lists"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +35,7 @@ class Law:
 def automatic(
     records: Sequence[Record], report_progress: Callable[[str], None] = lambda text: None
 ) -> tuple[Baseline, str]:
-    """The installed law without memory that describes records best for its parameters, fitted, and what to say of it.
+    """The installed law without memory that describes records best for its parameters, fitted, and a note on it.
 
     By κN ln(error out of fold) + P ln κN, κN the independent samples of the error of the best: a law that misses as
     much as another and has fewer parameters is a better ground for causes. Laws with memory are left out: what they
@@ -79,7 +78,7 @@ def automatic(
 
 def _problem(baseline: Baseline, records: Sequence[Record]) -> DiagnosisProblem:
     signals = in_turn([baseline.signals(r) for r in records])
-    return DiagnosisProblem(signals, Blocks.of(signals, baseline.start), WHITE)
+    return DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
 
 
 def _law(baseline: Baseline, records: Sequence[Record]) -> Law:

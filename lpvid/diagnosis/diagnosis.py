@@ -49,7 +49,7 @@ class Cause:
     p_value : float
         Of the largest screening statistic, by flipping blocks.
     delta_bic : float
-        BIC with it less BIC without it, the others in place; negative speaks for it.
+        BIC with it less BIC without it, the others in place; negative is evidence for it.
     share_alone, share_given_others : float
         Share of the baseline's excess squared error it takes away by itself; and on top of the other causes.
     held_out_gain : float
@@ -59,9 +59,9 @@ class Cause:
     contribution : float
         Root mean square of what it adds to the output, in the output's unit.
     probability : float or None
-        That it is there, among the sets of causes that were looked at; None of the engine that knows none.
+        That it is there, among the sets of causes that were visited; None where no sets were weighed.
     family : str
-        Of causes; "" of an engine that does not weigh families.
+        Of causes; "" where none was weighed.
     """
 
     name: str
@@ -89,7 +89,19 @@ class Cause:
 
 @dataclass(frozen=True)
 class Rivals:
-    """Causes that these data cannot keep apart, and what would."""
+    """Causes that these data cannot keep apart, and what would.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The one of the most probable set first.
+    similarity : float
+        Weight of the sets without the first: what its rivals may hold.
+    experiment : str
+        What would keep them apart.
+    parameters : mapping of str to tuple of Estimated
+        Of each in a set of its own.
+    """
 
     names: tuple[str, ...]
     similarity: float
@@ -145,7 +157,7 @@ class VisitedSet:
 
 @dataclass(frozen=True)
 class SetProbabilities:
-    """What an engine that weighs sets against each other says besides.
+    """Weights of sets of causes, of families and of components.
 
     Attributes
     ----------

@@ -19,10 +19,8 @@ if TYPE_CHECKING:
 
 MOST_POINTS = 14
 """grid points at which an effect is looked at"""
-BEYOND = 1.5
-"""times the plausible range within which a parameter is taken seriously"""
 BETWEEN = 0.01
-"""share of a sample to which a time can be told at best"""
+"""share of a sample to which a time is known at best"""
 SPREAD = (0.003, 0.1, 1.0)
 """least, middle and largest share of its natural size at which a number is looked at"""
 MOST_SIZES = 6
@@ -45,7 +43,7 @@ class EffectParameter:
 
     Attributes
     ----------
-    name, unit, says : str
+    name, unit, description : str
     neutral : float
         The value at which the effect is not there, for the strength; for a shape parameter, its typical value.
     plausible : (float, float)
@@ -74,22 +72,6 @@ class EffectParameter:
         if not self.grid or any(not low <= g <= high for g in self.grid):
             raise InputError(f"effect parameter {self.name} needs a screening grid inside its bounds", got=self.grid)
 
-    @property
-    def room(self) -> tuple[float, float]:
-        """The plausible range, wider by a factor to either side of 0."""
-        low, high = self.plausible
-        return low / BEYOND if low > 0 else low * BEYOND, high / BEYOND if high < 0 else high * BEYOND
-
-    @property
-    def reach(self) -> tuple[float, float]:
-        """That part of the room that lies between the bounds."""
-        return max(self.room[0], self.bounds[0]), min(self.room[1], self.bounds[1])
-
-    def stopped(self, value: float) -> bool:
-        """Whether a fit ended at a bound at the end of the room, beyond which it would have gone on."""
-        return value <= self.bounds[0] <= self.room[0] < self.plausible[0] or \
-            value >= self.bounds[1] >= self.room[1] > self.plausible[1]
-
     def spread(self, scale: float | None, strength: bool) -> tuple[float, ...]:
         """The grid at the natural size of the data: as many decades apart, evenly in the logarithm, signs kept.
 
@@ -117,7 +99,7 @@ class LpvChange:
 
     Attributes
     ----------
-    says : str
+    description : str
         In words, e.g. "one more degree in the current".
     degree, order : int
         Added to the degree in the scheduling variable, to na and nb.
@@ -171,42 +153,24 @@ class Effect(ABC):
     """False where the output is not differentiable in the strength: scanned, never linearised"""
     partners: ClassVar[tuple[str, ...]] = ()
     """names of effects with which it works together physically, tried as a pair where neither helps alone"""
-    contains: ClassVar[tuple[str, ...]] = ()
-    """names of effects that are special cases of it, of which it can therefore never be told apart as a rival"""
-    resolution: ClassVar[float] = 0.0
-    """samples below which a lag is a matter of how signals are held between samples, and not a finding"""
-    resolved: ClassVar[int] = 0
-    """number of the parameter that is this lag"""
     added_later: ClassVar[tuple[str, ...]] = ()
     """parameters that it had not from the first: a file without them is read with them at neutral"""
-    beside: ClassVar[tuple[str, ...]] = ()
-    """special cases that may act beside it all the same"""
-    catch_all: ClassVar[bool] = False
-    """whether it is a form rather than a component, flexible enough to take in part of much else"""
-    unlogged: ClassVar[bool] = False
-    """whether it stands for something that was not logged, so that functions of what was must not do its work"""
-    abrupt: ClassVar[bool] = False
-    """whether the output jumps at instants between the samples, so that a sample there is off by much if by anything"""
     rugged: ClassVar[bool] = False
     """whether the error has many small valleys along the strength"""
     path: ClassVar[str] = ""
-    """what a lag, a delay or a filter holds up, "current", "motion", "force", "all", or whose "level" a law bends; ""
-    for everything else. Two on one path are kin: a faint one is the small print of the other"""
+    """what a lag, a delay or a filter holds up: "current", "motion", "force" or "all"; "" for everything else. Those of
+    motion and force imitate each other and every dynamic cause: a set holds one of them"""
     stepwise: ClassVar[bool] = False
     """whether the strength is a lag that acts in whole samples of a held signal, so that no derivative leads to it"""
     flexible: ClassVar[bool] = False
-    """whether it is so general that it must win more than a component to be believed (`evidence.priors.FORM`)"""
-    by_evidence: ClassVar[bool] = False
-    """whether only the evidence engine takes it: a law or a placement whose rivals must be weighed as a family"""
+    """whether it is so general that it must win more than a component (`evidence.priors.FORM`)"""
     placement_of: ClassVar[str] = ""
     """name of the effect of which it is the same component in another place; "" where it is none"""
     form_of: ClassVar[str] = ""
-    """name of the component of which it is another form, so that evidence for either speaks for the component; "" where
-    it is one of its own. A special case that is another component (a stop, a linear spring) is none"""
+    """name of the component of which it is another form, so that evidence for either counts for it; "" where it is one
+    of its own. A special case that is another component (a stop, a linear spring) is none"""
     behind: ClassVar[str] = ""
     """stage without which it is nothing of its own: friction behind a spring needs something in series"""
-    negligible: ClassVar[float] = 0.005
-    """share of the output's rms below which the effect, though present, is not worth naming"""
 
     @property
     @abstractmethod
@@ -243,17 +207,9 @@ class Effect(ABC):
         """(k,) parameters at which it is not there."""
         return np.array([p.neutral for p in self.parameters])
 
-    def inseparable(self, signals: Sequence[Signals]) -> tuple[str, ...]:
-        """Names of more general effects that do the same on these signals, whatever their further parameters."""
-        return ()
-
     def comes_to(self, values: np.ndarray) -> tuple[str, ...]:
         """Names of simpler effects of which these values leave no more than another form."""
         return ()
-
-    def shown(self, signals: Sequence[Signals]) -> np.ndarray | None:
-        """(k,) parameters at which the inputs by themselves show that it is there; None where they do not."""
-        return None
 
     def missing(self, signals: tuple[Signals, ...]) -> tuple[str, ...]:
         """Needed roles that some record does not have."""
@@ -264,31 +220,14 @@ class Effect(ABC):
         chosen = [c for p, v in zip(self.parameters, values, strict=True) if (c := p.choice(float(v))) is not None]
         return f"{self.title}: {', '.join(chosen)}" if chosen else self.title
 
-    def implausible(self, values: np.ndarray) -> list[str]:
-        """What speaks against these parameters: those outside their plausible range, with some room."""
-        found = []
-        for p, v in zip(self.parameters, values, strict=True):
-            low, high = p.plausible
-            if p.stopped(v) or not p.reach[0] <= v <= p.reach[1]:
-                stated = f"{p.name} {v:.3g} {p.unit}".rstrip()
-                found.append(f"{stated} lies outside what is plausible, {low:g} to {high:g}")
-        return found
-
-    def unresolved(self, values: np.ndarray, sample_time: float) -> list[str]:
-        """What says that a lag among these parameters is too short for the samples."""
-        p, value = self.parameters[self.resolved], values[self.resolved]
-        if abs(value - (p.neutral if self.resolved == 0 else 0.0)) >= self.resolution * sample_time:
-            return []
-        return [f"{p.name} {value:.3g} s is less than the samples can resolve"]
-
     def is_static(self, values: np.ndarray) -> bool:
         """Whether it is memoryless at these parameters."""
         return self.memoryless
 
     def clock_error(self, signals: Sequence[Signals]) -> float:
-        """Standard error of the strength that no fit sees: what a signal does between its samples nobody knows.
+        """Standard error of the strength that no fit shows: what a signal does between its samples is unknown.
 
-        A held one jumps anywhere between two of them; of a smooth one a time is told to a hundredth of a sample.
+        A held one jumps anywhere between two of them; of a smooth one a time is known to a hundredth of a sample.
         """
         period = signals[0].sample_time
         if self.stepwise:

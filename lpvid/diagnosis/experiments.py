@@ -1,4 +1,4 @@
-"""Experiments: what to measure next, from packages that know a rig (entry-point group ``lpvid.experiments``)."""
+"""Experiments: what to measure next, from packages that have a rig (entry-point group ``lpvid.experiments``)."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class ExperimentProposal:
     ----------
     text : str
         A plan file; empty where there is nothing to run.
-    says : str
+    description : str
         In one sentence.
     names : tuple of str
         Effects that it is meant for.
     advice : tuple of str
-        What no plan of the rig can tell, with the measurement that would.
+        What no plan of the rig can settle, with the measurement that would.
     """
 
     text: str

@@ -67,7 +67,7 @@ class ExtendedModel(Adaptable):
         return cls(Composition(baseline, fit.composition.effects), fit.vector, covariance)
 
     def remembering(self, records: Sequence[Record]) -> ExtendedModel:
-        """The same model with what it needs to know of its training records: channels, units, ranges, first samples.
+        """The same model with what is needed of its training records: channels, units, ranges, first samples.
 
         A channel beyond those of baseline and effects counts as read where the run changes without it.
         """

@@ -1,4 +1,4 @@
-"""Hops: strengths moved by trial where no derivative tells which way: lags of whole samples, lost motion."""
+"""Hops: strengths moved by trial where no derivative gives the direction: lags of whole samples, lost motion."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def hop(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
     """Move each such strength while that lowers the cost, the other parameters following by one Gauss-Newton step.
 
     A current that is held between samples makes the error jump where a delay passes a whole sample, so that the
-    derivative between jumps says nothing of what lies behind them; lost motion makes it rugged.
+    derivative between jumps holds nothing of what lies behind them; lost motion makes it rugged.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def hop(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
     composition : Composition
     vector : (P,) array
     cost : float
-        Squared whitened error at `vector`.
+        Squared error at `vector`.
     jacobian : (N, P) array
         Taken nearby.
 

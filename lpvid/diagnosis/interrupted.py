@@ -1,4 +1,4 @@
-"""What an interrupted diagnosis still says: the baseline, where it is wrong, how far the search had come."""
+"""What an interrupted diagnosis holds: the baseline, where it is wrong, how far the search had come."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.diagnosis import Diagnosis, Errors, SetProbabilities
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.localise import localise
-from lpvid.diagnosis.noise import WHITE
 from lpvid.diagnosis.preparing import PreparedRecords
 from lpvid.diagnosis.problem import DiagnosisProblem
 
@@ -65,7 +64,7 @@ def interrupted(baseline: Baseline, prepared: PreparedRecords, stage: str, best:
         Of a search that had begun; it becomes the extended model, and nothing of it is named.
     """
     signals = tuple(baseline.signals(r) for r in prepared.training)
-    problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start), WHITE)
+    problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
     bare = Composition(baseline)
     before = _figures(problem, bare, baseline.vector)
     wrong = localise(problem, problem.errors(bare, baseline.vector))
@@ -85,6 +84,6 @@ def interrupted(baseline: Baseline, prepared: PreparedRecords, stage: str, best:
 
 def _figures(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray) -> Errors:
     """Free-run errors on the training samples."""
-    stacked = problem.stack(problem.errors(composition, vector), whiten=False)
+    stacked = problem.stack(problem.errors(composition, vector))
     esr = float(np.mean(stacked**2)) / max(problem.spread**2, 1e-300)
     return Errors(esr, esr, float(np.sqrt(np.mean(stacked**2))))

@@ -45,26 +45,26 @@ def localise(problem: DiagnosisProblem, errors: Sequence[np.ndarray]) -> tuple[W
     ----------
     problem : Problem
     errors : sequence of (n,) arrays
-        Free-run errors, per record, not whitened.
+        Free-run errors, per record.
 
     Returns
     -------
     tuple of Wrong
         At most eight regimes, those that stand out most; the share of the frequency bands is that of the error's power.
     """
-    squared = problem.stack([e**2 for e in errors], whiten=False)
+    squared = problem.stack([e**2 for e in errors])
     total = float(squared.sum())
     if not total > 0:
         return ()
     regimes: list[tuple[str, np.ndarray]] = []
     for name in dict.fromkeys(k for s in problem.signals for k in s.channels):
         if all(s.has(name) for s in problem.signals):
-            regimes += _regimes(name, problem.stack([s[name] for s in problem.signals], whiten=False))
+            regimes += _regimes(name, problem.stack([s[name] for s in problem.signals]))
     if all(s.has("velocity") for s in problem.signals):
         regimes.append(("after a reversal", problem.stack([_after_reversal(s["velocity"]).astype(float)
-                                                            for s in problem.signals], whiten=False) > 0.5))
+                                                            for s in problem.signals]) > 0.5))
     if all(s.has("current") for s in problem.signals):
-        rate = problem.stack([np.gradient(s["current"], s.sample_time) for s in problem.signals], whiten=False)
+        rate = problem.stack([np.gradient(s["current"], s.sample_time) for s in problem.signals])
         if np.ptp(rate) > 0:
             regimes.append(("after a change of current", np.abs(rate) > 0.1 * np.abs(rate).max()))
     place = np.concatenate([np.linspace(0, 1, n.size)[n >= 0] for n in problem.blocks.number])

@@ -44,7 +44,7 @@ SMALL = 1e-3
 class LpvBaseline(Baseline):
     """An LPV model, free in its coefficients, the numbers of its input stage and of its scheduling filter.
 
-    Everything here speaks of the device itself: where the records' output has the other sign, it is turned on its way
+    Everything here is about the device itself: where the records' output has the other sign, it is turned on its way
     in.
 
     Attributes
@@ -95,7 +95,7 @@ class LpvBaseline(Baseline):
 
     @cached_property
     def places(self) -> tuple[tuple[str, np.ndarray], ...]:
-        """Arrays of the model and which of their entries are free; none for a model that knows its own vector."""
+        """Arrays of the model and which of their entries are free; none for a model that has its own vector."""
         kind = type(self.model)
         listed = [(n, np.flatnonzero(getattr(self.model, n))) for n in ARRAYS.get(kind, ())]
         if sum(free.size for _, free in listed) > MOST_FREE:
@@ -134,7 +134,7 @@ class LpvBaseline(Baseline):
 
     @property
     def _own(self) -> np.ndarray:
-        """Numbers of a model that knows its vector, unless there are too many."""
+        """Numbers of a model that has its vector, unless there are too many."""
         known = isinstance(self.model, SelfScheduled) and self.model.vector.size <= MOST_FREE
         return np.array(self.model.vector) if known else np.zeros(0)  # type: ignore[union-attr]
 

@@ -1,4 +1,4 @@
-"""Extending an LPV structure: what each cause asks of an identified model, and what that gains on data not seen."""
+"""Extending an LPV structure: what each cause requires of an identified model, and what that gains on data not seen."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ HELD_OUT = 1 / 3
 
 @dataclass(frozen=True, eq=False)
 class LpvExtension:
-    """An LPV model without and with what the causes ask for.
+    """An LPV model without and with what the causes require.
 
     Attributes
     ----------
     base, extended : Identification
         Fitted to the same records, judged on the same held-out ones.
     changes : tuple of str
-        What each cause asked for, in words.
+        What each cause required, in words.
     left_out : tuple of str
         Causes that no LPV structure takes in, or not with these channels.
     """
@@ -73,7 +73,7 @@ class LpvExtension:
 
 def extend_lpv(records: Sequence[Record], structure: ARX, effects: Sequence[Effect],
                held_out: Sequence[Record] | None = None) -> Identification:
-    """Identify an LPV-ARX structure enlarged by what each effect asks for.
+    """Identify an LPV-ARX structure enlarged by what each effect requires.
 
     A lag filters the scheduling variable, a bend raises the degree, a parallel force becomes a further input (derived
     where it is not measured), an unlogged quantity a further scheduling variable, a state a further order; a delay of
@@ -90,7 +90,7 @@ def extend_lpv(records: Sequence[Record], structure: ARX, effects: Sequence[Effe
     Returns
     -------
     Identification
-        Of records with the derived channels that it asks for (`lpvid.condition.derivation`).
+        Of records with the derived channels that it requires (`lpvid.condition.derivation`).
     """
     from lpvid.identification import identify
 
@@ -148,12 +148,12 @@ def common_structure(records: Sequence[Record], output: str) -> ARX | None:
 
 
 def enlarged(structure: ARX, changes: Sequence[LpvChange], records: Sequence[Record]) -> ARX:
-    """The structure with all changes in it; the records say whether what is asked for was measured.
+    """The structure with all changes in it; the records hold whether what is required was measured.
 
     Raises
     ------
     InputError
-        A change asks for a channel that was not measured, or the structure has no polynomial basis to raise.
+        A change requires a channel that was not measured, or the structure has no polynomial basis to raise.
     """
     basis, order = structure.basis, sum(c.order for c in changes)
     inputs = [n for c in changes for n in c.regressors if n != "1"]

@@ -18,7 +18,7 @@ ROLES = ("displacement", "velocity", "acceleration", "current", "temperature", "
          "actuator")
 """roles that baselines and effects look for, where a baseline does not name its own"""
 QUIETER = f"{DERIVED} without the sensor's noise beyond the band that moves"
-"""what is said instead where that was done"""
+"""note that replaces it where that was done"""
 SHORTEST = 50
 """samples of a piece worth keeping"""
 
@@ -73,7 +73,7 @@ def prepare(training: Sequence[Record], held_out: Sequence[Record], catalogue: S
 
 def _roles(records: Sequence[Record], catalogue: Sequence[Effect],
            needed: Sequence[str]) -> tuple[list[str], tuple[str, ...]]:
-    """Roles that every record has in a usable channel, and what to say of those left out."""
+    """Roles that every record has in a usable channel, and notes on those left out."""
     known = dict.fromkeys((*needed, *ROLES, *(n for e in catalogue for n in e.needs)))
     found, left = [], []
     for role in known:

@@ -1,16 +1,15 @@
-"""Problem: records, their blocks and the noise's colour; what every statistic of a diagnosis is computed from."""
+"""Problem: records and their blocks; what every statistic of a diagnosis is computed from."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.noise import Whitening
 from lpvid.diagnosis.signals import Signals
 
 EXPLODED = 1e100
@@ -19,22 +18,16 @@ EXPLODED = 1e100
 
 @dataclass(frozen=True, eq=False)
 class DiagnosisProblem:
-    """Signals, blocks and whitening filter.
+    """Signals and blocks.
 
     Attributes
     ----------
     signals : tuple of Signals
     blocks : Blocks
-    whitening : Whitening
     """
 
     signals: tuple[Signals, ...]
     blocks: Blocks
-    whitening: Whitening
-
-    def with_whitening(self, whitening: Whitening) -> DiagnosisProblem:
-        """The same data with another filter."""
-        return replace(self, whitening=whitening)
 
     @cached_property
     def block(self) -> np.ndarray:
@@ -61,10 +54,9 @@ class DiagnosisProblem:
             out.append(np.where(np.abs(e) < EXPLODED, e, EXPLODED))
         return out
 
-    def stack(self, values: Sequence[np.ndarray], whiten: bool = True) -> np.ndarray:
-        """(N,) or (N, k): per-record values, whitened, inside the blocks, one record after the other."""
-        return np.concatenate([(self.whitening.apply(v) if whiten else v)[n >= 0]
-                               for v, n in zip(values, self.blocks.number, strict=True)])
+    def stack(self, values: Sequence[np.ndarray]) -> np.ndarray:
+        """(N,) or (N, k): per-record values inside the blocks, one record after the other."""
+        return np.concatenate([v[n >= 0] for v, n in zip(values, self.blocks.number, strict=True)])
 
     def block_sums(self, stacked: np.ndarray) -> np.ndarray:
         """(blocks,) or (blocks, k) sums of stacked values."""

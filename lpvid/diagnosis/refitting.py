@@ -1,4 +1,4 @@
-"""Joint refits of a baseline and its effects: bounded Gauss-Newton on whitened free-run errors."""
+"""Joint refits of a baseline and its effects: bounded Gauss-Newton on free-run errors."""
 
 from __future__ import annotations
 
@@ -16,17 +16,15 @@ from lpvid.diagnosis.problem import EXPLODED, DiagnosisProblem
 ITERATIONS = 25
 PROMISE, ROUGHLY = 0.02, 0.3
 """fall of the log-likelihood that a step must promise to be worth a run, and in a rough refit"""
-TOWARDS = 0.02
-"""share of what a refit lacks to the cost that it is compared with which a step must promise"""
 KEPT = 0.25
 """share of its promise that a step by a carried-on Jacobian must keep, else it may lead into another valley"""
 SHORTER = (1.0, 0.3, 0.1)
 """shares of a step that are tried one after the other before it is damped: the valley may be bent"""
 BENT = 0.75
-"""length of the bend of a step over that of the step, derivatives' norms as units, beyond which it is not believed"""
+"""length of the bend of a step over that of the step, derivatives' norms as units, beyond which it is rejected"""
 FIRST_DAMPING, LEAST_DAMPING, MAX_DAMPING = 1e-3, 1e-12, 1e10
 LENT = 0.01
-"""weight of the other fold in a fit to one: it holds what the samples of the one say nothing of, and little else"""
+"""weight of the other fold in a fit to one: it holds what the samples of the one leave open, and little else"""
 SECANTS = 4
 """steps for which a Jacobian is carried on by secants (Broyden 1965) before it is taken anew"""
 
@@ -41,9 +39,9 @@ class Refit:
     composition : Composition
     vector : (P,) array
     cost : float
-        Sum of squared whitened errors over the samples it was fitted to; of a fit to one fold with the lent ones.
+        Sum of squared errors over the samples it was fitted to; of a fit to one fold with the lent ones.
     errors : (N,) array
-        Whitened errors on all stacked samples.
+        Errors on all stacked samples.
     n_samples : int
         Samples it was fitted to, without lent ones.
     """
@@ -64,18 +62,13 @@ class Refit:
 
     @property
     def jacobian(self) -> np.ndarray:
-        """(N, P) whitened derivative of the simulation, all stacked samples; taken when it is first asked for."""
+        """(N, P) derivative of the simulation, all stacked samples; taken when it is first asked for."""
         return self.cached("jacobian", lambda: _jacobian(self.problem, self.composition, self.vector))
 
     @property
     def variance(self) -> float:
-        """Mean squared whitened error, degrees of freedom taken off."""
+        """Mean squared error, degrees of freedom taken off."""
         return self.cost / max(self.n_samples - self.vector.size, 1)
-
-    def bic(self) -> float:
-        """N ln(cost/N) + P ln N."""
-        return self.n_samples * float(np.log(max(self.cost, 1e-300) / self.n_samples)) + \
-            self.vector.size * float(np.log(self.n_samples))
 
     def at_bounds(self) -> np.ndarray:
         """(P,) bool: parameters that lie on a bound."""
@@ -86,7 +79,7 @@ class Refit:
 
 def _jacobian(problem: DiagnosisProblem, composition: Composition, vector: np.ndarray,
               errors: list[np.ndarray] | None = None) -> np.ndarray:
-    """(N, P) exact (to differences) derivative, whitened and stacked."""
+    """(N, P) exact (to differences) derivative, stacked."""
     at = [None] * len(problem.signals) if errors is None else [s.output - e for s, e in
                                                                zip(problem.signals, errors, strict=True)]
     return _bounded(problem.stack([composition.sensitivities(s, vector, at=a) for s, a in
@@ -115,17 +108,16 @@ def _bounded(derivatives: np.ndarray) -> np.ndarray:
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a law that explodes loses by its cost
 def refit(problem: DiagnosisProblem, composition: Composition, start: np.ndarray, fold: int | None = None,
-          iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False, target: float = np.inf
-          ) -> Refit:
-    """Minimise the whitened squared error over the blocks, or those of one fold, from `start`, inside the bounds.
+          iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False) -> Refit:
+    """Minimise the squared error over the blocks, or those of one fold, from `start`, inside the bounds.
 
     By `descend`; lags that act in whole samples are hopped in between, unless only one fold is asked for.
     """
-    found = descend(problem, composition, start, fold, iterations, near, rough, target)
-    return found if fold is not None else hopped_on(found, iterations, rough, target)
+    found = descend(problem, composition, start, fold, iterations, near, rough)
+    return found if fold is not None else hopped_on(found, iterations, rough)
 
 
-def hopped_on(found: Refit, iterations: int = ITERATIONS, rough: bool = False, target: float = np.inf) -> Refit:
+def hopped_on(found: Refit, iterations: int = ITERATIONS, rough: bool = False) -> Refit:
     """A refit with its lags of whole samples hopped, and descended again where that helps."""
     problem, composition = found.problem, found.composition
     if not hopped(composition):
@@ -133,26 +125,25 @@ def hopped_on(found: Refit, iterations: int = ITERATIONS, rough: bool = False, t
     vector, cost = hop(problem, composition, found.vector, found.cost, found.jacobian)
     if not cost < found.cost:
         return found
-    after = descend(problem, composition, vector, None, iterations, None, rough, target)
+    after = descend(problem, composition, vector, None, iterations, None, rough)
     return after if after.cost < found.cost else found
 
 
 def descend(problem: DiagnosisProblem, composition: Composition, start: np.ndarray, fold: int | None = None,
-            iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False, target: float = np.inf,
-            worth: float = 1.0) -> Refit:
-    """Minimise the whitened squared error by derivatives: where `descent` is after so many iterations."""
-    *_, found = islice(descent(problem, composition, start, fold, near, rough, target, worth), iterations + 1)
+            iterations: int = ITERATIONS, near: Refit | None = None, rough: bool = False, worth: float = 1.0
+            ) -> Refit:
+    """Minimise the squared error by derivatives: where `descent` is after so many iterations."""
+    *_, found = islice(descent(problem, composition, start, fold, near, rough, worth), iterations + 1)
     return found
 
 
 def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarray, fold: int | None = None,
-            near: Refit | None = None, rough: bool = False, target: float = np.inf, worth: float = 1.0
-            ) -> Iterator[Refit]:
+            near: Refit | None = None, rough: bool = False, worth: float = 1.0) -> Iterator[Refit]:
     """The way of a minimisation by derivatives: its start, and where each iteration leads, until none promises more.
 
     Levenberg-Marquardt with columns scaled by their norms; parameters at a bound that want to leave it are held. After
     a step that succeeds the Jacobian is carried on by a secant; a step that fails, or promises nothing any more, is
-    believed only of one taken anew.
+    accepted only of one taken anew.
 
     Parameters
     ----------
@@ -163,11 +154,9 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
         Whose samples count, those of the other by `LENT` only: a level of the current that stands in one block alone
         belongs to one fold, and without a trace of it the law runs away there.
     near : Refit, optional
-        Of a related composition under the same whitening, whose derivatives serve until they fail.
+        Of a related composition, whose derivatives serve until they fail.
     rough : bool
         Whether to end where a carried-on Jacobian promises nothing more.
-    target : float
-        Cost that it is to come near: a step must promise `TOWARDS` of what lacks.
     worth : float
         Independent samples that each sample counts for: where the error is structure, a fall of the log-likelihood by
         as much as a step must promise takes more.
@@ -201,11 +190,11 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
             jacobian, age = derivative(), 0
         step, promised = _step(jacobian, now.errors, weights, now.vector, damping, low, high)
         little = promised < (ROUGHLY if rough else PROMISE) * now.cost / (worth * count)
-        if little or promised < TOWARDS * (now.cost - target):
+        if little:
             if damping > LEAST_DAMPING and not failed:  # along a valley's floor a damped step promises little
                 damping = max(damping / 100, LEAST_DAMPING)
                 continue
-            if age == 0 or (rough and little):
+            if age == 0 or rough:
                 return
             jacobian, age = derivative(), 0
             yield now
@@ -231,7 +220,7 @@ def descent(problem: DiagnosisProblem, composition: Composition, start: np.ndarr
 
 def _bend(jacobian: np.ndarray, missed: np.ndarray, step: np.ndarray, weights: np.ndarray, vector: np.ndarray,
           damping: float, low: np.ndarray, high: np.ndarray) -> np.ndarray | None:
-    """By how much a step must bend to stay in a curved valley; None where that says nothing, or too much.
+    """By how much a step must bend to stay in a curved valley; None where that is not finite, or too much.
 
     Of the path x + h s + h² b the simulation changes by h J s + h² (f_ss/2 + J b); b makes the second part as small as
     it can: the geodesic acceleration of Transtrum and Sethna (2012), section 3, kept below `BENT` of the step.
@@ -240,7 +229,7 @@ def _bend(jacobian: np.ndarray, missed: np.ndarray, step: np.ndarray, weights: n
     ----------
     jacobian : (N, P) array
     missed : (N,) array
-        f_ss/2: what a step changed beyond what the derivatives say, over the square of its share.
+        f_ss/2: what a step changed beyond what the derivatives give, over the square of its share.
     step : (P,) array
     weights : (N,) array
     vector : (P,) array
@@ -307,7 +296,7 @@ def covariance(problem: DiagnosisProblem, fit: Refit) -> np.ndarray:
     """(P, P) covariance of a refit to all blocks, in sandwich form over the blocks; NaN for parameters at a bound.
 
     (JᵀJ)⁻¹ (Σ_b g_b g_bᵀ) (JᵀJ)⁻¹ with g_b the block sums of J e: right for errors whose size follows the force or
-    whose colour the whitening has missed, if the blocks are longer than the memory. Not below σ²(JᵀJ)⁻¹.
+    which are coloured, if the blocks are longer than the memory. Not below σ²(JᵀJ)⁻¹.
     """
     size = fit.vector.size
     free = np.flatnonzero(~fit.at_bounds() & (np.linalg.norm(fit.jacobian, axis=0) > 0))

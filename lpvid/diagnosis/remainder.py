@@ -1,4 +1,4 @@
-"""Remainder: whether the error that is left still follows the inputs, where no repeats tell the noise."""
+"""Remainder: whether the error that is left still follows the inputs, where no repeats give the noise."""
 
 from __future__ import annotations
 
@@ -29,13 +29,12 @@ def predictable_share(
     Ridge regression on random features tanh(wᵀz + b) of the inputs, their soft signs, their values some samples ago and
     their slopes, on a piecewise linear function of each input, and on slow drifts, fitted to one fold of blocks and
     tested on the other, both ways (Rahimi, Recht 2007, random features). About 0 for noise, at most a little below it.
-    Of the whitened errors, or of those of a problem without whitening in the output's unit.
 
     Parameters
     ----------
     problem : Problem
     errors : sequence of (n,) arrays
-        Unwhitened, per record.
+        Per record.
     channels : sequence of str
         Inputs.
     """
@@ -84,7 +83,7 @@ def knots_of(values: np.ndarray) -> np.ndarray:
     """Evenly in the mean of the values' number and their range, from 0 to 1 each: as dense as 2/`KNOTS` of either.
 
     Laid once by the one and once by the other they would coincide where values lie evenly, as the positions of a
-    triangle do, and half of them would tell nothing.
+    triangle do, and half of them would be of no use.
     """
     ordered = np.sort(values)
     span = ordered[-1] - ordered[0]

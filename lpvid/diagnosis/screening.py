@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid._threads import in_parallel
-from lpvid.diagnosis.composition import Composition
+from lpvid.diagnosis.composition import ROUNDING, Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.refitting import Refit
@@ -23,7 +22,7 @@ FAINT = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """What one strength and shape of an effect does to the whitened output, beyond what the baseline can do.
+    """What one strength and shape of an effect does to the output, beyond what the baseline can do.
 
     Attributes
     ----------
@@ -31,13 +30,13 @@ class Direction:
     values : (k,) array
         Parameters of the effect at this grid point.
     change : (N,) array
-        P W (f(values) − f(neutral)).
+        P (f(values) − f(neutral)).
     norm, raw_norm : float
-        Of `change`, and of W (f(values) − f(neutral)) before the projection.
+        Of `change`, and of f(values) − f(neutral) before the projection.
     size : float
         Root mean square of f(values) − f(neutral) in the output's unit.
     gain : float
-        Whitened squared error that it takes away, in its own sense: (change·e)₊²/‖change‖².
+        Squared error that it takes away, in its own sense: (change·e)₊²/‖change‖².
     share : float
         Share of the change at which it takes away most: (change·e)₊/‖change‖².
     """
@@ -53,7 +52,7 @@ class Direction:
 
     @property
     def at_face_value(self) -> float:
-        """Whitened squared error that it takes away as it stands: 2 change·e − ‖change‖², which may be negative."""
+        """Squared error that it takes away as it stands: 2 change·e − ‖change‖², which may be negative."""
         return (2 * self.share - 1) * self.norm**2
 
     @property
@@ -63,11 +62,6 @@ class Direction:
         return float(np.abs(self.values[:k] - self.effect.neutral[:k]).max())
 
     @property
-    def worth(self) -> float:
-        """Root mean square of what it would change in the output at the strength that fits best, by proportion."""
-        return float(np.sqrt(self.gain)) * self.size / self.raw_norm if self.raw_norm > 0 else 0.0
-
-    @property
     def visible(self) -> bool:
         """Whether the baseline's own parameters could not produce it."""
         return self.norm > FAINT * max(self.raw_norm, 1e-300) and self.norm > 0
@@ -75,7 +69,7 @@ class Direction:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the screening says of one effect.
+    """Result of the screening for one effect.
 
     Attributes
     ----------
@@ -117,13 +111,6 @@ class Move:
     change: tuple[np.ndarray, ...]
 
 
-def moves(problem: DiagnosisProblem, fit: Refit, effects: Sequence[Effect]) -> list[Move]:
-    """Every candidate at every grid point, around a fitted composition; those that do not simulate are left out."""
-    now = [fit.composition.predict(s, fit.vector) for s in problem.signals]
-    every = in_parallel(lambda e: [_move(problem, fit, now, e, v) for v in e.points(problem.signals)], effects)
-    return [m for of_effect in every for m in of_effect if m is not None]
-
-
 def move(
     problem: DiagnosisProblem, fit: Refit, effect: Effect, values: np.ndarray, now: Sequence[np.ndarray] | None = None
 ) -> Move | None:
@@ -139,39 +126,25 @@ def _move(
     vector = placed(bigger, fit, {effect.name: values})
     with np.errstate(all="ignore"):
         change = tuple(bigger.predict(s, vector) - f for s, f in zip(problem.signals, now, strict=True))
-    return Move(effect, values, change) if all(np.isfinite(c).all() for c in change) else None
+    if not all(np.isfinite(c).all() for c in change):
+        return None
+    rounding = ROUNDING * max(float(np.abs(f).max()) for f in now)
+    return Move(effect, values, tuple(np.where(np.abs(c) > rounding, c, 0.0) for c in change))
 
 
 def directions(problem: DiagnosisProblem, fit: Refit, moved: Sequence[Move]) -> list[Direction]:
-    """Moves whitened, with the sensitivities of the fitted composition projected out."""
+    """Moves with the sensitivities of the fitted composition projected out."""
     basis = projector(fit.jacobian)
     out = []
     for move in moved:
         raw = problem.stack(move.change)
         change = without(basis, raw)
-        size = float(np.sqrt(np.mean(problem.stack(move.change, whiten=False) ** 2)))
+        size = float(np.sqrt(np.mean(raw**2)))
         norm = float(np.linalg.norm(change))
         share = max(float(change @ fit.errors), 0.0) / norm**2 if norm > 0 else 0.0
         out.append(Direction(move.effect, move.values, change, norm, float(np.linalg.norm(raw)), size,
                              share**2 * norm**2, share))
     return out
-
-
-@np.errstate(over="ignore", invalid="ignore", divide="ignore")
-def saturated(problem: DiagnosisProblem, fit: Refit, moved: Sequence[Move]) -> list[np.ndarray]:
-    """Per record, the error of the fit less all that any candidate could explain of it: what the noise looks like.
-
-    Least squares on the sensitivities and all moves together, without whitening, over the blocks.
-    """
-    errors = problem.errors(fit.composition, fit.vector)
-    jacobians = [fit.composition.sensitivities(s, fit.vector) for s in problem.signals]
-    columns = [np.column_stack([j, *(m.change[k] for m in moved)]) for k, j in enumerate(jacobians)]
-    stacked = np.vstack([c[n >= 0] for c, n in zip(columns, problem.blocks.number, strict=True)])
-    scale = np.linalg.norm(stacked, axis=0)
-    keep = scale > 0
-    target = problem.stack(errors, whiten=False)
-    weights = np.linalg.lstsq(stacked[:, keep] / scale[keep], target, rcond=1e-8)[0] / scale[keep]
-    return [e - c[:, keep] @ weights for e, c in zip(errors, columns, strict=True)]
 
 
 def placed(composition: Composition, fit: Refit, given: dict[str, np.ndarray]) -> np.ndarray:
@@ -252,8 +225,3 @@ def _smallest(effect: Effect, seen: Sequence[Direction], variance: float, n: int
         return float(min(d.strength * wanted / d.norm for d in seen))
     enough = [d.strength for d in seen if d.norm >= wanted]
     return float(min(enough)) if enough else None
-
-
-def similarity(a: Direction, b: Direction) -> float:
-    """cos of the angle between two directions, after the baseline's sensitivities are taken out."""
-    return float(a.change @ b.change / (a.norm * b.norm)) if a.norm and b.norm else 0.0

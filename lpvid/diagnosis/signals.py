@@ -15,7 +15,7 @@ import numpy as np
 from lpvid import _checks
 
 REMEMBERED, REPLACED = 24, 4
-"""simulations that signals keep, and what a cause makes of their channels for the last values that it was asked with"""
+"""simulations that signals keep, and what a cause makes of their channels for the last values that it was given"""
 STEPPED = 0.3
 """ratio of the median to the root mean square of its increments below which a channel jumps between levels"""
 
@@ -57,7 +57,7 @@ class Signals:
         Where the record lies in the time of all records of a diagnosis, 0 their start and 1 their end; None for a
         record of its own, about whose place nothing is known.
     record : Signals, optional
-        Those whose range and history count where these hold other values, at which a law is only asked.
+        Those whose range and history count where these hold other values, at which a law is only evaluated.
     at : (n,) array, optional
         Where each sample lies in that record, counted in its samples; None where they are its own, in order.
     finer : int
@@ -66,7 +66,7 @@ class Signals:
         The same signals on the clock by which they were recorded, where this one is faster: what has a memory runs
         along those, and comes here by `refined`.
     peers : tuple of Signals
-        All records of a diagnosis, as recorded: what one measurement did to all of them they tell together.
+        All records of a diagnosis, as recorded: what one measurement did to all of them shows in all together.
     stretches : tuple of Stretch
         Where these are cut together from stretches of records, what they are; else empty.
     repeats : (Signals, int), optional
@@ -136,8 +136,18 @@ class Signals:
                        record=self.record, at=self.at, finer=self.finer, peers=self.peers,
                        stretches=self.stretches)
 
-    def asked(self, **channels: np.ndarray) -> Signals:
-        """Signals with some channels replaced, at which a law is only asked: these stay the record."""
+    def evaluated(self, **channels: np.ndarray) -> Signals:
+        """Signals with some channels replaced, at which a law is evaluated: these stay the record.
+
+        Parameters
+        ----------
+        **channels : (n,) arrays
+            By role, in the units of the record.
+
+        Returns
+        -------
+        Signals
+        """
         facts = {key: found for key, found in self.facts.copy().items() if key[0] not in channels}
         repeats = self.repeats if channels.keys() <= {"velocity"} else None
         return Signals(self.sample_time, {**self.channels, **channels}, self.output, self.name, self.span, facts=facts,
@@ -178,9 +188,9 @@ class Signals:
         return self.facts[role, key]
 
     def along_record(self, role: str, key: str, make: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """(n,) what `make` finds along one channel of the record, at these samples; kept by all that are asked of them.
+        """(n,) what `make` finds along one channel of the record, at these samples; kept for all of these.
 
-        Whatever is asked of signals has their places in the record, so that nothing is interpolated twice.
+        All of them have their places in the record, so that nothing is interpolated twice.
         """
         record = self if self.record is None else self.record
         found = record.fact(role, key, make)
@@ -193,7 +203,7 @@ class Signals:
 
 
 def in_turn(signals: Sequence[Signals]) -> tuple[Signals, ...]:
-    """The same signals, each told the others and its place among them, one after the other without pauses."""
+    """The same signals, each with the others and its place among them, one after the other without pauses."""
     ends = [0.0]
     for s in signals:
         ends.append(ends[-1] + s.n_samples * s.sample_time)
@@ -219,7 +229,7 @@ Core = Callable[[Signals], np.ndarray]
 
 
 class Linearised(ABC):
-    """A simulation that knows, along its own run, what small changes of its parts do: cheaper than a run for each."""
+    """A simulation that gives, along its own run, what small changes of its parts do: cheaper than a run for each."""
 
     @abstractmethod
     def __call__(self, s: Signals) -> np.ndarray:

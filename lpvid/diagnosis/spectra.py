@@ -16,7 +16,7 @@ SHORT = 100
 BAND = 1.5
 """times the highest frequency of a motion up to which all of it is differentiated; nothing from twice that on"""
 MANY, MEANT = 4, 0.05
-"""stretches from which on the end of the band is told; share of a channel's variance that is no sensor's noise"""
+"""stretches from which on the end of the band is found; share of a channel's variance that is no sensor's noise"""
 LASTING = 50.0
 """times its time constant that a low-pass remembers what has been"""
 STRETCH, ABOVE = 1.0, 2.0
@@ -39,11 +39,6 @@ def before_filter(s: Signals, channel: str, factors: tuple[float, ...], finer: i
     """
     return _weighed(s, channel, lambda omega, share: 1 + share * sum(c * (1j * omega) ** (k + 1)
                                                                      for k, c in enumerate(factors)), finer)
-
-
-def without_noise(s: Signals, channel: str) -> np.ndarray:
-    """(n,) a channel with each frequency weighed by that share of its power which is not its sensor's noise."""
-    return _weighed(s, channel, lambda omega, share: share)
 
 
 def derivative(s: Signals, channel: str) -> np.ndarray:
@@ -69,7 +64,7 @@ def derivative(s: Signals, channel: str) -> np.ndarray:
 
 
 def has_band(s: Signals, channel: str) -> bool:
-    """Whether the band in which a channel moves can be told: one that does not jump, over stretches enough."""
+    """Whether the band in which a channel moves can be found: one that does not jump, over stretches enough."""
     return s[channel].size * s.sample_time >= MANY * STRETCH and not jumps(s[channel])
 
 
@@ -130,7 +125,7 @@ def _share(omega: np.ndarray, x: np.ndarray, s: Signals) -> np.ndarray:
     """Share of motion in a channel at frequencies [rad/s], none beyond the band that was recorded."""
     at, power, noise = _power(x, s, STRETCH)
     share = np.maximum(1 - ABOVE * noise / np.maximum(np.interp(omega, 2 * np.pi * at, power), 1e-300), 0.0)
-    share[omega < 2 * np.pi * at[1]] = 1.0  # where a mean lies no stretch tells
+    share[omega < 2 * np.pi * at[1]] = 1.0  # no stretch resolves where a mean lies
     return np.where(omega <= omega[-1] / s.finer, share, 0.0)
 
 
@@ -152,7 +147,7 @@ def _derived(s: Signals, channel: str, source: str) -> bool:
     """Whether a channel moves with the noise of another one's sensor, as one does that was computed from it.
 
     Where the other holds no more than a level that is flat, as a sensor's is and leaks of a window are not, two that
-    were measured each by itself have nothing in common: told by the mean coherence there, weighed with the power of the
+    were measured each by itself have nothing in common: by the mean coherence there, weighed with the power of the
     channel, which smoothing may have taken away in part.
     """
     from scipy.signal import coherence, welch

@@ -7,16 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.refitting import Refit
 from lpvid.diagnosis.screening import Direction
 
 STARTS, PALE = 3, 0.6
 """most points from which an effect is refitted, and the share of the best one's gain below which another is none"""
-
-
-def own_values(fit: Refit, effect: Effect) -> np.ndarray:
-    """Parameters of one of the effects of a fit."""
-    return fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
 
 
 def starts(effect: Effect, found: Sequence[Direction]) -> list[np.ndarray]:

@@ -1,4 +1,4 @@
-"""Report of `diagnose`: what is wrong, who did it, what it gains, what the data cannot tell and what would."""
+"""Report of `diagnose`: what is wrong, its cause, the gain, what the data leave open and what would settle it."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lpvid.diagnosis.asking import Question
 from lpvid.diagnosis.diagnosis import Cause, Diagnosis, Estimated, SetProbabilities
+from lpvid.diagnosis.facade import Question
 from lpvid.diagnosis.lpv_extension import LpvExtension
 from lpvid.plot import diagnosis as draw
 from lpvid.plot.style import label
@@ -54,11 +54,11 @@ def diagnosis_page(found: Diagnosis, question: Question, lpv: LpvExtension | Non
     ----------
     found : Diagnosis
     question : Question
-        What it was asked of: records and baseline.
+        Records and baseline.
     lpv : LpvExtension, optional
         The same causes in an LPV model.
     experiment : sequence of str
-        The experiment that was planned, and what no run of the rig can separate, where a plan was asked for.
+        The experiment that was planned, and what no run of the rig can separate, where a plan was wanted.
 
     Returns
     -------
@@ -124,7 +124,7 @@ def _caveats(found: Diagnosis) -> tuple[str, ...]:
                     "a bound.")
     if found.rivals:
         stated.append("The extended model contains one of several rivals that do equally well here: it simulates these "
-                    "conditions, and says nothing of which rival is at work.")
+                    "conditions, and does not show which rival is at work.")
     if found.stand_ins:
         stated.append(f"The extended model contains {', '.join(found.stand_ins)} as a stand-in: it simulates these "
                     "conditions better than the baseline, and is not the cause.")
@@ -154,8 +154,8 @@ def _causes(found: Diagnosis) -> list[Item]:
         described = [(" / ".join(r.names), number(r.similarity, 3),
                  "; ".join(f"{n}: {', '.join(map(_plain, p))}" for n, p in r.parameters.items()), r.experiment)
                 for r in found.rivals]
-        items.append(PageTable(("cannot be kept apart", "similarity", "parameters, each taken alone", "what separates "
-                            "them"), tuple(described), "", (1,), ("warn",) * len(described)))
+        heads = ("cannot be kept apart", "weight of the others", "parameters, each taken alone", "what separates them")
+        items.append(PageTable(heads, tuple(described), "", (1,), ("warn",) * len(described)))
     return items
 
 
@@ -327,7 +327,7 @@ def _cannot_tell(found: Diagnosis) -> list[Item]:
     items: list[Item] = []
     if looked:
         rows = tuple((c.name, c.reason, number(c.smallest_detectable, 3, c.unit), c.experiment) for c in looked)
-        items.append(PageTable(("candidate", "why not", "smallest detectable", "what would tell"), rows,
+        items.append(PageTable(("candidate", "why not", "smallest detectable", "what would settle it"), rows,
                            "None of these is excluded: these data carry no information on them.", (2,)))
     reasons = dict.fromkeys(c.reason for c in found.cannot_tell if c not in looked)
     if reasons:

@@ -12,8 +12,8 @@ from lpvid.codec import Encoded
 from lpvid.report import Section
 
 if TYPE_CHECKING:
-    from lpvid.diagnosis.asking import Question
     from lpvid.diagnosis.diagnosis import Diagnosis
+    from lpvid.diagnosis.facade import Question
 
 HIDDEN = (("coil-lag", 0.5), ("coulomb-friction", 1.0), ("gas-stiffness", 1.5), ("asymmetry", 0.3))
 """causes of which the seed hides one, with strengths in units of the rig's"""
@@ -89,7 +89,7 @@ def hide_and_find(seed: int = 0, report_progress: Callable[[str], None] = lambda
     report_progress : callable
         Receives what is being done.
     """
-    from lpvid.diagnosis.asking import answer, pose
+    from lpvid.diagnosis.facade import answer, pose
     from quartercar.rig import EXPERIMENTS, Rig, RigDamper, effect
 
     name, strength = HIDDEN[int(np.random.default_rng([seed, 1]).integers(len(HIDDEN)))]

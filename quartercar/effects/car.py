@@ -117,7 +117,6 @@ class ActuatorDelay(GridEffect):
     reference: ClassVar[str] = "equation sheet 3.13"
     experiment: ClassVar[str] = "steps of the actuator on a level road"
     needs: ClassVar[tuple[str, ...]] = ("actuator",)
-    resolution: ClassVar[float] = 1.0
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

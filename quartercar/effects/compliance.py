@@ -86,7 +86,6 @@ class EntrainedAir(SeriesElement):
     equation: ClassVar[str] = "v = w + dD/dt, D = s (1 - (1 + |F|/F_p)^(-1/1.3)) sign F, F = law(w)"
     reference: ClassVar[str] = "equation sheet 3.5"
     experiment: ClassVar[str] = "the same sines cold and after a long run, and at two gas pressures"
-    contains: ClassVar[tuple[str, ...]] = ("series-compliance",)
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

@@ -33,8 +33,6 @@ SEEN = 5
 """samples after its start by which a jump is placed"""
 PLACES = np.linspace(-0.3, 1.05, 28)
 """where a jump may begin, in samples after the last one that has not moved by `STEP`"""
-TIMES = np.geomspace(0.05, 5.0, 60)
-"""time constants of a filter that are compared with the edges, in samples"""
 
 
 def leaps(x: np.ndarray) -> bool:
@@ -176,31 +174,6 @@ def step_response(time: np.ndarray, t: float, zeta: float) -> np.ndarray:
     one, two = (-zeta + root) / t, (-zeta - root) / t
     late = np.maximum(time, 0.0)
     return np.real(1 + (two * np.exp(one * late) - one * np.exp(two * late)) / (one - two))
-
-
-def time_constant(current: np.ndarray, edges: Edges, zeta: float) -> float | None:
-    """T of the low-pass 1/(1 + 2ζTs + T²s²) behind which a current was recorded, in samples, by its edges alone.
-
-    The one for which the median edge misfits least, each begun where it fits best; None where the least or the largest
-    of them does.
-
-    Parameters
-    ----------
-    current : (n,) array
-    edges : Edges
-        Of which some are known.
-    zeta : float
-
-    Examples
-    --------
-    >>> t = np.arange(60) - 10 * np.arange(6)[:, None] - 0.4
-    >>> behind = sum(step_response(k, 0.5, 0.7) * (-1) ** i for i, k in enumerate(t))
-    >>> round(time_constant(behind, find_edges(behind, 0.002), 0.7), 1)
-    0.5
-    """
-    misfits = [float(np.median(_misfit(current, edges, t, zeta).min(axis=1))) for t in TIMES]
-    best = int(np.argmin(misfits))
-    return float(TIMES[best]) if 0 < best < TIMES.size - 1 else None
 
 
 def current_before(s: Signals, edges: Edges, t: float, zeta: float, finer: int) -> np.ndarray:

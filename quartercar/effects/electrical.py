@@ -114,23 +114,6 @@ def levels(signals: Sequence[Signals]) -> int:
     return len(groups) if all(np.ptp(g) < LEVELS_APART * span for g in groups) and len(groups) < 0.1 * i.size else 0
 
 
-def edges_go_one_way(signals: Sequence[Signals]) -> bool:
-    """Whether all edges of the current's modulus, over all records, rise or all fall; False where there are none.
-
-    Examples
-    --------
-    >>> def current(*levels):
-    ...     return Signals(0.01, {"current": np.repeat(levels, 9)}, np.zeros(9 * len(levels)))
-    >>> [edges_go_one_way([current(*i)]) for i in ((0.0, 1.0, 2.0), (2.0, 1.5, 0.0), (0.0, 2.0, 1.0), (1.0, 1.0))]
-    [True, True, False, False]
-    """
-    sizes = [np.abs(s["current"]) for s in signals]
-    span = max(float(i.max()) for i in sizes) - min(float(i.min()) for i in sizes)
-    steps = np.concatenate([np.diff(i) for i in sizes])
-    edges = steps[np.abs(steps) > LEVELS_APART * max(span, 1e-12)]
-    return bool(edges.size) and abs(int(np.sum(np.sign(edges)))) == edges.size
-
-
 def later(s: Signals, delay: float) -> np.ndarray:
     """(n,) current that acts `delay` [s] later.
 
@@ -223,9 +206,6 @@ class CoilLag(CurrentEffect):
     def clock_error(self, signals: Sequence[Signals]) -> float:
         return _jump_error(signals)
 
-    def inseparable(self, signals: Sequence[Signals]) -> tuple[str, ...]:
-        return ("rise-fall-lag",) if edges_go_one_way(signals) else ()
-
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         tau = float(values[0])
         return lambda s: core(s.replace(current=lagged(s, tau, tau))) if tau > 0 else core(s)
@@ -244,7 +224,6 @@ class RiseFallLag(CurrentEffect):
     equation: ClassVar[str] = "tau di_e/dt = i - i_e, tau = T r where |i| rises, T/r where it falls"
     reference: ClassVar[str] = "equation sheet 3.14; seed 002, block firstOrder_varT"
     experiment: ClassVar[str] = "current steps up and down of several heights at constant piston speed"
-    contains: ClassVar[tuple[str, ...]] = ("coil-lag",)
     between_two: ClassVar[str] = "edges that differ look like one lag behind which the law bends with the current"
 
     @property
@@ -289,7 +268,6 @@ class CommandDelay(CurrentEffect, LateEffect):
     equation: ClassVar[str] = "lambda T i_e' + i_e = i(t - (1 - lambda) T)"
     reference: ClassVar[str] = "equation sheet 3.13"
     experiment: ClassVar[str] = "current steps at constant piston speed, sampled at least ten times within the delay"
-    resolution: ClassVar[float] = 1.0
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -319,7 +297,6 @@ class CurrentSaturation(CurrentEffect):
     """
 
     name: ClassVar[str] = "current-saturation"
-    path: ClassVar[str] = "level"
     memoryless: ClassVar[bool] = True
     title: ClassVar[str] = "the field saturates with the current"
     equation: ClassVar[str] = "i_e = (1 - b) tanh(q i)/q + b i/(1 + q|i|)"
@@ -367,7 +344,7 @@ class Remanence(CurrentEffect):
                                 (0.03, 0.08, 0.2, 0.4)),)
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
-        from lpvid.diagnosis.play_kernel import play
+        from quartercar.effects._play_kernel import play
 
         width = float(values[0])
 

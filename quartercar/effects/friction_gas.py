@@ -100,7 +100,6 @@ class InnerFriction(ParallelForce):
     name: ClassVar[str] = "inner-friction"
     placement_of: ClassVar[str] = "coulomb-friction"
     behind: ClassVar[str] = "series"
-    by_evidence: ClassVar[bool] = True
     title: ClassVar[str] = "dry friction behind a series spring"
     stage: ClassVar[str] = "core"
     layer: ClassVar[int] = 2
@@ -141,8 +140,6 @@ class StribeckFriction(ParallelForce):
     reference: ClassVar[str] = "equation sheet 3.2"
     experiment: ClassVar[str] = "a staircase of speeds from 0.1 to 50 mm/s in both directions, and dwells"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
-    contains: ClassVar[tuple[str, ...]] = ("coulomb-friction",)
-    beside: ClassVar[tuple[str, ...]] = ("coulomb-friction",)
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

@@ -98,7 +98,7 @@ class Asymmetry(HydraulicEffect):
         gain, force = float(values[0]), core(s)
         if not baseline.static:  # the force of a core with memory lags; its own sign shows which way the oil flows
             return gain * np.maximum(force, 0.0)
-        resting = s.cached("signals at rest", lambda: s.asked(velocity=np.zeros(s.n_samples)))
+        resting = s.cached("signals at rest", lambda: s.evaluated(velocity=np.zeros(s.n_samples)))
         return gain * np.where(s["velocity"] > 0, force - core(resting), 0.0)
 
     def lpv_change(self) -> LpvChange | None:
@@ -144,7 +144,6 @@ class SeriesOrifice(HydraulicEffect):
     reference: ClassVar[str] = "equation sheet 3.9; seed 001, extended model"
     experiment: ClassVar[str] = "triangles up to well beyond the knee: the force turns from concave to convex"
     smooth: ClassVar[bool] = False
-    contains: ClassVar[tuple[str, ...]] = ("quadratic-loss", "network-topology")
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -223,7 +222,6 @@ class NetworkTopology(HydraulicEffect):
     reference: ClassVar[str] = "equation sheet 3.8; seed 003, (5), (6)"
     experiment: ClassVar[str] = "triangles at ten speeds over 1.5 decades: log-log slope 1 to 2 or 2 to 1"
     smooth: ClassVar[bool] = False
-    contains: ClassVar[tuple[str, ...]] = ("quadratic-loss",)
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -308,7 +306,6 @@ class Cavitation(Effect):
     experiment: ClassVar[str] = "short strokes at 8 to 15 Hz and 0.5 m/s or more, at a reduced gas pressure"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
     smooth: ClassVar[bool] = False
-    abrupt: ClassVar[bool] = True
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

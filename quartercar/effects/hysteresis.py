@@ -21,7 +21,6 @@ class BoucWenHysteresis(ParallelForce):
     """
 
     name: ClassVar[str] = "hysteresis"
-    by_evidence: ClassVar[bool] = True
     placement_of: ClassVar[str] = "coulomb-friction"
     title: ClassVar[str] = "hysteresis over the way beside the law"
     equation: ClassVar[str] = "F += F_z z, d z' = v - (1 - s)|v| z - s v |z|"
@@ -29,8 +28,7 @@ class BoucWenHysteresis(ParallelForce):
     experiment: ClassVar[str] = "slow triangles of several amplitudes at constant current: closed loops"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
     memoryless: ClassVar[bool] = False
-    catch_all: ClassVar[bool] = True
-    contains: ClassVar[tuple[str, ...]] = ("coulomb-friction",)
+    flexible: ClassVar[bool] = True
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

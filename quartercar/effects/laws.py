@@ -21,7 +21,6 @@ class CubicSpring(ParallelForce):
     """A spring that hardens or softens with the way: the next terms of its characteristic (Duffing 1918)."""
 
     name: ClassVar[str] = "cubic-spring"
-    by_evidence: ClassVar[bool] = True
     title: ClassVar[str] = "a spring that hardens or softens with the way"
     family: ClassVar[str] = "structure"
     equation: ClassVar[str] = "F += k_3 x^3 + k_2 x^2"
@@ -53,7 +52,6 @@ class SaturatingDamping(HydraulicEffect):
     """
 
     name: ClassVar[str] = "saturating-damping"
-    by_evidence: ClassVar[bool] = True
     title: ClassVar[str] = "the viscous share saturates with the speed"
     equation: ClassVar[str] = "c(i) v -> c(i) tanh(q v)/q"
     reference: ClassVar[str] = "equation sheet 1.2, 9.1; Kwok 2006 without its hysteresis"
@@ -87,7 +85,6 @@ class ForceDeadZone(GridEffect):
     """Nothing reaches the load cell until the force passes a threshold: a preload that has been lost, a loose joint."""
 
     name: ClassVar[str] = "force-dead-zone"
-    by_evidence: ClassVar[bool] = True
     title: ClassVar[str] = "a dead zone of the force about zero"
     family: ClassVar[str] = "structure"
     memoryless: ClassVar[bool] = True

@@ -53,7 +53,6 @@ class DisplacementDelay(ChainEffect, LateEffect):
     reference: ClassVar[str] = "equation sheet 3.20"
     experiment: ClassVar[str] = "a spring in place of the damper, or a synchronisation pulse on all channels"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
-    resolution: ClassVar[float] = 0.7
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -89,7 +88,6 @@ class ForceDelay(ChainEffect):
     equation: ClassVar[str] = "F_recorded(t) = F(t - T)"
     reference: ClassVar[str] = "equation sheet 3.20"
     experiment: ClassVar[str] = "a spring in place of the damper, or a synchronisation pulse on all channels"
-    resolution: ClassVar[float] = 1.0
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -124,7 +122,6 @@ class OneSidedFilter(ChainEffect):
     reference: ClassVar[str] = "equation sheet 1.4.10, E4.10"
     experiment: ClassVar[str] = "the same record with both channels unfiltered, or both through the same filter"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
-    resolution: ClassVar[float] = 0.5
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:

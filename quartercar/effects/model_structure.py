@@ -14,8 +14,6 @@ from quartercar.effects.structure import swung
 
 MODES, SCANNED = 10, 7
 """slow cosines of which an unlogged modulation is built, and the slowest of them, by which it is looked for"""
-LARGEST = 0.6
-"""share of the force by which a plausible modulation changes it at most"""
 
 
 class SchedulingDegree(CurrentEffect):
@@ -25,9 +23,8 @@ class SchedulingDegree(CurrentEffect):
     """
 
     name: ClassVar[str] = "scheduling-degree"
-    path: ClassVar[str] = "level"
     memoryless: ClassVar[bool] = True
-    catch_all: ClassVar[bool] = True
+    flexible: ClassVar[bool] = True
     of_changes: ClassVar[bool] = False
     title: ClassVar[str] = "the law depends on the current to a higher degree than the model"
     family: ClassVar[str] = "model"
@@ -67,8 +64,7 @@ class MissingScheduling(Effect):
     """
 
     name: ClassVar[str] = "missing-scheduling"
-    catch_all: ClassVar[bool] = True
-    unlogged: ClassVar[bool] = True
+    flexible: ClassVar[bool] = True
     title: ClassVar[str] = "the force is modulated slowly by a quantity that the model does not see"
     family: ClassVar[str] = "model"
     stage: ClassVar[str] = "core"
@@ -86,13 +82,6 @@ class MissingScheduling(Effect):
 
     def points(self, signals: tuple[Signals, ...]) -> list[np.ndarray]:
         return [sign * 0.03 * np.eye(MODES + 2)[k] for k in range(SCANNED) for sign in (1.0, -1.0)]
-
-    def implausible(self, values: np.ndarray) -> list[str]:
-        """Modes that each are plausible may add up to a force that stops or turns round: then position acts."""
-        largest = float(np.abs(slow_modes(np.linspace(0.0, 1.0, 20 * MODES)) @ values).max())
-        if largest <= LARGEST:
-            return super().implausible(values)
-        return [*super().implausible(values), f"it would change the force by {largest:.0%}, more than {LARGEST:.0%}"]
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
         return None if baseline.output == "force" else f"{baseline.name} does not simulate a force"
@@ -129,9 +118,7 @@ class ModelOrder(GridEffect):
 
     name: ClassVar[str] = "model-order"
     path: ClassVar[str] = "force"
-    resolution: ClassVar[float] = 0.8
-    resolved: ClassVar[int] = 1
-    catch_all: ClassVar[bool] = True
+    flexible: ClassVar[bool] = True
     title: ClassVar[str] = "a further dynamic mode between motion and force"
     family: ClassVar[str] = "model"
     stage: ClassVar[str] = "force"
@@ -166,7 +153,7 @@ class ModelOrder(GridEffect):
 
 
 class ColouredNoise(Effect):
-    """Noise with memory: a verdict on the residual by its whitening filter, never composed."""
+    """Noise with memory: a verdict on what is left, told by the whitening filter, never composed."""
 
     name: ClassVar[str] = "coloured-noise"
     title: ClassVar[str] = "noise with memory on the force"
@@ -184,7 +171,7 @@ class ColouredNoise(Effect):
         return []
 
     def applies(self, baseline: Baseline, signals: tuple[Signals, ...]) -> str | None:
-        return "noise is judged by the colour of the residual"
+        return "noise is told by the colour of what is left"
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         return core

@@ -87,7 +87,7 @@ def read_law(core: Core, s: Signals, rigid: np.ndarray, deflection: np.ndarray, 
     table = table.reshape(speeds.size, seen.size)
     turned = None
     if s.has("displacement"):
-        moved = few_samples.asked(displacement=(s["displacement"] - deflection)[seen])
+        moved = few_samples.evaluated(displacement=(s["displacement"] - deflection)[seen])
         if not np.array_equal(core(moved), here):  # the law depends on the position
             turned = core(_spread(moved, speeds)).reshape(table.shape)
     size = float(np.abs(table).max())
@@ -100,7 +100,7 @@ def force_at_rest(core: Core, s: Signals) -> float:
     """Mean force of a core without memory at rest in the middle of the stroke [N]: of its gas, if it has any."""
     few_samples = s.cached("a law's samples", lambda: _taken(s, _seen(s)))
     still = {role: np.zeros(few_samples.n_samples) for role in ("velocity", "displacement") if s.has(role)}
-    return float(np.mean(core(few_samples.asked(**still))))
+    return float(np.mean(core(few_samples.evaluated(**still))))
 
 
 def _combined(core: Core, s: Signals, speeds: np.ndarray, table: np.ndarray, turned: np.ndarray | None,
@@ -114,14 +114,14 @@ def _combined(core: Core, s: Signals, speeds: np.ndarray, table: np.ndarray, tur
     def along(signals: Signals) -> np.ndarray:
         out = np.empty((s.n_samples, chosen.size))
         for r, w in enumerate(chosen):
-            out[:, r] = core(signals.asked(velocity=np.full(s.n_samples, w)))
+            out[:, r] = core(signals.evaluated(velocity=np.full(s.n_samples, w)))
         return out
 
     rows = along(s)
     before, tilt = rows, np.zeros_like(rows)
     if turned is not None:
         reach = np.where(np.abs(deflection) > 1e-12, deflection, 1e-12)
-        there = along(s.asked(displacement=s["displacement"] - reach))
+        there = along(s.evaluated(displacement=s["displacement"] - reach))
         tilt = (there - rows) / reach[:, None]
     jumps, steep = _changes(s)
     if jumps.any():
@@ -136,7 +136,7 @@ def with_memory(core: Core, s: Signals, rigid: np.ndarray) -> Law:
     """F(w) = core + c'(w − v), c' the core's local slope: equation sheet 9.3 for cores with memory or folds."""
     v, speeds = s["velocity"], nodes_of(s)
     change = PROBE * float(np.sqrt(np.mean(v**2))) or 1e-6
-    slope = (core(s.asked(velocity=v + change)) - core(s.asked(velocity=v - change))) / (2 * change)
+    slope = (core(s.evaluated(velocity=v + change)) - core(s.evaluated(velocity=v - change))) / (2 * change)
     least = SOFTEST * max(float(v @ rigid), 0.0) / max(float(v @ v), 1e-300)
     slope = np.maximum(slope, max(least, 1e-9))
     rows = np.column_stack([rigid - slope * v, slope])

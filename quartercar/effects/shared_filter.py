@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -12,7 +11,7 @@ from lpvid.diagnosis.effect import EffectParameter, LpvChange
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.diagnosis.spectra import SHORT, before_filter, low_passed, weighed_alike
 from quartercar.effects.between_samples import times_as_fast
-from quartercar.effects.current_edges import Edges, current_before, edges_of, is_sharp, time_constant
+from quartercar.effects.current_edges import Edges, current_before, edges_of, is_sharp
 from quartercar.effects.measurement import ChainEffect
 
 
@@ -32,7 +31,6 @@ class SharedFilter(ChainEffect):
     reference: ClassVar[str] = "equation sheet 1.4.10, E4.10"
     experiment: ClassVar[str] = "the same record at a higher corner frequency of the amplifiers' filters"
     needs: ClassVar[tuple[str, ...]] = ("velocity",)
-    resolution: ClassVar[float] = 0.15
     path: ClassVar[str] = "all"
 
     @property
@@ -46,16 +44,6 @@ class SharedFilter(ChainEffect):
             if edges_of(s) is not None and is_sharp(s):
                 return "the current jumps, and its edges show no trace of a filter"
         return super().applies(baseline, signals)
-
-    def shown(self, signals: Sequence[Signals]) -> np.ndarray | None:
-        """By the edges of a current that jumps."""
-        found, zeta = [], self.parameters[1].neutral
-        for s in signals:
-            edges = edges_of(s)
-            if edges is not None and not is_sharp(s):
-                samples = time_constant(s["current"], edges, zeta)
-                found += [] if samples is None else [s.sample_time * samples]
-        return np.array([float(np.median(found)), zeta]) if found else None
 
     def compose(self, core: Core, values: np.ndarray, baseline: Baseline) -> Core:
         t, zeta = float(values[0]), float(values[1])

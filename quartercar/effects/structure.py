@@ -36,8 +36,6 @@ class EndStop(Effect):
     reference: ClassVar[str] = "equation sheet 3.18"
     experiment: ClassVar[str] = "the full stroke, slowly and fast"
     needs: ClassVar[tuple[str, ...]] = ("displacement",)
-    contains: ClassVar[tuple[str, ...]] = ("gas-stiffness",)
-    beside: ClassVar[tuple[str, ...]] = ("gas-stiffness",)
 
     @property
     def parameters(self) -> tuple[EffectParameter, ...]:
@@ -109,7 +107,6 @@ class FixtureResonance(GridEffect):
 
     name: ClassVar[str] = "fixture-resonance"
     path: ClassVar[str] = "force"
-    resolution: ClassVar[float] = 0.6
     title: ClassVar[str] = "a resonance of the fixture colours the force"
     family: ClassVar[str] = "structure"
     stage: ClassVar[str] = "measurement"

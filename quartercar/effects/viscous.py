@@ -34,8 +34,8 @@ def viscous_slope(s: Signals, core: Core, baseline: Baseline) -> np.ndarray:
         kept = _kept(s, s.record, core)
         return np.where(v < 0, kept.falling, kept.rising)
     signs = s.fact("velocity", "direction without rest", lambda v: np.where(v < 0, -1.0, 1.0))
-    fast = s.cached("signals at high speed", lambda: s.asked(velocity=signs * _top(s)))
-    slower = s.cached("signals at a lower speed", lambda: s.asked(velocity=signs * (HALF * _top(s))))
+    fast = s.cached("signals at high speed", lambda: s.evaluated(velocity=signs * _top(s)))
+    slower = s.cached("signals at a lower speed", lambda: s.evaluated(velocity=signs * (HALF * _top(s))))
     return np.maximum(signs * (core(fast) - core(slower)) / ((1 - HALF) * _top(s)), 0.0)
 
 
@@ -76,7 +76,7 @@ class _Shares:
 
     def _at(self, share: float) -> np.ndarray:
         """The core at a share of the top speed."""
-        return self.core(self.s.asked(velocity=np.full(self.s.n_samples, share * self.top)))
+        return self.core(self.s.evaluated(velocity=np.full(self.s.n_samples, share * self.top)))
 
     @found_once
     def _forwards(self) -> tuple[np.ndarray, np.ndarray]:

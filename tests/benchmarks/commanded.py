@@ -9,27 +9,15 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 TRACEBACK = "Traceback (most recent call last)"
 COMMAND = "import sys; from lpvid.cli import main; sys.exit(main())"
-PATCH = """
-import importlib, sys
-import lpvid.diagnosis.engine, lpvid.diagnosis.asking
-for place, value in {patches!r}.items():
-    home, name = place.rsplit(".", 1)
-    original = getattr(importlib.import_module(home), name)
-    for module in [m for n, m in sys.modules.items() if n.startswith("lpvid.diagnosis")]:
-        if getattr(module, name, None) is original:
-            setattr(module, name, value)
-"""
-"""Sets constants of the diagnosis wherever they were imported, before the command runs."""
 
 
 def diagnose(data: Sequence[str], baseline: str, options: Sequence[str] = (), held_out: Sequence[str] = (),
-             limit: float = 180.0, engine: str | None = None,
-             patches: Mapping[str, float] | None = None) -> dict:
+             limit: float = 180.0) -> dict:
     """Run ``lpvid diagnose`` and read what it wrote.
 
     Parameters
@@ -41,10 +29,6 @@ def diagnose(data: Sequence[str], baseline: str, options: Sequence[str] = (), he
         Further words of the command line.
     limit : float
         Seconds after which the process is ended.
-    engine : str or None
-        Passed through as ``--engine``.
-    patches : mapping of str to float, optional
-        Constants of the diagnosis, ``module.NAME``, and what they are set to: an ablation.
 
     Returns
     -------
@@ -56,9 +40,8 @@ def diagnose(data: Sequence[str], baseline: str, options: Sequence[str] = (), he
         words = ["diagnose", *data, "--baseline", baseline, *options, "--out", folder]
         for file in held_out:
             words += ["--held-out", file]
-        words += ["--engine", engine] if engine else []
         begun = time.perf_counter()
-        code, errors = _run([sys.executable, "-c", code_with(patches or {}), *words], limit)
+        code, errors = _run([sys.executable, "-c", COMMAND, *words], limit)
         row: dict = {"seconds": round(time.perf_counter() - begun, 1), "code": code}
         path = Path(folder) / "diagnosis.json"
         if code is None:
@@ -68,11 +51,6 @@ def diagnose(data: Sequence[str], baseline: str, options: Sequence[str] = (), he
         if code or not path.exists():
             return row | {"outcome": "refused", "said": errors.strip()[-300:]}
         return row | {"outcome": "answered"} | summary(json.loads(path.read_text(encoding="utf-8")))
-
-
-def code_with(patches: Mapping[str, float]) -> str:
-    """Python that runs the command, constants set first."""
-    return (PATCH.format(patches=dict(patches)) if patches else "") + COMMAND
 
 
 def summary(found: dict) -> dict:

@@ -1,4 +1,4 @@
-"""Reliability of the probabilities: short blind cases of both rigs by the evidence engine.
+"""Reliability of the probabilities: short blind cases of both rigs.
 
     python tests/benchmarks/diagnosis_calibration.py OUT --foreign 100 --own 100 --seed 3
     python tests/benchmarks/diagnosis_calibration.py OUT --table [--picture FILE.png] [--csv FILE.csv]
@@ -52,7 +52,7 @@ def foreign_case(seed: int) -> Row:
         cases.written(world, cases.measured(world, world.run(hidden)), path)
         record = lpv.read(str(path))
     begun = time.process_time()
-    answer = lpv.diagnose(record, plan.baseline, engine="evidence", sample_rate=cases.RATE / 2)
+    answer = lpv.diagnose(record, plan.baseline, sample_rate=cases.RATE / 2)
     assert answer.weights is not None
     return plan.to_dict() | {
         "rig": "foreign", "visible": visible, "law_error": truth.law_error(world) if world.device.error else 0.0,
@@ -69,7 +69,7 @@ def own_case(seed: int) -> Row:
 
     from quartercar.effects import CATALOGUE
 
-    return hidden_score.case(seed, CATALOGUE, "evidence") | {"rig": "own"}
+    return hidden_score.case(seed, CATALOGUE) | {"rig": "own"}
 
 
 def run(options: argparse.Namespace) -> None:

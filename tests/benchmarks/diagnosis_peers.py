@@ -33,8 +33,8 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 import lpvid as lpv
-from lpvid.diagnosis.asking import pose
 from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.facade import pose
 from lpvid.diagnosis.signals import Signals
 
 LIMIT = 6

@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> None:
     with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=TASKS) as pool:
         for seed, name, fixed in wanted:
             if name not in done:
-                _append(path, pool.submit(_one, seed, name, options.engine, fixed).result())
+                _append(path, pool.submit(_one, seed, name, fixed).result())
 
 
 def _fixings(kind: str | None) -> list[dict]:
@@ -69,10 +69,10 @@ def _fixings(kind: str | None) -> list[dict]:
     return [{"kind": kind}] if kind else [{}]
 
 
-def _one(seed: int, name: str, engine: str, fixed: dict) -> dict:
+def _one(seed: int, name: str, fixed: dict) -> dict:
     begun = time.perf_counter()
     try:
-        row = hidden_score.case(seed, CATALOGUE, engine, **fixed)
+        row = hidden_score.case(seed, CATALOGUE, **fixed)
     except Exception as error:
         row = {"error": f"{type(error).__name__}: {error}", "where": traceback.format_exc()[-800:], "seed": seed}
     row |= {"id": name, "seconds_in_all": round(time.perf_counter() - begun, 2)}
@@ -104,7 +104,6 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--shard", default="0/1")
     parser.add_argument("--only", default="", help=f"kinds of case, comma-separated: {', '.join(hidden.KINDS)}")
-    parser.add_argument("--engine", default="gates", choices=list(hidden_score.ENGINES))
     parser.add_argument("--table", action="store_true", help="print the table of what is there")
     return parser.parse_args()
 

@@ -1,7 +1,6 @@
 """Seconds that the whole catalogue takes on 30 s at 512 Hz, for every cause that the virtual rig can hide.
 
     python tests/benchmarks/diagnosis_times.py [--shard 0/2] [--only coil-lag,none] [--baseline guo] [--seed 0]
-                                               [--engine evidence]
 
 Several causes at once are joined by +: ``--only coulomb-friction+series-compliance+coil-lag``.
 
@@ -20,7 +19,6 @@ import time  # noqa: E402
 from dataclasses import replace  # noqa: E402
 
 import lpvid as lpv  # noqa: E402
-from lpvid.diagnosis.asking import ENGINES  # noqa: E402
 from quartercar.effects import CATALOGUE  # noqa: E402
 from quartercar.rig import CAUSES, EXPERIMENTS, Rig, RigDamper, effect  # noqa: E402
 
@@ -38,17 +36,16 @@ def main() -> None:
     parser.add_argument("--baseline", default="guo")
     parser.add_argument("--experiment", default="test-1", choices=list(EXPERIMENTS))
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--engine", default=ENGINES[0], choices=ENGINES)
     options = parser.parse_args()
     part, parts = map(int, options.shard.split("/"))
     names = options.only.split(",") if options.only else ["none", *(c.name for c in CAUSES)]
     experiment = replace(EXPERIMENTS[options.experiment], duration=30.0)
     warm = hiding("backlash").run(replace(experiment, duration=8.0), 1)
-    lpv.diagnose(warm, options.baseline, CATALOGUE, engine=options.engine)
+    lpv.diagnose(warm, options.baseline, CATALOGUE)
     for name in names[part::parts]:
         record = hiding(name).run(experiment, options.seed)
         wall, cpu = time.perf_counter(), time.process_time()
-        found = lpv.diagnose(record, options.baseline, CATALOGUE, engine=options.engine)
+        found = lpv.diagnose(record, options.baseline, CATALOGUE)
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
         stated = ", ".join(c.name for c in found.causes) or "; ".join(" or ".join(r.names) for r in found.rivals)
         late = "  TOO LONG" if cpu > (NOTHING if name == "none" else LIMIT) else ""

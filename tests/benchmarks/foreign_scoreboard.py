@@ -16,7 +16,7 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -29,8 +29,7 @@ from real_answers import parts_of
 Row = dict
 
 
-def case(seed: int, limit: float, engine: str | None, patches: Mapping[str, float] | None = None,
-         **fixed: object) -> Row:
+def case(seed: int, limit: float, **fixed: object) -> Row:
     """Draw, decide what is separable, then diagnose: plain data."""
     begun = time.perf_counter()
     plan = cases.draw(seed, **fixed)
@@ -44,7 +43,7 @@ def case(seed: int, limit: float, engine: str | None, patches: Mapping[str, floa
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "record.csv"
         cases.written(world, cases.measured(world, world.run(known.hidden)), path)
-        return row | commanded.diagnose([str(path)], plan.baseline, limit=limit, engine=engine, patches=patches)
+        return row | commanded.diagnose([str(path)], plan.baseline, limit=limit)
 
 
 # -- marks --------------------------------------------------------------------------------------------------------
@@ -149,11 +148,10 @@ def run(options: argparse.Namespace) -> None:
             if name in done:
                 continue
             try:
-                row = case(options.seed * 100_000 + number, options.limit, options.engine,
-                           getattr(options, "patches", None), **fixed)
+                row = case(options.seed * 100_000 + number, options.limit, **fixed)
             except Exception as error:
                 row = {"error": f"{type(error).__name__}: {error}"}
-            row |= {"id": name, "engine": options.engine or ""}
+            row |= {"id": name}
             print(line(row), flush=True)
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(row) + "\n")
@@ -168,7 +166,6 @@ def main() -> None:
     parser.add_argument("--shard", default="0/1")
     parser.add_argument("--only", default="", help=f"kinds, comma-separated: {', '.join(cases.KINDS)}")
     parser.add_argument("--limit", type=float, default=180.0, help="seconds per case")
-    parser.add_argument("--engine", default=None, help="passed through to the command")
     parser.add_argument("--table", action="store_true", help="print the table of what is there")
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,6 @@
 """The diagnosis on every real record, against fair answers that were written down before: a table.
 
-    python tests/benchmarks/real_causes.py FOLDER OUT [CASE ...] [--limit SECONDS] [--engine NAME]
+    python tests/benchmarks/real_causes.py FOLDER OUT [CASE ...] [--limit SECONDS]
     python tests/benchmarks/real_causes.py FOLDER OUT --table
 
 A case is ``GROUP/BASELINE``; its row, a line of JSON in OUT/real.jsonl, is not computed twice. Everything goes by the
@@ -83,8 +83,8 @@ def run(folder: Path, out: Path, options: argparse.Namespace) -> None:
         with tempfile.TemporaryDirectory() as cut:
             data, held_out = (real_records.written(folder, part, Path(cut) / kind)
                               for kind, part in (("training", group.training), ("held_out", group.held_out)))
-            row = commanded.diagnose(data, baseline, group.options, held_out, options.limit, options.engine)
-        row = {"group": name, "baseline": baseline, "engine": options.engine or "", **row}
+            row = commanded.diagnose(data, baseline, group.options, held_out, options.limit)
+        row = {"group": name, "baseline": baseline, **row}
         print(f"{name}/{baseline}: {mark(row, real_answers.answer(name, baseline))} {row.get('named')}", flush=True)
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
@@ -129,7 +129,6 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("case", nargs="*", help="GROUP/BASELINE")
     parser.add_argument("--limit", type=float, default=180.0, help="seconds per case")
-    parser.add_argument("--engine", default=None, help="passed through to the command")
     parser.add_argument("--table", action="store_true", help="print the table of what is there")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from lpvid.diagnosis import spectra
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.signals import Core, Signals
 from quartercar.baselines.damper import DamperBaseline
@@ -35,6 +36,11 @@ def road_like(seed: int = 0, n: int = 4096, hold: int = 64) -> Signals:
     current = np.repeat(rng.uniform(0.0, 2.5, -(-n // hold)), hold)[:n]
     return Signals(PERIOD, {"displacement": x, "velocity": v, "current": current}, 10 * rng.standard_normal(n),
                    span=(0.0, 1.0))
+
+
+def without_noise(s: Signals, channel: str) -> np.ndarray:
+    """(n,) a channel with each frequency weighed by that share of its power which is not its sensor's noise."""
+    return spectra._weighed(s, channel, lambda omega, share: share)
 
 
 def composed(effect: Effect, values: list[float], signals: Signals, core: Core) -> np.ndarray:

@@ -7,18 +7,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from helpers.hidden import Made
 from helpers.hidden_causes import find
 from helpers.hidden_truth import IMITATED, SAME, SEPARATE, SHARE, baseline_for, build, oracle_gain
-from lpvid.diagnosis import engine as gates
-from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.diagnosis import Diagnosis
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.evidence import engine as evidence
-from lpvid.diagnosis.noise import Whitening
-from lpvid.diagnosis.problem import DiagnosisProblem
-from lpvid.diagnosis.refitting import Refit
-from lpvid.diagnosis.steadiness import steadiness
+from lpvid.diagnosis.evidence import engine
 
 Row = dict
 BOUC_WEN = {"series-compliance", "entrained-air", "coil-lag", "coulomb-friction"}
@@ -28,14 +21,11 @@ to 1 ms here, and a force that builds up over a deflection (Dahl's friction is a
 CHAIN = "shared-filter"
 
 
-ENGINES = {"gates": gates.diagnose, "evidence": evidence.diagnose}
-
-
-def case(seed: int, catalogue: tuple[Effect, ...], engine: str = "gates", **fixed: object) -> Row:
+def case(seed: int, catalogue: tuple[Effect, ...], **fixed: object) -> Row:
     """Draw, diagnose and mark one case; plain data."""
     made, truth = build(seed, catalogue, **fixed)
     begun, cpu = time.perf_counter(), time.process_time()
-    answer = ENGINES[engine](made.records, baseline_for(made.plan, made.records), catalogue)
+    answer = engine.diagnose(made.records, baseline_for(made.plan, made.records), catalogue)
     seconds, cpu = time.perf_counter() - begun, time.process_time() - cpu
     row = made.plan.to_dict() | {
         "sizes": [s for _, s in made.hidden], "smallest": list(truth.smallest), "share": truth.share,
@@ -49,26 +39,10 @@ def case(seed: int, catalogue: tuple[Effect, ...], engine: str = "gates", **fixe
         "won": {c.name: [c.delta_bic, c.contribution] for c in answer.causes},
         "posterior": dict(answer.weights.causes) if answer.weights else {},
         "seconds": round(seconds, 2), "cpu": round(cpu, 2)}
-    row["unsteady"] = unsteady(made, answer)
     row |= _estimate(made.plan, made.hidden, answer)
     if truth.separable or made.plan.kind in ("two", "three"):
         row["held_out_gain"], row["oracle_gain"] = oracle_gain(made, catalogue, answer)
     return row
-
-
-def unsteady(made: Made, answer: Diagnosis) -> dict[str, float]:
-    """By how much the strength of each cause in the extended model differs between strata, beyond the noise."""
-    model = answer.extended
-    if model is None or not model.composition.effects:
-        return {}
-    baseline = model.composition.baseline
-    signals = tuple(baseline.signals(r) for r in made.records)
-    whitening = Whitening(np.array(answer.noise["coefficients"]), float(answer.noise["level"]))
-    problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start), whitening)
-    errors = problem.stack(problem.errors(model.composition, model.vector))
-    fit = Refit(problem, model.composition, model.vector, float(errors @ errors), errors, errors.size)
-    inputs = [c for c in baseline.channels if c != baseline.output]
-    return {e.name: steadiness(problem, fit, e, inputs).excess for e in model.composition.effects}
 
 
 def _estimate(plan, hidden: tuple, answer: Diagnosis) -> Row:
@@ -159,7 +133,6 @@ def line(row: Row) -> str:
             f"{row['level']:.1%} {row['colour']} {row['chain']} {'rep' if row['repeats'] else 'single'} "
             f"{'+'.join(row['causes']) or 'nothing'} ({row['law']}) x{row['ratio']:g} share {row['share']:.2%} {state} "
             f"-> {row['verdict']}: {','.join(row['named']) or '-'} "
-            f"unsteady {','.join(f'{v:.2f}' for v in row['unsteady'].values()) or '-'} "
             f"rivals {row['rivals'] or '-'} | {mark} {row['seconds']:.1f} s, {row['cpu']:.1f} s on the processor")
 
 

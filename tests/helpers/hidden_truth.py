@@ -32,6 +32,12 @@ IMITATED = 0.05
 """share of the likelihood of a cause outside the catalogue that an entry may miss and still pass for it: the diagnosis
 asks for 95 % of the excess error"""
 SAME = {"force-offset": "gas-preload", "gas-preload": "force-offset"}
+SPECIAL = {"end-stop": ("gas-stiffness",), "stribeck-friction": ("coulomb-friction",),
+           "hysteresis": ("coulomb-friction",), "entrained-air": ("series-compliance",), "rise-fall-lag": ("coil-lag",),
+           "series-orifice": ("quadratic-loss", "network-topology"), "network-topology": ("quadratic-loss",)}
+"""special cases of entries, which are no rivals of theirs: at some of their numbers they are those"""
+BEYOND = 1.5
+"""times the plausible range of a number within which a rival may have it"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +169,6 @@ def _detectable(world: World, bench: Bench, without: dict[str, np.ndarray], name
 
 def build(seed: int, catalogue: tuple[Effect, ...], **fixed: object) -> tuple[Made, Truth]:
     """The case of a seed, with what is known about it."""
-    catalogue = tuple(e for e in catalogue if not e.by_evidence)  # the entries that both engines know
     known = tuple(e.name for e in catalogue)
     plan = draw(seed, known, **fixed)
     world = world_of(plan)
@@ -252,7 +257,9 @@ def _rivals(name: str, bench: Bench, direction: np.ndarray, catalogue: tuple[Eff
     """D_ij of every other entry below a limit: what of the true change none of its plausible settings reaches."""
     found = {}
     for effect in catalogue:
-        if effect.name == name or effect.family == "noise" or effect.missing((seen,)) or name in effect.contains:
+        if effect.name == name or effect.family == "noise" or effect.missing((seen,)) or effect.behind:
+            continue
+        if name in (effect.form_of, effect.placement_of, *SPECIAL.get(effect.name, ())):
             continue
         if effect.applies(bench.baseline, (seen,)) is not None:
             continue
@@ -301,8 +308,12 @@ def _distance(effect: Effect, bench: Bench, direction: np.ndarray, seen: Signals
 
 
 def _plausible(effect: Effect) -> tuple[np.ndarray, np.ndarray]:
-    low, high = np.array([p.reach for p in effect.parameters], dtype=float).T
-    return low, high
+    """Bounds of what is plausible, wider by a factor to either side of 0."""
+    p = effect.parameters
+    bounds, plausible = (np.array([getattr(n, k) for n in p], dtype=float).T for k in ("bounds", "plausible"))
+    low = np.where(plausible[0] > 0, plausible[0] / BEYOND, plausible[0] * BEYOND)
+    high = np.where(plausible[1] < 0, plausible[1] / BEYOND, plausible[1] * BEYOND)
+    return np.maximum(low, bounds[0]), np.minimum(high, bounds[1])
 
 
 # -- oracle -------------------------------------------------------------------------------------------------------
@@ -323,7 +334,6 @@ def oracle_gain(made: Made, catalogue: tuple[Effect, ...], named: object, seed: 
         1 − squared error/squared error of the baseline, for the extended model and for the oracle.
     """
     from lpvid.diagnosis.blocks import Blocks
-    from lpvid.diagnosis.noise import WHITE
     from lpvid.diagnosis.problem import DiagnosisProblem
     from lpvid.diagnosis.refitting import refit
 
@@ -333,7 +343,7 @@ def oracle_gain(made: Made, catalogue: tuple[Effect, ...], named: object, seed: 
     table = {e.name: e for e in catalogue}
     effects = tuple(table[n] for n, _ in made.hidden)
     signals = tuple(baseline.signals(r) for r in made.records)
-    problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start), WHITE)
+    problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
     seen = baseline.signals(further)
 
     def squared(composition: Composition, vector: np.ndarray) -> float:

@@ -13,10 +13,9 @@ from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect, EffectParameter, GridEffect, LpvChange
-from lpvid.diagnosis.noise import WHITE, Whitening
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
-from lpvid.diagnosis.screening import moves, saturated
+from lpvid.diagnosis.screening import Direction, directions, move
 from lpvid.diagnosis.signals import Core, Signals
 from lpvid.record import Channel, Record
 
@@ -194,15 +193,18 @@ def record(rng: np.random.Generator, noise: str = "white", level: float = 0.3, n
 
 
 def problem_of(*records: Record) -> tuple[DiagnosisProblem, Composition]:
-    """The problem that the engine poses before it knows the noise's colour."""
+    """The problem that the engine poses."""
     signals = tuple(Bent().signals(r) for r in records)
-    return DiagnosisProblem(signals, Blocks.of(signals), WHITE), Composition(Bent())
+    return DiagnosisProblem(signals, Blocks.of(signals)), Composition(Bent())
 
 
-def whitened(*records: Record) -> tuple[DiagnosisProblem, Refit]:
-    """Problem and baseline fit with the noise's colour found as the engine finds it."""
+def fitted(*records: Record) -> tuple[DiagnosisProblem, Refit]:
+    """Problem and the baseline's own fit."""
     problem, composition = problem_of(*records)
-    first = refit(problem, composition, composition.neutral)
-    left = saturated(problem, first, moves(problem, first, CAUSES))
-    problem = problem.with_whitening(Whitening.of(left, problem.blocks.mask()))
-    return problem, refit(problem, composition, first.vector)
+    return problem, refit(problem, composition, composition.neutral)
+
+
+def seen(problem: DiagnosisProblem, fit: Refit, effects: Sequence[Effect] = CAUSES) -> list[Direction]:
+    """Directions of effects at their grid points, beside a fit."""
+    found = [move(problem, fit, e, v) for e in effects for v in e.points(problem.signals)]
+    return directions(problem, fit, [m for m in found if m is not None])

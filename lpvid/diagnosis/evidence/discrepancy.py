@@ -53,7 +53,7 @@ class Discrepancy:
         groups = [g for g in (joint, *([c] for c in driving if c not in joint)) if g]
         parts = []
         for group in groups:
-            z = problem.stack([np.column_stack([s[c] for c in group]) for s in problem.signals], whiten=False)
+            z = problem.stack([np.column_stack([s[c] for c in group]) for s in problem.signals])
             spread = z.std(axis=0)
             z = (z - z.mean(axis=0))[:, spread > 0] / spread[spread > 0]
             count = COLUMNS // len(groups)
@@ -62,8 +62,7 @@ class Discrepancy:
         features = np.hstack(parts) if parts else np.zeros((problem.n_samples, 1))
         power, directions = np.linalg.eigh(features.T @ features)
         keep = power > 1e-9 * max(float(power[-1]), 1e-300)
-        force = float(np.sqrt(np.mean(problem.stack([s.output - s.output.mean() for s in problem.signals],
-                                                     whiten=False) ** 2)))
+        force = float(np.sqrt(np.mean(problem.stack([s.output - s.output.mean() for s in problem.signals]) ** 2)))
         count = features.shape[1]
         return cls(features @ directions[:, keep] / np.sqrt(count), power[keep] / count, force)
 

@@ -15,7 +15,6 @@ from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis, SetProbabilities, VisitedSet
 from lpvid.diagnosis.effect import Effect, by_name
-from lpvid.diagnosis.engine import DiagnosisSettings
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy
 from lpvid.diagnosis.evidence.judging import judge, on_all_samples
 from lpvid.diagnosis.evidence.outcome import STORIES, EvidenceOutcome
@@ -24,11 +23,12 @@ from lpvid.diagnosis.evidence.search import SetSearch, posterior, probabilities
 from lpvid.diagnosis.evidence.thinning import for_search, thinned
 from lpvid.diagnosis.evidence.weighing import Data
 from lpvid.diagnosis.interrupted import BestSoFar, InterruptedSearch
-from lpvid.diagnosis.noise import WHITE, noise_level
+from lpvid.diagnosis.noise import noise_level
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.remainder import predictable_share
 from lpvid.diagnosis.screening import screen
+from lpvid.diagnosis.settings import DiagnosisSettings
 from lpvid.diagnosis.signals import in_turn
 from lpvid.errors import InputError
 from lpvid.record import Record
@@ -124,7 +124,7 @@ def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
     if factor > 1:
         report_progress(f"searching on every {factor}th sample")
     signals = for_search(in_turn([baseline.signals(r) for r in thin]), baseline.static)
-    problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start), WHITE)
+    problem = DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
     usable, unusable = usable_of(catalogue, baseline, problem)
     scale = Scales.of(problem.signals).size
     looked_at = {e.name: np.array(e.spread_points(problem.signals, scale)).reshape(-1, len(e.parameters))
@@ -136,9 +136,9 @@ def prepared(records: Sequence[Record], baseline: Baseline, catalogue: Sequence[
 
 
 def problem_of(records: Sequence[Record], baseline: Baseline) -> DiagnosisProblem:
-    """Records as what statistics are computed from, not whitened."""
+    """Records as what statistics are computed from."""
     signals = in_turn([baseline.signals(r) for r in records])
-    return DiagnosisProblem(signals, Blocks.of(signals, baseline.start), WHITE)
+    return DiagnosisProblem(signals, Blocks.of(signals, baseline.start))
 
 
 def root_of(problem: DiagnosisProblem, baseline: Baseline) -> Refit:

@@ -51,13 +51,12 @@ def independent(problem: DiagnosisProblem, errors: Sequence[np.ndarray], worth: 
     Parameters
     ----------
     problem : Problem
-        Not whitened.
     errors : sequence of (n,) arrays
         Per record, in the output's unit.
     worth : float
         α.
     """
-    stacked = problem.stack(errors, whiten=False)
+    stacked = problem.stack(errors)
     total = float(np.mean(stacked**2))
     if not total > 0:
         return Independence(1.0, 0.0, 0.0)

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.deciding import Folds, out_of_fold
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.search import SetSearch, posterior
 from lpvid.diagnosis.evidence.weighing import Weighed
+from lpvid.diagnosis.folds import Folds, out_of_fold
 from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import placed

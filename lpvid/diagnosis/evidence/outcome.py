@@ -10,14 +10,14 @@ import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Rejected, Rivals, SetProbabilities, VisitedSet
+from lpvid.diagnosis.estimates import errors_of, estimates
 from lpvid.diagnosis.evidence.judging import NAMED, JudgedSet, Member
 from lpvid.diagnosis.evidence.search import MISSED, SetSearch, probabilities
 from lpvid.diagnosis.extended import ExtendedModel
+from lpvid.diagnosis.intervals import covariance
 from lpvid.diagnosis.localise import Wrong, localise
 from lpvid.diagnosis.noise import NoiseLevel
-from lpvid.diagnosis.refitting import covariance
 from lpvid.diagnosis.screening import Evidence
-from lpvid.diagnosis.telling import errors_of, estimates
 from lpvid.record import Record
 
 SIGNIFICANT = 0.05

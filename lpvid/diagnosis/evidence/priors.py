@@ -21,7 +21,7 @@ SHAPE = 1.0
 
 def inclusion(effect: Effect) -> float:
     """ln π/(1 − π)."""
-    share = FORM if effect.catch_all or effect.flexible else INCLUDED
+    share = FORM if effect.flexible else INCLUDED
     return float(np.log(share / (1 - share)))
 
 

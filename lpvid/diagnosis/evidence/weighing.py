@@ -29,7 +29,6 @@ class Data:
     Attributes
     ----------
     problem : Problem
-        Not whitened.
     discrepancy : Discrepancy
     looked_at : mapping of str to (points, k) array
         Where each effect is looked at.
@@ -176,6 +175,6 @@ def change_by(problem: DiagnosisProblem, fit: Refit, effect: Effect) -> float:
     vector = fit.vector.copy()
     vector[place] = effect.neutral
     with np.errstate(all="ignore"):
-        gone = problem.stack(problem.errors(fit.composition, vector), whiten=False)
-    plain = problem.stack(problem.errors(fit.composition, fit.vector), whiten=False)
+        gone = problem.stack(problem.errors(fit.composition, vector))
+    plain = problem.stack(problem.errors(fit.composition, fit.vector))
     return float(np.sqrt(np.mean(np.minimum((gone - plain) ** 2, 1e100))))

@@ -14,9 +14,9 @@ import pytest
 import lpvid as lpv
 from lpvid.condition.derivation import derived
 from lpvid.diagnosis import registry
-from lpvid.diagnosis.asking import answer, pose
 from lpvid.diagnosis.baseline import Baseline, Coefficient
 from lpvid.diagnosis.effect import EffectParameter, GridEffect, LpvChange
+from lpvid.diagnosis.facade import answer, pose
 from lpvid.diagnosis.lpv_extension import enlarged, measured_extension
 from lpvid.diagnosis.signals import Signals
 from lpvid.errors import InputError
@@ -267,15 +267,13 @@ def test_parameters_may_be_given_and_their_error_is_told(installed, tmp_path):
         lpv.diagnose(measured(), Viscous(), CATALOGUE, parameters={})
 
 
-@pytest.mark.parametrize(("engine", "at", "reached"), [
-    ("gates", "screening", "screening"), ("gates", "fitting", "fitting viscous"),
-    ("evidence", "fitting", "fitting viscous")])
-def test_an_interruption_leaves_what_is_known(engine, at, reached):
+@pytest.mark.parametrize(("at", "reached"), [("fitting", "fitting viscous"), ("looking", "looking beyond")])
+def test_an_interruption_leaves_what_is_known(at, reached):
     def stop(text: str) -> None:
         if text.startswith(at):
             raise KeyboardInterrupt
 
-    found = lpv.diagnose(measured(), Viscous(SLOPE), CATALOGUE, progress=stop, engine=engine)
+    found = lpv.diagnose(measured(), Viscous(SLOPE), CATALOGUE, progress=stop)
     assert not found.complete and not found.causes and reached in found.reason
     esr = by_hand(found.baseline["parameters"][0]["value"], 0.0, measured())
     assert found.before.esr_training == pytest.approx(esr, rel=0.05)

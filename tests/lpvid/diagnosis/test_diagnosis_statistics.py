@@ -20,9 +20,10 @@ from helpers.toy_diagnosis import (
     Wave,
     Zero,
     drive,
+    fitted,
     problem_of,
     record,
-    whitened,
+    seen,
 )
 from scipy import stats
 from scipy.optimize import lsq_linear
@@ -30,14 +31,12 @@ from scipy.signal import lfilter
 
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
-from lpvid.diagnosis.engine import diagnose
+from lpvid.diagnosis.evidence.engine import diagnose
 from lpvid.diagnosis.localise import _after_reversal, localise
-from lpvid.diagnosis.noise import WHITE, Whitening
 from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
 from lpvid.diagnosis.refitting import Refit, _step, covariance, refit
 from lpvid.diagnosis.remainder import KNOTS, knots_of, predictable_share
-from lpvid.diagnosis.screening import DETECT, Evidence, directions, moves, screen
-from lpvid.diagnosis.selection import ForwardSelection
+from lpvid.diagnosis.screening import DETECT, Evidence, directions, move, screen
 from lpvid.diagnosis.signals import Signals
 from lpvid.record import Channel, Record
 
@@ -53,26 +52,23 @@ class TestScreening:
         rng = np.random.default_rng(20)
         smallest = []
         for _ in range(200):
-            problem, composition = problem_of(record(rng, noise, n=2000))
-            first = refit(problem, composition, composition.neutral)
-            _, evidence, _ = ForwardSelection.begin(problem, first, CAUSES, rng, lambda text: None)
-            smallest.append(min(e.p_value for e in evidence))
+            problem, fit = fitted(record(rng, noise, n=2000))
+            smallest.append(min(e.p_value for e in screen(problem, fit, seen(problem, fit), rng)))
         assert stats.kstest(smallest, "uniform").pvalue > 0.001
         assert np.mean(np.array(smallest) < 0.05) < 0.10
 
-    @noises("ar1", "white")
-    def test_smallest_detectable_strength_is_detected(self, noise: str) -> None:
-        """At it, √LR is on average √(10 + ln n)."""
+    def test_smallest_detectable_strength_is_detected(self) -> None:
+        """At it, in white noise, √LR is on average √(10 + ln n)."""
         rng = np.random.default_rng(21)
         for cause in (Cubic(), Dry()):
             stated, reached, wanted, u = [], [], 0.0, drive(3000, rng)
-            quiet = [_named(cause.name, *whitened(record(rng, noise, u=u)), rng) for _ in range(15)]
+            quiet = [_named(cause.name, *fitted(record(rng, u=u)), rng) for _ in range(15)]
             strength = float(np.median([e.smallest_detectable or np.inf for e in quiet]))
             for _ in range(40):
                 shape = type(cause).shape
-                runs = record(rng, noise, u=u, hidden=lambda u, s=strength, f=shape: s * f(
+                runs = record(rng, u=u, hidden=lambda u, s=strength, f=shape: s * f(
                     Signals(PERIOD, {"u": u}, np.zeros(u.size))))
-                problem, fit = whitened(runs)
+                problem, fit = fitted(runs)
                 mine = _named(cause.name, problem, fit, rng)
                 reached.append(np.sqrt(mine.likelihood_ratio))
                 stated.append(mine.smallest_detectable or np.inf)
@@ -85,7 +81,8 @@ class TestScreening:
         problem, composition = problem_of(record(rng, level=0.0))
         wrong = refit(problem, composition, TRUE * [1.0, 1.0, 1.15], iterations=0)
         np.testing.assert_allclose(wrong.vector, TRUE * [1.0, 1.0, 1.15])
-        moved = moves(problem, wrong, (Dry(),))
+        dry = Dry()
+        moved = [m for v in dry.points(problem.signals) if (m := move(problem, wrong, dry, v)) is not None]
         raw = problem.stack(moved[0].change)
         power = float(wrong.errors @ wrong.errors)
         assert (raw @ wrong.errors) ** 2 / (raw @ raw) > 0.1 * power
@@ -102,7 +99,7 @@ class TestScreening:
 
 
 def _named(name: str, problem: DiagnosisProblem, fit: Refit, rng: np.random.Generator) -> Evidence:
-    found = screen(problem, fit, directions(problem, fit, moves(problem, fit, CAUSES)), rng)
+    found = screen(problem, fit, seen(problem, fit), rng)
     return next(e for e in found if e.effect.name == name)
 
 
@@ -128,7 +125,7 @@ class TestRefit:
         truth = np.array([*TRUE, 0.7])
         composition = Composition(Bent(), (Dry(),))
         for _ in range(100):
-            problem, _ = whitened(record(rng, noise, hidden=lambda u: 0.7 * np.sign(u)))
+            problem, _ = fitted(record(rng, noise, hidden=lambda u: 0.7 * np.sign(u)))
             fit = refit(problem, composition, truth)
             deviation = np.sqrt(np.diag(covariance(problem, fit)))
             inside.append(np.abs(fit.vector - truth) < 1.96 * deviation)
@@ -195,20 +192,6 @@ class TestRemainder:
         share, spread = predictable_share(problem, errors, ["u"])
         assert share - 2 * spread > 0.5
 
-    def test_a_tone_that_whitening_took_for_noise_is_seen_in_the_unit_of_the_output(self) -> None:
-        """A force that comes and goes seven times along a stroke of constant speed, beside slow noise."""
-        rng = np.random.default_rng(3)
-        u = 2 * np.abs(np.arange(6000) / 70 % 2 - 1) - 1
-        noise = 0.04 * lfilter([np.sqrt(1 - 0.95**2)], [1.0, -0.95], rng.standard_normal(6000))
-        hidden = Bent().core(TRUE)(Signals(0.01, {"u": u}, u)) + 0.05 * np.sin(7 * np.pi * u)
-        s = Signals(0.01, {"u": u}, hidden + noise)
-        blocks = Blocks.of((s,))
-        errors = [s.output - Bent().core(TRUE)(s)]
-        white = DiagnosisProblem((s,), blocks, WHITE)
-        coloured = white.with_whitening(Whitening.of(errors, blocks.mask()))
-        seen, plain = (predictable_share(p, errors, ["u"])[0] for p in (coloured, white))
-        assert plain > 0.3 and seen < 0.7 * plain
-
 
 def test_knots_do_not_fall_on_each_other() -> None:
     even, crowded = np.linspace(-1, 1, 999), np.concatenate([np.linspace(0, 1e-3, 900), np.linspace(0, 1, 100)])
@@ -271,14 +254,12 @@ class TestDiagnosis:
         assert gain.std is not None and abs(gain.value - 1.2) < 4 * gain.std < 0.4
 
     def test_causes_come_in_the_order_of_what_they_change(self, rng: np.random.Generator) -> None:
-        """Noise that wanders lets a search find a faint jump before a great slow change."""
         def hidden(u: np.ndarray) -> np.ndarray:
             return 0.8 * np.sign(u) + 0.7 * np.concatenate([np.zeros(50), u[:-50]])
 
-        found = diagnose([record(rng, "ar1", n=6000, hidden=hidden)], Bent(), CAUSES)
-        late, dry = found.causes
-        assert (late.name, dry.name) == ("late", "dry") and late.contribution > 1.1 * dry.contribution
-        assert late.delta_bic > 2 * dry.delta_bic, "by the likelihood it is the other way round"
+        found = diagnose([record(rng, hidden=hidden)], Bent(), CAUSES)
+        first, second = found.causes
+        assert {first.name, second.name} == {"late", "dry"} and first.contribution > second.contribution
 
     def test_nothing_hidden(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng, "ar1")], Bent(), CAUSES)
@@ -287,7 +268,7 @@ class TestDiagnosis:
     def test_identical_causes_are_rivals(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng, hidden=lambda u: np.sign(u))], Bent(), (*CAUSES, DryTwin()))
         assert found.verdict == "cannot-tell" and not found.causes
-        assert set(found.rivals[0].names) == {"dry", "dry-twin"} and found.rivals[0].similarity > 0.999
+        assert set(found.rivals[0].names) == {"dry", "dry-twin"}
 
     def test_a_cause_without_a_trace_cannot_be_told(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng)], Bent(), (*CAUSES, LaggedConstant()))
@@ -299,21 +280,17 @@ class TestDiagnosis:
                          (Dry(), Cubic()))
         assert found.verdict == "unexplained" and not found.causes
 
-    def test_what_explains_a_part_only_stands_in_and_is_not_named(self, rng: np.random.Generator) -> None:
+    def test_beside_as_large_a_cause_outside_the_catalogue_none_is_named(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng, n=6000, hidden=lambda u: 1.5 * np.sign(u) + 0.9 * np.cos(9 * u))], Bent(),
                          (Dry(), Cubic()))
         assert found.verdict == "unexplained" and not found.causes and not found.rivals
-        assert found.stand_ins == ("dry",) and found.gain_percent > 20.0
-        assert found.to_dict()["extended"]["stand_ins"] == ["dry"]
-        assert "dry stands in for a cause that is not known" in repr(found)
 
-    def test_the_baseline_is_told_as_its_least_squares_fit_leaves_it(self, rng: np.random.Generator) -> None:
-        """An error that nothing explains is whitened as noise: a fit to what is left of it gives up what is slow."""
+    def test_the_error_of_the_baseline_is_that_of_its_least_squares_fit(self, rng: np.random.Generator) -> None:
         u = drive(6000, rng)
         slow = np.asarray(lfilter([0.01], [1.0, -0.99], u))
         given = record(rng, u=u, level=0.02, hidden=lambda u: 8 * slow / np.std(slow))
         found = diagnose([given], Bent(), (Wave(), Zero()))
-        assert found.verdict == "unexplained" and not found.stand_ins
+        assert not found.causes and not found.stand_ins
         signals = Bent().signals(given)
         inside = Blocks.of([signals]).mask()[0]
         fitted = Bent().fit([Record({k: Channel(given[k][inside], "") for k in ("u", "c", "y")}, sample_time=PERIOD)])
@@ -339,7 +316,7 @@ class TestDiagnosis:
     def test_diagnosis_json(self, rng: np.random.Generator) -> None:
         found = diagnose([record(rng, hidden=lambda u: 1.2 * np.sign(u))], Bent(), (*CAUSES, LaggedConstant()))
         back = json.loads(json.dumps(found.to_dict(), allow_nan=False))
-        assert back["schema"] == "lpvid/diagnosis/1" and back["verdict"] == found.verdict
+        assert back["schema"] == "lpvid/diagnosis/2" and back["verdict"] == found.verdict
         assert {"baseline", "wrong", "causes", "rivals", "cannot_tell", "rejected", "extended"} <= set(back)
         assert {"name", "esr", "rmse", "noise_floor"} <= set(back["baseline"])
         assert {"training", "held_out"} == set(back["baseline"]["esr"])

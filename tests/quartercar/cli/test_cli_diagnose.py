@@ -266,7 +266,7 @@ def test_rivals_under_a_sinusoidal_current_are_told_apart_by_the_proposed_experi
     rig = bench("coil-lag", 0.2, current_noise=0.0)
     found = lpv.diagnose(rig.run(Experiment("sine", Road(), SineCurrent(), 15.0), 0), "guo", SOME)
     assert found.verdict == "cannot-tell" and not found.causes
-    assert set(found.rivals[0].names) >= {"coil-lag", "command-delay"} and found.rivals[0].similarity > 0.99
+    assert set(found.rivals[0].names) >= {"coil-lag", "command-delay"}
     proposal = plan_for(found)
     assert proposal is not None
     plan = parse_plan(proposal.text)

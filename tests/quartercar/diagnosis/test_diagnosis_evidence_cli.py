@@ -1,4 +1,4 @@
-"""The evidence engine through its own door, on the virtual rig and on measured records where they are at hand."""
+"""The diagnosis by its public function and command, on the virtual rig and on measured records where present."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import lpvid as lpv
 from lpvid.cli.app import app
-from lpvid.diagnosis.asking import pose
+from lpvid.diagnosis.facade import pose
 from lpvid.errors import InputError
 from lpvid.record import Record
 from quartercar.effects import CATALOGUE
@@ -27,18 +27,13 @@ def hidden(name: str) -> Record:
 
 
 def test_a_cause_on_the_rig_with_its_probability_and_its_family():
-    found = lpv.diagnose(hidden("coulomb-friction"), "guo", FEW, engine="evidence")
+    found = lpv.diagnose(hidden("coulomb-friction"), "guo", FEW)
     assert found.causes[0].name == "coulomb-friction"
     assert found.causes[0].family == "friction and gas"
     assert abs(found.causes[0].parameters[0].value - 60.0) < 3.0
     assert found.extended is not None and "coulomb-friction" in found.extended.effects
-    assert lpv.diagnose(hidden("coulomb-friction"), found.extended, FEW, engine="evidence").verdict == \
+    assert lpv.diagnose(hidden("coulomb-friction"), found.extended, FEW).verdict == \
         "nothing-to-explain"
-
-
-def test_an_engine_that_does_not_exist_is_refused():
-    with pytest.raises(InputError, match="engine must be one of evidence, gates"):
-        lpv.diagnose(hidden("coulomb-friction"), "guo", FEW, engine="oracle")
 
 
 def test_an_interruption_keeps_the_best_set_so_far():
@@ -47,7 +42,7 @@ def test_an_interruption_keeps_the_best_set_so_far():
             raise KeyboardInterrupt
 
     record = hidden("coulomb-friction")
-    found = lpv.diagnose(record, "guo", FEW, engine="evidence", progress=stop)
+    found = lpv.diagnose(record, "guo", FEW, progress=stop)
     assert not found.complete and not found.causes and "best set so far: coulomb-friction" in found.reason
     assert found.extended is not None and "coulomb-friction" in found.extended.effects
     assert found.after.esr_training < 0.6 * found.before.esr_training
@@ -58,8 +53,8 @@ def test_an_interruption_keeps_the_best_set_so_far():
 @pytest.mark.slow
 def test_the_command_writes_schema_two(tmp_path):
     file = write_csv(hidden("coulomb-friction"), tmp_path / "run.csv")
-    result = CliRunner().invoke(app, ["diagnose", str(file), "--baseline", "guo", "--engine", "evidence", "--out",
-                                      str(tmp_path / "out")], catch_exceptions=False)
+    words = ["diagnose", str(file), "--baseline", "guo", "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, words, catch_exceptions=False)
     assert result.exit_code == 0, result.output
     data = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert data["schema"] == "lpvid/diagnosis/2"
@@ -97,8 +92,8 @@ def test_auto_takes_no_parameters():
     ("mr_damper_fixed_voltage/estimation.csv", "guo", "series-compliance", 0.047),
     ("silverbox/multisine_a.csv", "linear", "cubic-spring", 0.005),
 ])
-def test_measured_records_where_the_gates_are_silent_or_wrong(shared_data, file, baseline, wanted, esr):
+def test_measured_records(shared_data, file, baseline, wanted, esr):
     """Fair answers by independent fits; an extended model at least as good as the best one of them, held-out."""
-    found = lpv.diagnose(lpv.read(str(shared_data / file)), baseline, engine="evidence")
+    found = lpv.diagnose(lpv.read(str(shared_data / file)), baseline)
     assert wanted in [c.name for c in found.causes]
     assert found.after.esr_held_out < esr

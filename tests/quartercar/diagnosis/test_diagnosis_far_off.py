@@ -26,6 +26,6 @@ def test_a_filter_that_turns_the_motion_round_is_found_from_afar(rng: np.random.
     channels = {"displacement": lfilter(*poles, x), "velocity": lfilter(*poles, v), "current": current,
                 "force": force + 5.0 * rng.standard_normal(t.size)}
     record = Record({c: y[1000:] for c, y in channels.items()}, PERIOD, name="run", units=UNITS)
-    found = lpv.diagnose(record, "guo", engine="gates")
+    found = lpv.diagnose(record, "guo")
     assert [c.name for c in found.causes] == ["one-sided-filter"]
     assert found.after.esr_held_out < 0.001

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.effect_signals import PERIOD
+from helpers.effect_signals import PERIOD, without_noise
 
 from lpvid.diagnosis.signals import Signals
-from lpvid.diagnosis.spectra import weighed_alike, without_noise
+from lpvid.diagnosis.spectra import weighed_alike
 from quartercar.effects.between_samples import between
 from quartercar.effects.splines import glided
 

@@ -62,12 +62,12 @@ def some(*names: str) -> tuple[Effect, ...]:
 def asked(records: Sequence[Record], rig: Rig, candidates: tuple[Effect, ...], seconds: float = 15.0
           ) -> tuple[Diagnosis, Diagnosis]:
     """What records tell, and what those of the experiment tell that is proposed for the rest."""
-    found = lpv.diagnose(records, "guo", candidates, engine="gates")
+    found = lpv.diagnose(records, "guo", candidates)
     proposal = plan_for(found)
     assert proposal is not None and proposal.text
     plan = parse_plan(proposal.text)
     short = tuple(replace(e, duration=min(e.duration, seconds)) for e in plan.experiments)
-    return found, lpv.diagnose(run_plan(replace(plan, rig=rig, experiments=short)), "guo", candidates, engine="gates")
+    return found, lpv.diagnose(run_plan(replace(plan, rig=rig, experiments=short)), "guo", candidates)
 
 
 # -- the table -------------------------------------------------------------------------------------------------------
@@ -109,7 +109,7 @@ def test_a_delay_behind_a_sinusoidal_current_looks_like_a_lag_until_the_current_
 def test_an_offset_and_a_gas_force_get_a_sentence_and_no_plan(cause: RigEffect) -> None:
     rig = Rig(damper=RigDamper.static(), effects=(cause,))
     found = lpv.diagnose([rig.run(Experiment("road", Road(), Constant(levels=(1.2,)), 10.0), 0)], "guo",
-                         some("gas-preload", "force-offset", "coulomb-friction", "gas-stiffness"), engine="gates")
+                         some("gas-preload", "force-offset", "coulomb-friction", "gas-stiffness"))
     proposal = plan_for(found)
     assert found.verdict == "cannot-tell" and proposal is not None
     assert not proposal.text and "rod disconnected" in proposal.advice[0]
@@ -129,7 +129,7 @@ def test_friction_under_one_triangle_shows_in_creep() -> None:
 def test_a_spring_is_found_and_where_it_sits_is_said_to_be_open() -> None:
     rig = bench("series-compliance")
     found = lpv.diagnose([rig.run(Experiment("road", Road(), Constant(levels=(1.2,)), 10.0), 0)], "guo",
-                         some("series-compliance", "coulomb-friction", "force-delay"), engine="gates")
+                         some("series-compliance", "coulomb-friction", "force-delay"))
     proposal = plan_for(found)
     assert [c.name for c in found.causes] == ["series-compliance"] and proposal is not None
     assert any("second displacement" in a for a in proposal.advice)
@@ -146,6 +146,5 @@ def test_what_is_planned_for_a_pair_names_the_one_that_it_is(cause: str, other: 
     assert not isinstance(parts, str)
     plan = parse_plan("\n".join(p.toml((cause, other)) for p in parts))
     short = tuple(replace(e, duration=min(e.duration, 12.0)) for e in plan.experiments)
-    found = lpv.diagnose(run_plan(replace(plan, rig=bench(cause), experiments=short)), "guo", some(cause, other),
-                         engine="gates")
+    found = lpv.diagnose(run_plan(replace(plan, rig=bench(cause), experiments=short)), "guo", some(cause, other))
     assert [c.name for c in found.causes] == [cause] and not found.rivals

@@ -35,7 +35,7 @@ def test_what_is_separable_does_not_depend_on_the_answer(monkeypatch: pytest.Mon
                                                          stated: SimpleNamespace) -> None:
     truth = built[1]
     monkeypatch.setattr(hidden_score, "build", lambda *_, **__: built)
-    monkeypatch.setitem(hidden_score.ENGINES, "gates", lambda *_: stated)
+    monkeypatch.setattr(hidden_score.engine, "diagnose", lambda *_: stated)
     monkeypatch.setattr(hidden_score, "oracle_gain", lambda *_: (0.0, 1.0))
     row = hidden_score.case(31, FEW, **QUIET)
     assert row["separable"] == truth.separable

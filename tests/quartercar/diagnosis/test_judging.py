@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import commanded
-import diagnosis_ablation
 import diagnosis_peers
 import fair_fits
 import fair_laws
@@ -137,31 +133,6 @@ class TestCommand:
         found = commanded.diagnose([str(tmp_path / "none.csv")], "linear", limit=60.0)
         assert found["outcome"] == "refused" and found["code"] == 2
         assert commanded.diagnose([str(tmp_path / "none.csv")], "linear", limit=0.05)["outcome"] == "timeout"
-
-
-class TestAblation:
-    def test_every_gate_is_a_constant_of_the_diagnosis(self) -> None:
-        for patches in diagnosis_ablation.GATES.values():
-            for place in patches:
-                module, name = place.rsplit(".", 1)
-                assert isinstance(getattr(importlib.import_module(module), name), float)
-
-    def test_a_gate_left_out_is_left_out_wherever_it_was_imported(self) -> None:
-        code = commanded.code_with({"lpvid.diagnosis.selection.BIC_GAIN": 0.25})
-        asked = code.replace(commanded.COMMAND, "") + (
-            "import lpvid.diagnosis.deciding as d, lpvid.diagnosis.selection as s\n"
-            "print(s.BIC_GAIN, getattr(d, 'BIC_GAIN', 0.25))")
-        stated = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True).stdout
-        assert stated.split() == ["0.25", "0.25"]
-
-    def test_worth_is_counted_over_the_same_cases(self) -> None:
-        def rows(*names: str) -> list[dict]:
-            return [{"id": k, "outcome": "answered", "law": "herschel-bulkley", "kind": "single", "separable": True,
-                     "near": {}, "verdict": "explained", "causes": ("coil-lag",), "named": [n] if n else []}
-                    for k, n in enumerate(names)]
-        described = diagnosis_ablation.table(rows("coil-lag", "", "end-stop", "coil-lag"),
-                                        {"KIN": rows("coil-lag", "coil-lag", "", "end-stop")})
-        assert described.splitlines()[-1] == "| KIN | 4 | +0.0 | +0.0 | 3 | 1 |"
 
 
 class TestPeers:

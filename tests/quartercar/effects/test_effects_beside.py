@@ -71,8 +71,7 @@ def test_what_a_mass_changes_is_the_acceleration_whatever_is_in_series() -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("engine", ["gates", "evidence"])
-def test_of_a_motion_that_never_turns(engine: str) -> None:
+def test_of_a_motion_that_never_turns() -> None:
     """A slow compression: the velocity never changes its sign, and nothing comes after a reversal."""
     rng, t = np.random.default_rng(1), 0.01 * np.arange(3000)
     v = 0.01 + 0.004 * np.sin(0.7 * t) + 0.003 * np.sin(2.9 * t)
@@ -80,5 +79,5 @@ def test_of_a_motion_that_never_turns(engine: str) -> None:
     record = Record({"velocity": v, "displacement": np.cumsum(v) * 0.01, "force": force}, sample_time=0.01,
                     units={"velocity": "m/s", "displacement": "m", "force": "N"})
     few = tuple(CAUSES[n] for n in ("quadratic-loss", "coulomb-friction", "gas-stiffness"))
-    found = lpv.diagnose(record, "linear", few, engine=engine)
+    found = lpv.diagnose(record, "linear", few)
     assert found.verdict and not any(w.where == "after a reversal" for w in found.wrong)

@@ -54,7 +54,7 @@ def test_without_a_straight_way_back_the_loop_is_dahls():
 def test_a_mass_is_moved_by_the_record_where_a_law_is_only_asked():
     s, base = motion(), linear(damping=800.0, stiffness=2e3, mass=3.0, offset=5.0)
     core = base.core(base.vector)
-    faster = core(s.asked(velocity=2 * s["velocity"]))
+    faster = core(s.evaluated(velocity=2 * s["velocity"]))
     acceleration = np.gradient(s["velocity"], 1 / RATE)
     wanted = 800.0 * 2 * s["velocity"] + 2e3 * s["displacement"] + 3.0 * acceleration + 5.0
     assert np.abs(faster - wanted).max() < 1e-9

@@ -90,14 +90,6 @@ class TestMissingScheduling:
         parts = in_turn([road_like(0, 512), road_like(1, 512)])
         assert parts[1].replace(velocity=np.zeros(512)).span == (0.5, 1.0)
 
-    def test_modes_that_add_up_to_more_than_a_modulation_are_not_plausible(self) -> None:
-        effect, values = MissingScheduling(), np.zeros(MODES + 2)
-        values[0] = 0.45
-        assert not effect.implausible(values)
-        values[1] = 0.45  # both are largest at the beginning
-        (stated,) = effect.implausible(values)
-        assert "by 90%" in stated
-
     def test_what_the_law_holds_besides_is_modulated_with_it(self) -> None:
         """A turbulent loss is part of the force whose modulation nobody logged: (F_0 + c v|v|) m(t)."""
         composition = Composition(guo(), (MissingScheduling(), QuadraticLoss()))

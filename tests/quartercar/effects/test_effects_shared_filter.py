@@ -82,20 +82,6 @@ def test_edges_of_a_current_are_put_back(corner: float, left: float, rng: np.ran
     assert after < left * before
 
 
-@pytest.mark.parametrize("corner", [60.0, 160.0, 280.0])
-def test_edges_of_a_current_show_it(corner: float, rng: np.random.Generator) -> None:
-    """Under the quantisation of the current's record, and whatever it does to the force."""
-    period = 1 / (2 * np.pi * corner)
-    s, _ = through(period, held_current(rng, 4096))
-    shown = SharedFilter().shown((s.replace(current=np.round(s["current"], 2)),))
-    assert shown is not None and shown[0] == pytest.approx(period, rel=0.1)
-
-
-@pytest.mark.parametrize("current", [np.repeat([0.0, 2.0, 0.5, 1.0], 500), np.ones(2000), np.sin(np.arange(2000) / 9)])
-def test_no_current_shows_a_filter_that_it_has_not_passed(current: np.ndarray) -> None:
-    assert SharedFilter().shown((Signals(PERIOD, {"current": current}, np.zeros(2000)),)) is None
-
-
 def test_edges_are_found_where_they_began(rng: np.random.Generator) -> None:
     current = held_current(rng, 2048)
     true = FINE * (np.flatnonzero(np.diff(current)) + 1) / FINE**2  # in samples

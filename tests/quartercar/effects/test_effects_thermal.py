@@ -114,7 +114,7 @@ def test_no_motion_no_heat() -> None:
 def test_a_law_that_is_only_asked_fades_between_samples_by_the_heat_of_its_record() -> None:
     """A faster clock over signals that stand for a record: their heat is the record's, at the faster samples."""
     s = road_like(4, 1024)
-    asked = s.asked(velocity=1.1 * s["velocity"])
+    asked = s.evaluated(velocity=1.1 * s["velocity"])
     fine = between(asked, 4)
     assert fine.n_samples == 4 * s.n_samples
     np.testing.assert_allclose(fine.of_record(s.times), np.minimum(fine.times, s.times[-1]), atol=1e-12)

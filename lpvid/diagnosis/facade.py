@@ -1,4 +1,4 @@
-"""Asking: `lpvid.diagnose`, from what a user has (records as read, names, files) to the engine and back."""
+"""Facade: `lpvid.diagnose`, from what a user has (records as read, names, files) to the engine and back."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.condition.preparing import with_current
 from lpvid.condition.tables import as_records
 from lpvid.diagnosis.baseline import Baseline
@@ -22,14 +21,12 @@ from lpvid.record import Record
 from lpvid.training_fingerprint import recalled, roles
 
 if TYPE_CHECKING:
-    from lpvid.diagnosis.engine import DiagnosisSettings
     from lpvid.diagnosis.extended import ExtendedModel
+    from lpvid.diagnosis.settings import DiagnosisSettings
 
 Progress = Callable[[str], None]
 AUTO = "auto"
 """in the place of a baseline's name: the installed law that suits the records best"""
-ENGINES = ("evidence", "gates")
-"""engines by name; the first is the default"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +35,7 @@ class Question:
 
     Attributes
     ----------
-    prepared : Prepared
+    prepared : PreparedRecords
         Records on one clock.
     baseline : Baseline
         With its structure settled; fitted only if it was given with its parameters.
@@ -62,8 +59,8 @@ class Question:
 def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
              held_out: Record | Sequence[Record] | None = None, *, parameters: Any = None,
              settings: DiagnosisSettings | None = None, sample_rate: float | None = None,
-             progress: Progress | None = None, engine: str = ENGINES[0]) -> Diagnosis:
-    """Say what a baseline's simulation gets wrong, name the cause or say why not, extend it, measure the gain.
+             progress: Progress | None = None) -> Diagnosis:
+    """Find what a baseline's simulation gets wrong, name the cause or why none, extend it, measure the gain.
 
     Parameters
     ----------
@@ -83,10 +80,7 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
     sample_rate : float, optional
         Resample to this rate [Hz].
     progress : callable, optional
-        Told in words what is being done.
-    engine : {"evidence", "gates"}
-        Which engine decides: the probability of sets of causes beside a law that is never right to the noise
-        (`lpvid.diagnosis.evidence`), or significance and gates.
+        Receives in words what is being done.
 
     Returns
     -------
@@ -100,7 +94,7 @@ def diagnose(records: Record | Sequence[Record], baseline: Any, catalogue: Any =
     """
     question = pose(records, baseline, catalogue, held_out, parameters=parameters, sample_rate=sample_rate,
                     progress=progress)
-    return answer(question, settings, progress, engine)
+    return answer(question, settings, progress)
 
 
 def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = None,
@@ -136,14 +130,12 @@ def pose(records: Record | Sequence[Record], baseline: Any, catalogue: Any = Non
 
 
 def answer(question: Question, settings: DiagnosisSettings | None = None,
-           progress: Progress | None = None, engine: str = ENGINES[0]) -> Diagnosis:
-    """Run an engine on a question, and say what was done to the data."""
+           progress: Progress | None = None) -> Diagnosis:
+    """Run the engine on a question; the notes list what was done to the data."""
     from lpvid.auditing import audit
-    from lpvid.diagnosis import engine as gates
-    from lpvid.diagnosis.engine import DiagnosisSettings
-    from lpvid.diagnosis.evidence import engine as evidence
+    from lpvid.diagnosis.evidence import engine
+    from lpvid.diagnosis.settings import DiagnosisSettings
 
-    run = {"gates": gates.diagnose, "evidence": evidence.diagnose}[_checks.one_of(engine, ENGINES, "engine")]
     settings, report_progress = settings or DiagnosisSettings(), progress or (lambda text: None)
     prepared, baseline = question.prepared, question.baseline
     notes = [*_polarity_note(baseline), *prepared.notes]
@@ -166,8 +158,8 @@ def answer(question: Question, settings: DiagnosisSettings | None = None,
         if settings.fit_baseline and not question.fitted and not question.settled:
             described(f"fitting {baseline.name}")
             baseline = baseline.fit(prepared.training)
-        found = run(prepared.training, baseline, question.catalogue, prepared.held_out,
-                    replace(settings, fit_baseline=False), described)
+        found = engine.diagnose(prepared.training, baseline, question.catalogue, prepared.held_out,
+                                replace(settings, fit_baseline=False), described)
     except KeyboardInterrupt as stop:
         from lpvid.diagnosis.interrupted import InterruptedSearch, interrupted
 
@@ -208,7 +200,7 @@ def _channels(model: Any) -> tuple[str, ...]:
 
 
 def _with_roles(extended: ExtendedModel, question: Question) -> ExtendedModel:
-    """The extended model, which knows again which channel of the files played which of its roles."""
+    """The extended model, with the channel of the files that played each of its roles in its metadata."""
     raw = with_current(question.raw[:1])[0][0]
     names = [n for n in (*extended.reads, question.baseline.output) if raw.has(n)]
     return replace(extended, metadata={**extended.metadata, "roles": roles(raw, names)})
@@ -270,8 +262,8 @@ def _baseline(given: Any, records: Sequence[Record], parameters: Any) -> Baselin
 def _polarity_note(baseline: Baseline) -> list[str]:
     if baseline.polarity > 0:
         return []
-    return [f"reversed polarity: the {baseline.output} opposes the motion in these records. The diagnosis speaks of "
-            f"the device itself, with the sign turned; extended_model.json simulates the records as measured. "
+    return [f"reversed polarity: the {baseline.output} opposes the motion in these records. The diagnosis is that "
+            f"of the device itself, with the sign turned; extended_model.json simulates the records as measured. "
             f"--flip {baseline.output} turns the records"]
 
 

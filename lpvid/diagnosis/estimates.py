@@ -1,0 +1,44 @@
+"""Estimates: free-run errors of a fit and parameters with their standard errors, as plain data of a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from lpvid.diagnosis.baseline import Baseline
+from lpvid.diagnosis.diagnosis import Errors, Estimated
+from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.folds import Folds
+from lpvid.diagnosis.problem import DiagnosisProblem
+from lpvid.diagnosis.refitting import Refit
+from lpvid.record import Record
+
+
+def errors_of(
+    problem: DiagnosisProblem, baseline: Baseline, fit: Refit, folds: Folds, held_out: Sequence[Record]
+) -> Errors:
+    """Free-run errors of a fit: on training samples, and on further records or, without them, out of fold."""
+    inside = [s.output[n >= 0] for s, n in zip(problem.signals, problem.blocks.number, strict=True)]
+    about = (float(np.sum((y - y.mean()) ** 2)) for y in inside if y.size)  # each record about its own mean
+    power = max(sum(about), 1e-300)
+    training = float(fit.errors @ fit.errors) / power
+    if not held_out:
+        squares = float(folds.plain @ folds.plain)
+        return Errors(training, squares / power, float(np.sqrt(squares / problem.n_samples)))
+    error, total, count = 0.0, 0.0, 0
+    for record in held_out:
+        s = baseline.signals(record)
+        e = (s.output - fit.composition.predict(s, fit.vector))[baseline.start:]
+        y = s.output[baseline.start:]
+        error, total, count = error + float(e @ e), total + float(np.sum((y - y.mean()) ** 2)), count + y.size
+    return Errors(training, error / max(total, 1e-300), float(np.sqrt(error / max(count, 1))))
+
+
+def estimates(effect: Effect, values: np.ndarray, deviation: np.ndarray | None) -> tuple[Estimated, ...]:
+    """Parameters of an effect with their standard errors, None where they are not known."""
+    found = []
+    for k, p in enumerate(effect.parameters):
+        std = None if deviation is None or not np.isfinite(deviation[k]) else float(deviation[k])
+        found.append(Estimated(p.name, float(values[k]), std, p.unit, p.choice(float(values[k]))))
+    return tuple(found)
