@@ -59,9 +59,11 @@ class Cause:
     contribution : float
         Root mean square of what it adds to the output, in the output's unit.
     probability : float or None
-        That it is there, among the sets of causes that were looked at; None of the engine that knows none.
+        That it is there, calibrated on blind cases; None of the engine that knows none.
     family : str
         Of causes; "" of an engine that does not weigh families.
+    weight : float or None
+        Of the sets of causes that hold it, among those that were looked at.
     """
 
     name: str
@@ -76,10 +78,12 @@ class Cause:
     contribution: float
     probability: float | None = None
     family: str = ""
+    weight: float | None = None
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""
-        weighed = {} if self.probability is None else {"probability": self.probability, "family": self.family}
+        weighed = {} if self.probability is None else {"probability": self.probability, "family": self.family,
+                                                            "weight": self.weight}
         return {"name": self.name, "description": self.description,
                 "parameters": [p.to_dict() for p in self.parameters], "p_value": self.p_value,
                 "delta_bic": self.delta_bic, "share_alone": self.share_alone,
@@ -159,8 +163,10 @@ class SetProbabilities:
         Where that lies, above all.
     sets : tuple of VisitedSet
         Best first.
-    causes : mapping of str to float
-        Probability of every component, wherever it sits, that some visited set holds; the most probable first.
+    components : mapping of str to (float, float, float)
+        Of every component, wherever it sits, that some visited set holds, the most probable first: its probability, the
+        weight of the sets that hold it, and ln of the squared error of the best set without it over that of the best
+        with it.
     """
 
     families: Mapping[str, float]
@@ -168,11 +174,17 @@ class SetProbabilities:
     discrepancy: float
     where: str
     sets: tuple[VisitedSet, ...]
-    causes: Mapping[str, float] = field(default_factory=dict)
+    components: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+
+    @property
+    def causes(self) -> dict[str, float]:
+        """Probability of every component."""
+        return {k: p for k, (p, _, _) in self.components.items()}
 
     def to_dict(self) -> dict:
         """Keys of diagnosis.json, schema 2."""
-        return {"probabilities": dict(self.causes),
+        return {"probabilities": self.causes, "weights": {k: w for k, (_, w, _) in self.components.items()},
+                "error_reductions": {k: r for k, (_, _, r) in self.components.items()},
                 "families": [{"name": n, "probability": p} for n, p in self.families.items()],
                 "probability_of_nothing": self.nothing,
                 "discrepancy": {"share": self.discrepancy, "where": self.where},

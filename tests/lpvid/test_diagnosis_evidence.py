@@ -164,7 +164,8 @@ def test_forms_of_one_component_add_up_and_the_component_is_named():
     run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
     d = diagnose([run], Bent(), (*CAUSES, DryForm()))
     assert [c.name for c in d.causes] == ["dry"] and not d.rivals
-    assert d.weights is not None and d.weights.causes["dry"] > 0.99 and "dry-form" not in d.weights.causes
+    assert d.weights is not None and d.weights.causes["dry"] > 0.95 and "dry-form" not in d.weights.causes
+    assert d.weights.components["dry"][1] > 0.99
 
 
 class Blurred(DryTwin):
@@ -235,7 +236,7 @@ def test_single_causes_are_visited_beside_the_pairs_that_could_imitate_them():
     (0.03, 0.1, 0.0, False), (0.015, 0.3, 0.0, True), (0.015, 0.1, 0.0, False), (0.004, 0.01, 0.0, True),
     (0.03, 0.1, 0.05, True)])
 def test_what_is_small_beside_the_output_or_the_error_of_the_law_is_not_named(change, left, of_law, small):
-    member = Member(Dry(), np.array([1.0]), 1.0, 1.0, (), 1.0, 50.0, 1.0, change, 10.0)
+    member = Member(Dry(), np.array([1.0]), 1.0, 1.0, 1.0, (), 1.0, 50.0, 1.0, change, 10.0)
     stated = member.objection(left, of_law)
     assert (stated is not None) is small and (stated is None or "small print" in stated)
     assert LEAST < NOTABLE

@@ -10,6 +10,7 @@ import numpy as np
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.deciding import Folds, out_of_fold
 from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.evidence.calibration import probability_that
 from lpvid.diagnosis.evidence.search import SetSearch, posterior
 from lpvid.diagnosis.evidence.weighing import Weighed
 from lpvid.diagnosis.problem import DiagnosisProblem
@@ -36,7 +37,9 @@ class Member:
     effect : Effect
     values : (k,) array
     probability, of_family : float
-        That it, or what it is a special case of, is there, wherever it sits; that one of its family is.
+        That it, or what it is a special case of, is there, wherever it sits; that one of its family is. Calibrated.
+    weight : float
+        Of the sets that hold it.
     rivals : tuple of (str, float)
         Effects that hold the probability which it lacks, in its absence.
     cost : float
@@ -55,6 +58,7 @@ class Member:
     values: np.ndarray
     probability: float
     of_family: float
+    weight: float
     rivals: tuple[tuple[str, float], ...]
     cost: float
     gain: float
@@ -77,7 +81,7 @@ class Member:
         if self.change < least:
             return f"it changes the output by {self.change:.1%}, less than {least:.1%}: small print"
         if self.probability < NAMED and not self.rivals:
-            return f"weight {self.probability:.2f} only, and nothing takes its place"
+            return f"probability {self.probability:.2f} only, and nothing takes its place"
         return None
 
 
@@ -212,14 +216,14 @@ def _member(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weig
     def holds(w: Weighed) -> bool:
         return kind in w.kinds if simple else any(e.component == effect.component for e in w.effects)
 
-    probability = float(sum(p for w, p in sets if holds(w)))
-    family = [p for w, p in sets if any(e.family == effect.family for e in w.effects)]
+    probability, weight = probability_that(sets, holds), float(sum(p for w, p in sets if holds(w)))
+    family = probability_that(sets, lambda w: any(e.family == effect.family for e in w.effects))
     rivals = () if probability >= NAMED else _instead(sets, best, kind, holds)
     change = float(np.sqrt(np.mean((rest.errors - fit.errors) ** 2))) / search.data.discrepancy.force
     without = search.visited.get(best.members - {effect.name})
     gain = search.score(best) - (search.score(without) if without is not None else -np.inf)
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
-    return Member(effect, values, probability, float(sum(family)), rivals,
+    return Member(effect, values, probability, family, weight, rivals,
                   rest.cost - fit.cost, 100 * float(gains.sum()) / max(before, 1e-300), float(np.mean(gains > 0)),
                   change, float(gain) if np.isfinite(gain) else 0.0)
 
@@ -242,7 +246,6 @@ def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, ho
                 lone[k] = lone.get(k, 0.0) + p
                 form.setdefault(k, name)
     listed = {k: p for k, p in lone.items() if p > LISTED}
-    together = sum(p for w, p in sets if holds(w) or listed.keys() & set(w.kinds))
-    if together < NAMED:
+    if probability_that(sets, lambda w: holds(w) or bool(listed.keys() & set(w.kinds))) < NAMED:
         return ()
     return tuple((form[k], p) for k, p in sorted(listed.items(), key=lambda t: -t[1]))
