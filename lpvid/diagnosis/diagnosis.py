@@ -11,6 +11,7 @@ from lpvid.diagnosis.localise import Wrong
 
 if TYPE_CHECKING:
     from lpvid.auditing import Audit
+    from lpvid.diagnosis.evidence.calibration import Support
     from lpvid.diagnosis.extended import ExtendedModel
 
 VERDICTS = ("explained", "partly-explained", "unexplained", "nothing-to-explain", "cannot-tell")
@@ -163,10 +164,8 @@ class SetProbabilities:
         Where that lies, above all.
     sets : tuple of VisitedSet
         Best first.
-    components : mapping of str to (float, float, float)
-        Of every component, wherever it sits, that some visited set holds, the most probable first: its probability, the
-        weight of the sets that hold it, and ln of the squared error of the best set without it over that of the best
-        with it.
+    components : mapping of str to Support
+        What speaks for every component, wherever it sits, that some visited set holds; the most probable first.
     """
 
     families: Mapping[str, float]
@@ -174,17 +173,17 @@ class SetProbabilities:
     discrepancy: float
     where: str
     sets: tuple[VisitedSet, ...]
-    components: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    components: Mapping[str, Support] = field(default_factory=dict)
 
     @property
     def causes(self) -> dict[str, float]:
         """Probability of every component."""
-        return {k: p for k, (p, _, _) in self.components.items()}
+        return {k: s.probability for k, s in self.components.items()}
 
     def to_dict(self) -> dict:
         """Keys of diagnosis.json, schema 2."""
-        return {"probabilities": self.causes, "weights": {k: w for k, (_, w, _) in self.components.items()},
-                "error_reductions": {k: r for k, (_, _, r) in self.components.items()},
+        return {"probabilities": self.causes, "weights": {k: s.weight for k, s in self.components.items()},
+                "error_reductions": {k: s.reduction for k, s in self.components.items()},
                 "families": [{"name": n, "probability": p} for n, p in self.families.items()],
                 "probability_of_nothing": self.nothing,
                 "discrepancy": {"share": self.discrepancy, "where": self.where},

@@ -165,7 +165,7 @@ def test_forms_of_one_component_add_up_and_the_component_is_named():
     d = diagnose([run], Bent(), (*CAUSES, DryForm()))
     assert [c.name for c in d.causes] == ["dry"] and not d.rivals
     assert d.weights is not None and d.weights.causes["dry"] > 0.95 and "dry-form" not in d.weights.causes
-    assert d.weights.components["dry"][1] > 0.99
+    assert d.weights.components["dry"].weight > 0.99
 
 
 class Blurred(DryTwin):

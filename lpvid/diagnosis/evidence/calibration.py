@@ -1,71 +1,93 @@
-"""Calibration: from the weights of the sets that hold a cause to the probability that it is there."""
+"""Calibration: from what a search knows of a cause to the probability that it is there."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.evidence.search import LAGGING
 from lpvid.diagnosis.evidence.weighing import Weighed
 
-OFFSET, OF_WEIGHT, OF_ERROR = -0.96, 1.37, 1.24
-"""Coefficients of the map, by logistic regression on blind cases."""
+COEFFICIENTS = (-0.60, 1.60, 0.90, -1.48)
+"""a, b, c, d of the map, by logistic regression (Platt 1999) on blind cases of both rigs, those with even numbers;
+docs/diagnosis.md shows those with odd ones. `tests/benchmarks/diagnosis_calibration.py OUT --table` computes them"""
 MOST = 2.0
 """logarithm of an error's reduction beyond which more proves no more: to a seventh of its square"""
-LEAST = 1e-12
+CLIP = 1e-12
 """weights are read to within this of 0 and 1"""
+Finding = Callable[[Weighed], Effect | None]
+"""The effect of a set by which it holds something; None where it does not."""
 
 
-def support(sets: Sequence[tuple[Weighed, float]], holds: Callable[[Weighed], bool]) -> tuple[float, float]:
-    """What speaks for something that some sets hold: their weight w, and ln(E₋/E₊).
+@dataclass(frozen=True)
+class Support:
+    """What speaks for something that some sets hold.
 
-    E₊ is the squared error of the foremost of them, E₋ that of the best of the others: what nothing else in the
-    catalogue takes away.
-
-    Parameters
-    ----------
-    sets : sequence of (Weighed, float)
-        All visited, with weights that add up to one.
-    holds : callable
-        Whether a set holds it.
-    """
-    inside = [(w.fit.cost, p) for w, p in sets if holds(w)]
-    outside = [w.fit.cost for w, _ in sets if not holds(w)]
-    if not inside:
-        return 0.0, 0.0
-    foremost = max(inside, key=lambda t: t[1])[0]
-    reduction = float(np.log(max(min(outside), 1e-300) / max(foremost, 1e-300))) if outside else MOST
-    return float(sum(p for _, p in inside)), reduction
-
-
-def probability_that(sets: Sequence[tuple[Weighed, float]], holds: Callable[[Weighed], bool]) -> float:
-    """Probability that the records hold something that some sets hold."""
-    return calibrated(*support(sets, holds))
-
-
-def calibrated(weight: float, reduction: float) -> float:
-    """ln p/(1 − p) = a + b asinh(ln(w/(1 − w))/2) + c ln(E₋/E₊), the last logarithm between 0 and `MOST`.
-
-    Parameters
+    Attributes
     ----------
     weight : float
-        Of the sets that hold something, 0 to 1.
+        Of these sets among all.
     reduction : float
-        Natural logarithm of the ratio of the squared errors without it and with it.
-
-    Examples
-    --------
-    >>> calibrated(0.5, 0.0) < 0.5 < calibrated(0.99, 1.0) < calibrated(0.9999, 3.0) < 1
-    True
+        ln(E₋/E₊): E₊ is the squared error of the foremost of them, E₋ that of the best of the others. What nothing
+        else in the catalogue takes away.
+    lagging : bool
+        Whether it is a lag, a delay or a filter on the way of motion or force: they imitate each other and every dynamic
+        cause.
     """
-    w = min(max(weight, LEAST), 1 - LEAST)
-    z = OFFSET + OF_WEIGHT * np.arcsinh(np.log(w / (1 - w)) / 2) + OF_ERROR * np.clip(reduction, 0.0, MOST)
-    return float(1 / (1 + np.exp(-z)))
+
+    weight: float
+    reduction: float
+    lagging: bool
+
+    @classmethod
+    def of(cls, sets: Sequence[tuple[Weighed, float]], finding: Finding) -> Support:
+        """From all visited sets with their weights, which add up to one."""
+        inside = [(p, w.fit.cost, e) for w, p in sets if (e := finding(w)) is not None]
+        outside = [w.fit.cost for w, _ in sets if finding(w) is None]
+        if not inside:
+            return cls(0.0, 0.0, False)
+        _, cost, effect = max(inside, key=lambda t: t[0])
+        reduction = float(np.log(max(min(outside), 1e-300) / max(cost, 1e-300))) if outside else MOST
+        return cls(float(sum(t[0] for t in inside)), reduction, effect.path in LAGGING)
+
+    @property
+    def features(self) -> tuple[float, float, float, float]:
+        """1, asinh(ln(w/(1 − w))/2), the reduction between 0 and `MOST`, and 1 for what is lagging."""
+        w = min(max(self.weight, CLIP), 1 - CLIP)
+        return (1.0, float(np.arcsinh(np.log(w / (1 - w)) / 2)), float(np.clip(self.reduction, 0.0, MOST)),
+                float(self.lagging))
+
+    @property
+    def probability(self) -> float:
+        """That it is there: ln p/(1 − p) = a + b asinh(ln(w/(1 − w))/2) + c ln(E₋/E₊) + d [lagging].
+
+        Examples
+        --------
+        >>> faint, strong = Support(0.5, 0.0, False), Support(0.99, 1.0, False)
+        >>> 0 < faint.probability < 0.5 < strong.probability < Support(0.9999, 3.0, False).probability < 1
+        True
+        >>> Support(0.99, 1.0, True).probability < strong.probability
+        True
+        """
+        if not self.weight > 0:
+            return 0.0
+        return float(1 / (1 + np.exp(-np.dot(COEFFICIENTS, self.features))))
 
 
-def components(sets: Sequence[tuple[Weighed, float]]) -> dict[str, tuple[float, float, float]]:
-    """Probability, weight and reduction of every component that some set holds, in whatever form; most probable first.
-    """
-    held = {k: support(sets, lambda w, k=k: k in w.kinds) for k in {k for w, _ in sets for k in w.kinds}}
-    found = {k: (calibrated(*s), *s) for k, s in held.items()}
-    return dict(sorted(found.items(), key=lambda t: (-t[1][0], t[0])))
+def component(kind: str) -> Finding:
+    """Finds a component, in whatever form."""
+    return lambda w: next((e for e, k in zip(w.effects, w.kinds, strict=True) if k == kind), None)
+
+
+def family(name: str) -> Finding:
+    """Finds any effect of a family."""
+    return lambda w: next((e for e in w.effects if e.family == name), None)
+
+
+def components(sets: Sequence[tuple[Weighed, float]]) -> dict[str, Support]:
+    """What speaks for every component that some set holds, in whatever form; the most probable first."""
+    found = {k: Support.of(sets, component(k)) for k in {k for w, _ in sets for k in w.kinds}}
+    return dict(sorted(found.items(), key=lambda t: (-t[1].probability, t[0])))

@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.deciding import Folds, out_of_fold
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.evidence.calibration import probability_that
+from lpvid.diagnosis.evidence.calibration import Finding, Support, component, family
 from lpvid.diagnosis.evidence.search import SetSearch, posterior
 from lpvid.diagnosis.evidence.weighing import Weighed
 from lpvid.diagnosis.problem import DiagnosisProblem
@@ -211,24 +211,23 @@ def _member(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weig
     gains = problem.block_sums(folds_of(problem, rest).plain**2 - after.plain**2)
     before = float(np.sum(folds_of(problem, rest).plain**2))
     kind = best.kinds[best.effects.index(effect)]
-    simple = effect.component == kind
-
-    def holds(w: Weighed) -> bool:
-        return kind in w.kinds if simple else any(e.component == effect.component for e in w.effects)
-
-    probability, weight = probability_that(sets, holds), float(sum(p for w, p in sets if holds(w)))
-    family = probability_that(sets, lambda w: any(e.family == effect.family for e in w.effects))
-    rivals = () if probability >= NAMED else _instead(sets, best, kind, holds)
+    finding = component(kind) if effect.component == kind else _in_this_form(effect)
+    support, of_family = Support.of(sets, finding), Support.of(sets, family(effect.family)).probability
+    rivals = () if support.probability >= NAMED else _instead(sets, best, kind, finding)
     change = float(np.sqrt(np.mean((rest.errors - fit.errors) ** 2))) / search.data.discrepancy.force
     without = search.visited.get(best.members - {effect.name})
     gain = search.score(best) - (search.score(without) if without is not None else -np.inf)
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
-    return Member(effect, values, probability, family, weight, rivals,
+    return Member(effect, values, support.probability, of_family, support.weight, rivals,
                   rest.cost - fit.cost, 100 * float(gains.sum()) / max(before, 1e-300), float(np.mean(gains > 0)),
                   change, float(gain) if np.isfinite(gain) else 0.0)
 
 
-def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, holds: Callable[[Weighed], bool]
+def _in_this_form(effect: Effect) -> Finding:
+    return lambda w: next((e for e in w.effects if e.component == effect.component), None)
+
+
+def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, finding: Finding
              ) -> tuple[tuple[str, float], ...]:
     """Effects that take the place of one, with their probability in its absence; none where nothing does surely.
 
@@ -238,7 +237,7 @@ def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, ho
     lone: dict[str, float] = {}
     form: dict[str, str] = {}
     for w, p in sets:
-        if not holds(w):
+        if finding(w) is None:
             other = [(c, k, e.name) for e, k, c in zip(w.effects, w.kinds, w.changes, strict=True)
                      if e.name not in best.members and (k == kind or k not in best.kinds)]
             if other:
@@ -246,6 +245,8 @@ def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, ho
                 lone[k] = lone.get(k, 0.0) + p
                 form.setdefault(k, name)
     listed = {k: p for k, p in lone.items() if p > LISTED}
-    if probability_that(sets, lambda w: holds(w) or bool(listed.keys() & set(w.kinds))) < NAMED:
+    others = [component(k) for k in listed]
+    either = Support.of(sets, lambda w: next((e for f in (finding, *others) if (e := f(w)) is not None), None))
+    if either.probability < NAMED:
         return ()
     return tuple((form[k], p) for k, p in sorted(listed.items(), key=lambda t: -t[1]))

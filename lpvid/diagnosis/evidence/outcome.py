@@ -10,7 +10,7 @@ import numpy as np
 
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Rejected, Rivals, SetProbabilities, VisitedSet
-from lpvid.diagnosis.evidence.calibration import components, probability_that
+from lpvid.diagnosis.evidence.calibration import Support, components, family
 from lpvid.diagnosis.evidence.judging import NAMED, JudgedSet, Member
 from lpvid.diagnosis.evidence.search import MISSED, SetSearch
 from lpvid.diagnosis.extended import ExtendedModel
@@ -183,8 +183,7 @@ class EvidenceOutcome:
 
     def _families(self) -> dict[str, float]:
         families = {e.family for w, _ in self.judged.sets for e in w.effects}
-        held = {f: probability_that(self.judged.sets, lambda w, f=f: any(e.family == f for e in w.effects))
-                for f in families}
+        held = {f: Support.of(self.judged.sets, family(f)).probability for f in families}
         return dict(sorted(held.items(), key=lambda t: (-t[1], t[0])))
 
     def _stories(self, esr: float) -> tuple[VisitedSet, ...]:
