@@ -183,7 +183,6 @@ class SetProbabilities:
     def to_dict(self) -> dict:
         """Keys of diagnosis.json, schema 2."""
         return {"probabilities": self.causes, "weights": {k: s.weight for k, s in self.components.items()},
-                "error_reductions": {k: s.reduction for k, s in self.components.items()},
                 "families": [{"name": n, "probability": p} for n, p in self.families.items()],
                 "probability_of_nothing": self.nothing,
                 "discrepancy": {"share": self.discrepancy, "where": self.where},

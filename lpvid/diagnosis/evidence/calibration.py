@@ -11,11 +11,11 @@ from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.search import LAGGING
 from lpvid.diagnosis.evidence.weighing import Weighed
 
-COEFFICIENTS = (-0.60, 1.60, 0.90, -1.48)
+COEFFICIENTS = (-1.11, 1.41, 0.41, -1.22)
 """a, b, c, d of the map, by logistic regression (Platt 1999) on blind cases of both rigs, those with even numbers;
 docs/diagnosis.md shows those with odd ones. `tests/benchmarks/diagnosis_calibration.py OUT --table` computes them"""
-MOST = 2.0
-"""logarithm of an error's reduction beyond which more proves no more: to a seventh of its square"""
+FARTHEST = 3.0
+"""logarithm of a change over what is left beyond which more proves no more: a factor of twenty either way"""
 CLIP = 1e-12
 """weights are read to within this of 0 and 1"""
 Finding = Callable[[Weighed], Effect | None]
@@ -30,46 +30,45 @@ class Support:
     ----------
     weight : float
         Of these sets among all.
-    reduction : float
-        ln(E₋/E₊): E₊ is the squared error of the foremost of them, E₋ that of the best of the others. What nothing
-        else in the catalogue takes away.
+    relative : float
+        What it changes in the output, over the error that is left: root mean squares, of the foremost of these sets.
     lagging : bool
-        Whether it is a lag, a delay or a filter on the way of motion or force: they imitate each other and every dynamic
-        cause.
+        Whether it is a lag, a delay or a filter on the way of motion or force: these imitate every dynamic cause.
     """
 
     weight: float
-    reduction: float
+    relative: float
     lagging: bool
 
     @classmethod
     def of(cls, sets: Sequence[tuple[Weighed, float]], finding: Finding) -> Support:
         """From all visited sets with their weights, which add up to one."""
-        inside = [(p, w.fit.cost, e) for w, p in sets if (e := finding(w)) is not None]
-        outside = [w.fit.cost for w, _ in sets if finding(w) is None]
+        inside = [(p, w, e) for w, p in sets if (e := finding(w)) is not None]
         if not inside:
             return cls(0.0, 0.0, False)
-        _, cost, effect = max(inside, key=lambda t: t[0])
-        reduction = float(np.log(max(min(outside), 1e-300) / max(cost, 1e-300))) if outside else MOST
-        return cls(float(sum(t[0] for t in inside)), reduction, effect.path in LAGGING)
+        _, foremost, effect = max(inside, key=lambda t: t[0])
+        left = np.sqrt(foremost.fit.cost / foremost.data.problem.n_samples) / foremost.data.discrepancy.force
+        change = foremost.changes[foremost.effects.index(effect)]
+        return cls(float(sum(t[0] for t in inside)), change / max(float(left), 1e-12), effect.path in LAGGING)
 
     @property
     def features(self) -> tuple[float, float, float, float]:
-        """1, asinh(ln(w/(1 − w))/2), the reduction between 0 and `MOST`, and 1 for what is lagging."""
+        """1, asinh(ln(w/(1 − w))/2), ln of the relative change within ±`FARTHEST`, and 1 for what is lagging."""
         w = min(max(self.weight, CLIP), 1 - CLIP)
-        return (1.0, float(np.arcsinh(np.log(w / (1 - w)) / 2)), float(np.clip(self.reduction, 0.0, MOST)),
+        size = np.log(max(self.relative, CLIP))
+        return (1.0, float(np.arcsinh(np.log(w / (1 - w)) / 2)), float(np.clip(size, -FARTHEST, FARTHEST)),
                 float(self.lagging))
 
     @property
     def probability(self) -> float:
-        """That it is there: ln p/(1 − p) = a + b asinh(ln(w/(1 − w))/2) + c ln(E₋/E₊) + d [lagging].
+        """That it is there: ln p/(1 − p) = a + b asinh(ln(w/(1 − w))/2) + c ln(change/left) + d [lagging].
 
         Examples
         --------
-        >>> faint, strong = Support(0.5, 0.0, False), Support(0.99, 1.0, False)
-        >>> 0 < faint.probability < 0.5 < strong.probability < Support(0.9999, 3.0, False).probability < 1
+        >>> faint, strong = Support(0.5, 1.0, False), Support(0.99, 5.0, False)
+        >>> 0 < faint.probability < 0.5 < strong.probability < Support(0.9999, 10.0, False).probability < 1
         True
-        >>> Support(0.99, 1.0, True).probability < strong.probability
+        >>> Support(0.99, 5.0, True).probability < strong.probability
         True
         """
         if not self.weight > 0:

@@ -12,10 +12,9 @@ from lpvid.diagnosis.problem import DiagnosisProblem
 WORTH = 25.0
 """α, independent samples that a structured error is worth, by calibration over blind cases of two rigs (diagnosis.md):
 a law errs by few mechanisms, however many samples show them"""
-WORTHS = tuple(WORTH * 4.0**k for k in (-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0))
-"""the same where sets are judged: nobody knows α to better than a factor of four, so that probabilities are averaged
-over it, evenly in its logarithm (on cases with even numbers the calibration error of the weights falls from .19 to
-.1)"""
+WORTHS = tuple(WORTH * 2.0**k for k in (-1.0, -0.5, 0.0, 0.5, 1.0))
+"""the same where sets are judged: nobody knows α to better than a factor of two, so that weights are averaged over it,
+evenly in its logarithm"""
 SEGMENT = 64
 """samples of a segment of the averaged spectrum from which the white part of an error is read: 3000 hold 90 of them"""
 QUIET = 0.25

@@ -17,10 +17,11 @@ from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import placed
 
-NAMED = 0.95
-"""probability from which a cause, or a family, is named"""
+NAMED, SURE = 0.75, 0.95
+"""calibrated probability from which a cause, or a family, is named; and from which it is sure, so that a story of such
+causes explains an error (docs/diagnosis.md has the table of right and wrong names by this number)"""
 LISTED = 0.05
-"""probability from which a rival is listed"""
+"""weight of the sets without a cause that hold a rival, from which it is listed"""
 NOTABLE, BESIDE = 0.02, 0.1
 """change of the output, as a share of its rms, from which a cause is named whatever is left; and as a share of what is
 left, from which it is named where little is left (diagnosis_real)"""
@@ -41,7 +42,7 @@ class Member:
     weight : float
         Of the sets that hold it.
     rivals : tuple of (str, float)
-        Effects that hold the probability which it lacks, in its absence.
+        Effects that do its work in its absence, and how probable each is.
     cost : float
         Squared error that it takes away, the others refitted.
     gain : float
@@ -195,7 +196,7 @@ def story(sets: Sequence[tuple[Weighed, float]]) -> Weighed:
         mass[frozenset(w.kinds)] = mass.get(frozenset(w.kinds), 0.0) + p
     kinds = max(mass, key=lambda k: mass[k])
     alike = [w for w, _ in sets if frozenset(w.kinds) == kinds]
-    sure = [w for w in alike if all(e.component == k or _form(e, sets) >= NAMED * mass[kinds]
+    sure = [w for w in alike if all(e.component == k or _form(e, sets) >= SURE * mass[kinds]
                                     for e, k in zip(w.effects, w.kinds, strict=True))]
     return (sure or alike)[0]
 
@@ -229,7 +230,7 @@ def _in_this_form(effect: Effect) -> Finding:
 
 def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, finding: Finding
              ) -> tuple[tuple[str, float], ...]:
-    """Effects that take the place of one, with their probability in its absence; none where nothing does surely.
+    """Effects that take the place of one, with their probability; none where it is not probable that one of them does.
 
     Of what a set holds in its absence, and the best set does not, that which changes the output most does its work;
     and only where it or one of them is there with `NAMED` do they answer for it together.
@@ -249,4 +250,5 @@ def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, fi
     either = Support.of(sets, lambda w: next((e for f in (finding, *others) if (e := f(w)) is not None), None))
     if either.probability < NAMED:
         return ()
-    return tuple((form[k], p) for k, p in sorted(listed.items(), key=lambda t: -t[1]))
+    return tuple((form[k], Support.of(sets, component(k)).probability)
+                 for k, _ in sorted(listed.items(), key=lambda t: -t[1]))

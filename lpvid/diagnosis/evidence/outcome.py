@@ -11,7 +11,7 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Rejected, Rivals, SetProbabilities, VisitedSet
 from lpvid.diagnosis.evidence.calibration import Support, components, family
-from lpvid.diagnosis.evidence.judging import NAMED, JudgedSet, Member
+from lpvid.diagnosis.evidence.judging import NAMED, SURE, JudgedSet, Member
 from lpvid.diagnosis.evidence.search import MISSED, SetSearch
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.localise import Wrong, localise
@@ -114,7 +114,7 @@ class EvidenceOutcome:
         structure = f"what the inputs still predict is {self.of_law:.1%} of the output"
         if named:
             described = ", ".join(f"{m.effect.name} ({m.probability:.2f})" for m in named)
-            if self.of_law <= MISSED and not contested:
+            if self.of_law <= MISSED and not contested and all(m.probability >= SURE for m in named):
                 return "explained", f"{described}; {structure}, as much as a good law leaves"
             rest = [f"{m.effect.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
             return "partly-explained", "; ".join([described, *rest, structure])
