@@ -21,7 +21,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "quartercar"))
@@ -95,9 +95,9 @@ def foreign_case(seed: int) -> Row:
 
 
 def supports(answer: Diagnosis) -> dict[str, list]:
-    """Per component its weight, its change over what is left and whether it is a lag: what a row keeps."""
+    """What speaks for every component, in the order of `Support`: what a row keeps."""
     assert answer.weights is not None
-    return {k: [s.weight, s.relative, s.lagging] for k, s in answer.weights.components.items()}
+    return {k: list(astuple(s)) for k, s in answer.weights.components.items()}
 
 
 def own_case(seed: int) -> Row:
@@ -158,10 +158,11 @@ def claims(rows: list[Row], least: float = LISTED) -> list[Claim]:
     """Every component of every case that has at least a weight, and is right or wrong."""
     out = []
     for row in rows:
-        for name, (weight, relative, lagging) in row.get("support", {}).items():
-            there = judged(name, row) if weight >= least else None
+        for name, values in row.get("support", {}).items():
+            support = Support(*values)
+            there = judged(name, row) if support.weight >= least else None
             if there is not None:
-                out.append(Claim(row["rig"], number(row), Support(weight, relative, lagging), there))
+                out.append(Claim(row["rig"], number(row), support, there))
     return out
 
 

@@ -17,7 +17,7 @@ from lpvid.diagnosis.effect import EffectParameter
 from lpvid.diagnosis.evidence.discrepancy import SIZES, USUAL, Discrepancy, marginal
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
 from lpvid.diagnosis.evidence.independence import WORTH, independent
-from lpvid.diagnosis.evidence.judging import LEAST, NOTABLE, Member
+from lpvid.diagnosis.evidence.judging import LEAST, NOTABLE, SURE, Member
 from lpvid.diagnosis.evidence.priors import SHAPE, STRENGTH, inclusion, of_strength, off_prior
 from lpvid.diagnosis.evidence.scaling import Scales
 from lpvid.diagnosis.evidence.thinning import for_search
@@ -139,7 +139,7 @@ def test_a_cause_is_named_with_its_probability():
     cause, = d.causes
     assert cause.name == "dry"
     assert d.verdict == "explained"
-    assert cause.probability is not None and cause.probability > 0.95
+    assert cause.probability is not None and cause.probability > SURE and cause.weight is not None and cause.weight > 0.99
     assert np.isclose(cause.parameters[0].value, 0.8, rtol=0.1)
     data = json.loads(json.dumps(d.to_dict()))
     assert data["schema"] == "lpvid/diagnosis/2"
@@ -164,7 +164,7 @@ def test_forms_of_one_component_add_up_and_the_component_is_named():
     run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
     d = diagnose([run], Bent(), (*CAUSES, DryForm()))
     assert [c.name for c in d.causes] == ["dry"] and not d.rivals
-    assert d.weights is not None and d.weights.causes["dry"] > 0.95 and "dry-form" not in d.weights.causes
+    assert d.weights is not None and d.weights.causes["dry"] > SURE and "dry-form" not in d.weights.causes
     assert d.weights.components["dry"].weight > 0.99
 
 

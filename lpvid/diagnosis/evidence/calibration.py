@@ -8,16 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from lpvid.diagnosis.effect import Effect
-from lpvid.diagnosis.evidence.search import LAGGING
 from lpvid.diagnosis.evidence.weighing import Weighed
 
-COEFFICIENTS = (-1.11, 1.41, 0.41, -1.22)
-"""a, b, c, d of the map, by logistic regression (Platt 1999) on blind cases of both rigs, those with even numbers;
-docs/diagnosis.md shows those with odd ones. `tests/benchmarks/diagnosis_calibration.py OUT --table` computes them"""
-FARTHEST = 3.0
-"""logarithm of a change over what is left beyond which more proves no more: a factor of twenty either way"""
-CLIP = 1e-12
-"""weights are read to within this of 0 and 1"""
+COEFFICIENTS = (-1.89, 0.53, 0.68, 1.30, -0.83)
+"""a to e of the map, by logistic regression (Platt 1999) on 195 cases of both rigs, 318 components.
+`tests/benchmarks/diagnosis_calibration.py OUT --table` computes them anew; docs/diagnosis.md says how far they hold"""
+MOST = 2.0
+"""logarithm of an error's reduction beyond which more proves no more: to a seventh of its square"""
+TINY = 1e-300
 Finding = Callable[[Weighed], Effect | None]
 """The effect of a set by which it holds something; None where it does not."""
 
@@ -28,47 +26,54 @@ class Support:
 
     Attributes
     ----------
-    weight : float
-        Of these sets among all.
-    relative : float
-        What it changes in the output, over the error that is left: root mean squares, of the foremost of these sets.
-    lagging : bool
-        Whether it is a lag, a delay or a filter on the way of motion or force: these imitate every dynamic cause.
+    weight, against : float
+        Of these sets and of the others among all.
+    reduction : float
+        ln(E₋/E₊): E₊ is the squared error of the foremost of them, E₋ that of the best of the others. What nothing
+        else in the catalogue takes away.
+    structured : float
+        Share of the error of the best set beyond the noise floor. Where it is all noise every sample counts, and what
+        the law gets wrong by less than the noise is taken for a cause.
+    flexible : bool
+        Whether the foremost of them holds it as a flexible form rather than as a component.
     """
 
     weight: float
-    relative: float
-    lagging: bool
+    against: float
+    reduction: float
+    structured: float
+    flexible: bool = False
 
     @classmethod
-    def of(cls, sets: Sequence[tuple[Weighed, float]], finding: Finding) -> Support:
+    def of(cls, sets: Sequence[tuple[Weighed, float]], finding: Finding, structured: float) -> Support:
         """From all visited sets with their weights, which add up to one."""
-        inside = [(p, w, e) for w, p in sets if (e := finding(w)) is not None]
+        inside = [(p, w.fit.cost, e) for w, p in sets if (e := finding(w)) is not None]
+        outside = [(p, w.fit.cost) for w, p in sets if finding(w) is None]
         if not inside:
-            return cls(0.0, 0.0, False)
-        _, foremost, effect = max(inside, key=lambda t: t[0])
-        left = np.sqrt(foremost.fit.cost / foremost.data.problem.n_samples) / foremost.data.discrepancy.force
-        change = foremost.changes[foremost.effects.index(effect)]
-        return cls(float(sum(t[0] for t in inside)), change / max(float(left), 1e-12), effect.path in LAGGING)
+            return cls(0.0, 1.0, 0.0, structured)
+        _, cost, effect = max(inside, key=lambda t: t[0])
+        reduction = float(np.log(max(min(c for _, c in outside), TINY) / max(cost, TINY))) if outside else MOST
+        return cls(float(sum(t[0] for t in inside)), float(sum(p for p, _ in outside)), reduction, structured,
+                   effect.catch_all or effect.flexible)
 
     @property
-    def features(self) -> tuple[float, float, float, float]:
-        """1, asinh(ln(w/(1 − w))/2), ln of the relative change within ±`FARTHEST`, and 1 for what is lagging."""
-        w = min(max(self.weight, CLIP), 1 - CLIP)
-        size = np.log(max(self.relative, CLIP))
-        return (1.0, float(np.arcsinh(np.log(w / (1 - w)) / 2)), float(np.clip(size, -FARTHEST, FARTHEST)),
-                float(self.lagging))
+    def features(self) -> tuple[float, ...]:
+        """1, ±ln(1 + |l|) of the logarithm l of the odds, the reduction between 0 and `MOST`, the structured share, and
+        1 for a flexible form."""
+        odds = float(np.log(max(self.weight, TINY)) - np.log(max(self.against, TINY)))
+        return (1.0, float(np.sign(odds) * np.log1p(abs(odds))), float(np.clip(self.reduction, 0.0, MOST)),
+                self.structured, float(self.flexible))
 
     @property
     def probability(self) -> float:
-        """That it is there: ln p/(1 − p) = a + b asinh(ln(w/(1 − w))/2) + c ln(change/left) + d [lagging].
+        """That it is there, by its `features` f and the `COEFFICIENTS` β: ln p/(1 − p) = β·f.
 
         Examples
         --------
-        >>> faint, strong = Support(0.5, 1.0, False), Support(0.99, 5.0, False)
-        >>> 0 < faint.probability < 0.5 < strong.probability < Support(0.9999, 10.0, False).probability < 1
+        >>> faint, strong = Support(0.5, 0.5, 0.0, 0.9), Support(0.99, 0.01, 1.0, 0.9)
+        >>> 0 < faint.probability < 0.5 < strong.probability < Support(0.9999, 1e-4, 3.0, 0.9).probability < 1
         True
-        >>> Support(0.99, 5.0, True).probability < strong.probability
+        >>> Support(0.99, 0.01, 1.0, 0.9, flexible=True).probability < strong.probability
         True
         """
         if not self.weight > 0:
@@ -86,7 +91,7 @@ def family(name: str) -> Finding:
     return lambda w: next((e for e in w.effects if e.family == name), None)
 
 
-def components(sets: Sequence[tuple[Weighed, float]]) -> dict[str, Support]:
+def components(sets: Sequence[tuple[Weighed, float]], structured: float) -> dict[str, Support]:
     """What speaks for every component that some set holds, in whatever form; the most probable first."""
-    found = {k: Support.of(sets, component(k)) for k in {k for w, _ in sets for k in w.kinds}}
+    found = {k: Support.of(sets, component(k), structured) for k in {k for w, _ in sets for k in w.kinds}}
     return dict(sorted(found.items(), key=lambda t: (-t[1].probability, t[0])))

@@ -17,9 +17,11 @@ from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import placed
 
-NAMED, SURE = 0.75, 0.95
-"""calibrated probability from which a cause, or a family, is named; and from which it is sure, so that a story of such
-causes explains an error (docs/diagnosis.md has the table of right and wrong names by this number)"""
+NAMED, SURE = 0.5, 0.75
+"""calibrated probability from which a cause, or a family, is named: more probable than not; and from which it is sure,
+so that a story of such causes explains an error (docs/diagnosis.md: right and wrong names by this number)"""
+FORM = 0.95
+"""share of the weight of its component from which a special form is reported in its place"""
 LISTED = 0.05
 """weight of the sets without a cause that hold a rival, from which it is listed"""
 NOTABLE, BESIDE = 0.02, 0.1
@@ -196,7 +198,7 @@ def story(sets: Sequence[tuple[Weighed, float]]) -> Weighed:
         mass[frozenset(w.kinds)] = mass.get(frozenset(w.kinds), 0.0) + p
     kinds = max(mass, key=lambda k: mass[k])
     alike = [w for w, _ in sets if frozenset(w.kinds) == kinds]
-    sure = [w for w in alike if all(e.component == k or _form(e, sets) >= SURE * mass[kinds]
+    sure = [w for w in alike if all(e.component == k or _form(e, sets) >= FORM * mass[kinds]
                                     for e, k in zip(w.effects, w.kinds, strict=True))]
     return (sure or alike)[0]
 
@@ -213,8 +215,9 @@ def _member(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weig
     before = float(np.sum(folds_of(problem, rest).plain**2))
     kind = best.kinds[best.effects.index(effect)]
     finding = component(kind) if effect.component == kind else _in_this_form(effect)
-    support, of_family = Support.of(sets, finding), Support.of(sets, family(effect.family)).probability
-    rivals = () if support.probability >= NAMED else _instead(sets, best, kind, finding)
+    support = Support.of(sets, finding, search.structured)
+    of_family = Support.of(sets, family(effect.family), search.structured).probability
+    rivals = () if support.probability >= NAMED else _instead(sets, best, kind, finding, search.structured)
     change = float(np.sqrt(np.mean((rest.errors - fit.errors) ** 2))) / search.data.discrepancy.force
     without = search.visited.get(best.members - {effect.name})
     gain = search.score(best) - (search.score(without) if without is not None else -np.inf)
@@ -228,8 +231,8 @@ def _in_this_form(effect: Effect) -> Finding:
     return lambda w: next((e for e in w.effects if e.component == effect.component), None)
 
 
-def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, finding: Finding
-             ) -> tuple[tuple[str, float], ...]:
+def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, finding: Finding,
+             structured: float) -> tuple[tuple[str, float], ...]:
     """Effects that take the place of one, with their probability; none where it is not probable that one of them does.
 
     Of what a set holds in its absence, and the best set does not, that which changes the output most does its work;
@@ -247,8 +250,9 @@ def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, fi
                 form.setdefault(k, name)
     listed = {k: p for k, p in lone.items() if p > LISTED}
     others = [component(k) for k in listed]
-    either = Support.of(sets, lambda w: next((e for f in (finding, *others) if (e := f(w)) is not None), None))
+    either = Support.of(sets, lambda w: next((e for f in (finding, *others) if (e := f(w)) is not None), None),
+                        structured)
     if either.probability < NAMED:
         return ()
-    return tuple((form[k], Support.of(sets, component(k)).probability)
+    return tuple((form[k], Support.of(sets, component(k), structured).probability)
                  for k, _ in sorted(listed.items(), key=lambda t: -t[1]))
