@@ -139,7 +139,8 @@ def test_a_cause_is_named_with_its_probability():
     cause, = d.causes
     assert cause.name == "dry"
     assert d.verdict == "explained"
-    assert cause.probability is not None and cause.probability > SURE and cause.weight is not None and cause.weight > 0.99
+    assert cause.probability is not None and cause.probability > SURE
+    assert cause.weight is not None and cause.weight > 0.99
     assert np.isclose(cause.parameters[0].value, 0.8, rtol=0.1)
     data = json.loads(json.dumps(d.to_dict()))
     assert data["schema"] == "lpvid/diagnosis/2"
