@@ -25,13 +25,14 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "quartercar"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
-from foreign_rig import cases, truth
 from foreign_scoreboard import read
-from hidden_score import BOUC_WEN, imitators
-from hidden_truth import SAME
+from helpers import hidden_score
+from helpers.foreign_rig import cases, truth
+from helpers.hidden_score import BOUC_WEN, imitators
+from helpers.hidden_truth import SAME
 from real_answers import parts_of
 
 from lpvid.diagnosis.diagnosis import Diagnosis
@@ -104,8 +105,6 @@ def supports(answer: Diagnosis) -> dict[str, list]:
 
 def own_case(seed: int) -> Row:
     """One case of the own rig as the scoreboard has it."""
-    import hidden_score
-
     answers: list[Diagnosis] = []
     row = hidden_score.case(seed, CATALOGUE, "evidence", answers=answers)
     return row | {"rig": "own", "support": supports(answers[0])}

@@ -10,7 +10,7 @@ import numpy as np
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.weighing import Weighed
 
-COEFFICIENTS = (-1.89, 0.53, 0.68, 1.30, -0.83)
+COEFFICIENTS = (-1.93, 0.55, 0.61, 1.33, -0.56)
 """a to e of the map, by logistic regression (Platt 1999) on 195 cases of both rigs, 318 components.
 `tests/benchmarks/diagnosis_calibration.py OUT --table` computes them anew; docs/diagnosis.md says how far they hold"""
 MOST = 2.0
@@ -35,7 +35,7 @@ class Support:
         Share of the error of the best set beyond the noise floor. Where it is all noise every sample counts, and what
         the law gets wrong by less than the noise is taken for a cause.
     flexible : bool
-        Whether the foremost of them holds it as a flexible form rather than as a component.
+        Whether it is a flexible form rather than a component, or another form of one.
     """
 
     weight: float
@@ -54,7 +54,7 @@ class Support:
         _, cost, effect = max(inside, key=lambda t: t[0])
         reduction = float(np.log(max(min(c for _, c in outside), TINY) / max(cost, TINY))) if outside else MOST
         return cls(float(sum(t[0] for t in inside)), float(sum(p for p, _ in outside)), reduction, structured,
-                   effect.catch_all or effect.flexible)
+                   (effect.catch_all or effect.flexible) and effect.component == effect.name)
 
     @property
     def features(self) -> tuple[float, ...]:
