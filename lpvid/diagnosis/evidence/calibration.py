@@ -46,7 +46,21 @@ class Support:
 
     @classmethod
     def of(cls, sets: Sequence[tuple[Weighed, float]], finding: Finding, structured: float) -> Support:
-        """From all visited sets with their weights, which add up to one."""
+        """From all visited sets.
+
+        Parameters
+        ----------
+        sets : sequence of (Weighed, float)
+            With their weights, which add up to one.
+        finding : callable
+            The effect of a set by which it holds it; None where it does not.
+        structured : float
+            Share of the error of the best set beyond the noise floor.
+
+        Returns
+        -------
+        Support
+        """
         inside = [(p, w.fit.cost, e) for w, p in sets if (e := finding(w)) is not None]
         outside = [(p, w.fit.cost) for w, p in sets if finding(w) is None]
         if not inside:
@@ -82,16 +96,48 @@ class Support:
 
 
 def component(kind: str) -> Finding:
-    """Finds a component, in whatever form."""
+    """Finds a component, in whatever form.
+
+    Parameters
+    ----------
+    kind : str
+        Its name.
+
+    Returns
+    -------
+    callable
+    """
     return lambda w: next((e for e, k in zip(w.effects, w.kinds, strict=True) if k == kind), None)
 
 
 def family(name: str) -> Finding:
-    """Finds any effect of a family."""
+    """Finds any effect of a family.
+
+    Parameters
+    ----------
+    name : str
+        Of the family.
+
+    Returns
+    -------
+    callable
+    """
     return lambda w: next((e for e in w.effects if e.family == name), None)
 
 
 def components(sets: Sequence[tuple[Weighed, float]], structured: float) -> dict[str, Support]:
-    """What speaks for every component that some set holds, in whatever form; the most probable first."""
+    """What speaks for every component that some set holds, in whatever form; the most probable first.
+
+    Parameters
+    ----------
+    sets : sequence of (Weighed, float)
+        All visited, with weights that add up to one.
+    structured : float
+        Share of the error of the best set beyond the noise floor.
+
+    Returns
+    -------
+    dict of str to Support
+    """
     found = {k: Support.of(sets, component(k), structured) for k in {k for w, _ in sets for k in w.kinds}}
     return dict(sorted(found.items(), key=lambda t: (-t[1].probability, t[0])))

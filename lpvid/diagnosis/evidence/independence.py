@@ -44,7 +44,20 @@ class Independence:
 
 
 def share_of(structured: float, samples: int, worth: float) -> float:
-    """κ of an error of which p is structured.
+    """κ of an error of which p is structured: 1/κ = (1 − p) + p N/α, at most one.
+
+    Parameters
+    ----------
+    structured : float
+        p.
+    samples : int
+        N.
+    worth : float
+        α.
+
+    Returns
+    -------
+    float
 
     Examples
     --------
