@@ -307,7 +307,7 @@ class Diagnosis(Shown):
                  f"  baseline {self.baseline.get('name')}: free-run ESR {self.before.esr_training:.4g} training, "
                  f"{self.before.esr_held_out:.4g} held-out ({self.held_out}), rmse {self.before.rmse:.4g} {self.unit}"]
         lines += [f"  cause {c.name}: {', '.join(map(str, c.parameters))}; held-out gain {c.held_out_gain:.1f} %"
-                  + ("" if c.probability is None else f", weight {c.probability:.2f}")
+                  + ("" if c.probability is None else f", probability {c.probability:.2f}")
                   for c in self.causes[:3]]
         lines += [f"  cannot be kept apart: {', '.join(r.names)}; {r.experiment}" for r in self.rivals[:2]]
         if self.extended is not None and self.extended.effects:
