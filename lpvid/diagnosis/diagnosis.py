@@ -11,6 +11,7 @@ from lpvid.diagnosis.localise import Wrong
 
 if TYPE_CHECKING:
     from lpvid.auditing import Audit
+    from lpvid.diagnosis.evidence.calibration import Support
     from lpvid.diagnosis.extended import ExtendedModel
 
 VERDICTS = ("explained", "partly-explained", "unexplained", "nothing-to-explain", "cannot-tell")
@@ -59,9 +60,11 @@ class Cause:
     contribution : float
         Root mean square of what it adds to the output, in the output's unit.
     probability : float or None
-        That it is there, among the sets of causes that were visited; None where no sets were weighed.
+        That it is there, calibrated on cases of two rigs; None where no sets were weighed.
     family : str
         Of causes; "" where none was weighed.
+    weight : float or None
+        Of the sets of causes that hold it, among those that were looked at.
     """
 
     name: str
@@ -76,10 +79,12 @@ class Cause:
     contribution: float
     probability: float | None = None
     family: str = ""
+    weight: float | None = None
 
     def to_dict(self) -> dict:
         """Plain data for JSON."""
-        weighed = {} if self.probability is None else {"probability": self.probability, "family": self.family}
+        weighed = {} if self.probability is None else {"probability": self.probability, "family": self.family,
+                                                            "weight": self.weight}
         return {"name": self.name, "description": self.description,
                 "parameters": [p.to_dict() for p in self.parameters], "p_value": self.p_value,
                 "delta_bic": self.delta_bic, "share_alone": self.share_alone,
@@ -171,8 +176,8 @@ class SetProbabilities:
         Where that lies, above all.
     sets : tuple of VisitedSet
         Best first.
-    causes : mapping of str to float
-        Probability of every component, wherever it sits, that some visited set holds; the most probable first.
+    components : mapping of str to Support
+        What speaks for every component, wherever it sits, that some visited set holds; the most probable first.
     """
 
     families: Mapping[str, float]
@@ -180,11 +185,16 @@ class SetProbabilities:
     discrepancy: float
     where: str
     sets: tuple[VisitedSet, ...]
-    causes: Mapping[str, float] = field(default_factory=dict)
+    components: Mapping[str, Support] = field(default_factory=dict)
+
+    @property
+    def causes(self) -> dict[str, float]:
+        """Probability of every component."""
+        return {k: s.probability for k, s in self.components.items()}
 
     def to_dict(self) -> dict:
         """Keys of diagnosis.json, schema 2."""
-        return {"probabilities": dict(self.causes),
+        return {"probabilities": self.causes, "weights": {k: s.weight for k, s in self.components.items()},
                 "families": [{"name": n, "probability": p} for n, p in self.families.items()],
                 "probability_of_nothing": self.nothing,
                 "discrepancy": {"share": self.discrepancy, "where": self.where},
@@ -309,7 +319,7 @@ class Diagnosis(Shown):
                  f"  baseline {self.baseline.get('name')}: free-run ESR {self.before.esr_training:.4g} training, "
                  f"{self.before.esr_held_out:.4g} held-out ({self.held_out}), rmse {self.before.rmse:.4g} {self.unit}"]
         lines += [f"  cause {c.name}: {', '.join(map(str, c.parameters))}; held-out gain {c.held_out_gain:.1f} %"
-                  + ("" if c.probability is None else f", weight {c.probability:.2f}")
+                  + ("" if c.probability is None else f", probability {c.probability:.2f}")
                   for c in self.causes[:3]]
         lines += [f"  cannot be kept apart: {', '.join(r.names)}; {r.experiment}" for r in self.rivals[:2]]
         if self.extended is not None and self.extended.effects:

@@ -138,7 +138,7 @@ def answer(question: Question, settings: DiagnosisSettings | None = None,
 
     settings, report_progress = settings or DiagnosisSettings(), progress or (lambda text: None)
     prepared, baseline = question.prepared, question.baseline
-    notes = [*_polarity_note(baseline), *prepared.notes]
+    notes = [*_polarity_note(baseline), *_unused_note(baseline, prepared.training), *prepared.notes]
     stage = [f"fitting {baseline.name}"]
 
     def described(text: str) -> None:
@@ -265,6 +265,22 @@ def _polarity_note(baseline: Baseline) -> list[str]:
     return [f"reversed polarity: the {baseline.output} opposes the motion in these records. The diagnosis is that "
             f"of the device itself, with the sign turned; extended_model.json simulates the records as measured. "
             f"--flip {baseline.output} turns the records"]
+
+
+def _unused_note(baseline: Baseline, records: Sequence[Record]) -> list[str]:
+    """Advice where a current moves in the records and the baseline does not read it.
+
+    It moves where the mean square of its steps is less than half of that of noise of its variance (von Neumann 1941).
+    """
+    if "current" in baseline.channels or not all(r.has("current") for r in records):
+        return []
+    currents = [r["current"] for r in records]
+    together = np.concatenate(currents)
+    steps = float(np.mean(np.concatenate([np.diff(c) for c in currents]) ** 2))
+    if not steps / 2 < 0.5 * float(together.var()) > np.finfo(float).eps * float(np.mean(together**2)):
+        return []
+    return [f"the current moves between {together.min():.3g} and {together.max():.3g} and {baseline.name} does not use "
+            f"it: what it changes counts as error here. --baseline {AUTO} looks for a law that uses it"]
 
 
 def _esr(baseline: Baseline, records: Sequence[Record]) -> float | None:

@@ -166,7 +166,7 @@ def _sets(weights: SetProbabilities) -> list[Item]:
     families = tuple((n, number(p, 3)) for n, p in weights.families.items())
     return [PageTable(("set of causes", "weight", "free-run ESR, held-out"), sets, "Among the sets that were looked "
                   "at. A weight ranks stories by their evidence; it is no frequency of being right.", (1, 2)),
-            PageTable(("family", "weight of the sets that hold one of it"), families, "", (1,)),
+            PageTable(("family", "probability that one of it is there"), families, "", (1,)),
             Paragraph(f"What the inputs still predict of the error is {percent(weights.discrepancy)} of the output, "
                       f"above all {weights.where}. Every real law leaves one to three per cent.")]
 

@@ -55,6 +55,7 @@ def stated(row: Row) -> list[str]:
 def wrong(row: Row) -> list[str]:
     """Names given outright of what is not there, nor inseparable from what is."""
     alike = set() if row["separable"] else set(row["near"])
+    alike = alike.union(*(cases.BESIDES.get(c, set()) for c in row["causes"]))
     return [n for n in stated(row) if n not in row["causes"] and n not in alike and not _by_part(n, row)]
 
 

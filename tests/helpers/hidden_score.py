@@ -21,12 +21,14 @@ to 1 ms here, and a force that builds up over a deflection (Dahl's friction is a
 CHAIN = "shared-filter"
 
 
-def case(seed: int, catalogue: tuple[Effect, ...], **fixed: object) -> Row:
-    """Draw, diagnose and mark one case; plain data."""
+def case(seed: int, catalogue: tuple[Effect, ...], answers: list[Diagnosis] | None = None, **fixed: object) -> Row:
+    """Draw, diagnose and mark one case; plain data. The diagnosis itself goes into `answers`."""
     made, truth = build(seed, catalogue, **fixed)
     begun, cpu = time.perf_counter(), time.process_time()
     answer = engine.diagnose(made.records, baseline_for(made.plan, made.records), catalogue)
     seconds, cpu = time.perf_counter() - begun, time.process_time() - cpu
+    if answers is not None:
+        answers.append(answer)
     row = made.plan.to_dict() | {
         "sizes": [s for _, s in made.hidden], "smallest": list(truth.smallest), "share": truth.share,
         "likelihood": truth.likelihood,

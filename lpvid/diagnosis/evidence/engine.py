@@ -15,11 +15,12 @@ from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.diagnosis import CannotTell, Diagnosis, SetProbabilities, VisitedSet
 from lpvid.diagnosis.effect import Effect, by_name
+from lpvid.diagnosis.evidence.calibration import components
 from lpvid.diagnosis.evidence.discrepancy import Discrepancy
 from lpvid.diagnosis.evidence.judging import judge, on_all_samples
 from lpvid.diagnosis.evidence.outcome import STORIES, EvidenceOutcome
 from lpvid.diagnosis.evidence.scaling import Scales
-from lpvid.diagnosis.evidence.search import SetSearch, posterior, probabilities
+from lpvid.diagnosis.evidence.search import SetSearch, posterior
 from lpvid.diagnosis.evidence.thinning import for_search, thinned
 from lpvid.diagnosis.evidence.weighing import Data
 from lpvid.diagnosis.interrupted import BestSoFar, InterruptedSearch
@@ -113,7 +114,8 @@ def best_of(search: SetSearch) -> BestSoFar:
     best, share = sets[0]
     nothing = sum(p for w, p in sets if not w.members)
     weights = SetProbabilities({}, float(nothing), 0.0, "not looked at", tuple(
-        VisitedSet(tuple(e.name for e in w.effects), p, None) for w, p in sets[:STORIES]), probabilities(sets))
+        VisitedSet(tuple(e.name for e in w.effects), p, None) for w, p in sets[:STORIES]),
+        components(sets, search.structured))
     return BestSoFar(best.fit.composition, best.fit.vector, share, weights)
 
 

@@ -12,6 +12,9 @@ from lpvid.diagnosis.problem import DiagnosisProblem
 WORTH = 25.0
 """α, independent samples that a structured error is worth, by calibration over blind cases of two rigs (diagnosis.md):
 a law errs by few mechanisms, however many samples show them"""
+WORTHS = tuple(WORTH * 2.0**k for k in (-1.0, -0.5, 0.0, 0.5, 1.0))
+"""the same where sets are judged: nobody knows α to better than a factor of two, so that weights are averaged over it,
+evenly in its logarithm"""
 SEGMENT = 64
 """samples of a segment of the averaged spectrum from which the white part of an error is read: 3000 hold 90 of them"""
 QUIET = 0.25
@@ -40,6 +43,30 @@ class Independence:
     floor: float
 
 
+def share_of(structured: float, samples: int, worth: float) -> float:
+    """κ of an error of which p is structured: 1/κ = (1 − p) + p N/α, at most one.
+
+    Parameters
+    ----------
+    structured : float
+        p.
+    samples : int
+        N.
+    worth : float
+        α.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> share_of(0.0, 3000, 25.0), round(share_of(1.0, 3000, 25.0) * 3000, 6)
+    (1.0, 25.0)
+    """
+    return 1 / max((1 - structured) + structured * samples / worth, 1.0)
+
+
 def independent(problem: DiagnosisProblem, errors: Sequence[np.ndarray], worth: float = WORTH) -> Independence:
     """κ of an error: 1/κ = (1 − p) + p N/α.
 
@@ -62,7 +89,7 @@ def independent(problem: DiagnosisProblem, errors: Sequence[np.ndarray], worth: 
         return Independence(1.0, 0.0, 0.0)
     power, count = _spectrum(problem, stacked)
     white = min(_lowest(power, count) / float(power.mean()), 1.0)
-    return Independence(1 / max(white + (1 - white) * problem.n_samples / worth, 1.0), 1 - white, white * total)
+    return Independence(share_of(1 - white, problem.n_samples, worth), 1 - white, white * total)
 
 
 def _spectrum(problem: DiagnosisProblem, stacked: np.ndarray) -> tuple[np.ndarray, int]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
+from lpvid.diagnosis.evidence.calibration import Finding, Support, component, family
 from lpvid.diagnosis.evidence.search import SetSearch, posterior
 from lpvid.diagnosis.evidence.weighing import Weighed
 from lpvid.diagnosis.folds import Folds, out_of_fold
@@ -16,10 +17,13 @@ from lpvid.diagnosis.problem import DiagnosisProblem
 from lpvid.diagnosis.refitting import Refit, refit
 from lpvid.diagnosis.screening import placed
 
-NAMED = 0.95
-"""probability from which a cause, or a family, is named"""
+NAMED, SURE = 0.5, 0.75
+"""calibrated probability from which a cause, or a family, is named: more probable than not; and from which it is sure,
+so that a story of such causes explains an error (docs/diagnosis.md: right and wrong names by this number)"""
+FORM = 0.95
+"""share of the weight of its component from which a special form is reported in its place"""
 LISTED = 0.05
-"""probability from which a rival is listed"""
+"""weight of the sets without a cause that hold a rival, from which it is listed"""
 NOTABLE, BESIDE = 0.02, 0.1
 """change of the output, as a share of its rms, from which a cause is named whatever is left; and as a share of what is
 left, from which it is named where little is left (diagnosis_real)"""
@@ -36,9 +40,11 @@ class Member:
     effect : Effect
     values : (k,) array
     probability, of_family : float
-        That it, or what it is a special case of, is there, wherever it sits; that one of its family is.
+        That it, or what it is a special case of, is there, wherever it sits; that one of its family is. Calibrated.
+    weight : float
+        Of the sets that hold it.
     rivals : tuple of (str, float)
-        Effects that hold the probability which it lacks, in its absence.
+        Effects that do its work in its absence, and how probable each is.
     cost : float
         Squared error that it takes away, the others refitted.
     gain : float
@@ -55,6 +61,7 @@ class Member:
     values: np.ndarray
     probability: float
     of_family: float
+    weight: float
     rivals: tuple[tuple[str, float], ...]
     cost: float
     gain: float
@@ -77,7 +84,7 @@ class Member:
         if self.change < least:
             return f"it changes the output by {self.change:.1%}, less than {least:.1%}: small print"
         if self.probability < NAMED and not self.rivals:
-            return f"weight {self.probability:.2f} only, and nothing takes its place"
+            return f"probability {self.probability:.2f} only, and nothing takes its place"
         return None
 
 
@@ -191,7 +198,7 @@ def story(sets: Sequence[tuple[Weighed, float]]) -> Weighed:
         mass[frozenset(w.kinds)] = mass.get(frozenset(w.kinds), 0.0) + p
     kinds = max(mass, key=lambda k: mass[k])
     alike = [w for w, _ in sets if frozenset(w.kinds) == kinds]
-    sure = [w for w in alike if all(e.component == k or _form(e, sets) >= NAMED * mass[kinds]
+    sure = [w for w in alike if all(e.component == k or _form(e, sets) >= FORM * mass[kinds]
                                     for e, k in zip(w.effects, w.kinds, strict=True))]
     return (sure or alike)[0]
 
@@ -207,26 +214,26 @@ def _member(search: SetSearch, sets: Sequence[tuple[Weighed, float]], best: Weig
     gains = problem.block_sums(folds_of(problem, rest).plain**2 - after.plain**2)
     before = float(np.sum(folds_of(problem, rest).plain**2))
     kind = best.kinds[best.effects.index(effect)]
-    simple = effect.component == kind
-
-    def holds(w: Weighed) -> bool:
-        return kind in w.kinds if simple else any(e.component == effect.component for e in w.effects)
-
-    probability = float(sum(p for w, p in sets if holds(w)))
-    family = [p for w, p in sets if any(e.family == effect.family for e in w.effects)]
-    rivals = () if probability >= NAMED else _instead(sets, best, kind, holds)
+    finding = component(kind) if effect.component == kind else _in_this_form(effect)
+    support = Support.of(sets, finding, search.structured)
+    of_family = Support.of(sets, family(effect.family), search.structured).probability
+    rivals = () if support.probability >= NAMED else _instead(sets, best, kind, finding, search.structured)
     change = float(np.sqrt(np.mean((rest.errors - fit.errors) ** 2))) / search.data.discrepancy.force
     without = search.visited.get(best.members - {effect.name})
     gain = search.score(best) - (search.score(without) if without is not None else -np.inf)
     values = fit.vector[fit.composition.places[fit.composition.effects.index(effect)]]
-    return Member(effect, values, probability, float(sum(family)), rivals,
+    return Member(effect, values, support.probability, of_family, support.weight, rivals,
                   rest.cost - fit.cost, 100 * float(gains.sum()) / max(before, 1e-300), float(np.mean(gains > 0)),
                   change, float(gain) if np.isfinite(gain) else 0.0)
 
 
-def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, holds: Callable[[Weighed], bool]
-             ) -> tuple[tuple[str, float], ...]:
-    """Effects that take the place of one, with their probability in its absence; none where nothing does surely.
+def _in_this_form(effect: Effect) -> Finding:
+    return lambda w: next((e for e in w.effects if e.component == effect.component), None)
+
+
+def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, finding: Finding,
+             structured: float) -> tuple[tuple[str, float], ...]:
+    """Effects that take the place of one, with their probability; none where it is not probable that one of them does.
 
     Of what a set holds in its absence, and the best set does not, that which changes the output most does its work;
     and only where it or one of them is there with `NAMED` do they answer for it together.
@@ -234,7 +241,7 @@ def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, ho
     lone: dict[str, float] = {}
     form: dict[str, str] = {}
     for w, p in sets:
-        if not holds(w):
+        if finding(w) is None:
             other = [(c, k, e.name) for e, k, c in zip(w.effects, w.kinds, w.changes, strict=True)
                      if e.name not in best.members and (k == kind or k not in best.kinds)]
             if other:
@@ -242,7 +249,10 @@ def _instead(sets: Sequence[tuple[Weighed, float]], best: Weighed, kind: str, ho
                 lone[k] = lone.get(k, 0.0) + p
                 form.setdefault(k, name)
     listed = {k: p for k, p in lone.items() if p > LISTED}
-    together = sum(p for w, p in sets if holds(w) or listed.keys() & set(w.kinds))
-    if together < NAMED:
+    others = [component(k) for k in listed]
+    either = Support.of(sets, lambda w: next((e for f in (finding, *others) if (e := f(w)) is not None), None),
+                        structured)
+    if either.probability < NAMED:
         return ()
-    return tuple((form[k], p) for k, p in sorted(listed.items(), key=lambda t: -t[1]))
+    return tuple((form[k], Support.of(sets, component(k), structured).probability)
+                 for k, _ in sorted(listed.items(), key=lambda t: -t[1]))

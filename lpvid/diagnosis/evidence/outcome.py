@@ -11,8 +11,9 @@ import numpy as np
 from lpvid.diagnosis.baseline import Baseline
 from lpvid.diagnosis.diagnosis import CannotTell, Cause, Diagnosis, Rejected, Rivals, SetProbabilities, VisitedSet
 from lpvid.diagnosis.estimates import errors_of, estimates
-from lpvid.diagnosis.evidence.judging import NAMED, JudgedSet, Member
-from lpvid.diagnosis.evidence.search import MISSED, SetSearch, probabilities
+from lpvid.diagnosis.evidence.calibration import Support, components, family
+from lpvid.diagnosis.evidence.judging import NAMED, SURE, JudgedSet, Member
+from lpvid.diagnosis.evidence.search import MISSED, SetSearch
 from lpvid.diagnosis.extended import ExtendedModel
 from lpvid.diagnosis.intervals import covariance
 from lpvid.diagnosis.localise import Wrong, localise
@@ -105,7 +106,8 @@ class EvidenceOutcome:
             {e.effect.name: {"likelihood_ratio": e.likelihood_ratio, "p_value": e.p_value,
                              "smallest_detectable": e.smallest_detectable} for e in self.screened},
             weights=SetProbabilities(self._families(), float(sum(p for w, p in sets if not w.members)), self.of_law,
-                            _place(rest), self._stories(after.esr_held_out), probabilities(j.sets)))
+                            _place(rest), self._stories(after.esr_held_out),
+                            components(j.sets, self.search.structured)))
 
     # -- verdict -------------------------------------------------------------------------------------------------------
     def _verdict(self, named: Sequence[Member], contested: Sequence[Member], others: Sequence[Member]
@@ -113,7 +115,7 @@ class EvidenceOutcome:
         structure = f"what the inputs still predict is {self.of_law:.1%} of the output"
         if named:
             described = ", ".join(f"{m.effect.name} ({m.probability:.2f})" for m in named)
-            if self.of_law <= MISSED and not contested:
+            if self.of_law <= MISSED and not contested and all(m.probability >= SURE for m in named):
                 return "explained", f"{described}; {structure}, as much as a good law leaves"
             rest = [f"{m.effect.name} or {' or '.join(n for n, _ in m.rivals)}" for m in contested]
             return "partly-explained", "; ".join([described, *rest, structure])
@@ -151,7 +153,7 @@ class EvidenceOutcome:
         p_value = next((e.p_value for e in self.screened if e.effect.name == m.effect.name), 1.0)
         return Cause(m.effect.name, m.effect.described(m.values), estimates(m.effect, m.values, spread[place]), p_value,
                      -2 * m.evidence, float(alone), m.cost / max(j.won, 1e-300), m.gain, m.better,
-                     m.change * self.search.data.discrepancy.force, m.probability, m.effect.family)
+                     m.change * self.search.data.discrepancy.force, m.probability, m.effect.family, m.weight)
 
     def _rivals(self, m: Member) -> Rivals:
         known = {e.name: e for e in self.search.candidates}
@@ -182,8 +184,7 @@ class EvidenceOutcome:
 
     def _families(self) -> dict[str, float]:
         families = {e.family for w, _ in self.judged.sets for e in w.effects}
-        held = {f: float(sum(p for w, p in self.judged.sets if any(e.family == f for e in w.effects)))
-                for f in families}
+        held = {f: Support.of(self.judged.sets, family(f), self.search.structured).probability for f in families}
         return dict(sorted(held.items(), key=lambda t: (-t[1], t[0])))
 
     def _stories(self, esr: float) -> tuple[VisitedSet, ...]:

@@ -11,7 +11,7 @@ from lpvid._threads import in_parallel
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import Effect
 from lpvid.diagnosis.evidence.discrepancy import USUAL
-from lpvid.diagnosis.evidence.independence import WORTH, independent
+from lpvid.diagnosis.evidence.independence import WORTH, WORTHS, independent, share_of
 from lpvid.diagnosis.evidence.priors import inclusion
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
 from lpvid.diagnosis.problem import DiagnosisProblem, projector, without
@@ -69,6 +69,8 @@ class SetSearch:
         Share of that error beyond the noise floor.
     worth : float
         α of that: more while sets are sought, so that larger ones are reached, than where they are judged.
+    shares : tuple of float
+        κ at every α over which the judgement is averaged; empty while sets are sought, by κ alone then.
     """
 
     data: Data
@@ -81,6 +83,7 @@ class SetSearch:
     kept: float = 1.0
     structured: float = 0.0
     worth: float = EAGER * WORTH
+    shares: tuple[float, ...] = ()
 
     @property
     def problem(self) -> DiagnosisProblem:
@@ -120,6 +123,7 @@ class SetSearch:
             self._reweigh()
             if self.best is before:
                 break
+        self.shares = tuple(share_of(self.structured, self.problem.n_samples, w) for w in WORTHS)
 
     def _open(self, w: Weighed) -> bool:
         """Whether a set may still be enlarged; one with a filter of all channels is not, which comes last."""
@@ -289,18 +293,12 @@ def _spread(points: np.ndarray, count: int) -> np.ndarray:
 
 
 def posterior(search: SetSearch) -> list[tuple[Weighed, float]]:
-    """Visited sets with their probability among these, most probable first."""
+    """Visited sets with their weight among these, averaged over what a structured error may be worth; largest first."""
     every = list(search.visited.values())
-    scores = np.array([search.score(w) for w in every])
-    weights = np.exp(scores - scores.max())
-    weights /= weights.sum()
+    weights = np.zeros(len(every))
+    shares = search.shares or (search.kept,)
+    for kept in shares:
+        scores = np.array([w.evidence(kept) for w in every])
+        relative = np.exp(scores - scores.max())
+        weights += relative / relative.sum() / len(shares)
     return sorted(zip(every, weights.tolist(), strict=True), key=lambda t: -t[1])
-
-
-def probabilities(sets: Sequence[tuple[Weighed, float]]) -> dict[str, float]:
-    """Probability of every component that some set holds, in whatever form, the most probable first."""
-    held: dict[str, float] = {}
-    for w, p in sets:
-        for c in set(w.kinds):
-            held[c] = held.get(c, 0.0) + p
-    return dict(sorted(held.items(), key=lambda t: (-t[1], t[0])))

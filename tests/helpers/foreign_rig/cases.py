@@ -34,6 +34,9 @@ OWN = {"herschel-bulkley": {"input-nonlinearity"}, "polynomial": {"input-nonline
 KNOWN = {"polynomial": {"coulomb-friction", "gas-stiffness", "asymmetry", "quadratic-loss"},
          "bouc-wen": {"gas-stiffness"}}
 """What the baseline has itself: not hidden behind it."""
+BESIDES = {"gas-stiffness": {"cubic-spring"}}
+"""What a cause of the rig is besides: its gas is polytropic, a spring whose quadratic term is a third of the linear one
+at the ends of the stroke."""
 CHAIN = {"shared-filter", "coloured-noise", "quantisation"}
 """What every record here truly has passed."""
 

@@ -236,6 +236,16 @@ def test_a_reversed_record_is_diagnosed_in_the_sense_of_the_device(installed):
     assert np.mean(run * record["velocity"]) < 0 and np.corrcoef(run, record["force"])[0, 1] > 0.95
 
 
+@pytest.mark.parametrize(("current", "advised"), [
+    (np.repeat([0.0, 1.0, 0.4, 1.7], 1000), True), (np.sin(np.linspace(0, 30, 4000)), True),
+    (np.full(4000, 0.87), False), (1.5 + 0.01 * np.random.default_rng(3).standard_normal(4000), False)])
+def test_a_current_that_moves_and_is_not_used_is_pointed_out(current, advised):
+    found = answer(pose([measured(0, current=current)], Viscous(), CATALOGUE))
+    lines = [n for n in found.notes if "--baseline auto" in n]
+    assert len(lines) == advised
+    assert all("viscous does not use it" in n and "\n" not in n for n in lines)
+
+
 def test_gaps_rates_and_missing_velocity_are_prepared():
     fast = measured(rate=2000.0)
     force = np.array(fast["force"])

@@ -14,12 +14,14 @@ from scipy.stats import multivariate_normal
 from lpvid.diagnosis.blocks import Blocks
 from lpvid.diagnosis.composition import Composition
 from lpvid.diagnosis.effect import EffectParameter
+from lpvid.diagnosis.evidence.calibration import components
 from lpvid.diagnosis.evidence.discrepancy import SIZES, USUAL, Discrepancy, marginal
 from lpvid.diagnosis.evidence.engine import diagnose, prepared, root_of
 from lpvid.diagnosis.evidence.independence import WORTH, independent
-from lpvid.diagnosis.evidence.judging import LEAST, NOTABLE, Member
+from lpvid.diagnosis.evidence.judging import LEAST, NOTABLE, SURE, Member
 from lpvid.diagnosis.evidence.priors import SHAPE, STRENGTH, inclusion, of_strength, off_prior
 from lpvid.diagnosis.evidence.scaling import Scales
+from lpvid.diagnosis.evidence.search import posterior
 from lpvid.diagnosis.evidence.thinning import for_search
 from lpvid.diagnosis.evidence.weighing import Data, Weighed
 from lpvid.diagnosis.refitting import refit
@@ -139,7 +141,8 @@ def test_a_cause_is_named_with_its_probability():
     cause, = d.causes
     assert cause.name == "dry"
     assert d.verdict == "explained"
-    assert cause.probability is not None and cause.probability > 0.95
+    assert cause.probability is not None and cause.probability > SURE
+    assert cause.weight is not None and cause.weight > 0.99
     assert np.isclose(cause.parameters[0].value, 0.8, rtol=0.1)
     data = json.loads(json.dumps(d.to_dict()))
     assert data["schema"] == "lpvid/diagnosis/2"
@@ -164,7 +167,8 @@ def test_forms_of_one_component_add_up_and_the_component_is_named():
     run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
     d = diagnose([run], Bent(), (*CAUSES, DryForm()))
     assert [c.name for c in d.causes] == ["dry"] and not d.rivals
-    assert d.weights is not None and d.weights.causes["dry"] > 0.99 and "dry-form" not in d.weights.causes
+    assert d.weights is not None and d.weights.causes["dry"] > SURE and "dry-form" not in d.weights.causes
+    assert d.weights.components["dry"].weight > 0.99
 
 
 class Blurred(DryTwin):
@@ -231,11 +235,40 @@ def test_single_causes_are_visited_beside_the_pairs_that_could_imitate_them():
     assert any("best so far: linked" in line and "sets" in line for line in lines)
 
 
+def test_weights_are_averaged_over_what_a_structured_error_may_be_worth():
+    run = record(np.random.default_rng(7), level=0.02, hidden=lambda u: 0.08 * np.sin(1.7 * u) + 0.1 * np.sign(u))
+    search, _ = prepared([run], Bent(), (Dry(), Cubic()), lambda text: None)
+    search.run(root_of(search.problem, Bent()))
+    given = {w.members: p for w, p in posterior(search)}
+    by_hand = dict.fromkeys(given, 0.0)
+    for worth in (12.5, 12.5 * 2**0.5, 25.0, 25.0 * 2**0.5, 50.0):
+        kept = 1 / max(1 - search.structured + search.structured * search.problem.n_samples / worth, 1.0)
+        odds = {m: np.exp(w.evidence(kept) - search.best.evidence(kept)) for m, w in search.visited.items()}
+        for m, o in odds.items():
+            by_hand[m] += o / sum(odds.values()) / 5
+    assert given == pytest.approx(by_hand, abs=1e-12) and sum(given.values()) == pytest.approx(1.0)
+
+
+def test_what_speaks_for_a_component_is_weight_and_the_error_that_only_it_takes_away():
+    run = record(np.random.default_rng(5), hidden=lambda u: 0.8 * np.sign(u))
+    search, _ = prepared([run], Bent(), (Dry(), DryForm(), Cubic()), lambda text: None)
+    search.run(root_of(search.problem, Bent()))
+    sets = posterior(search)
+    dry = components(sets, search.structured)["dry"]
+    without = min(w.fit.cost for w, _ in sets if not w.members & {"dry", "dry-form"})
+    foremost = next(w.fit.cost for w, _ in sets if w.members & {"dry", "dry-form"})
+    assert dry.weight + dry.against == pytest.approx(1.0)
+    assert dry.reduction == pytest.approx(np.log(without / foremost)) and dry.reduction > 0.1
+    assert not dry.flexible
+    z = -1.93 + 0.55 * np.log1p(np.log(dry.weight / dry.against)) + 0.61 * dry.reduction + 1.33 * search.structured
+    assert dry.probability == pytest.approx(1 / (1 + np.exp(-z)))
+
+
 @pytest.mark.parametrize("change, left, of_law, small", [
     (0.03, 0.1, 0.0, False), (0.015, 0.3, 0.0, True), (0.015, 0.1, 0.0, False), (0.004, 0.01, 0.0, True),
     (0.03, 0.1, 0.05, True)])
 def test_what_is_small_beside_the_output_or_the_error_of_the_law_is_not_named(change, left, of_law, small):
-    member = Member(Dry(), np.array([1.0]), 1.0, 1.0, (), 1.0, 50.0, 1.0, change, 10.0)
+    member = Member(Dry(), np.array([1.0]), 1.0, 1.0, 1.0, (), 1.0, 50.0, 1.0, change, 10.0)
     stated = member.objection(left, of_law)
     assert (stated is not None) is small and (stated is None or "small print" in stated)
     assert LEAST < NOTABLE
