@@ -28,12 +28,29 @@ ADDED = {"added": True}
 
 
 def null(value: float) -> dict[str, float]:
-    """Metadata of a field whose null in a file stands for `value`, which JSON cannot hold."""
+    """Metadata of a field whose null in a file stands for a number that JSON cannot hold.
+
+    Parameters
+    ----------
+    value : float
+        inf or nan.
+
+    Returns
+    -------
+    dict
+        For `dataclasses.field`.
+    """
     return {"null": value}
 
 
 class MissingKey(InputError):
-    """A key that an object in a file needs and lacks; `key` is its place, with dots."""
+    """A key that an object in a file needs and lacks.
+
+    Parameters
+    ----------
+    key : str
+        Its place, with dots.
+    """
 
     def __init__(self, key: str) -> None:
         self.key = key
