@@ -11,9 +11,10 @@ import functools
 import importlib
 import inspect
 import math
+import sys
 import types
 import typing
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -380,7 +381,14 @@ def _of_kind(cls: type[Coded], kind: object) -> Any:
     return found[kind]
 
 
-_hints: Callable[[type], dict[str, Any]] = functools.cache(typing.get_type_hints)
+@functools.cache
+def _hints(cls: type) -> dict[str, Any]:
+    """Types of the fields; `typing.get_type_hints` would evaluate those of every base as well, fields or not."""
+    written = {name: (hint, owner.__module__) for owner in reversed(cls.__mro__)
+               for name, hint in vars(owner).get("__annotations__", {}).items()}
+    return {f.name: typing.get_type_hints(types.SimpleNamespace(__annotations__={f.name: written[f.name][0]}),
+                                          vars(sys.modules[written[f.name][1]]))[f.name]
+            for f in dataclasses.fields(cls) if f.init}
 
 
 @functools.cache
