@@ -49,7 +49,7 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
     if plant is None:
         raise InputError("synthesize needs a plant", mend="lpvid synthesize --template > plant.toml")
     from lpvid.synthesis.design_log import limiting, limits
-    from lpvid.synthesis.progress import INTERRUPTED as BEGINS
+    from lpvid.synthesis.progress import was_interrupted
     from lpvid.synthesis.synthesizing import synthesize as solve
 
     results = Results(out)
@@ -74,7 +74,7 @@ def synthesize(plant: PlantFile = None, design: DesignFile = None,
             results.report(synthesis_page(result, loaded, title, weights))
     stated = limiting(found, result.gamma_verified)
     conclude(results, data, repr(result) + (f"\n  {stated}" if stated else ""), json)
-    if result.notes and result.notes[0].startswith(BEGINS):
+    if was_interrupted(result):
         raise typer.Exit(INTERRUPTED)
     if result.verdict != "solved":
         raise typer.Exit(SHORTFALL)

@@ -10,7 +10,7 @@ from lpvid.codec import decode
 from lpvid.errors import InputError
 from lpvid.scheduling import Polynomial
 from lpvid.synthesis.controller_structures import PID, LowOrder, ObserverBased, StaticGain
-from lpvid.synthesis.criteria import H2, Cone, Disc, HalfPlane, HInfinity, Region
+from lpvid.synthesis.criteria import H2, Cone, Criterion, Disc, GeneralizedH2, HalfPlane, HInfinity, Region
 from lpvid.synthesis.dissipative_feedback import DissipativeFeedback
 from lpvid.synthesis.fixed_structure import FixedStructure
 from lpvid.synthesis.generalized_plant import GeneralizedPlant
@@ -28,14 +28,15 @@ DESIGNS: Mapping[str, tuple[type, tuple[str, ...]]] = {
                                          "back_off", "points")),
     "state-feedback": (StateFeedback, ("criteria", "regions", "lyapunov_degree", "back_off", "points")),
     "dissipative-feedback": (DissipativeFeedback, ("back_off", "points")),
-    "multi-objective": (MultiObjective, ("criteria", "regions", "feedthrough", "back_off", "points")),
+    "multi-objective": (MultiObjective, ("criteria", "regions", "lyapunov_degree", "varying", "feedthrough", "back_off",
+                                         "points")),
     "observer": (Observer, ("criteria", "regions", "lyapunov_degree", "back_off", "points")),
     "filter": (Filter, ("criteria", "regions", "feedthrough", "back_off", "points")),
     "lft": (LFTFeedback, ("back_off",)),
     "fixed-structure": (FixedStructure, ("structure", "order", "filter", "gain_degree", "lyapunov_degree", "points")),
 }
 """Designs by their name in a file, with the settings they take."""
-CRITERIA = {"h-infinity": HInfinity, "h2": H2}
+CRITERIA = {"h-infinity": HInfinity, "h2": H2, "generalized-h2": GeneralizedH2}
 STRUCTURES: Mapping[str, tuple[type, tuple[str, ...]]] = {
     "static-gain": (StaticGain, ()), "pid": (PID, ("filter",)), "low-order": (LowOrder, ("order",)),
     "observer-based": (ObserverBased, ())}
@@ -113,7 +114,7 @@ def _structure(settings: Mapping[str, Any]) -> Any:
     return kind(**given)
 
 
-def _criterion(entry: Mapping[str, Any], plant: GeneralizedPlant, k: int) -> HInfinity | H2:
+def _criterion(entry: Mapping[str, Any], plant: GeneralizedPlant, k: int) -> Criterion:
     where = f"criteria[{k}]"
     kind, entry = kind_of(entry, CRITERIA, where)
     known_keys(entry, ("disturbances", "performance", "bound", "weight"), where)
@@ -186,7 +187,7 @@ back_off = 0.02                # how far above the least gain to stop, for a tam
 # [[design.regions]]           # where frozen poles must lie: half-plane, disc, cone
 # kind = "half-plane"
 # decay = 1.0                  # 1/s
-# [[design.criteria]]          # for state-feedback, multi-objective, observer and filter: h-infinity, h2
+# [[design.criteria]]          # of state-feedback, multi-objective, observer, filter: h-infinity, h2, generalized-h2
 # kind = "h-infinity"
 # performance = ["comfort"]
 # bound = 2.0                  # left out: as low as possible
