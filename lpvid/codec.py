@@ -11,9 +11,10 @@ import functools
 import importlib
 import inspect
 import math
+import sys
 import types
 import typing
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -28,12 +29,29 @@ ADDED = {"added": True}
 
 
 def null(value: float) -> dict[str, float]:
-    """Metadata of a field whose null in a file stands for `value`, which JSON cannot hold."""
+    """Metadata of a field whose null in a file stands for a number that JSON cannot hold.
+
+    Parameters
+    ----------
+    value : float
+        inf or nan.
+
+    Returns
+    -------
+    dict
+        For `dataclasses.field`.
+    """
     return {"null": value}
 
 
 class MissingKey(InputError):
-    """A key that an object in a file needs and lacks; `key` is its place, with dots."""
+    """A key that an object in a file needs and lacks.
+
+    Parameters
+    ----------
+    key : str
+        Its place, with dots.
+    """
 
     def __init__(self, key: str) -> None:
         self.key = key
@@ -363,7 +381,14 @@ def _of_kind(cls: type[Coded], kind: object) -> Any:
     return found[kind]
 
 
-_hints: Callable[[type], dict[str, Any]] = functools.cache(typing.get_type_hints)
+@functools.cache
+def _hints(cls: type) -> dict[str, Any]:
+    """Types of the fields; `typing.get_type_hints` would evaluate those of every base as well, fields or not."""
+    written = {name: (hint, owner.__module__) for owner in reversed(cls.__mro__)
+               for name, hint in vars(owner).get("__annotations__", {}).items()}
+    return {f.name: typing.get_type_hints(types.SimpleNamespace(__annotations__={f.name: written[f.name][0]}),
+                                          vars(sys.modules[written[f.name][1]]))[f.name]
+            for f in dataclasses.fields(cls) if f.init}
 
 
 @functools.cache

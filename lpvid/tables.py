@@ -38,12 +38,41 @@ def si(unit: str, description: str = "") -> dict[str, Any]:
 
 
 def quantity(default: float | None, unit: str, description: str) -> Any:
-    """Dataclass field for a physical quantity in an SI unit."""
+    """Dataclass field for a physical quantity in an SI unit.
+
+    Parameters
+    ----------
+    default : float or None
+        In SI.
+    unit : str
+        Of a bare number; text must have its dimension.
+    description : str
+        For templates and schemas.
+
+    Returns
+    -------
+    dataclasses.Field
+    """
     return dataclasses.field(default=default, metadata=si(unit, description))
 
 
 def option(default: Any, description: str, choices: Sequence[str] = (), *, at_least: int | None = None) -> Any:
-    """Dataclass field for a number without unit, a switch, a word of `choices` or a count of `at_least`."""
+    """Dataclass field for a number without unit, a switch, a word or a count.
+
+    Parameters
+    ----------
+    default : bool, int, float or str
+    description : str
+        For templates and schemas.
+    choices : sequence of str
+        Words that are taken; any where it is empty.
+    at_least : int, optional
+        Smallest count (0).
+
+    Returns
+    -------
+    dataclasses.Field
+    """
     def read(value: object, where: str) -> Any:
         if choices:
             if not isinstance(value, str):
@@ -86,7 +115,25 @@ def read_toml(path: str | Path, template: str = "--template prints one") -> dict
 
 
 def parse_toml(text: str, where: str, template: str = "--template prints one") -> dict[str, Any]:
-    """The table of a TOML text; `where` names it in the message of an InputError."""
+    """The table of a TOML text.
+
+    Parameters
+    ----------
+    text : str
+    where : str
+        Names it in the message.
+    template : str
+        Where to find an example, for the message.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    InputError
+        Text that is not TOML.
+    """
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -237,7 +284,20 @@ def matrix_of(value: object, shape: tuple[int | None, int | None], what: str) ->
 
 # -- schemas -----------------------------------------------------------------------------------------------------------
 def schema(cls: type, extra: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """JSON schema of the table that `lpvid.codec.build` reads into a dataclass of `quantity` and `option` fields."""
+    """JSON schema of the table that `lpvid.codec.build` reads into a dataclass.
+
+    Parameters
+    ----------
+    cls : type
+        Dataclass of `quantity` and `option` fields.
+    extra : mapping, optional
+        Further properties.
+
+    Returns
+    -------
+    dict
+        Plain data.
+    """
     hints = typing.get_type_hints(cls)
     properties: dict[str, Any] = dict(extra or {})
     for field in dataclasses.fields(cls):
@@ -266,5 +326,16 @@ def _property(hint: Any, field: dataclasses.Field) -> dict[str, Any]:
 
 
 def quantity_schema(description: str) -> dict[str, Any]:
-    """JSON schema of a number in SI or text with a unit."""
+    """JSON schema of a number in SI or text with a unit.
+
+    Parameters
+    ----------
+    description : str
+        With the SI unit.
+
+    Returns
+    -------
+    dict
+        Plain data.
+    """
     return {"type": ["number", "string"], "description": f"{description}; SI, or text with a unit"}

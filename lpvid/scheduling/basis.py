@@ -200,7 +200,13 @@ class Basis(Coded, ABC):
         return Shifted(self, lag) if lag else self
 
     def still(self) -> Basis:
-        """The same functions without delays: with p held still p(k−i) is p."""
+        """The same functions without delays: with p held still p(k−i) is p.
+
+        Returns
+        -------
+        Basis
+            With lags (0, 0).
+        """
         return self
 
     def piece_degree(self, moving: Collection[str]) -> int | None:

@@ -88,6 +88,13 @@ class Product(Composite):
         return Product(self.first.shifted(lag), self.second.shifted(lag))
 
     def still(self) -> Basis:
+        """Without delays, factor by factor.
+
+        Returns
+        -------
+        Basis
+            Equal to this one for a scheduling that stands still.
+        """
         return Product(self.first.still(), self.second.still())
 
     def piece_degree(self, moving: Collection[str]) -> int | None:

@@ -27,7 +27,19 @@ class Reading:
 
 
 def merged(parts: Iterable[tuple[Reading, ...]], combine: Callable[[Iterable], Any]) -> tuple[Reading, ...]:
-    """One reading for each variable and delay; degrees and frequencies are combined by `sum` or `max`."""
+    """One reading for each variable and delay.
+
+    Parameters
+    ----------
+    parts : iterable of tuple of Reading
+        Of several bases.
+    combine : callable
+        `sum` or `max`, for degrees and frequencies of the same variable at the same delay.
+
+    Returns
+    -------
+    tuple of Reading
+    """
     together: dict[tuple[str, int], list[Reading]] = {}
     for reading in (r for part in parts for r in part):
         together.setdefault((reading.name, reading.lag), []).append(reading)

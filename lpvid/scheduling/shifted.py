@@ -83,4 +83,11 @@ class Shifted(Basis):
         return self.basis.shifted(self.lag + lag)
 
     def still(self) -> Basis:
+        """What is shifted, without its delay.
+
+        Returns
+        -------
+        Basis
+            Equal to this one for a scheduling that stands still.
+        """
         return self.basis.still()

@@ -89,6 +89,13 @@ class Stacked(Composite):
         return Stacked(tuple(f.shifted(lag) for f in self.factors))
 
     def still(self) -> Basis:
+        """Without delays, factor by factor.
+
+        Returns
+        -------
+        Basis
+            Equal to this one for a scheduling that stands still.
+        """
         return Stacked(tuple(f.still() for f in self.factors))
 
     def piece_degree(self, moving: Collection[str]) -> int | None:

@@ -61,7 +61,7 @@ def load_design(path: str | Path, plant: str | None = None) -> DesignConfig:
 
 
 @dataclass(frozen=True)
-class DesignTable:
+class _DesignTable:
     """Keys of a CONFIG file."""
 
     car: Any = "megane"
@@ -90,7 +90,7 @@ def read_design(table: Mapping[str, Any], folder: Path = Path()) -> DesignConfig
     >>> read_design({}).law.name, read_design({"plant": "nominal"}).law.name
     ('lpv-hinf-identified', 'lpv-hinf')
     """
-    found = build(DesignTable, table, noun="the configuration", partial=True)
+    found = build(_DesignTable, table, noun="the configuration", partial=True)
     car = build_car(found.car, found.damper, folder, found.stops, found.coil)
     if (found.plant if "plant" in table else _plant(table, car, found.weights)) == "identified":
         law: Any = _on_identified(table, found)
@@ -112,7 +112,7 @@ def _plant(table: Mapping[str, Any], car: QuarterCar, weights: Mapping[str, Any]
     return "identified"
 
 
-def _on_identified(table: Mapping[str, Any], found: DesignTable) -> LpvHinfIdentified:
+def _on_identified(table: Mapping[str, Any], found: _DesignTable) -> LpvHinfIdentified:
     for key in OF_NOMINAL:
         if key in table:
             raise InputError(f"the key '{key}' belongs to the nominal plant", got=repr(table[key]),

@@ -9,7 +9,16 @@ from lpvid.toolkit import njit
 
 @njit()
 def play(signal: np.ndarray, half_width: float, out: np.ndarray) -> None:
-    """The output moves only when the signal pushes it at either end of a gap of 2·half_width, first in its middle."""
+    """The output moves only when the signal pushes it at either end of a gap of 2·half_width, first in its middle.
+
+    Parameters
+    ----------
+    signal : (n,) array
+    half_width : float
+        Half of the gap, in the unit of the signal.
+    out : (n,) array
+        Filled with the output.
+    """
     y = signal[0]
     for k in range(signal.size):
         y = min(max(y, signal[k] - half_width), signal[k] + half_width)

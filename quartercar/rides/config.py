@@ -95,7 +95,7 @@ def load_config(path: str | Path) -> RideConfig:
 
 
 @dataclass(frozen=True)
-class RideTable:
+class _RideTable:
     """Keys of a CONFIG file; those that it leaves out are as in `RideConfig`."""
 
     car: Any = "megane"
@@ -117,7 +117,7 @@ class RideTable:
 
 def read_config(table: Mapping[str, Any], folder: Path) -> RideConfig:
     """A configuration from a TOML table; files are relative to `folder`."""
-    found = build(RideTable, table, noun="the configuration", partial=True)
+    found = build(_RideTable, table, noun="the configuration", partial=True)
     given: dict[str, Any] = {k: getattr(found, k) for k in ("tune", "tune_seed", "bound", "bound_seeds") if k in table}
     given["car"] = build_car(found.car, found.damper, folder, found.stops, found.coil)
     if "roads" in table:

@@ -108,7 +108,7 @@ def iterate_plan(plan: Plan) -> Iterator[Record]:
 
 # -- reading ------------------------------------------------------------------------------------------------------
 def _plan(table: Mapping[str, Any]) -> Plan:
-    found = build(PlanTable, table, noun="the plan", partial=True)
+    found = build(_PlanTable, table, noun="the plan", partial=True)
     rig = Rig(damper=found.damper, sensors=found.sensors, effects=found.effects, sample_rate=found.sample_rate,
               oversampling=found.oversampling)
     return Plan(rig, found.experiments, found.seed, found.truth)
@@ -147,7 +147,7 @@ def _pattern(classes: tuple[type, ...]) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class ExperimentTable:
+class _ExperimentTable:
     """An entry of [[experiments]] in a PLAN file; what it leaves out is as in its preset."""
 
     preset: str | None = None
@@ -160,7 +160,7 @@ class ExperimentTable:
 
 
 def _experiment(table: object, where: str, index: int) -> Experiment:
-    changes = values_of(ExperimentTable, expect_table(table, where), where, partial=True)
+    changes = values_of(_ExperimentTable, expect_table(table, where), where, partial=True)
     preset = changes.pop("preset", None)
     name = changes.pop("name", preset or f"experiment-{index + 1}")
     if not _NAME.fullmatch(name):
@@ -175,7 +175,7 @@ def _experiment(table: object, where: str, index: int) -> Experiment:
 
 
 @dataclass(frozen=True)
-class PlanTable:
+class _PlanTable:
     """Keys of a PLAN file."""
 
     seed: int = option(0, "of everything random")

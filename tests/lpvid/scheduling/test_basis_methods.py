@@ -9,7 +9,7 @@ from lpvid.errors import InputError
 from lpvid.scheduling import Basis, Fourier, Polynomial, Product, Scheduling, Shifted, Spline, Stacked
 
 BOX = Scheduling(("p", "q"), (0.0, -1.0), (4.0, 2.0))
-SQUARE, SINES = Polynomial("p", 2, (0.3,), (1.5,)), Fourier("q", 2, 3.0)
+SQUARE, SINES = Polynomial(("p",), 2, (0.3,), (1.5,)), Fourier("q", 2, 3.0)
 PIECES, HATS = Spline("p", 3, 2, (0.0, 1.0, 2.0, 4.0)), Spline("q", 2, 1, (-1.0, 0.0, 2.0))
 BASES = [Polynomial(("p", "q"), 3, (0.5, 1.0), (2.0, 1.0)), Product(SQUARE, SINES), Product(PIECES, HATS),
          Stacked((SQUARE, SINES)), Stacked((Product(SQUARE, HATS), PIECES)), Product(Shifted(PIECES, 2), HATS),
