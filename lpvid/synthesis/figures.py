@@ -12,6 +12,7 @@ import numpy as np
 from lpvid.analysis.covariance import output_bound
 from lpvid.analysis.gain import l2_gain
 from lpvid.analysis.pole_regions import certify_region
+from lpvid.codec import Encoded
 from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Basis
 from lpvid.synthesis.criteria import CovarianceCriterion, Criterion, Region
@@ -22,7 +23,7 @@ GRID = {0: 1, 1: 81, 2: 13, 3: 6}
 
 
 @dataclass(frozen=True, eq=False)
-class Figure:
+class Figure(Encoded):
     """One criterion of a design, promised and verified.
 
     Parameters
@@ -43,6 +44,8 @@ class Figure:
         What `lpvid.verify` re-checks.
     """
 
+    JSON = ("criterion", "channel", "promised", "verified", "lower", "between_grid")
+
     criterion: str
     channel: str
     promised: float
@@ -50,18 +53,6 @@ class Figure:
     lower: float | None
     between_grid: bool
     certificate: Any = None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, without the certificate.
-
-        Returns
-        -------
-        dict
-            Plain values by name.
-        """
-        return {"criterion": self.criterion, "channel": self.channel, "promised": float(self.promised),
-                "verified": float(self.verified), "lower": None if self.lower is None else float(self.lower),
-                "between_grid": bool(self.between_grid)}
 
     def __str__(self) -> str:
         where = "on the whole box" if self.between_grid else "at the points of a grid only"

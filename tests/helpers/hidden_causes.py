@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from lpvid._compiling import njit
+from lpvid.toolkit import njit
 from quartercar.rig import effect
 from quartercar.rig.damper import Motion, delayed, low_passed
 from quartercar.rig.setup import Setup

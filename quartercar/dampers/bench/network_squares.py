@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lpvid import _checks
 from lpvid.errors import InputError
+from lpvid.toolkit import checks
 from quartercar.dampers.laws.hydraulics import parallel_pressure, series_pressure
 
 POINTS = 21
@@ -83,7 +83,7 @@ def fit_network_squares(speed: np.ndarray, force: np.ndarray, form: str, points:
     >>> [round(c, 2) for c in found.coefficients]
     [2.0, 3.0]
     """
-    _checks.one_of(form, FORMS, "the form of a network")
+    checks.one_of(form, FORMS, "the form of a network")
     speed, force = np.asarray(speed, dtype=float), np.asarray(force, dtype=float)
     if speed.size < 3 or np.any(speed < 0) or np.any(np.diff(speed) <= 0):
         raise InputError("the least squares need three points at least, by rising positive speed",

@@ -8,7 +8,7 @@ import pytest
 import lpvid as lpv
 from lpvid.errors import InputError
 from lpvid.identification.zone_regression import regress_zones
-from lpvid.model.input_stage import stage_from_dict
+from lpvid.model.input_stage import InputStage
 from lpvid.model.zone_lines import ZoneLines
 
 LEVELS = (0.0, 0.5, 1.0, 1.7, 2.5)
@@ -52,7 +52,7 @@ def test_slopes_are_derivatives_and_the_file_brings_the_stage_back():
         numeric = (stage.with_vector(stage.vector + d).apply(u, p)
                    - stage.with_vector(stage.vector - d).apply(u, p)) / (2 * step)
         np.testing.assert_allclose(stage.slopes(u, p)[:, :, place], numeric, atol=1e-8, rtol=1e-5)
-    assert stage_from_dict(stage.to_dict()) == stage
+    assert InputStage.from_dict(stage.to_dict()) == stage
     # the level of m_2 only scales the filter behind it, and v_high is where u may jump: neither is searched
     assert 0 not in free and 1 not in free and stage.vector.size - free.size == 3
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lpvid.errors import InputError
-from lpvid.model.input_stage import TanhStage, ThreeZoneStage, stage_from_dict
+from lpvid.model.input_stage import InputStage, TanhStage, ThreeZoneStage
 from lpvid.model.signals import Signal
 
 ratios = st.floats(-0.5, 2.0)
@@ -83,7 +83,7 @@ def test_a_stage_shapes_its_own_channel_with_its_own_variable() -> None:
 @pytest.mark.parametrize("stage", [TanhStage(0.1, 0.02, 1, 1), ThreeZoneStage(0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 1, 1)])
 def test_vectors_and_dicts_hold_a_stage(stage) -> None:
     assert stage.with_vector(stage.vector) == stage
-    assert stage_from_dict(json.loads(json.dumps(stage.to_dict()))) == stage
+    assert InputStage.from_dict(json.loads(json.dumps(stage.to_dict()))) == stage
     assert stage.with_vector(-np.abs(stage.vector)).vector[0] > 0
     assert stage.scales(2.0).shape == stage.vector.shape
     fixed = stage.scales(0.0) == 0  # without a scheduling range the slopes cannot be found
@@ -105,9 +105,8 @@ def test_starts_follow_the_datas_own_spread() -> None:
 
 
 def test_no_stage_and_no_such_stage() -> None:
-    assert stage_from_dict(None) is None
     with pytest.raises(InputError, match="unknown input stage in a model file: got sine"):
-        stage_from_dict({"kind": "sine"})
+        InputStage.from_dict({"kind": "sine"})
     for bad in (0.0, -1.0, np.nan):
         with pytest.raises(InputError, match="v0 of a tanh stage"):
             TanhStage(v0=bad)

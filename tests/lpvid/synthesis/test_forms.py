@@ -11,7 +11,7 @@ from lpvid.model.state_space import LPVStateSpace
 from lpvid.scheduling import Fourier, Polynomial, Product, Scheduling, Shifted, Spline
 from lpvid.synthesis._horner import fractional
 from lpvid.synthesis.forms import from_lft, to_affine, to_gridded, to_lft, to_polynomial, to_polytopic
-from lpvid.synthesis.lifting import lift, ranges
+from lpvid.synthesis.lifting import lift
 
 BOX = Scheduling(("p", "q"), (-1.0, 2.0), (2.0, 5.0), (3.0, None), ("A", "K"))
 
@@ -136,7 +136,7 @@ def test_lifted_systems_are_affine_and_exact_and_their_box_holds_every_value(bas
 
 def test_ranges_of_monomials_are_attained():
     basis = Polynomial(("p", "q"), 3, (0.5, 1.0), (2.0, 1.0))
-    low, high = ranges(basis, BOX)
+    low, high = basis.ranges(BOX.limits)
     values = basis.evaluate(BOX.grid(61))
     np.testing.assert_allclose(low, values.min(axis=0), atol=1e-12)
     np.testing.assert_allclose(high, values.max(axis=0), atol=1e-12)
