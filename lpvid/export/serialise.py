@@ -90,6 +90,8 @@ KINDS: tuple[Kind, ...] = (
                       ("compliance", "lpvid.model.compliance", "ComplianceModel"))),
     Kind("gain-certificate", 1, tuple((kind, "lpvid.lmi.gain_certificate", "GainCertificate")
                                       for kind in ("quadratic", "poly-quadratic", "parameter-dependent"))),
+    Kind("rated-gain-certificate", 1, (("rated", "lpvid.analysis.rated_certificate", "RatedGainCertificate"),)),
+    Kind("robust-certificate", 1, (("", "lpvid.analysis.robust_certificate", "RobustCertificate"),)),
     Kind("bound-certificate", 1, tuple((kind, "lpvid.lmi.bound_certificate", "BoundCertificate")
                                        for kind in ("quadratic", "poly-quadratic", "parameter-dependent"))),
     Kind("passivity-certificate", 1, tuple(

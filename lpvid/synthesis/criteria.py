@@ -138,9 +138,22 @@ class CovarianceCriterion(_Channel, ABC):
 
     def require(self, program: Program, loops: Sequence[ShapedLoop], level: Affine,
                 chosen: tuple[np.ndarray, np.ndarray], *, squared: bool = True) -> None:
-        """The criterion is at most `level` (1, 1) in every loop, or its square is.
+        """The criterion is at most `level` in every loop, or its square is.
 
         Not squared, 𝐗 and Z are those of the squared form times and over ν, which keeps them of like size.
+
+        Parameters
+        ----------
+        program : Program
+            Where that is required.
+        loops : sequence of ShapedLoop
+            At the points and moves that are looked at.
+        level : Affine
+            (1, 1) ν, or ν².
+        chosen : ((n_w, ·) array, (n_z, ·) array)
+            What picks the channel's signals, as `selection` gives it.
+        squared : bool
+            The level is ν².
         """
         for loop in loops:
             b, c, d = loop.entry @ chosen[0], chosen[1] @ loop.exit, chosen[1] @ loop.through @ chosen[0]

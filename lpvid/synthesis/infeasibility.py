@@ -18,6 +18,10 @@ BEYOND = 1e6
 the middle of the box. Two disks and a quarter car, which have controllers, are refuted up to 1 there, Wu's example with
 one X up to 1e8; an X of larger condition than 1/√eps = 7e7 proves nothing in double precision."""
 
+DECAY = 1e-6
+"""Decay, in the balanced plant's unit of time, that a storage function must show to be found at all: a hundred times
+the accuracy of a solver (1e-8 in rows of size one)."""
+
 
 def obstacle(plant: GeneralizedPlant, problem: ProjectedInequalities) -> tuple[str, str, str]:
     """Verdict, why and mend for a plant on which no solver found a bound at all.
@@ -35,15 +39,26 @@ def obstacle(plant: GeneralizedPlant, problem: ProjectedInequalities) -> tuple[s
             f"even with the whole state measured, {', '.join(plant.controls)} cannot stabilise the plant",
             f"even with full command of the state, {', '.join(plant.measurements)} cannot observe it"),
             ("add an actuator", "add a sensor"), strict=True):
-        if _refuted(half, root) >= BEYOND:
+        slowly = _slowly_refuted(problem, half, root)
+        if slowly or _refuted(half, root) >= BEYOND:
             moving = "moves as it may" if len(plant.box.names) == 1 else "move as they may"
             kind = "by any Lyapunov matrix in this basis" if moves else "by one Lyapunov matrix"
             why = f"{text} while {scheduled} {moving}, {kind}" if scheduled else text
+            why += f" that decays faster than {DECAY:g} of the plant's pace" * slowly
             return "infeasible", why + " (shown by a dual matrix)", mend + (slow if scheduled else "")
     frozen = max((least_gain(problem.plant, k) for k in range(len(problem.plant.A))), default=np.inf)
     held = f"; {frozen:.4g} is the least gain with the scheduling held" if np.isfinite(frozen) and scheduled else ""
     return ("numerical", f"no solver found a usable answer, and none showed that there is no controller{held}",
             "scale the signals to similar size, make very slow or very fast weights less so" + slow * bool(scheduled))
+
+
+def _slowly_refuted(problem: ProjectedInequalities, half: Half, root: np.ndarray) -> bool:
+    """No X decays at `DECAY` over all points, though every point by itself admits a controller with that decay."""
+    n = half.A.shape[1]
+    if len(half.A) == 1 or _refuted(replace(half, A=half.A + DECAY * np.eye(n)), root) < BEYOND:
+        return False
+    faster = replace(problem.plant, A=problem.plant.A + DECAY * np.eye(n))
+    return all(np.isfinite(least_gain(faster, k)) for k in range(len(half.A)))
 
 
 def hopeless(problem: ProjectedInequalities) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
+from lpvid.analysis.rated_certificate import RatedGainCertificate
 from lpvid.lmi.driven import driven
 from lpvid.lmi.gain_certificate import GainCertificate, certificate_kind, certify_gain, recheck_gain
 from lpvid.lmi.readings import box_of
@@ -24,14 +25,17 @@ SCREEN = {1: 13, 2: 5, 3: 3}
 """Points per variable at which a design's own storage function is looked at first."""
 
 
-def certificate_of(formula: ControllerFormula, loop: LPVStateSpace, bound: float) -> GainCertificate | None:
+def certificate_of(formula: ControllerFormula, loop: LPVStateSpace, bound: float
+                   ) -> GainCertificate | RatedGainCertificate | None:
     """The loop's storage function, re-checked; None where its rounding errors, or its approximation, cost the proof.
 
-    With X(p), Y(p) the storage function holds X⁻¹, which is no finite sum: it is fitted in a richer basis. A controller
-    that reads the rates is not covered: in its certificate p and ṗ would be independent.
+    With X(p), Y(p) the storage function holds X⁻¹, which is no finite sum: it is fitted in a richer basis. That of a
+    controller which reads the rates ties them to p, on a grid.
     """
     if formula.variations.rated:
-        return None
+        made = (RatedGainCertificate.of(loop, matrices, basis, bound * (1 + share))
+                for basis, matrices in _proposals(formula, loop.box) for share in SHARES)
+        return next((c for c in made if c is not None), None)
     return proven(loop, bound, _proposals(formula, box_of(driven(loop).readings, loop.box)), SHARES)
 
 

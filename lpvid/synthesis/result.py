@@ -21,6 +21,8 @@ the last four come without a controller."""
 _CERTIFICATES = {
     "lpvid/gain-certificate/1": ("lpvid.lmi.gain_certificate", "GainCertificate"),
     "lpvid/hull-certificate/1": ("lpvid.analysis.hull_certificate", "HullCertificate"),
+    "lpvid/rated-gain-certificate/1": ("lpvid.analysis.rated_certificate", "RatedGainCertificate"),
+    "lpvid/robust-certificate/1": ("lpvid.analysis.robust_certificate", "RobustCertificate"),
     "lpvid/stability-certificate/1": ("lpvid.analysis.stability_certificate", "StabilityCertificate"),
 }
 """Where a stored certificate's class lives, by its schema."""

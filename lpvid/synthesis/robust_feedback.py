@@ -246,9 +246,9 @@ def _factor(multiplier: np.ndarray, poles: Sequence[float], sample_time: float |
         size = effort + b.T @ x @ b
         gain = np.linalg.solve(size, b.T @ x @ a + cross.T)
     root = float(np.sqrt(size[0, 0]))
-    still = Polynomial((), 0)
-    return (LPVStateSpace([a], [b], [root * gain], [[[root]]], still, sample_time),
-            LPVStateSpace([a - b @ gain], [b / root], [-gain], [[[1 / root]]], still, sample_time))
+    still, one = Polynomial((), 0), np.ones((1, 1, 1))
+    return (LPVStateSpace(a[None], b[None], root * gain[None], root * one, still, sample_time),
+            LPVStateSpace((a - b @ gain)[None], b[None] / root, -gain[None], one / root, still, sample_time))
 
 
 def _times(system: LPVStateSpace | float, factor: float) -> LPVStateSpace | float:

@@ -10,7 +10,10 @@ from helpers.synthesis_plants import scherer
 
 import lpvid as lpv
 from lpvid.synthesis.balanced_plant import BalancedPlant
+from lpvid.synthesis.controller_formula import Variations
 from lpvid.synthesis.design_grid import tensor
+from lpvid.synthesis.infeasibility import obstacle
+from lpvid.synthesis.output_feedback_search import FeedbackProblem
 from lpvid.synthesis.projected_search import Clock, least_bound
 from lpvid.synthesis.projection import ProjectedInequalities, Variation, raised, shortfall
 from lpvid.synthesis.riccati import least_gain
@@ -32,6 +35,18 @@ def test_near_the_least_bound_and_above_what_the_loop_does(seed):
     points = tensor(design._axes(plant)[0])
     balanced = BalancedPlant.of(plant, points).at(points)
     assert max(least_gain(balanced, k) for k in range(len(points))) <= found.infimum * (1 + 1e-3)
+
+
+def test_what_decays_too_slowly_to_be_found_is_shown_to_be_so():
+    """Seed 93: every frozen point has a controller; over all of them none decays at 1e-6 of the plant's pace."""
+    case, design, _ = random_case(93)
+    axes, corners, _ = design._axes(case)
+    points = tensor(axes)
+    problem = FeedbackProblem(BalancedPlant.of(case, points), Variations(None, "both", case.box), axes, corners, False,
+                              points[:0]).projected
+    verdict, why, mend = obstacle(case, problem)
+    assert verdict == "infeasible" and "decays faster than 1e-06" in why and "dual matrix" in why and mend
+    assert all(np.isfinite(least_gain(problem.plant, k)) for k in range(len(points)))
 
 
 def test_matrices_that_break_the_coupling_are_no_bound():

@@ -143,6 +143,7 @@ def test_every_factorisation_keeps_its_promise_along_trajectories(varying):
     assert result.verdict == "solved"
     assert ("p_rate" in result.controller.box.names) == (varying == "both")
     assert result.between_grid == (varying != "both")
+    assert lpv.verify(result.certificate, result.closed_loop).holds
     if result.between_grid:  # P holds the inverse of X(p): fitted, and proven between the points all the same
         assert lpv.verify(result.certificate, result.closed_loop).between_grid
         assert result.certificate.gamma == result.gamma_verified

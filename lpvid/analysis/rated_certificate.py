@@ -1,0 +1,201 @@
+"""Certificates of loops whose controller reads how fast the scheduling moves: p and ṗ are tied to each other."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from lpvid import _checks
+from lpvid.errors import InputError
+from lpvid.lmi.autonomous import readings_of
+from lpvid.lmi.certificate import GRID, Recheck, grid
+from lpvid.lmi.driven import driven
+from lpvid.lmi.gain_certificate import certify_gain
+from lpvid.model.state_space import LPVStateSpace
+from lpvid.scheduling import Basis, Scheduling, basis_from_dict
+
+SCHEMA = "lpvid/rated-gain-certificate/1"
+RATE = "_rate"
+"""What a scheduling variable's name gets appended for the variable that holds its derivative."""
+
+
+@dataclass(frozen=True, eq=False)
+class RatedGainCertificate:
+    """A storage function xᵀP(p)x that bounds the gain of a loop with scheduling p and ṗ, both read by it.
+
+    To a `GainCertificate` the variables ``p_rate`` would be free of p: it asks for He(PA(p, v)) + Ṗ(p, ṗ) at every v
+    and ṗ. Here v = ṗ. With A affine in v the inequality is affine in ṗ, so that corners of the rates suffice at each p;
+    it is looked at on a grid of p.
+
+    Parameters
+    ----------
+    gamma : float
+        Bound of ‖z‖/‖w‖ in L2.
+    matrices : (K, n, n) array
+        P(p) = Σ_k matrices[k] ψ_k(p).
+    basis : Basis
+        ψ, over variables that are no rates.
+    box : Scheduling
+        Of the loop; the range of ``p_rate`` is the bound of the rate of p.
+    model_hash : str
+    inputs, outputs : tuple of str
+    margin : float
+        As in `GainCertificate`.
+    """
+
+    gamma: float
+    matrices: np.ndarray
+    basis: Basis
+    box: Scheduling
+    model_hash: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    margin: float
+    between_grid: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "matrices", _checks.frozen_array(self.matrices, "matrices", ndim=3))
+
+    @classmethod
+    def of(cls, loop: LPVStateSpace, matrices: np.ndarray, basis: Basis, gamma: float) -> RatedGainCertificate | None:
+        """The certificate of a loop with a storage function, where numpy agrees.
+
+        Parameters
+        ----------
+        loop : LPVStateSpace
+            Continuous, over p and ``p_rate``.
+        matrices : (K, n, n) array
+        basis : Basis
+            Bound to the box.
+        gamma : float
+
+        Returns
+        -------
+        RatedGainCertificate or None
+        """
+        system = driven(loop)
+        made = cls(gamma, matrices, basis, loop.box, system.digest, system.inputs, system.outputs, -math.inf)
+        found = made._looked_at(loop)
+        return cls(gamma, matrices, basis, loop.box, system.digest, system.inputs, system.outputs, found.margin
+                   ) if found.holds else None
+
+    @property
+    def claim(self) -> str:
+        """What the certificate says, in words."""
+        own = [n for n in self.box.names if not n.endswith(RATE)]
+        where = ", ".join(f"{n} in [{self.box.lower[i]:.6g}, {self.box.upper[i]:.6g}]"
+                          for i, n in enumerate(self.box.names) if n in own)
+        speeds = ", ".join(f"|d {n.removesuffix(RATE)}/dt| <= {self.box.upper[i]:.6g}"
+                           for i, n in enumerate(self.box.names) if n not in own)
+        return (f"gain from {', '.join(self.inputs)} to {', '.join(self.outputs)} at most {self.gamma:.6g} for every "
+                f"trajectory of {where} with {speeds}, which the loop reads; shown at the points of a grid only, not "
+                "proven between them")
+
+    def check(self, model: LPVStateSpace) -> Recheck:
+        """Recompute the claim for a model.
+
+        Parameters
+        ----------
+        model : LPVStateSpace
+            The loop.
+
+        Returns
+        -------
+        Recheck
+            Holds only where every number of the certificate can be reproduced.
+        """
+        system = driven(model)
+        if self.model_hash != system.digest or model.is_discrete:
+            return Recheck(False, False, math.nan, "the certificate was made for another model")
+        if self.inputs != system.inputs or self.outputs != system.outputs or self.box.names != model.box.names:
+            return Recheck(False, False, math.nan, "the certificate names other signals or variables than the model")
+        if self.matrices.shape != (self.basis.size, system.order, system.order):
+            return Recheck(False, False, math.nan, "matrices and basis of the certificate do not fit the model")
+        found = self._looked_at(model)
+        if found.holds and not self.margin <= found.margin * (1 + 1e-6) + 1e-12:
+            return Recheck(False, False, found.margin, f"a margin of {self.margin:.3g} is claimed")
+        return found
+
+    def _looked_at(self, model: LPVStateSpace) -> Recheck:
+        """The bounded-real inequality at every corner of the rates, on a grid of p.
+
+        He(PA) + Ṗ = He(P(A + ½P⁻¹Ṗ)): the drift is written as part of A.
+        """
+        names = self.box.names
+        rates = [i for i, n in enumerate(names) if n.endswith(RATE)]
+        moving = [names.index(names[i].removesuffix(RATE)) for i in rates]
+        if any(r.degree > 1 or r.frequency for r in readings_of(model.basis) if r.name.endswith(RATE)):
+            return Recheck(False, False, math.nan, "the model is not affine in the rates")
+        if set(self.basis.names) - {names[i] for i in moving}:
+            return Recheck(False, False, math.nan, "P depends on a variable whose rate the model does not read")
+        own = [i for i in range(len(names)) if i not in rates]
+        still = Scheduling(*(tuple(getattr(self.box, f)[i] for i in own)
+                             for f in ("names", "lower", "upper", "rate", "units")))
+        points = grid(still, GRID.get(len(own), 3))
+        columns = [still.names.index(n) for n in self.basis.names]
+        p = np.tensordot(self.basis.evaluate(points[:, columns]), self.matrices, axes=1)
+        slopes = {n: np.tensordot(self.basis.derivative(points[:, columns], n), self.matrices, axes=1)
+                  for n in self.basis.names}
+        margin = math.inf
+        for corner in itertools.product(*((self.box.lower[i], self.box.upper[i]) for i in rates)):
+            whole = np.zeros((len(points), len(names)))
+            whole[:, own], whole[:, rates] = points, corner
+            phi = model.basis.evaluate(whole[:, [names.index(n) for n in model.basis.names]])
+            a, b, c, d = (np.tensordot(phi, m, axes=1) for m in (model.A, model.B, model.C, model.D))
+            drift = sum((speed * slopes[names[i]] for i, speed in zip(moving, corner, strict=True)
+                         if names[i] in slopes), start=np.zeros_like(p))
+            try:
+                a = a + 0.5 * np.linalg.solve(p, drift)
+            except np.linalg.LinAlgError:
+                return Recheck(False, False, -math.inf, "P is singular at a point")
+            found = certify_gain((a, b, c, d), p, self.gamma)
+            if not found.holds:
+                return found
+            margin = min(margin, found.margin)
+        return Recheck(True, False, margin, f"shown on a grid of {len(points)} points only, not between them")
+
+    def to_dict(self) -> dict:
+        """Plain data for JSON; `lpvid.verify` needs nothing else but the model.
+
+        Returns
+        -------
+        dict
+            What `from_dict` reads; arrays as lists.
+        """
+        return {"schema": SCHEMA, "kind": "rated", "claim": self.claim, "gamma": self.gamma,
+                "matrices": self.matrices.tolist(), "basis": self.basis.to_dict(), "box": self.box.to_dict(),
+                "model_hash": self.model_hash, "inputs": list(self.inputs), "outputs": list(self.outputs),
+                "margin": self.margin, "between_grid": False}
+
+    @classmethod
+    def from_dict(cls, data: Mapping) -> RatedGainCertificate:
+        """Inverse of `to_dict`.
+
+        Parameters
+        ----------
+        data : mapping
+            What `to_dict` returned.
+
+        Returns
+        -------
+        RatedGainCertificate
+            With the same values.
+
+        Raises
+        ------
+        InputError
+            Another schema.
+        """
+        if data.get("schema") != SCHEMA:
+            raise InputError("not a certificate of a loop that reads rates, of this version", got=data.get("schema"))
+        return cls(data["gamma"], np.asarray(data["matrices"], dtype=float), basis_from_dict(data["basis"]),
+                   Scheduling.from_dict(data["box"]), data["model_hash"], tuple(data["inputs"]),
+                   tuple(data["outputs"]), data["margin"])
+
+    def __repr__(self) -> str:
+        return (f"certified on a grid only: {self.claim}\n  parameter-dependent storage function; margin "
+                f"{self.margin:.3g}, re-checked with numpy")
