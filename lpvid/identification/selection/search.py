@@ -241,7 +241,8 @@ def _one_standard_error(good: list[tuple[Structure, Trial, CandidateRow]]) -> li
         if close:
             within.append(place)
         reason = "" if close else f"free-run error {100 * excess / max(least.mean, 1e-300):.3g} % above the least"
-        rows.append((structure, replace(row, esr=trial.mean, esr_error=trial.error, reason=reason)))
+        rows.append((structure, replace(row, esr=trial.mean, esr_error=trial.error, esr_folds=tuple(trial.esr.tolist()),
+                                        reason=reason)))
     sizes = {i: rows[i][1].n_parameters for i in within}
     chosen = min(within, key=lambda i: (sizes[i] if sizes[i] is not None else np.inf, good[i][1].mean))
     for i in within:

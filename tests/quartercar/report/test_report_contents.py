@@ -87,7 +87,7 @@ def test_a_fan_has_the_static_law_of_every_current(polarity):
     records = [swept(damper, level) for level in (0.0, 1.0, 2.0)]
     records = [replace_force(r, polarity * r["force"]) for r in records]
     row = SimpleNamespace(damper=damper, name="guo")
-    ax = force_velocity_fan([row], records, polarity).axes[0]
+    ax = force_velocity_fan([row], records, polarity)
     curves = [line for line in ax.lines if line.get_linewidth() == 1.8]
     assert len(curves) == 3
     for line, level in zip(curves, (0.0, 1.0, 2.0), strict=True):
