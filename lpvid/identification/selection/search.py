@@ -8,7 +8,7 @@ from time import process_time
 
 import numpy as np
 
-from lpvid.errors import InputError
+from lpvid.errors import InputError, NumericalError
 from lpvid.identification.arx import ARX
 from lpvid.identification.selection.free_run import TIME_UP, Fold, Trial, cross_validate, spread, unstable_share
 from lpvid.identification.selection.result import CandidateRow, describe
@@ -75,9 +75,8 @@ class StructureSearch:
                 continue
             self._tell(len(self.trials) + len(self.others), f"cross-validating in free run {describe(structure)}")
             best = self.best
-            trial = cross_validate(structure, self.parts, self.records, self.limit, None if best is None else best[1],
-                                   self.late)
-            self.others.append((structure, trial))
+            trial = cross_validate(structure, self.parts, self.records, None if best is None else best[1], self.late)
+            self.others.append((structure, trial if trial.failure else self._admitted(structure, trial)))
 
     def late(self) -> bool:
         """Whether the time for the search is up; never before there is a candidate that could be taken."""
@@ -115,6 +114,16 @@ class StructureSearch:
         """The screened ARX of least free-run error, with its basis bound and its stages fitted."""
         tried = [i for i, t in self.trials.items() if not t.failure]
         return self.screened[min(tried, key=lambda i: self.trials[i].mean)].structure if tried else None
+
+    def _admitted(self, structure: Structure, trial: Trial) -> Trial:
+        """A trial that could be taken, failed where its estimate on all records has frozen poles outside."""
+        try:
+            share = unstable_share(structure.estimate(self.records).model, self.records)
+        except (InputError, NumericalError, np.linalg.LinAlgError) as problem:
+            why = problem.what if isinstance(problem, InputError) else str(problem)
+            return replace(trial, failure=f"cannot be fitted to all training data: {why}")
+        failure = f"frozen pole outside at {100 * share:.2g} % of training samples" if share > self.limit else ""
+        return replace(trial, failure=failure, outside=share)
 
     def admissible(self, index: int) -> bool:
         """Whether a screened candidate keeps its frozen poles inside along the training trajectory."""
