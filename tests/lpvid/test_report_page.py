@@ -148,6 +148,11 @@ def test_contents_steps_origin_and_terms(tmp_path):
     assert "<script" not in html
 
 
+def test_what_stands_between_backquotes_is_code():
+    html = render(whole_page(Notes(("`lpvid verify <a>` re-checks it", "no ` alone"))))
+    assert "<code>lpvid verify &lt;a&gt;</code> re-checks it" in html and "no ` alone" in html
+
+
 @pytest.mark.parametrize("term", sorted(TERMS))
 def test_every_term_is_found_where_it_stands(term):
     text = f"the free-run {term} 3" if term == "fit" else f"the {term} of it"
