@@ -75,6 +75,8 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
     time, period = None, table.sample_time
     if clock is not None:
         time, period = _seconds(clock, where), None
+        if clock.unit is None:
+            notes.append(f"the time column '{clock.name}' gives no unit: taken as s")
         if sample_rate is not None:
             notes.append(f"time column '{clock.name}' sets the clock; the stated {sample_rate:g} Hz are not used")
     elif period is None:

@@ -330,9 +330,9 @@ def test_anything_that_parses_can_be_audited(rng: np.random.Generator) -> None:
 
 def test_a_long_record_is_audited_in_seconds() -> None:
     record = clean(n=36_000)
-    begin = time.perf_counter()
+    begin = time.process_time()
     audit(record)
-    assert time.perf_counter() - begin < 4
+    assert time.process_time() - begin < 4
 
 
 @pytest.mark.parametrize("factor", [1e-3, 1e4])
