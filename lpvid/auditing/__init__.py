@@ -16,6 +16,7 @@ __all__ = ["Audit", "Finding", "audit"]
 
 RECORD_CHECKS: tuple[Callable[[View], Iterator[Finding]], ...] = (
     clock.short, clock.jitter, clock.rounded_stamps, clock.gaps, clock.disorder,
+    clock.unitless,
     values.missing, values.unusable, values.units, values.constant, values.spiked, values.clipped, values.quantised,
     values.duplicates,
     motion.velocity_against_displacement, resting.rests, resting.flat_peaks,

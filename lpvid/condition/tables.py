@@ -13,6 +13,8 @@ from lpvid.errors import InputError
 from lpvid.record import Channel, Record
 
 _MEND_TIME = "add a column 'time [s]', or state the rate: --sample-rate HZ, in Python read(..., sample_rate=HZ)"
+NO_TIME_UNIT = "gives no unit: taken as s"
+"""How the note of a record ends whose clock has no stated unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +78,7 @@ def to_record(table: ColumnTable, where: str, *, name: str, sample_rate: float |
     if clock is not None:
         time, period = _seconds(clock, where), None
         if clock.unit is None:
-            notes.append(f"the time column '{clock.name}' gives no unit: taken as s")
+            notes.append(f"the time column '{clock.name}' {NO_TIME_UNIT}")
         if sample_rate is not None:
             notes.append(f"time column '{clock.name}' sets the clock; the stated {sample_rate:g} Hz are not used")
     elif period is None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from lpvid.errors import InputError, NumericalError
 from lpvid.identification.sandwich import residual_memory
-from lpvid.identification.selection.free_run import Trial, run_errors, spread
+from lpvid.identification.selection.free_run import Trial, spread
 from lpvid.record import Record
 from lpvid.simulation import Model, simulate
 
@@ -76,26 +76,39 @@ def simplest_supported(tried: Sequence[Tried], records: Sequence[Record]) -> int
     simpler = sorted((i for i in near if sizes[i] < sizes[0]), key=lambda i: (sizes[i], tried[i].trial.mean))
     if not simpler:
         return 0
-    found = _errors(tried[0], records)
-    if found is None:
+    best = _model(tried[0])
+    if best is None:
         return simpler[0]
-    least, model = found
-    count = independent_samples(model, records)
+    count = independent_samples(best, records)
     for i in simpler:
-        other = _errors(tried[i], records)
-        if other is not None and count * np.log(other[0] / least) <= 2 * (sizes[0] - sizes[i]):
+        other = _model(tried[i])
+        if other is not None and count * _log_ratio(other, best, records) <= 2 * (sizes[0] - sizes[i]):
             return i
     return 0
 
 
-def _errors(tried: Tried, records: Sequence[Record]) -> tuple[float, Model] | None:
-    """Squared error of the free run of all records, and the model; None where there is no run."""
+def _model(tried: Tried) -> Model | None:
     try:
-        model = tried.estimate()
+        return tried.estimate()
     except (InputError, NumericalError, np.linalg.LinAlgError):
         return None
-    diverged, error, _ = run_errors(model, records)
-    return None if diverged or not error > 0 else (error, model)
+
+
+def _log_ratio(simple: Model, best: Model, records: Sequence[Record]) -> float:
+    """ln(E_simple/E_best) over the samples that both run along, the mean over outputs; inf where a run diverges."""
+    start = max(simple.start, best.start)
+    ratios = []
+    for k in range(best.n_outputs):
+        e, e_best = (sum(float(r @ r) for r in _residuals(m, records, k, start)) for m in (simple, best))
+        ratios.append(np.log(e / e_best) if np.isfinite(e) and e_best > 0 else np.inf)
+    return float(np.mean(ratios))
+
+
+def _residuals(model: Model, records: Sequence[Record], output: int, start: int) -> list[np.ndarray]:
+    """Of one output's free run, from a sample on."""
+    name = model.outputs[output].name
+    return [r[name][start:] - simulate(model, r, "estimate").output[start:, output]
+            for r in records if r.n_samples > start + 2]
 
 
 def independent_samples(model: Model, records: Sequence[Record]) -> float:
@@ -104,9 +117,8 @@ def independent_samples(model: Model, records: Sequence[Record]) -> float:
     The sum ends where the autocorrelation is within its own noise (`residual_memory`).
     """
     total = 0.0
-    for k, output in enumerate(model.outputs):
-        residuals = [r[output.name][model.start:] - simulate(model, r, "estimate").output[model.start:, k]
-                     for r in records if r.n_samples > model.start + 2]
+    for k in range(model.n_outputs):
+        residuals = _residuals(model, records, k, model.start)
         memory = residual_memory(residuals)
         power = sum(float(e @ e) for e in residuals)
         lagged = [sum(float(e[j:] @ e[: e.size - j]) for e in residuals if e.size > j) for j in range(1, memory + 1)]

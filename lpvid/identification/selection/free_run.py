@@ -145,7 +145,7 @@ def cross_validate(structure: Structure, parts: Sequence[Fold], all_records: Seq
             why = problem.what if isinstance(problem, InputError) else str(problem)
             return Trial(error, f"cannot be fitted in fold {i + 1}: {why}")
         size = found.n_parameters
-        diverged, error[i], power[i] = run_errors(found.model, held)
+        diverged, error[i], power[i] = _run(found.model, held)
         if diverged:
             return Trial(error, f"diverges in fold {i + 1}", size)
         if error.sum() > most and done < len(parts):
@@ -161,7 +161,7 @@ def _open(structure: ARX) -> bool:
     return isinstance(structure.stage, str) or isinstance(structure.schedule_filter, str) or bool(structure.ridge)
 
 
-def run_errors(model: Model, held: Sequence[Record]) -> tuple[bool, float, float]:
+def _run(model: Model, held: Sequence[Record]) -> tuple[bool, float, float]:
     """Divergence, squared error and power over the held-out pieces, outputs in equal standing.
 
     A block begins in motion. What ran before it is estimated over its beginning: from its first samples alone, the
