@@ -65,18 +65,28 @@ def test_a_coloured_residual_counts_as_fewer_samples(rho):
     assert found == pytest.approx(n * (1 - rho**2) / (1 + rho**2), rel=0.08)
 
 
-def test_poles_of_a_fold_refuse_nothing_but_those_of_all_data_do():
-    """A slow mode: fifths of the data put its pole outside now and then, the whole does not."""
+def test_poles_of_a_fold_refuse_nothing_but_those_of_all_data_do(monkeypatch):
+    """Frozen poles are looked at once for a candidate, of its estimate on all records."""
+    from lpvid.identification.selection import search
+
     rng = np.random.default_rng(0)
-    u = rng.standard_normal(1500)
-    x = lfilter([0, 0.1], [1.0, -0.995], u)
-    record = Record({"u": u, "y": x + 0.02 * x.std() * rng.standard_normal(1500)}, sample_time=0.01)
-    structure = lpv.OutputError(na=1, nb=1, nk=1, input="u", output="y")
-    found = select(record, [structure])
-    assert found.best == structure and found.table[0].outside == 0.0
-    assert len(found.table[0].esr_folds) == 5
-    assert np.mean(found.table[0].esr_folds) == pytest.approx(found.table[0].esr)
-    unstable = np.cumprod(np.full(400, 1.01)) - 1.0
-    grows = Record({"u": rng.standard_normal(400), "y": unstable + 1e-3 * rng.standard_normal(400)}, sample_time=0.01)
-    with pytest.raises(lpv.InputError, match="none of 1 candidates survives"):
-        select(grows, [structure])
+    u = rng.standard_normal(600)
+    record = Record({"u": u, "y": lfilter([0, 0.1], [1.0, -0.9], u) + 0.02 * rng.standard_normal(600)}, 0.01)
+    structure, asked = lpv.OutputError(na=1, nb=1, nk=1, input="u", output="y"), []
+    for share in (0.0, 0.004):
+        asked.clear()
+
+        def unstable(model, records, share=share):
+            asked.append(sum(r.n_samples for r in records))
+            return share
+
+        monkeypatch.setattr(search, "unstable_share", unstable)
+        if share:
+            with pytest.raises(lpv.InputError, match=r"frozen pole outside at 0\.4 % of training samples"):
+                select(record, [structure])
+        else:
+            found = select(record, [structure])
+            assert found.best == structure and found.table[0].outside == 0.0
+            assert len(found.table[0].esr_folds) == 5
+            assert np.mean(found.table[0].esr_folds) == pytest.approx(found.table[0].esr)
+        assert asked == [600]
